@@ -1,0 +1,27 @@
+"""The command line: parse, call, print."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from trocar.errors import TrocarError
+
+app = typer.Typer(
+    name="trocar",
+    help="Autonomous surgical sub-tasks on cable-driven robots: see, calibrate, plan, act, score.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def main() -> None:
+    """Run the command line; bad input is one sentence on stderr and exit code 2."""
+    try:
+        app()
+    except TrocarError as error:
+        sys.stderr.write(f"trocar: {error}\n")
+        raise SystemExit(2) from None

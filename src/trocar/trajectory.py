@@ -1,0 +1,90 @@
+"""The value that every layer speaks: a path in joint space over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PPoly
+
+from trocar.errors import TrocarError
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Piecewise polynomial in joint space; ``traj(t_s)`` are positions, ``traj(t_s, 1)`` velocities, and so on.
+
+    Before the first knot and after the last the trajectory rests at its end.
+
+    Attributes:
+        times_s: (n + 1,) increasing knots, the first at 0.
+        coefficients: (k, n, joints), highest power first, local to each interval's start (SciPy's ``PPoly``).
+    """
+
+    times_s: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        times = np.asarray(self.times_s, dtype=np.float64)
+        coefficients = np.asarray(self.coefficients, dtype=np.float64)
+        if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
+            raise TrocarError(f"a trajectory needs two or more strictly increasing times, got {times}")
+        if coefficients.ndim != 3 or coefficients.shape[1] != len(times) - 1:
+            raise TrocarError(
+                f"a trajectory of {len(times)} times needs coefficients of shape (k, {len(times) - 1}, joints), "
+                f"got {coefficients.shape}"
+            )
+        if not np.all(np.isfinite(coefficients)):
+            raise TrocarError("a trajectory needs finite coefficients, got NaN or infinity")
+        object.__setattr__(self, "times_s", times)
+        object.__setattr__(self, "coefficients", coefficients)
+        object.__setattr__(self, "_poly", PPoly(coefficients, times))
+
+    @staticmethod
+    def hermite(times_s: ArrayLike, q: ArrayLike, v: ArrayLike) -> Trajectory:
+        """Return the cubic spline through positions ``q`` (n, joints) with velocities ``v`` at ``times_s``."""
+        t, q, v = (np.asarray(x, dtype=np.float64) for x in (times_s, q, v))
+        if q.shape != v.shape or q.shape[:1] != t.shape:
+            raise TrocarError(f"times {t.shape}, q {q.shape} and v {v.shape} do not fit (n,), (n, joints) twice")
+        h = np.diff(t)[:, None]
+        dq, v0, v1 = np.diff(q, axis=0), v[:-1], v[1:]
+        a = (v1 + v0) / h**2 - 2 * dq / h**3
+        b = (v1 - v0) / (2 * h) - 1.5 * a * h
+        return Trajectory(t, np.stack([a, b, v0, q[:-1]]))
+
+    @property
+    def duration_s(self) -> float:
+        """Return the time from the first knot to the last."""
+        return float(self.times_s[-1] - self.times_s[0])
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """Return the positions at the knots (n + 1, joints)."""
+        return self(self.times_s)
+
+    def __call__(self, t_s: ArrayLike, order: int = 0) -> NDArray[np.float64]:
+        """Return the derivative of this order at the times (...,): (..., joints)."""
+        t = np.asarray(t_s, dtype=np.float64)
+        value = self._poly(np.clip(t, self.times_s[0], self.times_s[-1]), nu=order)  # type: ignore[attr-defined]
+        if order > 0:
+            outside = (t < self.times_s[0]) | (t > self.times_s[-1])
+            value = np.where(outside[..., None], 0.0, value)
+        return value
+
+    def sample(self, step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return times from the first knot to the last in equal steps of at most ``step_s``, and positions there."""
+        if not step_s > 0:
+            raise TrocarError(f"the sampling step is {step_s} s; give a step above 0")
+        count = max(1, int(np.ceil(self.duration_s / step_s - 1e-9)))
+        times = np.linspace(self.times_s[0], self.times_s[-1], count + 1)
+        return times, self(times)
+
+    def then(self, other: Trajectory) -> Trajectory:
+        """Return this trajectory followed by ``other``, whose time is shifted to start at this one's end."""
+        k = max(len(self.coefficients), len(other.coefficients))
+        parts = [
+            np.pad(c, ((k - len(c), 0), (0, 0), (0, 0))) for c in (self.coefficients, other.coefficients)
+        ]
+        times = np.concatenate([self.times_s, self.times_s[-1] + other.times_s[1:] - other.times_s[0]])
+        return Trajectory(times, np.concatenate(parts, axis=1))
