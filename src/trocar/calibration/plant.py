@@ -1,0 +1,146 @@
+"""The cable transmission between encoder and joint, as identified on recordings of real arms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.calibration.play import play_operator
+from trocar.errors import TrocarError
+
+WRIST = slice(3, 6)
+"""The joints q4 q5 q6 (roll, pitch, yaw) whose cables run through the shaft."""
+
+PlayState = tuple[float, float, float]
+"""Outputs of the three play operators (roll, pitch, yaw) in rad: all that a plant remembers."""
+
+_SHAPES = {"radii": (3,), "offset": (3,), "K": (3, 3), "C": (3, 3), "noise_sd": (6,)}
+
+
+@dataclass(frozen=True, eq=False)
+class CablePlant:
+    """Hysteresis, coupling and offset of one instrument's cables; deterministic and rate-independent.
+
+    ``q_joint = q_cmd + [0, e]`` with ``e = offset + K [q4 q5 q6] + C s``, where s are the slacks ``u - P(u)`` of
+    play operators on ``u = [q4, q5 + a q6, q6 + b q5]``. The outer joints q1 q2 q3 are taken as exact.
+
+    Attributes:
+        radii: (3,) half-width of the backlash on roll, pitch, yaw in rad.
+        a: share of yaw in the pitch cable's motion.
+        b: share of pitch in the yaw cable's motion.
+        offset: (3,) constant error of q4 q5 q6 in rad; it changes from session to session.
+        K: (3, 3) error per rad of command (elastic coupling), rows are the joints in error.
+        C: (3, 3) error per rad of slack.
+        noise_sd: (6,) SD of a measurement of the six joints by fiducials (rad, q3 in m), see :meth:`measure`.
+        source: where the numbers come from.
+    """
+
+    radii: NDArray[np.float64]
+    a: float
+    b: float
+    offset: NDArray[np.float64]
+    K: NDArray[np.float64]
+    C: NDArray[np.float64]
+    noise_sd: NDArray[np.float64]
+    source: str
+
+    def __post_init__(self) -> None:
+        for name, shape in _SHAPES.items():
+            value = np.array(getattr(self, name), dtype=np.float64)
+            if value.shape != shape or not np.all(np.isfinite(value)):
+                raise TrocarError(
+                    f"a cable plant's {name} needs {shape} finite numbers, got {value.tolist()}"
+                )
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        if np.any(self.radii < 0) or np.any(self.noise_sd < 0):
+            raise TrocarError("a cable plant's radii and noise SDs must be 0 or more")
+        object.__setattr__(self, "_r", tuple(self.radii.tolist()))
+        rows = np.column_stack([self.offset, self.K, self.C]).tolist()
+        object.__setattr__(self, "_rows", tuple(map(tuple, rows)))
+
+    def with_offset(self, offset: ArrayLike) -> CablePlant:
+        """Return the same cables with another session's offset (3,) of q4 q5 q6 in rad."""
+        return replace(self, offset=np.asarray(offset, dtype=np.float64))
+
+    def inputs(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the play operators see, ``[q4, q5 + a q6, q6 + b q5]``; (..., 6) -> (..., 3)."""
+        q4, q5, q6 = q_cmd[..., 3], q_cmd[..., 4], q_cmd[..., 5]
+        return np.stack([q4, q5 + self.a * q6, q6 + self.b * q5], axis=-1)
+
+    def start(self, q_cmd: ArrayLike) -> PlayState:
+        """Return the state of a transmission at rest without slack at this command (6,)."""
+        u4, u5, u6 = self.inputs(np.asarray(q_cmd, dtype=np.float64)).tolist()
+        return (u4, u5, u6)
+
+    def step(self, state: PlayState, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], PlayState]:
+        """Return the joints (6,) after the command (6,) and the new state; a few microseconds."""
+        q1, q2, q3, q4, q5, q6 = q_cmd.tolist()
+        (r4, r5, r6), rows = self._r, self._rows  # type: ignore[attr-defined]
+        u5, u6 = q5 + self.a * q6, q6 + self.b * q5
+        p4, p5, p6 = state
+        p4 = max(q4 - r4, min(q4 + r4, p4))
+        p5 = max(u5 - r5, min(u5 + r5, p5))
+        p6 = max(u6 - r6, min(u6 + r6, p6))
+        s4, s5, s6 = q4 - p4, u5 - p5, u6 - p6
+        e4, e5, e6 = (
+            o + k4 * q4 + k5 * q5 + k6 * q6 + c4 * s4 + c5 * s5 + c6 * s6
+            for o, k4, k5, k6, c4, c5, c6 in rows
+        )
+        return np.array([q1, q2, q3, q4 + e4, q5 + e5, q6 + e6]), (p4, p5, p6)
+
+    def run(self, q_cmd: ArrayLike) -> NDArray[np.float64]:
+        """Return the joints (n, 6) along a whole sequence of commands (n, 6) that starts without slack."""
+        q = np.asarray(q_cmd, dtype=np.float64)
+        if q.ndim != 2 or q.shape[1] != 6:
+            raise TrocarError(f"a plant runs commands of shape (n, 6), got {q.shape}")
+        u = self.inputs(q)
+        slack = u - play_operator(u, self.radii)
+        joints = q.copy()
+        joints[:, WRIST] += self.offset + q[:, WRIST] @ self.K.T + slack @ self.C.T
+        return joints
+
+    def measure(self, q_joint: ArrayLike, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Return joints (..., 6) as the fiducials would measure them: with independent Gaussian noise."""
+        q = np.asarray(q_joint, dtype=np.float64)
+        return q + self.noise_sd * rng.standard_normal(q.shape)
+
+
+_GREY_NOISE = np.array([0.0003, 0.0003, 0.00008, 0.005, 0.012, 0.009])
+"""SD between two runs of the same commands, instrument 'grey'; the others take it over."""
+
+PSM1_GREY = CablePlant(
+    radii=np.array([0.028, 0.107, 0.128]),
+    a=-0.01,
+    b=0.05,
+    offset=np.array([0.260, -0.1065, 0.117]),
+    K=np.array([[-0.015, -0.022, 0.009], [0.037, -0.053, 0.031], [-0.023, 0.196, -0.045]]),
+    C=np.array([[-0.454, 0.017, -0.016], [-0.108, -0.280, 0.728], [0.085, 0.069, -0.670]]),
+    noise_sd=_GREY_NOISE,
+    source="recording psm1_grey_random: worn instrument 'grey 1' on PSM1",
+)
+PSM2_GREY = CablePlant(
+    radii=np.array([0.081, 0.087, 0.095]),
+    a=0.167,
+    b=0.140,
+    offset=np.array([0.1547, -0.138, 0.181]),
+    K=np.array([[-0.003, -0.013, 0.005], [-0.027, -0.123, 0.037], [-0.001, 0.220, -0.057]]),
+    C=np.array([[-0.113, 0.009, -0.012], [0.066, -0.423, 0.556], [-0.036, 0.216, -0.608]]),
+    noise_sd=_GREY_NOISE,
+    source="recording psm2_grey_random: worn instrument 'grey 2' on PSM2",
+)
+PSM1_NEW = CablePlant(
+    radii=np.array([0.018, 0.040, 0.033]),
+    a=0.0,
+    b=0.0,
+    offset=np.array([0.068, 0.0013, -0.015]),
+    K=np.array([[-0.012, -0.004, 0.007], [0.011, -0.024, -0.005], [-0.008, 0.123, -0.249]]),
+    C=np.array([[-0.708, 0.012, -0.012], [0.008, -0.779, 0.246], [0.032, 0.223, -0.616]]),
+    noise_sd=_GREY_NOISE,
+    source="recording psm1_new_random: newer instrument on PSM1",
+)
+
+PLANTS: dict[str, CablePlant] = {"psm1_grey": PSM1_GREY, "psm2_grey": PSM2_GREY, "psm1_new": PSM1_NEW}
+"""The identified instruments by name."""

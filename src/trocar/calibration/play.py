@@ -1,0 +1,57 @@
+"""The play operator: the memory of a backlash, exact and rate-independent."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import TrocarError
+
+
+def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None) -> NDArray[np.float64]:
+    """Return the play operator of a sequence, ``P_t = clip(P_{t-1}, u_t - r, u_t + r)``.
+
+    The slack ``u - P`` lies in [-r, r]; it keeps the last reversals as long as they matter, whatever the rate.
+
+    Args:
+        u: (n, ...) inputs over time, in rad.
+        radii: half-widths r of the backlash in rad, broadcast against the inputs' trailing shape:
+            inputs (n, 3, 1) and radii (3, 4) give (n, 3, 4).
+        start: state P before the first sample; None starts without slack.
+
+    Returns:
+        (n, ...) outputs P.
+
+    Raises:
+        TrocarError: a radius is negative or the inputs are not finite.
+    """
+    u, r = np.asarray(u, dtype=np.float64), np.asarray(radii, dtype=np.float64)
+    if not np.all(np.isfinite(u)):
+        raise TrocarError("a play operator needs finite inputs, got NaN or infinity; remove those rows")
+    if not np.all(r >= 0):
+        raise TrocarError(f"a play operator's radii must be 0 or more, got {r}")
+    if u.ndim == 1 and r.ndim == 0:
+        return _play_of_one(u, float(r), None if start is None else float(np.asarray(start)))
+    low, high = u - r, u + r
+    out = np.empty_like(low)
+    if not len(u):
+        return out
+    state: NDArray[np.float64] = np.broadcast_to(u[0] if start is None else np.asarray(start), low.shape[1:])
+    for row, floor, ceiling in zip(out, low, high, strict=True):
+        np.maximum(state, floor, out=row)
+        np.minimum(row, ceiling, out=row)
+        state = row
+    return out
+
+
+def _play_of_one(u: NDArray[np.float64], r: float, start: float | None) -> NDArray[np.float64]:
+    """Return the play operator of one sequence (n,) at one radius; plain floats are ten times faster here."""
+    values = u.tolist()
+    if not values:
+        return np.empty(0)
+    p = values[0] if start is None else start
+    out = []
+    for x in values:
+        p = max(x - r, min(x + r, p))
+        out.append(p)
+    return np.array(out)
