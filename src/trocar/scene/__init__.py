@@ -1,1 +1,7 @@
-"""Scene."""
+"""What lies in front of the robot, as data."""
+
+from trocar.scene.block import Block
+from trocar.scene.pegboard import Pegboard
+from trocar.scene.scene import Scene
+
+__all__ = ["Block", "Pegboard", "Scene"]

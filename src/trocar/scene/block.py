@@ -1,0 +1,99 @@
+"""The triangular block of the FLS peg transfer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+HOLE_MM = ((0, 3.85), (10, 4.03), (20, 4.42), (30, 4.90), (45, 4.80), (60, 4.80))
+"""Radius of the hole against the angle in degrees from the middle of a side to the next corner.
+
+Read off the top face of the authors' model (`shared/data/dvrk/blocks/capture: block_top_model_mm`), folded by
+its six-fold symmetry.
+"""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rounded triangular prism with a hole, in the frame of the authors' model.
+
+    Origin in the middle of the top face; x along one side, that side at y = +5.55 mm, the opposite corner at
+    y = -8.95 mm; **z points into the block**, away from whoever looks at its top face. Turning by 120 deg about z
+    changes nothing.
+
+    Attributes:
+        side_m: distance of a side from the middle.
+        corner_m: distance of a corner's tip from the middle.
+        height_m: extent along z.
+        density_kg_m3: printed ABS (assumed).
+    """
+
+    side_m: float = 5.57e-3
+    corner_m: float = 8.95e-3
+    height_m: float = 14.9e-3
+    density_kg_m3: float = 1040.0
+
+    @property
+    def corner_radius_m(self) -> float:
+        """Return the radius of the rounding: corner circle tangent to both sides, tip at ``corner_m``."""
+        return 2 * self.side_m - self.corner_m
+
+    def hole_radius_m(self, angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the hole's radius in the direction ``angle_rad`` from +x (...,)."""
+        from_side = np.degrees(np.asarray(angle_rad)) - 90.0
+        folded = np.abs((from_side + 60.0) % 120.0 - 60.0)
+        angles, radii = np.array(HOLE_MM).T
+        return 1e-3 * np.interp(folded, angles, radii)
+
+    def outer_radius_m(self, angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the outline's radius in the direction ``angle_rad`` from +x (...,)."""
+        from_side = np.degrees(np.asarray(angle_rad)) - 90.0
+        folded = np.radians(np.abs((from_side + 60.0) % 120.0 - 60.0))
+        flat = self.side_m / np.cos(folded)
+        centre = self.corner_m - self.corner_radius_m
+        off = np.radians(60.0) - folded
+        under = np.maximum(self.corner_radius_m**2 - (centre * np.sin(off)) ** 2, 0.0)
+        arc = centre * np.cos(off) + np.sqrt(under)
+        tangent = np.arctan2(centre * np.sin(np.radians(60.0)), self.side_m)
+        return np.where(folded <= tangent, flat, arc)
+
+    @cached_property
+    def tangent_rad(self) -> float:
+        """Return the angle from a side's middle to where its corner's rounding begins."""
+        centre = self.corner_m - self.corner_radius_m
+        return float(np.arctan2(centre * np.sin(np.radians(60.0)), self.side_m))
+
+    def convex_pieces(self) -> list[NDArray[np.float64]]:
+        """Return the prism's nine convex pieces as corner points (2 k, 3) m in the block frame.
+
+        Three walls along the sides (the hole bulges inward there) and two pieces in each corner; the hole's chords
+        are at most 0.17 mm inside the true hole.
+        """
+        pieces = []
+        for side in range(3):
+            middle = np.radians(90.0 + 120.0 * side)
+            walls = [
+                ([-30, 0, 30], [30, -30]),
+                ([30, 60], [60, 54, np.degrees(self.tangent_rad), 30]),
+                ([60, 90], [90, 120 - np.degrees(self.tangent_rad), 66, 60]),
+            ]
+            for inner_deg, outer_deg in walls:
+                inner = middle + np.radians(inner_deg)
+                outer = middle + np.radians(outer_deg)
+                angle = np.concatenate([inner, outer])
+                radius = np.concatenate([self.hole_radius_m(inner), self.outer_radius_m(outer)])
+                flat = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
+                top = np.column_stack([flat, np.zeros(len(flat))])
+                pieces.append(np.concatenate([top, top + [0, 0, self.height_m]]))
+        return pieces
+
+    def top_face_m(self, spacing_m: float = 0.4e-3) -> NDArray[np.float64]:
+        """Return points (n, 3) on the top face, on a square grid of this spacing."""
+        ticks = np.arange(-self.corner_m, self.corner_m + spacing_m, spacing_m)
+        x, y = (a.ravel() for a in np.meshgrid(ticks, ticks))
+        radius, angle = np.hypot(x, y), np.arctan2(y, x)
+        keep = (radius >= self.hole_radius_m(angle)) & (radius <= self.outer_radius_m(angle))
+        return np.column_stack([x, y, np.zeros_like(x)])[keep]
