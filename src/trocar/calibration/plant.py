@@ -23,8 +23,9 @@ _SHAPES = {"radii": (3,), "offset": (3,), "K": (3, 3), "C": (3, 3), "noise_sd": 
 class CablePlant:
     """Hysteresis, coupling and offset of one instrument's cables; deterministic and rate-independent.
 
-    ``q_joint = q_cmd + [0, e]`` with ``e = offset + K [q4 q5 q6] + C s``, where s are the slacks ``u - P(u)`` of
-    play operators on ``u = [q4, q5 + a q6, q6 + b q5]``. The outer joints q1 q2 q3 are taken as exact.
+    ``q_joint = q_cmd + [0, e]`` with ``e = offset + K [q4 q5 q6] + C s``, where s are the slacks
+    ``u - P(u)`` of play operators on ``u = [q4, q5 + a q6, q6 + b q5]``. The outer joints q1 q2 q3
+    are taken as exact.
 
     Attributes:
         radii: (3,) half-width of the backlash on roll, pitch, yaw in rad.

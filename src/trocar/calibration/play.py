@@ -11,7 +11,7 @@ from trocar.errors import TrocarError
 def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None) -> NDArray[np.float64]:
     """Return the play operator of a sequence, ``P_t = clip(P_{t-1}, u_t - r, u_t + r)``.
 
-    The slack ``u - P`` lies in [-r, r]; it keeps the last reversals as long as they matter, whatever the rate.
+    The slack ``u - P`` lies in [-r, r]; it keeps the last reversals while they matter, whatever the rate.
 
     Args:
         u: (n, ...) inputs over time, in rad.

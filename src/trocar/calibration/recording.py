@@ -1,0 +1,193 @@
+"""A recording of commanded and measured joints: what cable models are fitted on."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+
+JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
+"""Outer yaw, outer pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad]."""
+
+FOLDER_FILES = (("q_cmd.npy", "q_phy.npy"), ("q_des.npy", "q_act.npy"))
+"""Pairs of files (commanded, measured) that a folder may hold; ``q_des`` is commanded, ``q_act`` measured."""
+
+MISDETECTION_RAD = 1.0
+"""Cable errors of the wrist stay below .6 rad; a measurement this far from its command is a wrong pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Commands and measurements over time; every command is kept, for models with memory need all of them.
+
+    Attributes:
+        q_cmd: (n, 6) commanded joints, rad and m (q3).
+        q_phy: (n, 6) joints measured by the fiducials; meaningless (possibly NaN) where not valid.
+        valid: (n,) whether the measurement is good. Commands of bad rows still belong to the history.
+        t_s: (n,) times in s, not decreasing.
+        name: what to call the recording in tables.
+    """
+
+    q_cmd: NDArray[np.float64]
+    q_phy: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    t_s: NDArray[np.float64]
+    name: str = "recording"
+
+    def __post_init__(self) -> None:
+        q_cmd, q_phy = _joints(self.q_cmd, "q_cmd", self.name), _joints(self.q_phy, "q_phy", self.name)
+        n = len(q_cmd)
+        if len(q_phy) != n:
+            raise TrocarError(
+                f"{self.name}: q_cmd has {n} rows and q_phy {len(q_phy)}; both need one row a sample"
+            )
+        if n < 2:
+            raise TrocarError(
+                f"{self.name}: a recording needs 2 rows or more, got {n}; record a longer motion"
+            )
+        if not np.all(np.isfinite(q_cmd)):
+            row = int(np.flatnonzero(~np.isfinite(q_cmd).all(axis=1))[0])
+            raise TrocarError(
+                f"{self.name}: q_cmd is not finite at row {row}; commands are the history of every model, "
+                "so repair the row, or cut the recording there"
+            )
+        valid = _column(self.valid, n, "valid", self.name)
+        t_s = _column(self.t_s, n, "t_s", self.name).astype(np.float64)
+        if not np.all(np.isin(valid, (0, 1))):
+            raise TrocarError(
+                f"{self.name}: valid must hold true or false only; write 1 for good rows, else 0"
+            )
+        if not np.all(np.isfinite(t_s)) or np.any(np.diff(t_s) < 0):
+            raise TrocarError(f"{self.name}: t_s must be finite and not decrease; sort the rows by time")
+        object.__setattr__(self, "q_cmd", q_cmd)
+        object.__setattr__(self, "q_phy", q_phy)
+        object.__setattr__(self, "valid", valid.astype(bool) & _plausible(q_cmd, q_phy))
+        object.__setattr__(self, "t_s", t_s)
+
+    def __len__(self) -> int:
+        return len(self.q_cmd)
+
+    def first(self, rows: int) -> Recording:
+        """Return the recording's first ``rows`` rows."""
+        if not 2 <= rows <= len(self):
+            raise TrocarError(f"row {rows} is outside 2..{len(self)}, the rows of {self.name}")
+        return Recording(self.q_cmd[:rows], self.q_phy[:rows], self.valid[:rows], self.t_s[:rows], self.name)
+
+    def scored(self, from_row: int = 0, to_row: int | None = None) -> Recording:
+        """Return the whole history of commands with only measurements of ``from_row <= row < to_row``."""
+        to_row = len(self) if to_row is None else to_row
+        if not 0 <= from_row < to_row <= len(self):
+            raise TrocarError(
+                f"rows {from_row} to {to_row} are not a part of {self.name}, which has {len(self)} rows"
+            )
+        rows = np.arange(len(self))
+        part = replace(self, valid=self.valid & (rows >= from_row) & (rows < to_row))
+        if not part.valid.any():
+            raise TrocarError(
+                f"{self.name}: no valid measurement in rows {from_row} to {to_row}; take more rows"
+            )
+        return part
+
+
+def load_recording(path: str | Path) -> Recording:
+    """Return the recording in an ``.npz`` (q_cmd, q_phy, optional valid, t_s) or a folder of ``.npy`` files.
+
+    A folder holds ``q_cmd.npy`` and ``q_phy.npy``, or ``q_des.npy`` (commanded) and ``q_act.npy`` (measured),
+    optionally ``valid.npy`` and ``t_s.npy`` too. A row is also bad where the measurement is not
+    finite or a wrist angle is more than 1 rad from its command (a mis-detection).
+
+    Raises:
+        TrocarError: the file is missing, empty, truncated, or not of this form.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise TrocarError(
+            f"recording {str(path)!r} does not exist; give an .npz file or a folder of .npy files"
+        )
+    arrays = _folder_arrays(path) if path.is_dir() else _npz_arrays(path)
+    n = len(arrays["q_cmd"]) if arrays["q_cmd"].ndim else 0
+    return Recording(
+        q_cmd=arrays["q_cmd"],
+        q_phy=arrays["q_phy"],
+        valid=arrays.get("valid", np.ones(n, dtype=bool)),
+        t_s=arrays.get("t_s", np.arange(n, dtype=np.float64)),
+        name=path.stem,
+    )
+
+
+def sampling_interval(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean step |dq| (6,) between the samples of a motion (n, 6), pauses left out."""
+    steps = np.abs(np.diff(q, axis=0))
+    moving = steps[steps.max(axis=1, initial=0.0) > 1e-9]
+    return moving.mean(axis=0) if len(moving) else np.zeros(q.shape[1])
+
+
+def _npz_arrays(path: Path) -> dict[str, NDArray]:
+    if path.suffix != ".npz":
+        raise TrocarError(
+            f"recording {str(path)!r} is neither an .npz file nor a folder; convert it to one of these"
+        )
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            arrays = {key: np.asarray(data[key]) for key in data.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
+        raise TrocarError(
+            f"recording {str(path)!r} is not a readable .npz ({_short(error)}); copy it again"
+        ) from None
+    missing = [key for key in ("q_cmd", "q_phy") if key not in arrays]
+    if missing:
+        raise TrocarError(
+            f"recording {str(path)!r} lacks {' and '.join(missing)}; it has {', '.join(arrays) or 'nothing'} "
+            "and needs q_cmd and q_phy (optional: valid, t_s)"
+        )
+    return arrays
+
+
+def _folder_arrays(folder: Path) -> dict[str, NDArray]:
+    for commanded, measured in FOLDER_FILES:
+        if (folder / commanded).exists() and (folder / measured).exists():
+            arrays = {"q_cmd": _load_npy(folder / commanded), "q_phy": _load_npy(folder / measured)}
+            extra = {key: folder / f"{key}.npy" for key in ("valid", "t_s")}
+            return arrays | {key: _load_npy(file) for key, file in extra.items() if file.exists()}
+    pairs = " or ".join(f"{commanded} and {measured}" for commanded, measured in FOLDER_FILES)
+    raise TrocarError(f"folder {str(folder)!r} does not hold {pairs}; give another folder or an .npz file")
+
+
+def _load_npy(path: Path) -> NDArray:
+    try:
+        return np.asarray(np.load(path, allow_pickle=False))
+    except (OSError, ValueError, EOFError) as error:
+        raise TrocarError(f"{str(path)!r} is not a readable .npy ({_short(error)}); copy it again") from None
+
+
+def _short(error: Exception) -> str:
+    return str(error).split("\n", maxsplit=1)[0].rstrip(".") or type(error).__name__
+
+
+def _joints(value: NDArray, key: str, name: str) -> NDArray[np.float64]:
+    value = np.asarray(value)
+    if value.ndim != 2 or value.shape[1] != 6 or value.dtype.kind not in "fiu":
+        raise TrocarError(
+            f"{name}: {key} has shape {value.shape} of {value.dtype}; it needs (n, 6) numbers q1 to q6"
+        )
+    return value.astype(np.float64)
+
+
+def _column(value: NDArray, n: int, key: str, name: str) -> NDArray:
+    value = np.asarray(value)
+    if value.shape != (n,) or value.dtype.kind not in "bfiu":
+        raise TrocarError(
+            f"{name}: {key} has shape {value.shape} of {value.dtype}; it needs ({n},), one a row"
+        )
+    return value
+
+
+def _plausible(q_cmd: NDArray[np.float64], q_phy: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return the rows (n,) whose measurement is finite and no mis-detection."""
+    error = np.nan_to_num(np.abs(q_phy - q_cmd), nan=np.inf)
+    return np.isfinite(q_phy).all(axis=1) & (error[:, 3:].max(axis=1) < MISDETECTION_RAD)
