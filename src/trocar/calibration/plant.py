@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
 
 from trocar.calibration.play import play_operator
+from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 
 WRIST = slice(3, 6)
@@ -145,3 +147,50 @@ PSM1_NEW = CablePlant(
 
 PLANTS: dict[str, CablePlant] = {"psm1_grey": PSM1_GREY, "psm2_grey": PSM2_GREY, "psm1_new": PSM1_NEW}
 """The identified instruments by name."""
+
+
+def play_slacks(
+    q_cmd: NDArray[np.float64], a: float, b: float, radii: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the slacks (n, 3, k) of ``[q4, q5 + a q6, q6 + b q5]`` at radii (3, k), commands (n, 6)."""
+    q4, q5, q6 = q_cmd[:, 3], q_cmd[:, 4], q_cmd[:, 5]
+    u = np.stack([q4, q5 + a * q6, q6 + b * q5], axis=1)[:, :, None]
+    return u - play_operator(u, radii)
+
+
+def fit_plant(recording: Recording) -> CablePlant:
+    """Return the plant that fits a recording best: radii and coupling by simplex search, the rest linear.
+
+    The cost is the product of the three joints' mean squared residuals, so that no joint outweighs another.
+    """
+    q, valid = recording.q_cmd, recording.valid
+    if valid.sum() < 30:
+        raise TrocarError(
+            f"{recording.name} has {valid.sum()} valid rows; identifying a plant needs 30 or more"
+        )
+    error = (recording.q_phy - q)[:, WRIST][valid]
+
+    def solve(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        slack = play_slacks(q, x[3], x[4], np.abs(x[:3, None]))[:, :, 0]
+        features = np.column_stack([np.ones(len(q)), q[:, WRIST], slack])[valid]
+        weights = np.asarray(np.linalg.lstsq(features, error, rcond=None)[0], dtype=np.float64)
+        return weights, error - features @ weights
+
+    def cost(x: NDArray[np.float64]) -> float:
+        return float(np.log(np.mean(solve(x)[1] ** 2, axis=0) + 1e-12).sum())
+
+    options = {"maxiter": 600, "xatol": 1e-4, "fatol": 1e-4}
+    starts = ([0.05, 0.1, 0.1, 0.05, 0.05], [0.02, 0.04, 0.04, 0.0, 0.0])
+    fits = [minimize(cost, x0, method="Nelder-Mead", options=options) for x0 in starts]
+    x = min(fits, key=lambda fit: fit.fun).x
+    weights, _ = solve(x)
+    return CablePlant(
+        radii=np.abs(x[:3]),
+        a=float(x[3]),
+        b=float(x[4]),
+        offset=weights[0],
+        K=weights[1:4].T,
+        C=weights[4:7].T,
+        noise_sd=_GREY_NOISE,
+        source=f"fitted on {recording.name}",
+    )

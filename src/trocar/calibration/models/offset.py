@@ -1,0 +1,56 @@
+"""The simplest correction: a constant error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands
+from trocar.calibration.recording import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class OffsetModel:
+    """``q_joint = q_cmd + offset``: no memory, no coupling.
+
+    Attributes:
+        offset: (6,) rad and m (q3).
+        training: the motion it was fitted on.
+    """
+
+    name: ClassVar[str] = "offset"
+    offset: NDArray[np.float64]
+    training: TrainingMotion
+
+    @classmethod
+    def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
+        """Return the mean error over the valid rows."""
+        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        return cls(error.mean(axis=0), TrainingMotion.of(recording))
+
+    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the joints (n, 6)."""
+        return commands(q_cmd) + self.offset
+
+    def start(self, q_cmd: NDArray[np.float64]) -> None:
+        """Return the state: there is none."""
+
+    def step(self, state: None, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
+        """Return the joints (6,) after the command (6,)."""
+        return q_cmd + self.offset, None
+
+    def shifted(self, offset: NDArray[np.float64]) -> Self:
+        """Return the model with this (6,) added to its prediction."""
+        return replace(self, offset=self.offset + offset)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return what the file keeps."""
+        return {"offset": self.offset}
+
+    @classmethod
+    def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
+        """Return the model of a file."""
+        return cls(arrays["offset"], training)

@@ -1,0 +1,140 @@
+"""The learned map of the play model: linear in all slacks, plus smooth bumps near the training data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from trocar.calibration.models.base import Arrays
+
+BLOCKS = 5
+"""Time blocks of the inner validation: each is predicted from the others."""
+LENGTH = 3.0
+"""Width of a bump in SDs of its inputs: so wide that the map bends slowly and stays invertible."""
+CENTRES = 400
+"""Bumps at most; they sit on training samples evenly spaced over time."""
+PENALTIES = (3.0, 30.0)
+NOISE_RATIOS = (0.1, 1.0, np.inf)
+"""Candidates of the inner validation: ridge on standardised linear features; noise over signal variance of
+the bumps (inf: no bumps)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlayMap:
+    """``linear @ x + bumps @ exp(-|z - c|^2 / 2)``, ``z = (x[inputs] - mean) / scale``.
+
+    Attributes:
+        linear: (3, d) on all features x = [q4 q5 q6, slacks].
+        inputs: (p,) features that the bumps see: the commands and the slacks of the identified radii.
+        mean: (p,) of those.
+        scale: (p,) of those: SD times the bumps' width.
+        centres: (m, p) in z.
+        bumps: (3, m).
+    """
+
+    linear: NDArray[np.float64]
+    inputs: NDArray[np.int64]
+    mean: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    centres: NDArray[np.float64]
+    bumps: NDArray[np.float64]
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the errors of q4 q5 q6; (..., d) -> (..., 3)."""
+        value = x @ self.linear.T
+        if len(self.centres):
+            value += _kernel((x[..., self.inputs] - self.mean) / self.scale, self.centres) @ self.bumps.T
+        return value
+
+    def linearize(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the errors (3,) at x (d,) and their gradient (3, d)."""
+        value, gradient = self.linear @ x, self.linear.copy()
+        if len(self.centres):
+            away = self.centres - (x[self.inputs] - self.mean) / self.scale
+            weighted = self.bumps * np.exp(-0.5 * np.einsum("ij,ij->i", away, away))
+            value += weighted.sum(axis=1)
+            gradient[:, self.inputs] += (weighted @ away) / self.scale
+        return value, gradient
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return what the file keeps."""
+        return {f"map_{key}": getattr(self, key) for key in self.__dataclass_fields__}
+
+    @classmethod
+    def from_arrays(cls, arrays: Arrays) -> PlayMap:
+        """Return the map of a file."""
+        return cls(**{key: arrays[f"map_{key}"] for key in cls.__dataclass_fields__})
+
+
+def fit_map(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[PlayMap, NDArray[np.float64]]:
+    """Return the map from features (n, d) to errors (n, 3), and the constant (3,) to add to it.
+
+    Ridge and noise ratio are chosen per joint by the squared error over :data:`BLOCKS` blocks of time, each
+    predicted from the others.
+    """
+    blocks = np.array_split(np.arange(len(x)), BLOCKS)
+    candidates = [(penalty, ratio) for penalty in PENALTIES for ratio in NOISE_RATIOS]
+    scores = np.zeros((len(candidates), y.shape[1]))
+    for block in blocks:
+        train = np.setdiff1d(np.arange(len(x)), block)
+        for i, (fitted, constant) in enumerate(_fits(x[train], y[train], candidates)):
+            scores[i] += ((fitted(x[block]) + constant - y[block]) ** 2).sum(axis=0)
+    fits = _fits(x, y, candidates)
+    best = [fits[i] for i in scores.argmin(axis=0)]
+    first = best[0][0]
+    linear = np.array([fitted.linear[j] for j, (fitted, _) in enumerate(best)])
+    bumps = np.array([fitted.bumps[j] for j, (fitted, _) in enumerate(best)])
+    constant = np.array([constant[j] for j, (_, constant) in enumerate(best)])
+    used = slice(None) if bumps.any() else slice(0)
+    return (
+        PlayMap(linear, first.inputs, first.mean, first.scale, first.centres[used], bumps[:, used]),
+        constant,
+    )
+
+
+def _fits(
+    x: NDArray[np.float64], y: NDArray[np.float64], candidates: list[tuple[float, float]]
+) -> list[tuple[PlayMap, NDArray[np.float64]]]:
+    """Return the map and its constant for each (penalty, noise ratio)."""
+    slacks_per_joint = (x.shape[1] - 3) // 3
+    inputs = np.concatenate([np.arange(3), 3 + slacks_per_joint * np.arange(3)])
+    mean, scale = x[:, inputs].mean(axis=0), _scale(x[:, inputs]) * LENGTH
+    z = (x[:, inputs] - mean) / scale
+    centres = z[np.unique(np.linspace(0, len(z) - 1, min(CENTRES, len(z))).round().astype(int))]
+    kernel, prior = _kernel(z, centres), _kernel(centres, centres)
+    normal = kernel.T @ kernel
+    fits = []
+    for penalty, ratio in candidates:
+        linear, constant = _ridge(x, y, penalty)
+        bumps = np.zeros((y.shape[1], len(centres)))
+        if np.isfinite(ratio):
+            system = normal + ratio * prior + 1e-8 * len(z) * np.eye(len(centres))
+            bumps = cho_solve(cho_factor(system), kernel.T @ (y - x @ linear.T - constant)).T
+        fits.append((PlayMap(linear, inputs, mean, scale, centres, bumps), constant))
+    return fits
+
+
+def _ridge(
+    x: NDArray[np.float64], y: NDArray[np.float64], penalty: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    mean, scale = x.mean(axis=0), _scale(x)
+    z = (x - mean) / scale
+    weights = np.linalg.solve(z.T @ z + penalty * np.eye(z.shape[1]), z.T @ (y - y.mean(axis=0)))
+    linear = (weights / scale[:, None]).T
+    return linear, y.mean(axis=0) - linear @ mean
+
+
+def _scale(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the SD of each column; a column that does not move is given no weight."""
+    sd = x.std(axis=0)
+    return np.where(sd > 1e-9, sd, np.inf)
+
+
+def _kernel(z: NDArray[np.float64], centres: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``exp(-|z - c|^2 / 2)``; (..., p), (m, p) -> (..., m)."""
+    square = np.sum(z * z, -1)[..., None] + np.sum(centres * centres, -1) - 2.0 * z @ centres.T
+    return np.exp(-0.5 * np.maximum(square, 0.0))
