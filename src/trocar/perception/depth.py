@@ -1,0 +1,123 @@
+"""Pixels to rays, depth images to points, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.perception.image import Intrinsics, RgbdImage
+
+UNDISTORT_STEPS = 40
+"""Fixed-point steps; the camera of the paper converges to 1e-15 within 30."""
+
+
+def distort(intrinsics: Intrinsics, normalised: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return x/z, y/z (..., 2) as Brown's lens bends them (OpenCV: k1 k2 p1 p2 k3)."""
+    k1, k2, p1, p2, k3 = intrinsics.distortion
+    x, y = normalised[..., 0], normalised[..., 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        -1,
+    )
+
+
+def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the x/z, y/z (..., 2) that the lens bends to ``distorted`` (fixed-point iteration)."""
+    k1, k2, p1, p2, k3 = intrinsics.distortion
+    point = distorted.copy()
+    for _ in range(UNDISTORT_STEPS if any(intrinsics.distortion) else 0):
+        x, y = point[..., 0], point[..., 1]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        shift = np.stack([2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], -1)
+        point = (distorted - shift) / radial[..., None]
+    return point
+
+
+@lru_cache(maxsize=8)
+def pixel_rays(intrinsics: Intrinsics) -> NDArray[np.float64]:
+    """Return the direction (height, width, 3) of each pixel in the camera frame, scaled to z = 1."""
+    u, v = np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height))
+    flat = np.stack([(u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy], -1)
+    rays = np.concatenate([undistort(intrinsics, flat), np.ones((*flat.shape[:2], 1))], -1)
+    rays.setflags(write=False)
+    return rays
+
+
+def project(intrinsics: Intrinsics, points_m: ArrayLike) -> NDArray[np.float64]:
+    """Return the pixel (..., 2) u, v of points (..., 3) in the camera frame; NaN for those behind it."""
+    p = np.asarray(points_m, dtype=np.float64)
+    z = np.where(p[..., 2:] > 0, p[..., 2:], np.nan)
+    return distort(intrinsics, p[..., :2] / z) * [intrinsics.fx, intrinsics.fy] + [
+        intrinsics.cx,
+        intrinsics.cy,
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A rectangle of an image, with its rays.
+
+    Attributes:
+        rays: (m, n, 3) directions in the camera frame, z = 1.
+        depth_m: (m, n) along the optical axis, NaN where there is none.
+        color: (m, n, 3) uint8 RGB.
+    """
+
+    rays: NDArray[np.float64]
+    depth_m: NDArray[np.float64]
+    color: NDArray[np.uint8]
+
+    @property
+    def points_m(self) -> NDArray[np.float64]:
+        """Return the points (m, n, 3) in the camera frame, NaN where there is no depth."""
+        return self.rays * self.depth_m[..., None]
+
+    def __iter__(self) -> Iterator[NDArray]:
+        return iter((self.rays, self.depth_m, self.color))
+
+
+def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_m: ArrayLike) -> Patch | None:
+    """Return the rectangle of pixels that a box covers, or None if the camera does not see it.
+
+    Args:
+        image: colour and depth.
+        T_camera_box: pose of the box's frame in the camera.
+        lower_m: (3,) least corner of the box in its frame.
+        upper_m: (3,) greatest corner.
+    """
+    lower, upper = np.asarray(lower_m, dtype=np.float64), np.asarray(upper_m, dtype=np.float64)
+    pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)
+    pixel = project(image.intrinsics, T_camera_box.apply(np.where(pick, upper, lower)))
+    if not np.isfinite(pixel).all():
+        return None
+    u0, v0 = np.maximum(np.floor(pixel.min(0)).astype(int), 0)
+    u1 = min(int(pixel[:, 0].max()) + 2, image.intrinsics.width)
+    v1 = min(int(pixel[:, 1].max()) + 2, image.intrinsics.height)
+    if u1 - u0 < 2 or v1 - v0 < 2:
+        return None
+    window = np.s_[v0:v1, u0:u1]
+    return Patch(
+        pixel_rays(image.intrinsics)[window], image.depth_m[window].astype(np.float64), image.color[window]
+    )
+
+
+def check_image(image: RgbdImage) -> None:
+    """Refuse an image whose arrays do not fit its intrinsics."""
+    size = (image.intrinsics.height, image.intrinsics.width)
+    if image.depth_m.shape != size or image.color.shape != (*size, 3):
+        raise TrocarError(
+            f"an image of {size[1]} x {size[0]} pixels needs depth {size} and colour {(*size, 3)}, "
+            f"got {image.depth_m.shape} and {image.color.shape}"
+        )

@@ -1,0 +1,236 @@
+"""An RGBD camera that looks into MuJoCo's world by casting rays: no OpenGL, the same answer on every display."""
+
+from __future__ import annotations
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.perception.depth import pixel_rays
+from trocar.perception.image import Intrinsics, RgbdImage
+from trocar.sim.sensor import apply_flaws, shade
+from trocar.sim.sensor_flaws import SensorFlaws
+
+ZIVID = Intrinsics(1920, 1200, 2765.4, 2766.0, 962.9, 566.1, (-0.285, 0.407, -0.0001, 0.0001, -0.509))
+"""The authors' Zivid One+ S (facts/peg_transfer.md, Perception)."""
+
+INCLINATION_RAD = np.radians(33.0)
+"""Board normal against optical axis: `registration/cell: T_board_camera` has cos = .837."""
+
+DISTANCE_M = 0.59
+"""Camera to the blocks: the real capture `blocks/capture` lies at 593-600 mm."""
+
+PROJECTOR_M = (0.12, 0.0, 0.0)
+"""The projector in the camera frame (assumed; in the photographs the shadows fall to the left)."""
+
+VISIBLE_GROUPS = (1, 1, 1, 0, 0, 0)
+NEAR_M = 5e-3
+SHADOW_SLACK = 5e-4
+"""A surface is lit if the projector's ray comes this close to it, as a share of the ray."""
+
+
+def nominal_camera() -> SE3:
+    """Return ``T_world_camera`` of the recorded cell: on the -y side, looking at the middle of the board."""
+    axis = np.array([0.0, np.sin(INCLINATION_RAD), -np.cos(INCLINATION_RAD)])
+    x = np.array([1.0, 0.0, 0.0])
+    return SE3.from_parts(SO3(np.column_stack([x, np.cross(axis, x), axis])), -DISTANCE_M * axis)
+
+
+class RayCamera:
+    """A calibrated camera in a MuJoCo world.
+
+    Args:
+        model: the world; geoms of groups 0-2 are seen, planes without bound of depth behind all others.
+        intrinsics: lens and pixels, such as ``ZIVID.binned(2)``.
+        T_world_camera: true pose.
+        flaws: what the sensor does wrong; ``SensorFlaws.none()`` gives exact depth.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        intrinsics: Intrinsics,
+        T_world_camera: SE3,
+        flaws: SensorFlaws | None = None,
+    ):
+        if T_world_camera.matrix.shape != (4, 4) or not np.isfinite(T_world_camera.matrix).all():
+            raise TrocarError("a camera needs one finite pose (4, 4) as T_world_camera")
+        self.model = model
+        self.intrinsics = intrinsics
+        self.T_world_camera = T_world_camera
+        self.flaws = SensorFlaws() if flaws is None else flaws
+        R = T_world_camera.rotation.matrix
+        self._rays = pixel_rays(intrinsics).reshape(-1, 3)
+        self._rays_world = np.ascontiguousarray(self._rays @ R.T)
+        self._raster = _Raster(self._rays, intrinsics)
+        self._cell = self._raster.index(self._rays)
+        group = np.clip(model.geom_group, 0, 5)
+        alpha = np.where(model.geom_matid >= 0, 1.0, model.geom_rgba[:, 3])
+        seen = (np.array(VISIBLE_GROUPS)[group] > 0) & (alpha > 0)
+        plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        self._solids = np.flatnonzero(seen & ~plane)
+        self._planes = np.flatnonzero(seen & plane)
+        self._groups = np.array(VISIBLE_GROUPS, dtype=np.uint8)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Return (height, width) in pixels."""
+        return self.intrinsics.height, self.intrinsics.width
+
+    def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
+        """Return the image as the sensor with its flaws delivers it; ``rng`` draws them."""
+        depth, geom, normal = self._cast_pixels(data)
+        lit = self._lit(data, depth, normal) if self.flaws.shadow else None
+        color, mirror = shade(self.model, self._rays, depth, geom, self._in_camera(normal), lit, PROJECTOR_M)
+        shape = self.size
+        image_depth, image_color = apply_flaws(
+            self.flaws,
+            depth.reshape(shape),
+            color.reshape(*shape, 3),
+            self._in_camera(normal),
+            self._rays,
+            None if lit is None else lit.reshape(shape),
+            mirror.reshape(shape),
+            rng,
+        )
+        return RgbdImage(image_color, image_depth, self.intrinsics, float(data.time))
+
+    def render_exact(
+        self, data: mujoco.MjData
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
+        """Return depth (h, w) m with NaN where nothing is hit, geom ids (h, w) with -1, colour (h, w, 3)."""
+        depth, geom, normal = self._cast_pixels(data)
+        color, _ = shade(self.model, self._rays, depth, geom, self._in_camera(normal), None, PROJECTOR_M)
+        shape = self.size
+        return (
+            depth.reshape(shape),
+            geom.reshape(shape),
+            np.rint(color * 255).astype(np.uint8).reshape(*shape, 3),
+        )
+
+    def _in_camera(self, normal_world: NDArray[np.float64]) -> NDArray[np.float64]:
+        return normal_world @ self.T_world_camera.rotation.matrix
+
+    def _cast_pixels(
+        self, data: mujoco.MjData
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+        """Cast each pixel's ray; only those that may meet a solid go to MuJoCo, the rest meet planes."""
+        origin = self.T_world_camera.translation_m
+        depth, geom, normal = self._cast_planes(data, origin, self._rays_world)
+        near = np.flatnonzero(
+            self._raster.covered(self.model, data, self._solids, self.T_world_camera)[self._cell]
+        )
+        depth[near], geom[near], normal[near] = self._cast(data, origin, self._rays_world[near])
+        return depth, geom, normal
+
+    def _cast(
+        self, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+        count = len(rays)
+        geom = np.full(count, -1, dtype=np.int32)
+        distance = np.full(count, -1.0)
+        normal = np.zeros(3 * count)
+        if count:
+            mujoco.mj_multiRay(
+                self.model,
+                data,
+                origin,
+                np.ascontiguousarray(rays).ravel(),
+                self._groups,
+                True,
+                -1,
+                geom,
+                distance,
+                normal,
+                count,
+                mujoco.mjMAXVAL,
+            )
+        distance[distance < 0] = np.nan
+        return distance, geom, normal.reshape(-1, 3)
+
+    def _cast_planes(
+        self, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+        """Meet the planes alone, as MuJoCo does: from the front, within their size where it is not zero."""
+        depth = np.full(len(rays), np.nan)
+        geom = np.full(len(rays), -1, dtype=np.int32)
+        normal = np.zeros((len(rays), 3))
+        for g in self._planes:
+            frame = data.geom_xmat[g].reshape(3, 3)
+            start = (origin - data.geom_xpos[g]) @ frame
+            slope = rays @ frame
+            with np.errstate(divide="ignore", invalid="ignore"):
+                x = -start[2] / slope[:, 2]
+                hit = (slope[:, 2] < 0) & (x >= 0)
+                for axis in range(2):
+                    size = self.model.geom_size[g, axis]
+                    hit &= (size <= 0) | (np.abs(start[axis] + x * slope[:, axis]) <= size)
+            hit &= np.isnan(depth) | (x < depth)
+            depth[hit], geom[hit], normal[hit] = x[hit], g, frame[:, 2]
+        return depth, geom, normal
+
+    def _lit(
+        self, data: mujoco.MjData, depth: NDArray[np.float64], normal: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Return which pixels' surfaces the projector reaches: a second batch of rays from there."""
+        source = self.T_world_camera.apply(np.array(PROJECTOR_M))
+        T_world_projector = SE3.from_parts(self.T_world_camera.rotation, source)
+        rays = self._rays * depth[:, None] - PROJECTOR_M
+        covered = self._raster.covered(self.model, data, self._solids, T_world_projector)
+        near = np.flatnonzero(np.isfinite(depth))
+        near = near[covered[self._raster.index(rays[near])]]
+        world = rays[near] @ self.T_world_camera.rotation.matrix.T
+        lit = np.isfinite(depth)
+        facing = np.einsum("ij,ij->i", world, normal[near]) < 0
+        distance, *_ = self._cast(data, source, world)
+        lit[near] = facing & ~(distance < 1 - SHADOW_SLACK)
+        return lit
+
+
+class _Raster:
+    """A coarse map of directions x/z, y/z on which the solids' outlines are drawn, always too large, never too small."""
+
+    CELL_PIXELS = 2.0
+    MARGIN = 0.3
+
+    def __init__(self, rays: NDArray[np.float64], intrinsics: Intrinsics):
+        self.lower = rays[:, :2].min(0) - self.MARGIN
+        upper = rays[:, :2].max(0) + self.MARGIN
+        self.scale = intrinsics.fx / self.CELL_PIXELS
+        self.shape = tuple(np.ceil((upper - self.lower) * self.scale).astype(int)[::-1] + 2)
+
+    def index(self, rays: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Return the flat cell of each direction (n, 3); those off the map share a cell that is always cast."""
+        at = np.floor((rays[:, :2] / rays[:, 2:] - self.lower) * self.scale).astype(np.intp)
+        inside = ((at >= 0) & (at < self.shape[::-1])).all(-1)
+        return np.where(inside, at[:, 1] * self.shape[1] + at[:, 0], self.shape[0] * self.shape[1])
+
+    def covered(
+        self, model: mujoco.MjModel, data: mujoco.MjData, solids: NDArray[np.intp], T_world_eye: SE3
+    ) -> NDArray[np.bool_]:
+        """Return for each flat cell whether a ray through it may meet a solid."""
+        pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)]) * 2 - 1
+        edges = [(i, i | (1 << k)) for i in range(8) for k in range(3) if not i & (1 << k)]
+        boxes = model.geom_aabb[solids]
+        local = boxes[:, None, :3] + pick * boxes[:, None, 3:]
+        frames = data.geom_xmat[solids].reshape(-1, 3, 3)
+        world = np.einsum("gij,gkj->gki", frames, local) + data.geom_xpos[solids][:, None]
+        corners = (world - T_world_eye.translation_m) @ T_world_eye.rotation.matrix
+        canvas = np.zeros(self.shape, dtype=np.uint8)
+        for box in corners:
+            points = box[box[:, 2] >= NEAR_M]
+            if not len(points):
+                continue
+            if len(points) < 8:
+                ends = np.array(
+                    [(box[a], box[b]) for a, b in edges if (box[a, 2] < NEAR_M) != (box[b, 2] < NEAR_M)]
+                )
+                share = (NEAR_M - ends[:, 0, 2]) / (ends[:, 1, 2] - ends[:, 0, 2])
+                points = np.concatenate([points, ends[:, 0] + share[:, None] * (ends[:, 1] - ends[:, 0])])
+            flat = (points[:, :2] / points[:, 2:] - self.lower) * self.scale
+            cv2.fillConvexPoly(canvas, cv2.convexHull(np.floor(flat).astype(np.int32)), 1)
+        canvas = cv2.dilate(canvas, np.ones((5, 5), np.uint8))
+        return np.append(canvas.ravel() > 0, True)
