@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,22 @@ class Camera(Protocol):
         ...
 
 
+class Log(Protocol):
+    """Where scripts note what they do; the time chart, the time table and the score come from it."""
+
+    def span(self, arm: str, name: str) -> AbstractContextManager[None]:
+        """Note a stretch of the cell's clock, from entering to leaving."""
+        ...
+
+    def event(self, name: str, **values: object) -> None:
+        """Note something that happened now; values must be JSON's."""
+        ...
+
+    def compute(self, name: str, seconds: float, budget_s: float) -> None:
+        """Note the real time that a computation took beside what the script declared for it."""
+        ...
+
+
 @dataclass(frozen=True)
 class Cell:
     """One laboratory: devices and what was calibrated there. Never the truth.
@@ -101,7 +118,7 @@ class Cell:
         T_world_base: each arm's base as the laboratory's registration knows it.
         T_world_camera: the camera's pose as the laboratory's registration knows it.
         T_world_board: the board as fixed in the laboratory, nominally; perception refines it.
-        log: where scripts note spans and events (see ``trials.TrialLog``).
+        log: where scripts note what they do.
     """
 
     robot: Robot
@@ -110,4 +127,4 @@ class Cell:
     T_world_base: Mapping[str, SE3]
     T_world_camera: SE3
     T_world_board: SE3
-    log: Any
+    log: Log

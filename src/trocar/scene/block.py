@@ -66,6 +66,12 @@ class Block:
         centre = self.corner_m - self.corner_radius_m
         return float(np.arctan2(centre * np.sin(np.radians(60.0)), self.side_m))
 
+    def corners_m(self) -> NDArray[np.float64]:
+        """Return the middles of the corners' rounding circles (3, 3) on the top face."""
+        angle = np.radians(90.0 + 60.0 + 120.0 * np.arange(3))
+        radius = self.corner_m - self.corner_radius_m
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(3)])
+
     def convex_pieces(self) -> list[NDArray[np.float64]]:
         """Return the prism's nine convex pieces as corner points (2 k, 3) m in the block frame.
 

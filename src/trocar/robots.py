@@ -1,0 +1,142 @@
+"""Wrappers that any robot may wear."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from trocar.arms import ArmModel, MotionLimits
+from trocar.calibration.compensation import Compensator, sample_positions
+from trocar.cell import Execution, JointReading, Robot
+from trocar.errors import TrocarError
+from trocar.motion.limits import limit_use, require_range
+from trocar.trajectory import Trajectory
+
+KNOT_S = 0.010
+"""Spacing of the knots of a corrected trajectory: the control period."""
+SMOOTHING = 5
+"""Knots over which a correction is averaged: the play's kinks would ask for endless acceleration."""
+
+
+class Calibrated:
+    """A robot whose cables are compensated: scripts speak of true joints, the robot gets commands.
+
+    Innermost it should wear :class:`Guarded`, which then sees the corrected command.
+    """
+
+    def __init__(self, robot: Robot, compensators: Mapping[str, Compensator]):
+        self._robot = robot
+        self._compensators = dict(compensators)
+        self._desired: dict[str, NDArray[np.float64]] = {}
+        for arm, compensator in self._compensators.items():
+            q_cmd = robot.read(arm).q
+            compensator.start(q_cmd)
+            model = compensator.model
+            self._desired[arm] = model.step(model.start(q_cmd), q_cmd)[0]
+
+    def read(self, arm: str) -> JointReading:
+        """Return the encoders' state with the joints where the model believes they are."""
+        reading = self._robot.read(arm)
+        return JointReading(reading.time_s, self._desired.get(arm, reading.q).copy(), reading.jaw_rad)
+
+    async def move(self, arm: str, trajectory: Trajectory) -> Execution:
+        """Run a trajectory of the true joints."""
+        if arm not in self._compensators:
+            return await self._robot.move(arm, trajectory)
+        corrected = self.corrected(arm, trajectory)
+        self._desired[arm] = trajectory(trajectory.times_s[-1])
+        return await self._robot.move(arm, corrected)
+
+    def corrected(self, arm: str, trajectory: Trajectory) -> Trajectory:
+        """Return the commands that bring the joints along this trajectory; the model's memory moves on."""
+        compensator = self._compensators[arm]
+        times, desired = trajectory.sample(KNOT_S)
+        positions = sample_positions(desired, compensator.model.training)
+        at = np.interp(positions, np.arange(len(times)), times) - trajectory.times_s[0]
+        commands = compensator.path(trajectory(at + trajectory.times_s[0]))
+        times = times - trajectory.times_s[0]
+        raw = commands - trajectory(at + trajectory.times_s[0])
+        raw[0] = self._robot.read(arm).q - desired[0]
+        correction = np.column_stack([np.interp(times, at, column) for column in raw.T])
+        smooth = uniform_filter1d(correction, SMOOTHING, axis=0, mode="nearest")
+        fade = np.minimum(1.0, np.minimum(np.arange(len(times)), np.arange(len(times))[::-1]) / SMOOTHING)
+        correction = correction + fade[:, None] * (smooth - correction)
+        velocity = trajectory(times + trajectory.times_s[0], 1) + np.gradient(correction, times, axis=0)
+        velocity[[0, -1]] = 0.0
+        return Trajectory.hermite(times, desired + correction, velocity)
+
+    async def jaw(self, arm: str, angle_rad: float) -> Execution:
+        """Drive the jaws; their cables are taken as they are."""
+        return await self._robot.jaw(arm, angle_rad)
+
+    def hold(self, arm: str) -> None:
+        """Stop this arm."""
+        self._robot.hold(arm)
+
+
+class Guarded:
+    """A robot that refuses commands outside the joints' ranges and slows down those above its limits."""
+
+    def __init__(self, robot: Robot, arms: Mapping[str, ArmModel], limits: Mapping[str, MotionLimits]):
+        self._robot = robot
+        self._arms = dict(arms)
+        self._limits = dict(limits)
+
+    def read(self, arm: str) -> JointReading:
+        """Return the encoders' state."""
+        return self._robot.read(arm)
+
+    async def move(self, arm: str, trajectory: Trajectory) -> Execution:
+        """Run the trajectory, stretched in time as far as its limits of velocity ask for.
+
+        Raises:
+            TrocarError: a joint would leave its range; nothing has moved then.
+        """
+        if arm not in self._arms:
+            raise TrocarError(f"arm {arm!r} is not guarded here; choose one of {', '.join(self._arms)}")
+        require_range(self._arms[arm], trajectory)
+        use = limit_use(self._arms[arm], trajectory, self._limits[arm])
+        return await self._robot.move(arm, trajectory.stretched(max(1.0, use.velocity_ratio)))
+
+    async def jaw(self, arm: str, angle_rad: float) -> Execution:
+        """Drive the jaws."""
+        return await self._robot.jaw(arm, angle_rad)
+
+    def hold(self, arm: str) -> None:
+        """Stop this arm."""
+        self._robot.hold(arm)
+
+
+class Recorded:
+    """A robot that keeps what was executed, for the trial's file.
+
+    Attributes:
+        executions: (arm, execution) in the order in which they ended.
+    """
+
+    def __init__(self, robot: Robot):
+        self._robot = robot
+        self.executions: list[tuple[str, Execution]] = []
+
+    def read(self, arm: str) -> JointReading:
+        """Return the encoders' state."""
+        return self._robot.read(arm)
+
+    async def move(self, arm: str, trajectory: Trajectory) -> Execution:
+        """Run the trajectory and keep what was executed."""
+        execution = await self._robot.move(arm, trajectory)
+        self.executions.append((arm, execution))
+        return execution
+
+    async def jaw(self, arm: str, angle_rad: float) -> Execution:
+        """Drive the jaws and keep what was executed."""
+        execution = await self._robot.jaw(arm, angle_rad)
+        self.executions.append((arm, execution))
+        return execution
+
+    def hold(self, arm: str) -> None:
+        """Stop this arm."""
+        self._robot.hold(arm)

@@ -1,0 +1,355 @@
+"""The simulated cell as MJCF, generated from ``ArmModel`` and ``Scene``; no number of a robot stands here twice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trocar.arms import ArmModel, frames
+from trocar.geometry import SE3
+from trocar.scene import Scene
+from trocar.sim.instrument import Instrument
+
+SCENE_BIT = 1
+TIMESTEP_S = 1e-3
+
+FOOT_M = 0.05e-3
+"""By how much the blocks' prisms end above three feet: three contacts with the plate instead of thirty-six."""
+
+ABS_RED = (0.83, 0.23, 0.07)
+ABS_RED_BLOCK = (0.80, 0.20, 0.07)
+BLACK_TABLE = (0.035, 0.035, 0.04)
+STEEL = (0.62, 0.63, 0.66)
+CARBON = (0.10, 0.11, 0.13)
+HOUSING = (0.55, 0.56, 0.60)
+
+
+@dataclass(frozen=True)
+class Servo:
+    """Spring and inertia between the joint's target and the joint: what the cables' stretch leaves of stiffness.
+
+    Estimated, so that the tip yields about 1 mm/N; no source gives these for the PSM.
+
+    Attributes:
+        stiffness: N m/rad, or N/m if prismatic, one a joint.
+        inertia: reflected inertia kg m^2, or kg if prismatic, one a joint; damping is critical.
+        jaw_torque_nm: largest torque of the jaw drive on one finger.
+        jaw_inertia: kg m^2.
+    """
+
+    stiffness: tuple[float, ...] = (60.0, 60.0, 3000.0, 1.0, 0.8, 0.8)
+    inertia: tuple[float, ...] = (1e-2, 1e-2, 0.5, 1e-4, 1e-4, 1e-4)
+    jaw_torque_nm: float = 0.03
+    jaw_inertia: float = 2e-5
+
+    @property
+    def damping(self) -> tuple[float, ...]:
+        """Return the critical damping of each joint."""
+        return tuple(2.0 * float(np.sqrt(k * m)) for k, m in zip(self.stiffness, self.inertia, strict=True))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Contact of the solids: dry printed ABS, serrated jaws (assumed)."""
+
+    abs_friction: float = 0.35
+    jaw_friction: float = 1.0
+    solref: tuple[float, float] = (0.004, 1.0)
+    solimp: tuple[float, float, float] = (0.95, 0.99, 0.0005)
+
+
+@dataclass(frozen=True)
+class CellModel:
+    """What the MJCF is made of.
+
+    Attributes:
+        scene: board and blocks, with their poses.
+        arms: model of each arm by name.
+        T_world_base: true pose of each arm's base.
+        instrument: shapes of the instruments.
+        servo: how the joints are driven.
+        surface: contact parameters.
+    """
+
+    scene: Scene
+    arms: Mapping[str, ArmModel]
+    T_world_base: Mapping[str, SE3]
+    instrument: Instrument = field(default_factory=Instrument)
+    servo: Servo = field(default_factory=Servo)
+    surface: Surface = field(default_factory=Surface)
+
+
+def build_mjcf(cell: CellModel) -> str:
+    """Return the cell as MJCF text: board, pegs, blocks (free bodies), arms on position servos."""
+    root = Element("mujoco", model="trocar")
+    SubElement(root, "compiler", angle="radian", autolimits="true")
+    option = SubElement(
+        root,
+        "option",
+        timestep=_text(TIMESTEP_S),
+        integrator="implicitfast",
+        cone="elliptic",
+        impratio="10",
+        noslip_iterations="3",
+        solver="Newton",
+    )
+    SubElement(option, "flag", sleep="enable")
+    surface = cell.surface
+    default = SubElement(root, "default")
+    SubElement(
+        default,
+        "geom",
+        solref=_text(surface.solref),
+        solimp=_text(surface.solimp),
+        friction=_text((surface.abs_friction, 0.002, 0.0001)),
+        condim="4",
+        density="1000",
+    )
+    assets = SubElement(root, "asset")
+    world = SubElement(root, "worldbody")
+    _add_board(world, cell.scene)
+    _add_blocks(world, assets, cell.scene)
+    sections = {name: SubElement(root, name) for name in ("equality", "actuator")}
+    for index, (name, arm) in enumerate(cell.arms.items()):
+        _add_arm(world, assets, sections, cell, name, arm, bit=SCENE_BIT << (index + 1))
+    indent(root)
+    return tostring(root, encoding="unicode")
+
+
+def _text(values: ArrayLike) -> str:
+    return " ".join(f"{v:.9g}" for v in np.atleast_1d(np.asarray(values, dtype=np.float64)).ravel())
+
+
+def _pose(T: SE3) -> dict[str, str]:
+    return {"pos": _text(T.translation_m), "quat": _text(T.rotation.as_quaternion())}
+
+
+def _scene_bits() -> dict[str, str]:
+    return {"contype": str(SCENE_BIT), "conaffinity": "15"}
+
+
+def _arm_bits(bit: int) -> dict[str, str]:
+    """Collide with all but the same instrument, whose neighbouring links overlap at their joints."""
+    return {"contype": str(bit), "conaffinity": str(15 & ~bit)}
+
+
+def _add_board(world: Element, scene: Scene) -> None:
+    board = SubElement(world, "body", name="board", **_pose(scene.T_world_board))
+    below = min(height for *_, height in scene.board.plates_m) - 0.005
+    for index, (width, depth, height) in enumerate(scene.board.plates_m):
+        half = 0.5 * (height - below)
+        SubElement(
+            board,
+            "geom",
+            name=f"plate{index}",
+            type="box",
+            size=_text((width / 2, depth / 2, half)),
+            pos=_text((0, 0, height - half)),
+            rgba=_text((*ABS_RED, 1)),
+            **_scene_bits(),
+        )
+    radius, height = scene.board.peg_radius_m, scene.board.peg_height_m
+    for index, (x, y, z) in enumerate(scene.board.pegs_m):
+        SubElement(
+            board,
+            "geom",
+            name=f"peg{index}",
+            type="capsule",
+            size=_text(radius),
+            fromto=_text((x, y, z, x, y, z + height - radius)),
+            rgba=_text((*ABS_RED, 1)),
+            **_scene_bits(),
+        )
+    SubElement(
+        world,
+        "geom",
+        name="table",
+        type="plane",
+        size="0.5 0.5 0.01",
+        pos=_text((0, 0, below)),
+        rgba=_text((*BLACK_TABLE, 1)),
+        **_scene_bits(),
+    )
+
+
+def _add_blocks(world: Element, assets: Element, scene: Scene) -> None:
+    pieces = [piece - [0, 0, FOOT_M] * (piece[:, 2:] > 0) for piece in scene.block.convex_pieces()]
+    for index, piece in enumerate(pieces):
+        SubElement(assets, "mesh", name=f"block_piece{index}", vertex=_text(piece))
+    for number, pose in enumerate(scene.T_world_blocks.matrix):
+        body = SubElement(world, "body", name=f"block{number}", **_pose(SE3(pose)))
+        SubElement(body, "freejoint", name=f"block{number}")
+        for index, corner in enumerate(scene.block.corners_m()):
+            SubElement(
+                body,
+                "geom",
+                name=f"block{number}_foot{index}",
+                type="sphere",
+                size=_text(FOOT_M * 10),
+                pos=_text(corner + [0, 0, scene.block.height_m - FOOT_M * 10]),
+                rgba=_text((*ABS_RED_BLOCK, 1)),
+                **_scene_bits(),
+            )
+        for index in range(len(pieces)):
+            SubElement(
+                body,
+                "geom",
+                name=f"block{number}_{index}",
+                type="mesh",
+                mesh=f"block_piece{index}",
+                density=_text(scene.block.density_kg_m3),
+                rgba=_text((*ABS_RED_BLOCK, 1)),
+                **_scene_bits(),
+            )
+
+
+def _add_arm(
+    world: Element,
+    assets: Element,
+    sections: Mapping[str, Element],
+    cell: CellModel,
+    name: str,
+    arm: ArmModel,
+    bit: int,
+) -> None:
+    shape, servo = cell.instrument, cell.servo
+    bits = _arm_bits(bit)
+    at_zero = frames(arm, np.zeros(6))
+    body = SubElement(world, "body", name=f"{name}_base", gravcomp="1", **_pose(cell.T_world_base[name]))
+    links = []
+    before = SE3.identity()
+    for index, joint in enumerate(arm.joints):
+        pose = before.inverse() @ at_zero[index]
+        body = SubElement(body, "body", name=f"{name}_link{index + 1}", gravcomp="1", **_pose(pose))
+        SubElement(body, "inertial", pos="0 0 0", mass="0.01", diaginertia="1e-6 1e-6 1e-6")
+        SubElement(
+            body,
+            "joint",
+            name=f"{name}_{joint.name}",
+            type="slide" if joint.prismatic else "hinge",
+            axis="0 0 1",
+            range=_text((joint.lower, joint.upper)),
+            armature=_text(servo.inertia[index]),
+        )
+        links.append(body)
+        before = at_zero[index]
+    _add_shaft(links[3], name, shape, bits)
+    wrist = (at_zero[4].inverse() @ at_zero[5]).translation_m
+    SubElement(
+        links[4],
+        "geom",
+        name=f"{name}_wrist",
+        type="capsule",
+        size=_text(shape.wrist_radius_m),
+        fromto=_text((0, 0, 0, *(0.75 * wrist))),
+        rgba=_text((*STEEL, 1)),
+        **bits,
+    )
+    SubElement(
+        links[5],
+        "geom",
+        name=f"{name}_knuckle",
+        type="cylinder",
+        size=_text((shape.knuckle_radius_m, 0.45 * shape.finger_width_m)),
+        rgba=_text((*STEEL, 1)),
+        **bits,
+    )
+    _add_fingers(links[5], assets, cell, name, (at_zero[5].inverse() @ at_zero[6]).translation_m, bits)
+    _add_drives(sections, servo, name, arm)
+
+
+def _add_shaft(roll: Element, name: str, shape: Instrument, bits: Mapping[str, str]) -> None:
+    """Hang the shaft on the roll link, whose z runs down the shaft and whose origin is on the pitch axis."""
+    for part, radius, start, end, colour in (
+        ("sleeve", shape.shaft_radius_m * 0.95, -0.003, -0.018, STEEL),
+        ("shaft", shape.shaft_radius_m, -0.019, -shape.shaft_length_m, CARBON),
+    ):
+        SubElement(
+            roll,
+            "geom",
+            name=f"{name}_{part}",
+            type="cylinder",
+            size=_text(radius),
+            fromto=_text((0, 0, start, 0, 0, end)),
+            rgba=_text((*colour, 1)),
+            **bits,
+        )
+    SubElement(
+        roll,
+        "geom",
+        name=f"{name}_drive",
+        type="box",
+        size="0.03 0.045 0.04",
+        pos=_text((0, 0, -shape.shaft_length_m - 0.04)),
+        rgba=_text((*HOUSING, 1)),
+        **bits,
+    )
+
+
+def _add_fingers(
+    yaw: Element, assets: Element, cell: CellModel, name: str, to_tip: np.ndarray, bits: Mapping[str, str]
+) -> None:
+    shape, servo = cell.instrument, cell.servo
+    x = to_tip / np.linalg.norm(to_tip)
+    z = np.array([0.0, 0.0, 1.0])
+    orientation = np.column_stack([x, np.cross(z, x), z])
+    T = SE3(np.block([[orientation, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
+    for finger, side in (("left", 1), ("right", -1)):
+        SubElement(assets, "mesh", name=f"{name}_finger_{finger}", vertex=_text(shape.finger_m(side)))
+        body = SubElement(yaw, "body", name=f"{name}_finger_{finger}", gravcomp="1", **_pose(T))
+        SubElement(body, "inertial", pos="0.005 0 0", mass="0.001", diaginertia="1e-8 1e-8 1e-8")
+        SubElement(
+            body,
+            "joint",
+            name=f"{name}_jaw_{finger}",
+            type="hinge",
+            axis="0 0 1",
+            range="-0.2 0.8" if side > 0 else "-0.8 0.2",
+            armature=_text(servo.jaw_inertia),
+        )
+        SubElement(
+            body,
+            "geom",
+            name=f"{name}_finger_{finger}",
+            type="mesh",
+            mesh=f"{name}_finger_{finger}",
+            friction=_text((cell.surface.jaw_friction, 0.002, 0.0001)),
+            rgba=_text((*STEEL, 1)),
+            **bits,
+        )
+
+
+def _add_drives(sections: Mapping[str, Element], servo: Servo, name: str, arm: ArmModel) -> None:
+    """Add a spring to the target and a feed-forward motor a joint; the two fingers are coupled."""
+    actuators = sections["actuator"]
+    for joint, stiffness, damping in zip(arm.joints, servo.stiffness, servo.damping, strict=True):
+        label = f"{name}_{joint.name}"
+        SubElement(
+            actuators, "position", name=label, joint=label, kp=_text(stiffness), kv=_text(damping)
+        )
+    for joint in arm.joints:
+        label = f"{name}_{joint.name}"
+        SubElement(actuators, "motor", name=f"{label}_feed", joint=label)
+    jaw = f"{name}_jaw_left"
+    stiffness = 1.5
+    SubElement(
+        actuators,
+        "position",
+        name=f"{name}_jaw",
+        joint=jaw,
+        kp=_text(stiffness),
+        kv=_text(2 * np.sqrt(stiffness * 2 * servo.jaw_inertia)),
+        forcerange=_text((-2 * servo.jaw_torque_nm, 2 * servo.jaw_torque_nm)),
+    )
+    SubElement(
+        sections["equality"],
+        "joint",
+        joint1=jaw,
+        joint2=f"{name}_jaw_right",
+        polycoef="0 -1 0 0 0",
+        solref="0.004 1",
+    )
