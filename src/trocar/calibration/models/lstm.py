@@ -1,0 +1,121 @@
+"""The paper's network: LSTM of 256 units and two dense layers of 256, run in NumPy."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands
+from trocar.calibration.models.window import advance, resting_window, windows
+from trocar.calibration.recording import Recording
+from trocar.errors import TrocarError
+
+HIDDEN = 256
+"""Units of the recurrent and of each dense layer (paper, section IV-A)."""
+
+WEIGHTS = ("input", "recurrent", "bias", "dense1", "bias1", "dense2", "bias2", "out", "bias_out")
+
+Weights = dict[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class LstmModel:
+    """``q_joint = q_cmd + scale * network(window) + offset``; the window holds five prior commands too.
+
+    Attributes:
+        weights: by name (:data:`WEIGHTS`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,) with gates i f
+            g o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases; ReLU between.
+        input_mean: (6,) of the training commands.
+        input_scale: (6,) SD of the training commands.
+        error_scale: (6,) SD of the training errors.
+        offset: (6,) mean of the training errors.
+        training: the motion it was fitted on.
+    """
+
+    name: ClassVar[str] = "lstm"
+    weights: Weights
+    input_mean: NDArray[np.float64]
+    input_scale: NDArray[np.float64]
+    error_scale: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    training: TrainingMotion
+
+    @classmethod
+    def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
+        """Return the network trained by Adam on the mean squared error; needs the extra ``learn``."""
+        training = TrainingMotion.of(recording)
+        x = windows(recording.q_cmd)[recording.valid]
+        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        mean, scale = x[:, -1].mean(axis=0), _scale(x[:, -1])
+        offset, error_scale = error.mean(axis=0), _scale(error)
+        try:
+            # Looked up by name, so that using a trained network imports no framework.
+            trainer = importlib.import_module("trocar.calibration.lstm_training")
+        except ModuleNotFoundError as missing:
+            raise TrocarError(
+                f"training 'lstm' needs {missing.name!r}; install the extra: pip install 'trocar[learn]'"
+            ) from None
+        weights = trainer.train((x - mean) / scale, (error - offset) / error_scale, HIDDEN, rng)
+        return cls(weights, mean, scale, error_scale, offset, training)
+
+    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the joints (n, 6) along a history of commands (n, 6)."""
+        q = commands(q_cmd)
+        return q + self._error(windows(q))
+
+    def start(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the prior commands (5, 6) of an arm at rest."""
+        return resting_window(q_cmd)
+
+    def step(
+        self, state: NDArray[np.float64], q_cmd: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the joints (6,) after the command (6,), and the new prior commands."""
+        window = advance(state, q_cmd)
+        return q_cmd + self._error(window[None])[0], window[1:]
+
+    def shifted(self, offset: NDArray[np.float64]) -> Self:
+        """Return the model with this (6,) added to its prediction."""
+        return replace(self, offset=self.offset + offset)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return what the file keeps."""
+        own = {key: getattr(self, key) for key in ("input_mean", "input_scale", "error_scale", "offset")}
+        return own | {f"weight_{key}": value for key, value in self.weights.items()}
+
+    @classmethod
+    def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
+        """Return the model of a file."""
+        weights = {key: arrays[f"weight_{key}"].astype(np.float64) for key in WEIGHTS}
+        own = {key: arrays[key] for key in ("input_mean", "input_scale", "error_scale", "offset")}
+        return cls(weights=weights, training=training, **own)
+
+    def _error(self, window: NDArray[np.float64]) -> NDArray[np.float64]:
+        z = (window - self.input_mean) / self.input_scale
+        return self.offset + self.error_scale * forward(self.weights, z)
+
+
+def forward(weights: Weights, z: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the network's output (n, 6) for standardised windows (n, steps, 6)."""
+    hidden = cell = np.zeros((len(z), weights["recurrent"].shape[1]))
+    for moment in range(z.shape[1]):
+        gates = z[:, moment] @ weights["input"].T + hidden @ weights["recurrent"].T + weights["bias"]
+        i, f, g, o = np.split(gates, 4, axis=1)
+        cell = _sigmoid(f) * cell + _sigmoid(i) * np.tanh(g)
+        hidden = _sigmoid(o) * np.tanh(cell)
+    layer = np.maximum(hidden @ weights["dense1"].T + weights["bias1"], 0.0)
+    layer = np.maximum(layer @ weights["dense2"].T + weights["bias2"], 0.0)
+    return layer @ weights["out"].T + weights["bias_out"]
+
+
+def _sigmoid(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    return 0.5 + 0.5 * np.tanh(0.5 * x)
+
+
+def _scale(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    sd = x.std(axis=0)
+    return np.where(sd > 1e-9, sd, 1.0)
