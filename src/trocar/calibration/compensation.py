@@ -110,7 +110,7 @@ class Compensator:
     """Turns desired joints into commands along a path, carrying the model's memory from call to call.
 
     ``auto`` takes the exact inverse where the model has one, else Algorithm 1. Models with a window
-    (``lstm``, ``ridge``) must see samples as dense as in their training motion: :func:`resample` a path first.
+    (``lstm``, ``ridge``) must see samples as dense as in training: :func:`resample` a path first.
     The play model does not depend on the sampling.
 
     Attributes:

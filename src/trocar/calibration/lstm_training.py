@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 EPOCHS = 60
 BATCH = 64
 LEARNING_RATE = 1e-3
-WEIGHT_DECAY = 1e-4
+WEIGHT_DECAY = 0.1
 
 
 class Network(eqx.Module):

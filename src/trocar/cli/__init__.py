@@ -18,6 +18,11 @@ app = typer.Typer(
 )
 
 
+from trocar.cli import calibrate  # noqa: E402
+
+app.add_typer(calibrate.app, name="calibrate")
+
+
 def main() -> None:
     """Run the command line; bad input is one sentence on stderr and exit code 2."""
     try:

@@ -27,8 +27,8 @@ class LstmModel:
     """``q_joint = q_cmd + scale * network(window) + offset``; the window holds five prior commands too.
 
     Attributes:
-        weights: by name (:data:`WEIGHTS`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,) with gates i f
-            g o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases; ReLU between.
+        weights: by name (:data:`WEIGHTS`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,), the
+            gates in the order i f g o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases.
         input_mean: (6,) of the training commands.
         input_scale: (6,) SD of the training commands.
         error_scale: (6,) SD of the training errors.

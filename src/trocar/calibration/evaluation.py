@@ -1,0 +1,83 @@
+"""How well a cable model predicts a recording, and how long one compensation takes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.calibration.compensation import Compensator
+from trocar.calibration.models.base import CableModel
+from trocar.calibration.recording import JOINT_NAMES, Recording
+
+TIMED_POINTS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Errors of the joints before and after a model is taken into account.
+
+    Attributes:
+        model: its name.
+        recording: the recording, valid where its rows were scored.
+        predicted: (n, 6) joints by the model over the whole history.
+        compensation_ms: median time of one compensation.
+    """
+
+    model: str
+    recording: Recording
+    predicted: NDArray[np.float64]
+    compensation_ms: float
+
+    @property
+    def rows(self) -> int:
+        """Return how many rows were scored."""
+        return int(self.recording.valid.sum())
+
+    @property
+    def rmse_before(self) -> NDArray[np.float64]:
+        """Return the RMSE (6,) of the joints against their commands, rad and m (q3)."""
+        return self._rmse(self.recording.q_cmd)
+
+    @property
+    def rmse_after(self) -> NDArray[np.float64]:
+        """Return the RMSE (6,) of the joints against the model's prediction, rad and m (q3)."""
+        return self._rmse(self.predicted)
+
+    def summary(self) -> dict[str, object]:
+        """Return what ``trocar calibrate evaluate --json`` prints."""
+        return {
+            "model": self.model,
+            "recording": self.recording.name,
+            "joints": list(JOINT_NAMES),
+            "rmse_before": self.rmse_before.tolist(),
+            "rmse_after": self.rmse_after.tolist(),
+            "rows": self.rows,
+            "compensation_ms": self.compensation_ms,
+        }
+
+    def _rmse(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        error = (self.recording.q_phy - joints)[self.recording.valid]
+        return np.sqrt(np.mean(error**2, axis=0))
+
+
+def evaluate(model: CableModel, recording: Recording, from_row: int = 0) -> Evaluation:
+    """Return the model's errors on the valid rows from ``from_row`` on; its memory runs over all rows."""
+    scored = recording.scored(from_row)
+    return Evaluation(
+        model.name, scored, model.predict(recording.q_cmd), compensation_time_ms(model, recording)
+    )
+
+
+def compensation_time_ms(model: CableModel, recording: Recording) -> float:
+    """Return the median time of one compensation along the recording's commands taken as a task's path."""
+    compensator = Compensator(model)
+    compensator.start(recording.q_cmd[0])
+    times = []
+    for q in recording.q_cmd[:TIMED_POINTS]:
+        start = time.perf_counter()
+        compensator.path(q[None])
+        times.append(time.perf_counter() - start)
+    return 1e3 * float(np.median(times))

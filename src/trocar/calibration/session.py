@@ -1,0 +1,38 @@
+"""A change of session: the cables stay, their offsets do not."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+
+from trocar.calibration.models.base import CableModel
+from trocar.calibration.recording import Recording
+from trocar.errors import TrocarError
+
+REFIT_ROWS = 30
+"""Samples that a refit of the offsets takes: half a minute on the robot."""
+
+Model = TypeVar("Model", bound=CableModel)
+
+
+def refit_offset(model: Model, recording: Recording, rows: int = REFIT_ROWS) -> Model:
+    """Return the model with its offsets refitted on the first valid rows of a new session's recording.
+
+    Everything else stays: the offsets alone drift between sessions (q4 up to .07, q5 and q6 up to .1 rad).
+
+    Raises:
+        TrocarError: the recording has fewer valid rows.
+    """
+    good = np.flatnonzero(recording.valid)[:rows]
+    if rows < 1 or len(good) < rows:
+        raise TrocarError(
+            f"{recording.name} has {len(good)} valid rows, a refit of the offsets wants {rows}; record more"
+        )
+    error = recording.q_phy - model.predict(recording.q_cmd)
+    return model.shifted(error[good].mean(axis=0))
+
+
+def refit_ends(recording: Recording, rows: int = REFIT_ROWS) -> int:
+    """Return the first row that a refit has not seen; errors after a refit count from there."""
+    return int(np.flatnonzero(recording.valid)[:rows][-1]) + 1

@@ -1,0 +1,135 @@
+"""``trocar calibrate``: fit cable models on recordings and evaluate them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from trocar.errors import TrocarError
+
+app = typer.Typer(
+    help="Fit cable models on recordings of commanded and measured joints, and evaluate them.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+RecordingPath = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RECORDING",
+        help=".npz with q_cmd, q_phy (optional: valid, t_s), or a folder of q_cmd.npy, q_phy.npy "
+        "(or q_des.npy, q_act.npy)",
+    ),
+]
+
+
+@app.command(epilog="Example: trocar calibrate fit psm1.npz --model play --fraction 0.8 --out psm1_play.npz")
+def fit(
+    recording: RecordingPath,
+    *,
+    out: Annotated[Path, typer.Option(metavar="MODEL", help="Model file to write (.npz).")],
+    model: Annotated[
+        str, typer.Option(help="offset, ridge, lstm (needs the extra 'learn') or play.")
+    ] = "play",
+    to_row: Annotated[int | None, typer.Option(metavar="K", help="Fit on the rows before K only.")] = None,
+    fraction: Annotated[float | None, typer.Option(help="Fit on this first share of the rows only.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the training's randomness.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Fit a cable model on a recording, by default on all of its rows."""
+    from trocar.calibration.models import model_class, save_model  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.calibration.recording import load_recording  # noqa: PLC0415
+
+    kind = model_class(model)
+    if seed < 0:
+        raise TrocarError(f"seed {seed} is negative; give 0 or more")
+    if out.suffix != ".npz" or not out.parent.is_dir():
+        raise TrocarError(f"model file {str(out)!r} must end in .npz and lie in a folder that exists")
+    data = load_recording(recording)
+    data = data.first(_rows(len(data), to_row, fraction))
+    console = Console(stderr=True)
+    with console.status(f"fitting {model} on {data.valid.sum()} rows of {data.name}"):
+        fitted = kind.fit(data, np.random.default_rng(seed))
+    save_model(fitted, out)
+    error = (fitted.predict(data.q_cmd) - data.q_phy)[data.valid]
+    rmse = np.sqrt(np.mean(error**2, axis=0))
+    if as_json:
+        summary = {"model": model, "out": str(out), "rows": int(data.valid.sum()), "rmse_fit": rmse.tolist()}
+        sys.stdout.write(json.dumps(summary) + "\n")
+        return
+    wrist = " ".join(f"{value:.4f}" for value in rmse[3:])
+    Console().print(f"fitted {model} on {data.valid.sum()} rows: RMSE q4 q5 q6 {wrist} rad; saved {out}")
+
+
+@app.command(
+    epilog="Example: trocar calibrate evaluate psm1_play.npz psm1.npz --from-row 867 --plot loops.png"
+)
+def evaluate(
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="File written by `trocar calibrate fit`.")],
+    recording: RecordingPath,
+    *,
+    from_row: Annotated[int, typer.Option(metavar="K", help="Errors count from this row on.")] = 0,
+    refit: Annotated[
+        int,
+        typer.Option(metavar="N", help="First refit the offsets on N valid rows (new session); 0: do not."),
+    ] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Draw joints and hysteresis loops.")
+    ] = None,
+) -> None:
+    """Compare a model with a recording; its memory runs over all rows, errors count from row K."""
+    from trocar.calibration.evaluation import evaluate as score  # noqa: PLC0415
+    from trocar.calibration.models import load_model  # noqa: PLC0415
+    from trocar.calibration.recording import load_recording  # noqa: PLC0415
+    from trocar.calibration.session import refit_ends, refit_offset  # noqa: PLC0415
+
+    fitted, data = load_model(model), load_recording(recording)
+    if refit < 0:
+        raise TrocarError(f"a refit on {refit} rows is impossible; give 0 or more")
+    if refit:
+        fitted = refit_offset(fitted, data, refit)
+        from_row = max(from_row, refit_ends(data, refit))
+    result = score(fitted, data, from_row)
+    if plot is not None:
+        from trocar.calibration.figure import draw_evaluation  # noqa: PLC0415
+
+        draw_evaluation(result, plot)
+    if as_json:
+        sys.stdout.write(json.dumps(result.summary()) + "\n")
+        return
+    table = Table(title=f"{result.model} on {data.name}, {result.rows} rows from row {from_row}")
+    for column in ("joint", "RMSE uncorrected", "RMSE predicted"):
+        table.add_column(column, justify="right")
+    summary = result.summary()
+    for name, before, after in zip(
+        summary["joints"],  # type: ignore[arg-type]
+        result.rmse_before,
+        result.rmse_after,
+        strict=True,
+    ):
+        unit, digits = ("m", 5) if name == "q3" else ("rad", 4)
+        table.add_row(name, f"{before:.{digits}f} {unit}", f"{after:.{digits}f} {unit}")
+    console = Console()
+    console.print(table)
+    console.print(f"one compensation takes {result.compensation_ms:.2f} ms")
+    if plot is not None:
+        console.print(f"picture: {plot}")
+
+
+def _rows(total: int, to_row: int | None, fraction: float | None) -> int:
+    """Return how many of the first rows to fit on."""
+    if to_row is not None and fraction is not None:
+        raise TrocarError("--to-row and --fraction are both given; give one of them")
+    if fraction is not None:
+        if not 0.0 < fraction <= 1.0:
+            raise TrocarError(f"--fraction {fraction} is outside (0, 1]; give a share such as 0.8")
+        return int(fraction * total)
+    return total if to_row is None else to_row
