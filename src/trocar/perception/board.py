@@ -18,14 +18,15 @@ REACH_M = (0.075, 0.060)
 
 MARGIN_M = 4e-3
 PLANE_GATES_M = (6e-3, 4e-3, 2e-3, 1.0e-3, 0.6e-3)
-PEG_GATES_M = (8e-3, 4e-3, 2.5e-3, 1.5e-3, 1.0e-3)
+AXIS_GATES_M = (8e-3, 6e-3, 4e-3)
+PEG_GATES_M = (1.5e-3, 1.0e-3)
 PEG_BAND_M = (0.80, 0.94)
 """Share of the pegs' height that is looked at: above the blocks' tops (.745), below the round end."""
 
 LEAST_PEG_PIXELS = 6
 LEAST_PEGS = 6
 LEAST_PLANE_PIXELS = 300
-MOST_RMS_M = 0.6e-3
+MOST_RMS_M = 0.33e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,8 @@ def find_board(
         return BoardFit(False, reason, T_world_board, np.nan, np.nan, unseen)
     T_guess_level, plane_rms = leveled
     points = T_guess_level.inverse().apply(points)
-    x, y, yaw, rms, seen = _fit_pegs(points, board)
+    eye = (T_guess_level.inverse() @ T_board_camera).translation_m
+    x, y, yaw, rms, seen = _fit_pegs(points, board, eye[:2])
     T_level_board = SE3.from_parts(SO3.axis("z", yaw), [x, y, 0.0])
     refined = T_world_board @ T_guess_level @ T_level_board
     if seen.sum() < LEAST_PEGS or not rms < MOST_RMS_M:
@@ -114,27 +116,33 @@ def _level(points: NDArray[np.float64], board: Pegboard) -> tuple[SE3, float] | 
 
 
 def _fit_pegs(
-    points: NDArray[np.float64], board: Pegboard
+    points: NDArray[np.float64], board: Pegboard, eye_m: NDArray[np.float64]
 ) -> tuple[float, float, float, float, NDArray[np.bool_]]:
     """Return x, y, yaw of the board in the level frame, the pegs' rms, and which pegs took part.
 
-    Gauss-Newton on (distance to the peg's axis - radius), with Huber's weights, each pixel with its nearest peg.
+    Gauss-Newton on (distance to the peg's axis - radius), with Huber's weights, each pixel with its nearest peg. Only
+    the half that faces the camera is seen and would also fit the cylinder's back from inside: so the pixels are
+    first moved half a circle's mean depth (pi/4 r) away from the camera, and their distance to the axes is made small.
     """
     low, high = (share * board.peg_height_m for share in PEG_BAND_M)
     ends = points[(points[:, 2] > low) & (points[:, 2] < high)][:, :2]
+    view = ends - eye_m
+    behind = ends + np.pi / 4 * board.peg_radius_m * view / np.linalg.norm(view, axis=-1, keepdims=True)
+    stages = [(gate, behind, 0.0) for gate in AXIS_GATES_M for _ in range(4)]
+    stages += [(gate, ends, board.peg_radius_m) for gate in PEG_GATES_M for _ in range(4)]
     pegs = board.pegs_m[:, :2]
     x = y = yaw = 0.0
     rms = np.inf
     seen = np.zeros(len(pegs), dtype=bool)
-    for gate in (gate for gate in PEG_GATES_M for _ in range(4)):
+    for gate, visible, radius in stages:
         cosine, sine = np.cos(yaw), np.sin(yaw)
         turn = np.array([[cosine, -sine], [sine, cosine]])
-        local = (ends - [x, y]) @ turn
+        local = (visible - [x, y]) @ turn
         offset = local[:, None] - pegs
         distance = np.linalg.norm(offset, axis=-1)
         nearest = np.argmin(distance, -1)
         rows = np.arange(len(ends))
-        residual = distance[rows, nearest] - board.peg_radius_m
+        residual = distance[rows, nearest] - radius
         keep = np.abs(residual) < gate
         counts = np.bincount(nearest[keep], minlength=len(pegs))
         seen = counts >= LEAST_PEG_PIXELS
