@@ -95,6 +95,7 @@ def _newton(
         step *= min(1.0, MAX_NEWTON_STEP_RAD / max(float(np.abs(step).max()), 1e-12))
         for share in (1.0, 0.5, 0.25, 0.1, 0.03):
             trial = q_cmd.copy()
+            trial[:3] += q_desired[:3] - joints[:3]
             trial[WRIST] += share * step
             trial_joints, trial_jacobian = model.linearize(state, trial)
             left = q_desired[WRIST] - trial_joints[WRIST]

@@ -18,7 +18,7 @@ LOOP_ROWS = 160
 def draw_evaluation(evaluation: Evaluation, path: str | Path) -> Path:
     """Write the picture: the wrist's joints over time on the left, hysteresis on the right.
 
-    The right column draws the error over the command: the error depends on where the joint came from, so it draws loops.
+    The right column draws the error over the command; it depends on where the joint came from: a loop.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 (slow to import, and only this picture needs it)
 

@@ -18,9 +18,11 @@ app = typer.Typer(
 )
 
 
-from trocar.cli import calibrate  # noqa: E402
+from trocar.cli import calibrate, plan, study  # noqa: E402
 
 app.add_typer(calibrate.app, name="calibrate")
+app.add_typer(plan.app, name="plan")
+app.add_typer(study.app, name="study")
 
 
 def main() -> None:

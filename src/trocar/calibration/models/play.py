@@ -9,13 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.calibration.models.base import Arrays, TrainingMotion, commands
-from trocar.calibration.models.play_map import PlayMap, fit_map
+from trocar.calibration.models.play_map import PlayMap, fit_linear, fit_map
 from trocar.calibration.plant import WRIST, fit_plant, play_slacks
 from trocar.calibration.recording import Recording
 
 RADII_RAD = (0.01, 0.02, 0.04, 0.06, 0.09, 0.13, 0.18, 0.25)
 """Backlash half-widths of the features, beside the one radius identified per joint: a spectrum around the
 identified ones (.018 to .128 rad over all instruments), as in a Prandtl-Ishlinskii model."""
+
+OUTER_PENALTY = 10.0
+"""Ridge on the outer joints' errors, in standardised commands: about one sample in a hundred."""
 
 PlayBank = NDArray[np.float64]
 """Outputs (3, k) of the play operators: all that the model remembers."""
@@ -28,13 +31,15 @@ class PlayModel:
     The operators run on ``u = [q4, q5 + a q6, q6 + b q5]`` (the cables of pitch and yaw are coupled);
     column 0 of ``radii`` is the one identified radius of each joint. The map is linear plus a smooth bump
     expansion that dies out away from the training data: outside of it the linear part alone extrapolates.
-    The outer joints q1 q2 q3 get their constant offset only.
+    The small errors
+    of the outer joints q1 q2 q3 are linear in the command.
 
     Attributes:
         a: share of yaw in the pitch cable's motion.
         b: share of pitch in the yaw cable's motion.
         radii: (3, k) rad.
         offset: (6,) rad and m (q3).
+        outer: (3, 6) errors of q1 q2 q3 per unit of command.
         map: from [q4 q5 q6, slacks] to the errors of q4 q5 q6.
         training: the motion it was fitted on.
     """
@@ -44,6 +49,7 @@ class PlayModel:
     b: float
     radii: NDArray[np.float64]
     offset: NDArray[np.float64]
+    outer: NDArray[np.float64]
     map: PlayMap
     training: TrainingMotion
 
@@ -59,17 +65,20 @@ class PlayModel:
         radii = np.column_stack([plant.radii, spectrum])
         slacks = play_slacks(recording.q_cmd, plant.a, plant.b, radii)
         error = (recording.q_phy - recording.q_cmd)[recording.valid]
-        offset = error.mean(axis=0)
+        outer, offset = fit_linear(recording.q_cmd[recording.valid], error, OUTER_PENALTY)
+        outer = outer[:3]
+        offset[WRIST] = error[:, WRIST].mean(axis=0)
         features = np.column_stack([recording.q_cmd[:, WRIST], slacks.reshape(len(recording), -1)])
         fitted, constant = fit_map(features[recording.valid], error[:, WRIST] - offset[WRIST])
         offset[WRIST] += constant
-        return cls(plant.a, plant.b, radii, offset, fitted, TrainingMotion.of(recording))
+        return cls(plant.a, plant.b, radii, offset, outer, fitted, TrainingMotion.of(recording))
 
     def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the joints (n, 6) along a history of commands (n, 6) that starts without slack."""
         q = commands(q_cmd)
         slacks = play_slacks(q, self.a, self.b, self.radii).reshape(len(q), -1)
         joints = q + self.offset
+        joints[:, :3] += q @ self.outer.T
         joints[:, WRIST] += self.map(np.column_stack([q[:, WRIST], slacks]))
         return joints
 
@@ -82,6 +91,7 @@ class PlayModel:
         """Return the joints (6,) after the command (6,), and the new operators."""
         u, bank = self._bank(state, q_cmd)
         joints = q_cmd + self.offset
+        joints[:3] += self.outer @ q_cmd
         joints[WRIST] += self.map(np.concatenate([q_cmd[WRIST], (u - bank).ravel()]))
         return joints, bank
 
@@ -93,6 +103,7 @@ class PlayModel:
         slack = u - bank
         value, gradient = self.map.linearize(np.concatenate([q_cmd[WRIST], slack.ravel()]))
         joints = q_cmd + self.offset
+        joints[:3] += self.outer @ q_cmd
         joints[WRIST] += value
         free = np.abs(slack) < self.radii - 1e-12
         by_slack = (gradient[:, 3:].reshape(3, *free.shape) * free).sum(axis=2)
@@ -104,14 +115,21 @@ class PlayModel:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return what the file keeps."""
-        own = {"coupling": np.array([self.a, self.b]), "radii": self.radii, "offset": self.offset}
+        own = {
+            "coupling": np.array([self.a, self.b]),
+            "radii": self.radii,
+            "offset": self.offset,
+            "outer": self.outer,
+        }
         return own | self.map.arrays()
 
     @classmethod
     def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
         """Return the model of a file."""
         a, b = arrays["coupling"].tolist()
-        return cls(a, b, arrays["radii"], arrays["offset"], PlayMap.from_arrays(arrays), training)
+        return cls(
+            a, b, arrays["radii"], arrays["offset"], arrays["outer"], PlayMap.from_arrays(arrays), training
+        )
 
     def _bank(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], PlayBank]:
         u = (self._mix @ q_cmd[WRIST])[:, None]  # type: ignore[attr-defined]

@@ -109,7 +109,7 @@ def _fits(
     normal = kernel.T @ kernel
     fits = []
     for penalty, ratio in candidates:
-        linear, constant = _ridge(x, y, penalty)
+        linear, constant = fit_linear(x, y, penalty)
         bumps = np.zeros((y.shape[1], len(centres)))
         if np.isfinite(ratio):
             system = normal + ratio * prior + 1e-8 * len(z) * np.eye(len(centres))
@@ -118,9 +118,10 @@ def _fits(
     return fits
 
 
-def _ridge(
+def fit_linear(
     x: NDArray[np.float64], y: NDArray[np.float64], penalty: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the ridge regression's weights (outputs, d) and constant (outputs,), standardised features."""
     mean, scale = x.mean(axis=0), _scale(x)
     z = (x - mean) / scale
     weights = np.linalg.solve(z.T @ z + penalty * np.eye(z.shape[1]), z.T @ (y - y.mean(axis=0)))

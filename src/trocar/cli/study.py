@@ -1,0 +1,160 @@
+"""``trocar study``: a paper's table, reproduced beside the paper's own figures."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from trocar.errors import TrocarError
+
+if TYPE_CHECKING:
+    from trocar.calibration.evaluation import Evaluation
+    from trocar.calibration.study import SessionChange
+
+app = typer.Typer(
+    help="Reproduce a paper's table beside the paper's own figures.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@app.callback()
+def studies() -> None:
+    """Reproduce a paper's table beside the paper's own figures."""
+
+
+@app.command(epilog="Example: trocar study calibration --data data --out study --no-lstm")
+def calibration(
+    *,
+    data: Annotated[
+        Path,
+        typer.Option(envvar="TROCAR_DATA", help="Folder with dvrk/trajectories/*.npz, or of the .npz files."),
+    ] = Path("../shared/data"),
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Save summary.json and pictures here.")
+    ] = None,
+    lstm: Annotated[bool, typer.Option(help="Train the paper's network too (a minute or two).")] = True,
+    seed: Annotated[int, typer.Option(help="Seed of the training's randomness.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Print Table I of the paper and the errors of all cable models, from recordings of real arms."""
+    from trocar.calibration import study  # noqa: PLC0415 (SciPy only when needed)
+
+    recordings = study.load_study_recordings(data, [*study.RECORDINGS, study.SESSION_RECORDING])
+    if out is not None and out.exists() and not out.is_dir():
+        raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
+    if seed < 0:
+        raise TrocarError(f"seed {seed} is negative; give 0 or more")
+    names = ["offset", "ridge", *(["lstm"] if lstm else []), "play"]
+    console = Console(stderr=True)
+    with console.status("calibration study") as status:
+        tables = {name: study.table_1(recordings[name]) for name in study.TABLE_1}
+        fitted = {name: recordings[name] for name in study.RECORDINGS}
+        results = study.run_models(fitted, names, seed, status.update)
+        status.update("play after a change of session")
+        model, _ = study.evaluate_model(recordings["psm1_grey_random"], "play", seed)
+        change = study.session_change(model, recordings[study.SESSION_RECORDING])
+    summary = _summary(tables, results, change)
+    if out is not None:
+        _save(out, summary, results)
+    if as_json:
+        sys.stdout.write(json.dumps(summary) + "\n")
+        return
+    printer = Console()
+    printer.print(_print_table_1(tables, study.TABLE_1))
+    printer.print(
+        "The paper's column 'PSM2' is the recording psm1_grey_random, its 'PSM1' psm2_grey_random; its SD is that "
+        "of |error|; its q3 maximum .0045 m is a misprint of .00045 m."
+    )
+    printer.print(_print_models(results, study.LIMITS_RAD, study.REFERENCES_RAD))
+    printer.print(_print_session(change))
+    if out is not None:
+        printer.print(f"saved summary.json and pictures in {out}")
+
+
+def _summary(
+    tables: dict[str, dict[str, Any]], results: dict[str, dict[str, Evaluation]], change: SessionChange
+) -> dict[str, Any]:
+    return {
+        "study": "calibration",
+        "table_1": {
+            name: {key: row.tolist() for key, row in table.items()} for name, table in tables.items()
+        },
+        "models": {
+            name: {model: result.summary() for model, result in row.items()} for name, row in results.items()
+        },
+        "session_change": {
+            "model": "play",
+            "refit_rows": change.refit_rows,
+            "rows": change.rows,
+            "rmse_uncorrected": change.uncorrected.tolist(),
+            "rmse_before_refit": change.before.tolist(),
+            "rmse_after_refit": change.after.tolist(),
+        },
+    }
+
+
+def _save(out: Path, summary: dict[str, Any], results: dict[str, dict[str, Evaluation]]) -> None:
+    from trocar.calibration.figure import draw_evaluation  # noqa: PLC0415
+
+    out.mkdir(parents=True, exist_ok=True)
+    for name, row in results.items():
+        draw_evaluation(row["play"], out / f"{name}_play.png")
+    (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+
+
+def _print_table_1(
+    tables: dict[str, dict[str, Any]], paper: dict[str, dict[str, tuple[float, ...]]]
+) -> Table:
+    table = Table(title="Table I: error of the uncorrected joints (ours | paper), rad and m (q3)")
+    for column in ("recording", "", "q1", "q2", "q3", "q4", "q5", "q6"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, rows in tables.items():
+        for key, values in rows.items():
+            cells = [
+                f"{ours:.2g}|{theirs:.2g}" for ours, theirs in zip(values, paper[name][key], strict=True)
+            ]
+            table.add_row(name.removesuffix("_random") if key == "RMSE" else "", key, *cells)
+        table.add_section()
+    return table
+
+
+def _print_models(
+    results: dict[str, dict[str, Evaluation]],
+    limits: dict[str, tuple[float, ...]],
+    references: dict[str, dict[str, tuple[float, ...]]],
+) -> Table:
+    table = Table(title="Fitted on the first 80 %, RMSE q4 q5 q6 in rad on the last fifth by time")
+    for column in ("recording", "model", "ours", "reference, or limit", "compensation"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, row in results.items():
+        first = next(iter(row.values()))
+        table.add_row(name.removesuffix("_random"), "none", _triple(first.rmse_before[3:]), "", "")
+        for model, result in row.items():
+            bound = limits.get(name) if model == "play" else references.get(name, {}).get(model)
+            beside = "" if bound is None else ("<= " if model == "play" else "") + _triple(np.array(bound))
+            cost = f"{result.compensation_ms:.2f} ms"
+            table.add_row("", model, _triple(result.rmse_after[3:]), beside, cost)
+        table.add_section()
+    return table
+
+
+def _print_session(change: SessionChange) -> Table:
+    table = Table(title="Another session (psm1_grey_pick_place) with play fitted on psm1_grey_random")
+    for column in ("", "RMSE q4 q5 q6 in rad"):
+        table.add_column(column, justify="right")
+    table.add_row("uncorrected", _triple(change.uncorrected))
+    table.add_row("model of the other session", _triple(change.before))
+    table.add_row(f"offsets refitted on {change.refit_rows} rows", _triple(change.after))
+    return table
+
+
+def _triple(values: Any) -> str:
+    return " ".join(f"{value:.4f}" for value in values)
