@@ -80,6 +80,14 @@ class Trajectory:
         times = np.linspace(self.times_s[0], self.times_s[-1], count + 1)
         return times, self(times)
 
+    def stretched(self, factor: float) -> Trajectory:
+        """Return the same path taking ``factor`` times as long."""
+        if not factor > 0:
+            raise TrocarError(f"a trajectory cannot be stretched by {factor}; give a factor above 0")
+        powers = np.arange(len(self.coefficients) - 1, -1, -1)[:, None, None]
+        start = self.times_s[0]
+        return Trajectory(start + factor * (self.times_s - start), self.coefficients / factor**powers)
+
     def then(self, other: Trajectory) -> Trajectory:
         """Return this trajectory followed by ``other``, whose time is shifted to start at this one's end."""
         k = max(len(self.coefficients), len(other.coefficients))

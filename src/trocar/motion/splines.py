@@ -1,0 +1,129 @@
+"""Algorithm 2: cubic splines through waypoints, the passing velocities found by gradient descent."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, MotionLimits, jacobian
+from trocar.errors import TrocarError
+from trocar.motion.cubic import CubicGrid
+from trocar.trajectory import Trajectory
+
+# As the authors ran it; with these the lengths that they recorded come out again
+# (tests/motion/test_splines.py).
+STEP_RATE = 0.06  # beta of Algorithm 2
+STEPS = 51
+PROBE = 0.15  # half width of the central difference, rad/s along a unit direction in joint space
+COST_FIRST_S, COST_STEP_S = 0.30, 0.02  # durations tried while descending
+FINAL_STEP_S = 0.01  # durations tried in the end: the control period
+LONGEST_S = 120.0
+
+
+def spline(
+    arm: ArmModel, waypoints: NDArray[np.float64], limits: MotionLimits, up: NDArray[np.float64]
+) -> tuple[Trajectory, NDArray[np.float64]]:
+    """Return the cubic spline through the waypoints, and the times at which it passes them.
+
+    Hwang et al. 2022, section IV-C. It rests at the ends and passes the inner waypoints along ``up`` (or
+    against it:
+    the sign of the speed is found too), so that a block leaves its peg and meets it straight. Every probed
+    set of
+    passing speeds is priced by the sum of the shortest durations of the cubics on a grid; of the speeds
+    visited, the
+    cheapest are kept, because the descent on a stepped cost does not end at its best.
+
+    Args:
+        arm: the arm whose Jacobian turns ``up`` into a direction in joint space.
+        waypoints: (n, joints) with n >= 2, rad or m.
+        limits: bounds of velocity and acceleration, kept exactly: a cubic's extremes are known in closed
+            form.
+        up: (3,) unit vector in the base frame.
+    """
+    directions = _passing_directions(arm, waypoints[1:-1], up)
+    speeds = _descend(waypoints, directions, limits)
+    velocities = _velocities(speeds[None], directions)
+    durations = _shortest(waypoints, velocities, limits, FINAL_STEP_S, FINAL_STEP_S)[0]
+    times = np.concatenate([[0.0], np.cumsum(durations)])
+    return Trajectory.hermite(times, waypoints, velocities[0]), times
+
+
+def _passing_directions(
+    arm: ArmModel, inner: NDArray[np.float64], up: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the unit joint velocities (n - 2, joints) that move the tip along ``up`` without turning it."""
+    if not len(inner):
+        return np.zeros_like(inner)
+    twist = np.concatenate([up, np.zeros(3)])
+    try:
+        directions = np.linalg.solve(
+            jacobian(arm, inner), np.broadcast_to(twist[:, None], (len(inner), 6, 1))
+        )
+    except np.linalg.LinAlgError:
+        raise TrocarError(
+            f"{arm.name} is singular at an inner waypoint, where it cannot pass straight; move the waypoint"
+        ) from None
+    return directions[..., 0] / np.linalg.norm(directions, axis=1)
+
+
+def _descend(
+    waypoints: NDArray[np.float64], directions: NDArray[np.float64], limits: MotionLimits
+) -> NDArray[np.float64]:
+    """Return the passing speeds (n - 2,) along the unit directions by Algorithm 2."""
+    count = len(directions)
+    if not count:
+        return np.zeros(0)
+    fastest = np.min(np.asarray(limits.velocity) / np.maximum(np.abs(directions), 1e-12), axis=1)
+    probes = PROBE * np.concatenate([np.zeros((1, count)), np.eye(count), -np.eye(count)])
+    speeds = np.zeros(count)
+    resting = _shortest(waypoints, np.zeros((1, *waypoints.shape)), limits, COST_FIRST_S, COST_STEP_S)
+    grid = CubicGrid.build(
+        waypoints,
+        limits,
+        first_s=COST_FIRST_S,
+        step_s=COST_STEP_S,
+        longest_s=1.3 * resting.max(),
+        batch=len(probes),
+    )
+    best, best_speeds = np.inf, speeds
+    for _ in range(STEPS + 1):
+        probed = np.maximum(np.minimum(speeds + probes, fastest), -fastest)
+        velocities = _velocities(probed, directions)
+        costs = grid.shortest(velocities).sum(axis=1)
+        if costs.max() == np.inf:
+            costs = _shortest(waypoints, velocities, limits, COST_FIRST_S, COST_STEP_S).sum(axis=1)
+        if costs[0] < best - 1e-9:
+            best, best_speeds = costs[0], probed[0]
+        gradient = (costs[1 : count + 1] - costs[count + 1 :]) / (2 * PROBE)
+        speeds = speeds - STEP_RATE * gradient
+    return best_speeds
+
+
+def _velocities(speeds: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return velocities (batch, n, joints) at all waypoints, zero at the ends, from speeds (batch, n - 2)."""
+    velocities = np.zeros((len(speeds), len(directions) + 2, directions.shape[1]))
+    velocities[:, 1:-1] = speeds[..., None] * directions
+    return velocities
+
+
+def _shortest(
+    waypoints: NDArray[np.float64],
+    velocities: NDArray[np.float64],
+    limits: MotionLimits,
+    first_s: float,
+    step_s: float,
+) -> NDArray[np.float64]:
+    """Return the shortest durations (batch, n - 1), on a grid as long as they need."""
+    longest = 1.0
+    while longest < LONGEST_S:
+        grid = CubicGrid.build(
+            waypoints, limits, first_s=first_s, step_s=step_s, longest_s=longest, batch=len(velocities)
+        )
+        durations = grid.shortest(velocities)
+        if np.isfinite(durations).all():
+            return durations
+        longest *= 2
+    raise TrocarError(
+        f"no cubic of up to {LONGEST_S:.0f} s joins the waypoints within the motion limits; raise the limits "
+        f"or bring the waypoints closer"
+    )

@@ -1,0 +1,17 @@
+import os
+from pathlib import Path
+
+import pytest
+
+
+def recordings_folder() -> Path:
+    """Where the recordings lie: TROCAR_DATA, or shared/data beside the repository."""
+    return Path(os.environ.get("TROCAR_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Path:
+    folder = recordings_folder()
+    if not folder.is_dir():
+        pytest.skip(f"the recordings are not at {folder}; set TROCAR_DATA to their folder")
+    return folder

@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trocar.errors import TrocarError
+from trocar.trajectory import Trajectory
+
+
+@given(seed=st.integers(0, 2**32 - 1), knots=st.integers(2, 6))
+def test_hermite_meets_positions_and_velocities(seed, knots):
+    rng = np.random.default_rng(seed)
+    times = np.concatenate([[0], np.cumsum(rng.uniform(0.1, 1, knots - 1))])
+    q, v = rng.normal(size=(2, knots, 3))
+    trajectory = Trajectory.hermite(times, q, v)
+    np.testing.assert_allclose(trajectory(times), q, atol=1e-9)
+    np.testing.assert_allclose(trajectory(times, 1), v, atol=1e-8)
+
+
+def test_derivatives_agree_with_differences_and_it_rests_outside():
+    trajectory = Trajectory.hermite([0, 0.5, 1.2], np.array([[0.0], [1], [0.5]]), np.array([[0.0], [1], [0]]))
+    t, h = np.linspace(0.1, 1.1, 7) + 1e-3, 1e-6
+    for order in (1, 2):
+        difference = (trajectory(t + h, order - 1) - trajectory(t - h, order - 1)) / (2 * h)
+        np.testing.assert_allclose(trajectory(t, order), difference, atol=1e-6)
+    np.testing.assert_allclose(trajectory([-1, 5]), [[0], [0.5]], atol=1e-12)
+    assert not trajectory([-1, 5], 1).any()
+
+
+def test_then_and_sample():
+    first = Trajectory.hermite([0, 1], np.array([[0.0], [1]]), np.zeros((2, 1)))
+    second = Trajectory(np.array([0, 0.55]), np.array([[[1.0]]]))
+    joined = first.then(second)
+    assert joined.duration_s == pytest.approx(1.55)
+    np.testing.assert_allclose(joined([0.3, 1.2])[:, 0], [first(0.3)[0], 1.0])
+    times, q = joined.sample(0.1)
+    assert len(times) == 17
+    assert np.diff(times).max() <= 0.1
+    np.testing.assert_allclose(q[-1], 1.0)
+
+
+def test_bad_trajectories_are_refused():
+    with pytest.raises(TrocarError, match="strictly increasing"):
+        Trajectory(np.array([0.0, 1.0, 1.0]), np.zeros((2, 2, 1)))
+    with pytest.raises(TrocarError, match="finite"):
+        Trajectory(np.array([0.0, 1.0]), np.full((2, 1, 1), np.nan))
+    with pytest.raises(TrocarError, match="step"):
+        Trajectory(np.array([0.0, 1.0]), np.zeros((2, 1, 1))).sample(0)
