@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from trocar.scene import Block
 
-STEP_M = 0.1e-3
-REACH_M = 16e-3
+STEP_M = 0.2e-3
+REACH_M = 14e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def _cell(xy_m: NDArray[np.float64], count: int) -> tuple[NDArray, NDArray, NDAr
 @lru_cache(maxsize=8)
 def top_face(block: Block) -> TopFace:
     """Return the map of this block's top face."""
-    angle = np.linspace(0, 2 * np.pi, 1440, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     radius = np.concatenate([block.hole_radius_m(angle), block.outer_radius_m(angle)])
     both = np.concatenate([angle, angle])
     outline = cKDTree(np.column_stack([radius * np.cos(both), radius * np.sin(both)]))
