@@ -33,8 +33,8 @@ TABLE_1 = {
         "Max": (0.0054, 0.0033, 0.0045, 0.25, 0.32, 0.45),
     },
 }
-"""The paper's Table I by the recording that it was computed from: its column "PSM2" is ``psm1_grey_random`` and its
-column "PSM1" ``psm2_grey_random``. Its q3 maximum .0045 m is a misprint of .00045 m."""
+"""The paper's Table I by the recording that it was computed from: its column "PSM2" is ``psm1_grey_random``
+and its column "PSM1" ``psm2_grey_random``. Its q3 maximum .0045 m is a misprint of .00045 m."""
 
 LIMITS_RAD = {
     "psm1_grey_random": (0.015, 0.027, 0.022),
@@ -60,8 +60,8 @@ REFERENCES_RAD = {
         "lstm": (0.015, 0.024, 0.021),
     },
 }
-"""An earlier measurement of the same models on the last fifth of the *whole* recordings, of which the first four
-fifths are public: another test set than ours, so a guide and no bound."""
+"""An earlier measurement of the same models on the last fifth of the *whole* recordings, of which the
+first four fifths are public: another test set than ours, so a guide and no bound."""
 
 RECORDINGS = (*LIMITS_RAD, "psm1_red_user_random")
 SESSION_RECORDING = "psm1_grey_pick_place"
@@ -69,7 +69,7 @@ SESSION_RECORDING = "psm1_grey_pick_place"
 
 @dataclass(frozen=True, eq=False)
 class SessionChange:
-    """What a model of one session is worth in another; RMSE of q4 q5 q6 in rad on the rows after the refit's."""
+    """What a model of one session is worth in another; RMSE of q4 q5 q6 [rad] after the refit's rows."""
 
     uncorrected: NDArray[np.float64]
     before: NDArray[np.float64]

@@ -70,8 +70,8 @@ def calibration(
     printer = Console()
     printer.print(_print_table_1(tables, study.TABLE_1))
     printer.print(
-        "The paper's column 'PSM2' is the recording psm1_grey_random, its 'PSM1' psm2_grey_random; its SD is that "
-        "of |error|; its q3 maximum .0045 m is a misprint of .00045 m."
+        "The paper's column 'PSM2' is the recording psm1_grey_random, its 'PSM1' psm2_grey_random; its SD "
+        "is that of |error|; its q3 maximum .0045 m is a misprint of .00045 m."
     )
     printer.print(_print_models(results, study.LIMITS_RAD, study.REFERENCES_RAD))
     printer.print(_print_session(change))

@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from trocar.calibration.recording import Recording, load_recording, sampling_interval
+from trocar.errors import TrocarError
+
+N = 50
+
+
+@pytest.fixture
+def arrays():
+    rng = np.random.default_rng(0)
+    q = rng.normal(0, 0.1, (N, 6))
+    return {"q_cmd": q, "q_phy": q + 0.1, "valid": rng.random(N) > 0.2, "t_s": np.arange(N) * 0.8}
+
+
+def test_npz_and_folders_hold_the_same(tmp_path, arrays):
+    np.savez(tmp_path / "one.npz", **arrays)
+    for commanded, measured in (("q_cmd", "q_phy"), ("q_des", "q_act")):
+        folder = tmp_path / commanded
+        folder.mkdir()
+        np.save(folder / f"{commanded}.npy", arrays["q_cmd"])
+        np.save(folder / f"{measured}.npy", arrays["q_phy"])
+        loaded = load_recording(folder)
+        assert_allclose(loaded.q_cmd, arrays["q_cmd"])
+        assert_allclose(loaded.q_phy, arrays["q_phy"])
+        assert loaded.valid.all()
+    one = load_recording(tmp_path / "one.npz")
+    assert_array_equal(one.valid, arrays["valid"])
+
+
+def test_bad_rows_are_masked_and_their_commands_kept(arrays):
+    arrays["valid"][:] = True
+    arrays["q_phy"][3, 2] = np.nan
+    arrays["q_phy"][7, 3] += np.pi
+    recording = Recording(**arrays)
+    assert_array_equal(np.flatnonzero(~recording.valid), [3, 7])
+    assert len(recording.q_cmd) == N
+
+
+def test_scored_rows_keep_the_history(arrays):
+    part = Recording(**arrays).scored(30)
+    assert len(part) == N
+    assert not part.valid[:30].any()
+    assert_array_equal(part.valid[30:], arrays["valid"][30:])
+
+
+def test_pauses_do_not_count_in_the_sampling_interval():
+    q = np.repeat(np.arange(5.0)[:, None] * 0.1, 3, axis=0) * np.ones(6)
+    assert_allclose(sampling_interval(q), 0.1)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"q_cmd": np.zeros((N, 5))},
+        {"q_cmd": np.zeros(N)},
+        {"q_phy": np.zeros((N - 1, 6))},
+        {"q_cmd": np.full((N, 6), np.nan)},
+        {
+            "q_cmd": np.empty((0, 6)),
+            "q_phy": np.empty((0, 6)),
+            "valid": np.empty(0, bool),
+            "t_s": np.empty(0),
+        },
+        {"q_cmd": np.array([["a"] * 6] * N)},
+        {"valid": np.ones(N - 1, bool)},
+        {"valid": np.full(N, 2)},
+        {"t_s": np.arange(N)[::-1]},
+    ],
+    ids=["five joints", "flat", "lengths", "nan", "empty", "text", "mask length", "mask values", "time"],
+)
+def test_malformed_arrays_are_one_sentence(arrays, change, tmp_path):
+    np.savez(tmp_path / "bad.npz", **(arrays | change))
+    with pytest.raises(TrocarError) as error:
+        load_recording(tmp_path / "bad.npz")
+    assert "\n" not in str(error.value)
+
+
+def test_malformed_files_are_one_sentence(tmp_path, arrays):
+    np.savez(tmp_path / "good.npz", **arrays)
+    (tmp_path / "truncated.npz").write_bytes((tmp_path / "good.npz").read_bytes()[:700])
+    (tmp_path / "empty.npz").write_bytes(b"")
+    np.savez(tmp_path / "lacking.npz", q_cmd=arrays["q_cmd"])
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "text.csv").write_text("1,2,3")
+    names = ("truncated.npz", "empty.npz", "lacking.npz", "folder", "text.csv", "missing.npz")
+    for name in names:
+        with pytest.raises(TrocarError) as error:
+            load_recording(tmp_path / name)
+        assert "\n" not in str(error.value)
