@@ -1,0 +1,94 @@
+"""A run beside the paper's figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rich.table import Table
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """One row of the paper's Tables II-IV: 120 transfers.
+
+    Attributes:
+        who: the condition.
+        mean_time_s: mean transfer time.
+        success_rate: share of transfers.
+    """
+
+    who: str
+    mean_time_s: float
+    success_rate: float
+
+
+PAPER: dict[str, tuple[PaperFigure, ...]] = {
+    "unilateral": (
+        PaperFigure("volunteers", 12.3, 0.959),
+        PaperFigure("surgeon", 4.7, 1.0),
+        PaperFigure("robot, uncalibrated", 5.6, 0.347),
+        PaperFigure("robot, calibrated", 5.7, 1.0),
+        PaperFigure("robot, calibrated and optimised", 5.2, 1.0),
+    ),
+}
+"""Hwang et al. 2022, by variant (facts/peg_transfer.md, "Figures to reproduce and to beat")."""
+
+
+def run_table(summary: Mapping[str, Any]) -> Table:
+    """Return the table of a run, with the paper's rows of the same variant under it.
+
+    Args:
+        summary: keys as in ``summary.json``: task, variant, method, trials, attempted, succeeded,
+            success_rate, success_ci95, mean_time_s.
+    """
+    table = Table(title=f"{summary['task']}, {summary['variant']}, {summary['trials']} trials, simulated")
+    table.add_column("who")
+    for column in ("transfers", "success", "95 % interval", "mean time s"):
+        table.add_column(column, justify="right")
+    low, high = summary["success_ci95"]
+    table.add_row(
+        f"trocar, {summary['method']}",
+        f"{summary['succeeded']} of {summary['attempted']}",
+        _percent(summary["success_rate"]),
+        f"{_percent(low)} to {_percent(high)}",
+        _seconds(summary["mean_time_s"]),
+        style="bold",
+    )
+    rows = PAPER.get(summary["variant"], ())
+    if rows:
+        table.add_section()
+    for row in rows:
+        table.add_row(
+            f"paper: {row.who}",
+            "of 120",
+            _percent(row.success_rate),
+            "",
+            _seconds(row.mean_time_s),
+            style="dim",
+        )
+    return table
+
+
+def parts_table(summary: Mapping[str, Any]) -> Table:
+    """Return where a transfer's time went, part by part."""
+    table = Table(title="Mean transfer, part by part")
+    table.add_column("part")
+    table.add_column("s", justify="right")
+    table.add_column("share", justify="right")
+    parts = summary["parts_s"]
+    total = sum(parts.values()) or 1.0
+    for name, seconds in sorted(parts.items(), key=lambda item: -item[1]):
+        table.add_row(name, f"{seconds:.2f}", _percent(seconds / total))
+    return table
+
+
+def _percent(share: float | None) -> str:
+    """Return a share as text, a dash where there is none."""
+    return "-" if share is None else f"{100 * share:.1f} %"
+
+
+def _seconds(time_s: float | None) -> str:
+    """Return a time as text, a dash where there is none."""
+    return "-" if time_s is None else f"{time_s:.2f}"
