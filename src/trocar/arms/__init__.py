@@ -1,0 +1,27 @@
+"""Arms that work through a remote centre of motion: models and their kinematics."""
+
+from trocar.arms.forward import fk, frames
+from trocar.arms.inverse import Unreachable, ik, ik_branches
+from trocar.arms.model import ArmModel, Joint, MotionLimits
+from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
+from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
+
+ARMS: dict[str, ArmModel] = {arm.name: arm for arm in (PSM_CLASSIC, PSM_SI, RAVEN2_LEFT, RAVEN2_RIGHT)}
+"""Every robot type there is; the tests walk it, so registering is being tested."""
+
+__all__ = [
+    "ARMS",
+    "MOTION_LIMITS",
+    "PSM_CLASSIC",
+    "PSM_SI",
+    "RAVEN2_LEFT",
+    "RAVEN2_RIGHT",
+    "ArmModel",
+    "Joint",
+    "MotionLimits",
+    "Unreachable",
+    "fk",
+    "frames",
+    "ik",
+    "ik_branches",
+]

@@ -1,0 +1,76 @@
+"""Forward kinematics: from joint values to poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, pi, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trocar.arms.model import ArmModel
+from trocar.geometry import SE3, SO3
+
+
+def fk(arm: ArmModel, q: ArrayLike) -> SE3:
+    """Return ``T_base_tip`` of configurations ``q`` (..., 6), rad and m.
+
+    Raises:
+        TrocarError: ``q`` has another shape or is not finite.
+    """
+    q = arm.configurations(q)
+    if q.ndim == 1:
+        return SE3(np.array(_tip(arm, q.tolist(), cos, sin)).reshape(4, 4))
+    matrix = np.empty((*q.shape[:-1], 16))
+    for i, entry in enumerate(_tip(arm, np.moveaxis(q, -1, 0), np.cos, np.sin)):
+        matrix[..., i] = entry
+    return SE3(matrix.reshape(*q.shape[:-1], 4, 4))
+
+
+def frames(arm: ArmModel, q: ArrayLike) -> SE3:
+    """Return the poses in the base of frames 0 (base), 1..6 (modified DH) and 7 (tip): batch (..., 8).
+
+    Raises:
+        TrocarError: ``q`` has another shape or is not finite.
+    """
+    q = arm.configurations(q)
+    poses = [np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))]
+    wrist = arm.wrist_sign * pi / 2
+    rows = zip(
+        (*arm.twists_rad, 0.0, wrist, wrist), (0.0,) * 5 + (arm.wrist_length_m,), arm.offsets, strict=True
+    )
+    for i, (alpha, a, offset) in enumerate(rows):
+        value = q[..., i] + offset
+        slides = arm.joints[i].prismatic
+        theta = np.zeros_like(value) if slides else value - (pi / 2 if i >= 4 else 0.0)
+        step = SE3.from_parts(SO3.axis("x", alpha), (a, 0.0, 0.0)) @ SE3.from_parts(
+            SO3.axis("z", theta), np.stack([0 * value, 0 * value, value if slides else 0 * value], -1)
+        )
+        poses.append(poses[-1] @ step.matrix)
+    tip = np.array([[-1.0, 0, 0, 0], [0, 0, -1, arm.tip_length_m], [0, -1, 0, 0], [0, 0, 0, 1]])
+    return SE3(np.stack([*poses, poses[-1] @ tip], -3))
+
+
+def _tip(arm: ArmModel, q: Any, cos: Callable[[Any], Any], sin: Callable[[Any], Any]) -> tuple[Any, ...]:
+    """Return the 16 entries of ``T_base_tip``, row by row; ``q`` is six floats or six arrays."""
+    (c0, s0), (c1, s1), (c2, s2) = arm.twist_cosines
+    w, L = arm.wrist_sign, arm.wrist_length_m
+    t1, t2, d, t4 = q[0] + arm.offsets[0], q[1] + arm.offsets[1], q[2] + arm.offsets[2], q[3] + arm.offsets[3]
+    t5, t6 = q[4] + arm.offsets[4], q[5] + arm.offsets[5]
+    k1, n1, k2, n2, k4, n4 = cos(t1), sin(t1), cos(t2), sin(t2), cos(t4), sin(t4)
+    k5, n5, k6, n6 = cos(t5), sin(t5), cos(t6), sin(t6)
+
+    def base(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:  # Rx(twist 0) Rz(t1) Rx(twist 1)
+        y, z = c1 * y - s1 * z, s1 * y + c1 * z
+        x, y = k1 * x - n1 * y, n1 * x + k1 * y
+        return x, c0 * y - s0 * z, s0 * y + c0 * z
+
+    x3, y3, z4 = (base(k2, n2, 0.0), base(-c2 * n2, c2 * k2, s2), base(s2 * n2, -s2 * k2, c2))
+    entries = []
+    for a, b, z in zip(x3, y3, z4, strict=True):
+        x, y = k4 * a + n4 * b, k4 * b - n4 * a
+        out, side = n5 * x - w * k5 * z, w * k5 * x + n5 * z  # along the wrist link; along the jaw axis
+        back = n6 * y - k6 * out
+        entries += [-n6 * out - k6 * y, side, back, d * z + L * out - arm.tip_length_m * back]
+    return (*entries, 0.0, 0.0, 0.0, 1.0)

@@ -1,0 +1,231 @@
+"""The description of one robot type: joints, geometry, limits, instrument. Numbers live in one file per robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import TrocarError
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint; limits in rad, or m if prismatic; speed and acceleration per second.
+
+    Attributes:
+        name: unique within the arm.
+        lower: least position.
+        upper: greatest position.
+        max_speed: greatest speed of the controller's default trajectories.
+        max_acceleration: greatest acceleration of the same.
+        prismatic: whether the joint slides.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    max_speed: float
+    max_acceleration: float
+    prismatic: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise TrocarError(
+                f"joint '{self.name}' has limits {self.lower} to {self.upper} {self.unit}; lower must be below upper"
+            )
+        if not (self.max_speed > 0 and self.max_acceleration > 0):
+            raise TrocarError(
+                f"joint '{self.name}' has speed {self.max_speed} and acceleration {self.max_acceleration}; "
+                "both must be above 0"
+            )
+
+    @property
+    def unit(self) -> str:
+        """Return 'm' for a joint that slides, else 'rad'."""
+        return "m" if self.prismatic else "rad"
+
+    @property
+    def middle(self) -> float:
+        """Return the middle of the range."""
+        return (self.lower + self.upper) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Bounds on joint motion, symmetric about zero.
+
+    Attributes:
+        velocity: (joints,) rad/s, or m/s for prismatic joints.
+        acceleration: (joints,) rad/s^2 or m/s^2.
+    """
+
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        velocity = np.asarray(self.velocity, dtype=np.float64)
+        acceleration = np.asarray(self.acceleration, dtype=np.float64)
+        if velocity.ndim != 1 or velocity.shape != acceleration.shape:
+            raise TrocarError(
+                "motion limits need one velocity and one acceleration per joint, "
+                f"got shapes {velocity.shape} and {acceleration.shape}"
+            )
+        if not (np.all(velocity > 0) and np.all(acceleration > 0)):
+            raise TrocarError(f"motion limits must be above 0, got {velocity} and {acceleration}")
+        object.__setattr__(self, "velocity", velocity)
+        object.__setattr__(self, "acceleration", acceleration)
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """A spherical remote-centre arm: yaw, pitch, insertion, roll, wrist pitch, wrist yaw; jaws at the tip.
+
+    Modified DH, ``T_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)`` with joint variable q and offset o::
+
+        i    alpha               a               d          theta
+        1    twists_rad[0]       0               0          q1 + o1
+        2    twists_rad[1]       0               0          q2 + o2
+        3    twists_rad[2]       0               q3 + o3    0
+        4    0                   0               0          q4 + o4
+        5    wrist_sign * pi/2   0               0          q5 + o5 - pi/2
+        6    wrist_sign * pi/2   wrist_length_m  0          q6 + o6 - pi/2
+
+    The remote centre is the origin of frame 0. The tip lies ``tip_length_m`` along +y of frame 6; its frame has z
+    pointing back along the jaws and y along -z of frame 6 (the jaw axis), so that the PSM's tip is parallel to its
+    base at q = 0 (``facts/peg_transfer.md``, Kinematics).
+
+    Attributes:
+        name: key in ``ARMS``.
+        joints: six, in order.
+        twists_rad: angles between base z, axis 1, axis 2, axis 3.
+        offsets: six, rad or m, added to q.
+        wrist_sign: +1 or -1, the handedness of the wrist; the tool points along -wrist_sign * z of frame 4.
+        wrist_length_m: from the wrist pitch axis to the wrist yaw (jaw) axis, L3 or Lw.
+        tip_length_m: from the jaw axis to the controlled point, L4.
+        jaw: opening between the fingers.
+        instrument: what sits on the arm.
+        safe_depth_m: least depth of the wrist beyond the remote centre for Cartesian motion.
+        coupling: (4, 4) joint from actuator of roll, wrist pitch, wrist yaw, jaw; None where it is unknown.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    twists_rad: tuple[float, float, float]
+    offsets: tuple[float, ...]
+    wrist_sign: int
+    wrist_length_m: float
+    tip_length_m: float
+    jaw: Joint
+    instrument: str
+    safe_depth_m: float
+    coupling: tuple[tuple[float, ...], ...] | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.joints) != 6 or len(self.offsets) != 6:
+            raise TrocarError(
+                f"arm '{self.name}' needs six joints and six offsets, got {len(self.joints)} and {len(self.offsets)}"
+            )
+        if [joint.prismatic for joint in self.joints] != [False, False, True, False, False, False]:
+            raise TrocarError(f"arm '{self.name}' needs exactly its third joint to be prismatic")
+        if self.wrist_sign not in (-1, 1):
+            raise TrocarError(f"arm '{self.name}' has wrist_sign {self.wrist_sign}; choose -1 or 1")
+        if abs(math.sin(self.twists_rad[1]) * math.sin(self.twists_rad[2])) < 1e-6:
+            raise TrocarError(f"arm '{self.name}' has parallel axes: twists {self.twists_rad} rad")
+
+    @cached_property
+    def lower(self) -> NDArray[np.float64]:
+        """Return the lower limits (6,)."""
+        return _frozen([joint.lower for joint in self.joints])
+
+    @cached_property
+    def upper(self) -> NDArray[np.float64]:
+        """Return the upper limits (6,)."""
+        return _frozen([joint.upper for joint in self.joints])
+
+    @cached_property
+    def middle(self) -> NDArray[np.float64]:
+        """Return the middle of every range (6,)."""
+        return _frozen([joint.middle for joint in self.joints])
+
+    @cached_property
+    def middle_floats(self) -> list[float]:
+        """Return ``middle`` as a list, for scalar code."""
+        return self.middle.tolist()
+
+    @cached_property
+    def ranges(self) -> tuple[tuple[float, float, bool], ...]:
+        """Return lower limit, upper limit and whether the joint turns, per joint, for scalar code."""
+        return tuple((joint.lower, joint.upper, not joint.prismatic) for joint in self.joints)
+
+    @cached_property
+    def principal_signs(self) -> tuple[int, int, int]:
+        """Return the signs of cos q6, cos q5 and sin t2 at the middle of the ranges."""
+        t2 = self.joints[1].middle + self.offsets[1]
+        q5, q6 = self.joints[4].middle + self.offsets[4], self.joints[5].middle + self.offsets[5]
+        return tuple(1 if value >= 0 else -1 for value in (math.cos(q6), math.cos(q5), math.sin(t2)))  # type: ignore
+
+    @cached_property
+    def branch_is_unique(self) -> bool:
+        """Return whether those signs hold on the whole ranges, so that at most one branch lies within the limits."""
+        tolerance = 1e-9
+        return all(
+            joint.upper - joint.lower <= math.pi + tolerance
+            and abs(math.remainder(joint.middle + offset - centre, 2 * math.pi))
+            <= (math.pi - (joint.upper - joint.lower)) / 2 + tolerance
+            for joint, offset, centre in (
+                (self.joints[5], self.offsets[5], 0.0 if self.principal_signs[0] > 0 else math.pi),
+                (self.joints[4], self.offsets[4], 0.0 if self.principal_signs[1] > 0 else math.pi),
+                (self.joints[1], self.offsets[1], self.principal_signs[2] * math.pi / 2),
+            )
+        )
+
+    @cached_property
+    def twist_cosines(self) -> tuple[tuple[float, float], ...]:
+        """Return cosine and sine of each twist, with exact zeros at right angles."""
+        return tuple((_clean(math.cos(twist)), _clean(math.sin(twist))) for twist in self.twists_rad)
+
+    @cached_property
+    def motion_limits(self) -> MotionLimits:
+        """Return the speed and acceleration limits of the joints."""
+        return MotionLimits(
+            np.array([joint.max_speed for joint in self.joints]),
+            np.array([joint.max_acceleration for joint in self.joints]),
+        )
+
+    def with_tip(self, length_m: float) -> ArmModel:
+        """Return this arm controlled at another point, ``length_m`` beyond the jaw axis (0: the axis itself)."""
+        if not (math.isfinite(length_m) and length_m >= 0):
+            raise TrocarError(f"the tip length is {length_m} m; give a finite length of at least 0")
+        return replace(self, tip_length_m=float(length_m))
+
+    def configurations(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Return ``q`` as (..., 6) floats.
+
+        Raises:
+            TrocarError: the last axis is not six long, or a value is not finite.
+        """
+        try:
+            q = np.asarray(q, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise TrocarError(
+                f"arm '{self.name}' needs joint values (..., 6) as numbers, got {q!r}"
+            ) from None
+        if q.shape[-1:] != (6,):
+            raise TrocarError(f"arm '{self.name}' needs joint values of shape (..., 6), got {q.shape}")
+        if not np.isfinite(q).all():
+            raise TrocarError(f"arm '{self.name}' needs finite joint values, got NaN or infinity")
+        return q
+
+
+def _frozen(values: list[float]) -> NDArray[np.float64]:
+    array = np.array(values)
+    array.flags.writeable = False
+    return array
+
+
+def _clean(value: float) -> float:
+    return 0.0 if abs(value) < 1e-15 else value
