@@ -39,8 +39,9 @@ class CubicGrid:
     upper: NDArray[np.float64]
     sums: NDArray[np.float64]
 
-    @staticmethod
+    @classmethod
     def build(
+        cls,
         waypoints: NDArray[np.float64],
         limits: MotionLimits,
         *,
@@ -59,7 +60,7 @@ class CubicGrid:
         reach = limits.acceleration[:, None, None, None] * times
         start, end = np.eye(len(waypoints))[:-1], np.eye(len(waypoints))[1:]
         sums = np.concatenate([4 * start + 2 * end, 2 * start + 4 * end, start + end])
-        return CubicGrid(times, step_q, limits, centre - reach, centre + reach, sums)
+        return cls(times, step_q, limits, centre - reach, centre + reach, sums)
 
     def shortest(self, velocities: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the first duration on the grid that keeps the limits.
