@@ -1,7 +1,9 @@
 """Arms that work through a remote centre of motion: models and their kinematics."""
 
+from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
 from trocar.arms.forward import fk, frames
 from trocar.arms.inverse import Unreachable, ik, ik_branches
+from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability
 from trocar.arms.model import ArmModel, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
@@ -20,8 +22,14 @@ __all__ = [
     "Joint",
     "MotionLimits",
     "Unreachable",
+    "actuators_from_joints",
     "fk",
     "frames",
     "ik",
     "ik_branches",
+    "jacobian",
+    "joint_margins",
+    "joints_from_actuators",
+    "limit_violations",
+    "manipulability",
 ]

@@ -81,7 +81,9 @@ class SO3:
         w, x, y, z = np.moveaxis(four_square, -1, 0)
         a, b, c = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
         d, e, f = m[..., 1, 0] + m[..., 0, 1], m[..., 0, 2] + m[..., 2, 0], m[..., 2, 1] + m[..., 1, 2]
-        rows = np.stack([np.stack(r, -1) for r in ((w, a, b, c), (a, x, d, e), (b, d, y, f), (c, e, f, z))], -2)
+        rows = np.stack(
+            [np.stack(r, -1) for r in ((w, a, b, c), (a, x, d, e), (b, d, y, f), (c, e, f, z))], -2
+        )
         largest = np.argmax(four_square, -1)[..., None, None]
         q = np.take_along_axis(rows, np.broadcast_to(largest, (*largest.shape[:-1], 4)), -2)[..., 0, :]
         q = q / np.linalg.norm(q, axis=-1, keepdims=True)

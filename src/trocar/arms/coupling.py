@@ -1,0 +1,44 @@
+"""Actuators and joints of an instrument: cables over shared pulleys couple them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.arms.model import ArmModel
+from trocar.errors import TrocarError
+
+
+def joints_from_actuators(arm: ArmModel, actuators_rad: ArrayLike) -> NDArray[np.float64]:
+    """Return roll, wrist pitch, wrist yaw and jaw (..., 4) in rad from the four disks' angles (..., 4) in rad.
+
+    Raises:
+        TrocarError: the arm's coupling is unknown, or the angles have another shape or are not finite.
+    """
+    return _four(arm, actuators_rad, "actuator angles") @ _matrix(arm).T
+
+
+def actuators_from_joints(arm: ArmModel, joints_rad: ArrayLike) -> NDArray[np.float64]:
+    """Return the four disks' angles (..., 4) in rad from roll, wrist pitch, wrist yaw and jaw (..., 4) in rad.
+
+    Raises:
+        TrocarError: the arm's coupling is unknown, or the angles have another shape or are not finite.
+    """
+    return _four(arm, joints_rad, "joint angles") @ np.linalg.inv(_matrix(arm)).T
+
+
+def _matrix(arm: ArmModel) -> NDArray[np.float64]:
+    if arm.coupling is None:
+        raise TrocarError(
+            f"arm '{arm.name}' has no actuator coupling on record; set ArmModel.coupling (4 x 4, joint from actuator)"
+        )
+    return np.array(arm.coupling)
+
+
+def _four(arm: ArmModel, values: ArrayLike, what: str) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape[-1:] != (4,) or not np.isfinite(array).all():
+        raise TrocarError(
+            f"arm '{arm.name}' needs finite {what} of shape (..., 4): roll, pitch, yaw, jaw; got shape {array.shape}"
+        )
+    return array

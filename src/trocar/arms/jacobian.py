@@ -1,0 +1,67 @@
+"""How the tip moves when the joints do, and how far the arm is from where it cannot."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.arms.forward import frames
+from trocar.arms.model import ArmModel
+
+
+def jacobian(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return the geometric Jacobian(s) (..., 6, 6): joint speeds to the tip's velocity in the base frame.
+
+    Rows are linear velocity (m/s) of the tip, then angular velocity (rad/s). For the PSM exactly
+    ``|det J| = cos q2 * d * (d cos q5 + L3)`` with d = q3 - .0156 (``facts/peg_transfer.md``, Kinematics).
+
+    Raises:
+        TrocarError: ``q`` has another shape or is not finite.
+    """
+    poses = frames(arm, q).matrix
+    tip = poses[..., 7, :3, 3]
+    J = np.zeros((*poses.shape[:-3], 6, 6))
+    for i, joint in enumerate(arm.joints):
+        axis = poses[..., i + 1, :3, 2]
+        if joint.prismatic:
+            J[..., :3, i] = axis
+        else:
+            J[..., :3, i] = np.cross(axis, tip - poses[..., i + 1, :3, 3])
+            J[..., 3:, i] = axis
+    return J
+
+
+def manipulability(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return Yoshikawa's measure ``|det J|`` (...,), in m^3/(rad^2 m): zero where the tip loses a direction.
+
+    Raises:
+        TrocarError: ``q`` has another shape or is not finite.
+    """
+    return np.abs(np.linalg.det(jacobian(arm, q)))
+
+
+def joint_margins(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return the distance of every joint from its nearer limit (..., 6), rad and m; negative outside.
+
+    Raises:
+        TrocarError: ``q`` has another shape or is not finite.
+    """
+    q = arm.configurations(q)
+    return np.minimum(q - arm.lower, arm.upper - q)
+
+
+def limit_violations(arm: ArmModel, q: ArrayLike) -> list[str]:
+    """Return one sentence per joint of the configuration(s) that lies outside its range; none if all lie inside.
+
+    Raises:
+        TrocarError: ``q`` has another shape or is not finite.
+    """
+    q = arm.configurations(q)
+    worst = np.atleast_2d(q).reshape(-1, 6)
+    worst = worst[np.argmin(np.minimum(worst - arm.lower, arm.upper - worst), axis=0), range(6)]
+    return [
+        f"joint '{joint.name}' = {value:.4f} {joint.unit} is outside "
+        f"[{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} by {max(joint.lower - value, value - joint.upper):.4f}"
+        for joint, value in zip(arm.joints, worst.tolist(), strict=True)
+        if not joint.lower <= value <= joint.upper
+    ]

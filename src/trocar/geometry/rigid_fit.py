@@ -1,0 +1,141 @@
+"""The rigid transform between two sets of paired points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import TrocarError
+from trocar.geometry.se3 import SE3
+from trocar.geometry.so3 import SO3
+
+COLLINEAR_RATIO = 1e-6
+"""Points whose second principal extent is below this part of the first leave the turn about their line free."""
+RANSAC_DRAWS = 500
+"""Triples tried: with half of the pairs wrong, the chance to miss every clean triple is below 1e-28."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigidFit:
+    """What ``fit_rigid`` found.
+
+    Attributes:
+        T_target_source: takes source points to target points.
+        rms_m: root mean square distance of the inliers after the fit (weighted, if weights were given).
+        inliers: (n,) which pairs took part.
+    """
+
+    T_target_source: SE3
+    rms_m: float
+    inliers: NDArray[np.bool_]
+
+
+def fit_rigid(
+    source_m: ArrayLike,
+    target_m: ArrayLike,
+    weights: ArrayLike | None = None,
+    *,
+    inlier_distance_m: float | None = None,
+    rng: np.random.Generator | None = None,
+) -> RigidFit:
+    """Return the least-squares rigid transform from source to target points (Arun 1987, Kabsch's sign).
+
+    Args:
+        source_m: (n, 3) points in the source frame.
+        target_m: (n, 3) the same points in the target frame, in the same order.
+        weights: (n,) non-negative; default all 1.
+        inlier_distance_m: if given, pairs farther apart than this under the best of many fits to random triples
+            (RANSAC) are left out; default: all take part.
+        rng: draws the triples; needed with ``inlier_distance_m``.
+
+    Raises:
+        TrocarError: shapes differ, values are not finite, fewer than three pairs, or the points lie on one line.
+    """
+    source, target = _points(source_m, "source"), _points(target_m, "target")
+    if source.shape != target.shape:
+        raise TrocarError(
+            f"paired points need equal shapes, got source {source.shape} and target {target.shape}"
+        )
+    weight = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)
+    if weight.shape != (len(source),) or not np.isfinite(weight).all() or np.any(weight < 0):
+        raise TrocarError(
+            f"weights need shape ({len(source)},), finite and at least 0, got shape {weight.shape}"
+        )
+    inliers = weight > 0
+    if inlier_distance_m is not None:
+        inliers &= _consensus(source, target, inliers, inlier_distance_m, rng)
+    T = _least_squares(source[inliers], target[inliers], weight[inliers])
+    square = np.sum((T.apply(source) - target) ** 2, -1)[inliers]
+    rms = float(np.sqrt(np.average(square, weights=weight[inliers])))
+    return RigidFit(T, rms, inliers)
+
+
+def _points(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    try:
+        points = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TrocarError(f"the {what} points are not an array of numbers of shape (n, 3)") from None
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise TrocarError(f"the {what} points need shape (n, 3), got {points.shape}")
+    if not np.isfinite(points).all():
+        row = int(np.flatnonzero(~np.isfinite(points).all(1))[0])
+        raise TrocarError(f"the {what} points hold NaN or infinity, first in row {row}; remove such pairs")
+    return points
+
+
+def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
+    if len(source) < 3:
+        raise TrocarError(f"a rigid fit needs at least 3 pairs of points, got {len(source)}")
+    center_s, center_t = (np.average(points, axis=0, weights=weight) for points in (source, target))
+    from_s, from_t = source - center_s, target - center_t
+    for points, what in ((from_s, "source"), (from_t, "target")):
+        extent = np.linalg.svd(np.sqrt(weight)[:, None] * points, compute_uv=False)
+        if extent[1] <= COLLINEAR_RATIO * extent[0]:
+            raise TrocarError(
+                f"the {what} points lie on one line, so the turn about it is free; add points off it"
+            )
+    u, _, vt = np.linalg.svd(from_t.T @ (weight[:, None] * from_s))
+    R = SO3(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
+    return SE3.from_parts(R, center_t - R.apply(center_s))
+
+
+def _consensus(
+    source: NDArray, target: NDArray, usable: NDArray, distance_m: float, rng: np.random.Generator | None
+) -> NDArray[np.bool_]:
+    """Return the pairs that agree with the triple that most pairs agree with, refitted until the set is stable."""
+    if rng is None or not distance_m > 0:
+        raise TrocarError(
+            f"leaving outliers out needs rng and an inlier distance above 0 m, got {distance_m}"
+        )
+    index = np.flatnonzero(usable)
+    if len(index) < 3:
+        raise TrocarError(f"a rigid fit needs at least 3 pairs of points, got {len(index)}")
+    best = np.zeros(len(source), dtype=bool)
+    for _ in range(RANSAC_DRAWS):
+        triple = rng.choice(index, 3, replace=False)
+        try:
+            near = _near(
+                _least_squares(source[triple], target[triple], np.ones(3)), source, target, distance_m
+            )
+        except TrocarError:  # three points on a line
+            continue
+        if near.sum() > best.sum():
+            best = near
+    if best.sum() < 3:
+        raise TrocarError(
+            f"no three pairs agree within {distance_m} m; check the pairing or raise the distance"
+        )
+    for _ in range(10):
+        again = _near(
+            _least_squares(source[best], target[best], np.ones(best.sum())), source, target, distance_m
+        )
+        if np.array_equal(again, best) or again.sum() < best.sum():
+            break
+        best = again
+    return best
+
+
+def _near(T_target_source: SE3, source: NDArray, target: NDArray, distance_m: float) -> NDArray[np.bool_]:
+    return np.linalg.norm(T_target_source.apply(source) - target, axis=-1) <= distance_m
