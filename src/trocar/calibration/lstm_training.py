@@ -9,7 +9,7 @@ import numpy as np
 import optax
 from numpy.typing import NDArray
 
-EPOCHS = 60
+EPOCHS = 40
 BATCH = 64
 LEARNING_RATE = 1e-3
 WEIGHT_DECAY = 0.1

@@ -8,6 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import TrocarError
 
 
+FEW = 4
+"""Up to so many operators at once, a loop of plain floats over each is faster than one of small arrays."""
+
+
 def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None) -> NDArray[np.float64]:
     """Return the play operator of a sequence, ``P_t = clip(P_{t-1}, u_t - r, u_t + r)``.
 
@@ -34,6 +38,8 @@ def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None
         return _play_of_one(u, float(r), None if start is None else float(np.asarray(start)))
     low, high = u - r, u + r
     out = np.empty_like(low)
+    if 0 < low[:1].size <= FEW:
+        return _column_by_column(u, r, start, out)
     if not len(u):
         return out
     state: NDArray[np.float64] = np.broadcast_to(u[0] if start is None else np.asarray(start), low.shape[1:])
@@ -41,6 +47,21 @@ def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None
         np.maximum(state, floor, out=row)
         np.minimum(row, ceiling, out=row)
         state = row
+    return out
+
+
+def _column_by_column(
+    u: NDArray[np.float64], r: NDArray[np.float64], start: ArrayLike | None, out: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Fill ``out`` (n, ...) one operator after the other, and return it."""
+    inputs, radii = np.broadcast_to(u, out.shape), np.broadcast_to(r, out.shape[1:])
+    states = (
+        inputs[0] if start is None else np.broadcast_to(np.asarray(start, dtype=np.float64), out.shape[1:])
+    )
+    for index in np.ndindex(*out.shape[1:]):
+        out[(slice(None), *index)] = _play_of_one(
+            inputs[(slice(None), *index)], float(radii[index]), float(states[index])
+        )
     return out
 
 
