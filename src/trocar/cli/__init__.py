@@ -18,9 +18,10 @@ app = typer.Typer(
 )
 
 
-from trocar.cli import calibrate, register, study  # noqa: E402
+from trocar.cli import calibrate, plan, register, study  # noqa: E402
 
 app.add_typer(calibrate.app, name="calibrate")
+app.add_typer(plan.app, name="plan")
 app.add_typer(register.app, name="register")
 app.add_typer(study.app, name="study")
 

@@ -24,12 +24,10 @@ def duration_bound_s(waypoints: ArrayLike, limits: MotionLimits) -> float:
     """Return a lower bound of the duration of any motion from rest to rest through the waypoints, s.
 
     Each joint alone is a double integrator that must visit its values in order, at any velocity. Where it
-    turns
-    round it must stop, at the waypoint or beyond; where it does not, a waypoint costs nothing. So its
-    least time is
-    the sum of rest-to-rest times over the monotone runs, exactly, and no motion of all joints beats the
-    slowest one.
-    The bound ignores that the joints pass a waypoint together, and the path between waypoints.
+    turns round it must stop, at the waypoint or beyond; where it does not, a waypoint costs nothing. So its
+    least time is the sum of rest-to-rest times over the monotone runs, exactly, and no motion of all joints
+    beats the slowest one. The bound ignores that the joints pass a waypoint together, and the path between
+    waypoints.
 
     Args:
         waypoints: (n, joints), rad or m.

@@ -17,17 +17,17 @@ class CubicGrid:
     """The durations ``first_s + k step_s`` on which cubics through fixed positions are tried.
 
     With ``s = 1 / t`` the accelerations of a cubic at its two ends are ``6 dq s^2 - (4 v0 + 2 v1) s`` and
-    ``-6 dq s^2 + (2 v0 + 4 v1) s``. Multiplied by ``t``, the limit ``A`` reads
-    ``6 dq s - A t <= c <= 6 dq s + A t`` with ``c = 4 v0 + 2 v1`` or ``2 v0 + 4 v1``: both bounds are known
-    before any velocity is, so a plan compares instead of computing.
+    ``-6 dq s^2 + (2 v0 + 4 v1) s``. Multiplied by ``t``, the limit ``A`` reads ``6 dq s - A t <= c <= 6 dq
+    s + A t`` with ``c = 4 v0 + 2 v1`` or ``2 v0 + 4 v1``: both bounds are known before any velocity is, so
+    a plan compares instead of computing.
 
     Attributes:
         times_s: (grid,) durations, ascending; the last is infinite and stands for "none on the grid".
         step_q: (segments, joints) positions' differences, rad or m.
         limits: bounds of velocity and acceleration.
         lower: (joints, batch, 2 segments, grid) least ``c`` that keeps the acceleration's limit, starts
-            then ends;
-            repeated over the batch, because NumPy compares equal shapes twice as fast as broadcast ones.
+            then ends; repeated over the batch, because NumPy compares equal shapes twice as fast as
+            broadcast ones.
         upper: the greatest.
         sums: (3 segments, waypoints) takes velocities to ``4 v0 + 2 v1``, ``2 v0 + 4 v1`` and ``v0 + v1``.
     """

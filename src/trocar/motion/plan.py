@@ -94,8 +94,7 @@ def plan_through(
         up: (3,) direction of the pegs in the arm's base frame, of any length.
         planner: name in ``PLANNERS``.
         range_slack: share of each joint's range by which it may be left, for recordings of arms whose real
-            range is
-            wider than the nominal one.
+            range is wider than the nominal one.
 
     Raises:
         TrocarError: bad waypoints, an unknown planner, or a motion that would leave a joint's range.

@@ -10,8 +10,7 @@ from trocar.errors import TrocarError
 from trocar.motion.cubic import CubicGrid
 from trocar.trajectory import Trajectory
 
-# As the authors ran it; with these the lengths that they recorded come out again
-# (tests/motion/test_splines.py).
+# As the authors ran it: the lengths that they recorded come out again (tests/motion/test_splines.py).
 STEP_RATE = 0.06  # beta of Algorithm 2
 STEPS = 51
 PROBE = 0.15  # half width of the central difference, rad/s along a unit direction in joint space
@@ -26,12 +25,10 @@ def spline(
     """Return the cubic spline through the waypoints, and the times at which it passes them.
 
     Hwang et al. 2022, section IV-C. It rests at the ends and passes the inner waypoints along ``up`` (or
-    against it:
-    the sign of the speed is found too), so that a block leaves its peg and meets it straight. Every probed
-    set of
-    passing speeds is priced by the sum of the shortest durations of the cubics on a grid; of the speeds
-    visited, the
-    cheapest are kept, because the descent on a stepped cost does not end at its best.
+    against it: the sign of the speed is found too), so that a block leaves its peg and meets it straight.
+    Every probed set of passing speeds is priced by the sum of the shortest durations of the cubics on a
+    grid; of the speeds visited, the cheapest are kept, because the descent on a stepped cost does not end
+    at its best.
 
     Args:
         arm: the arm whose Jacobian turns ``up`` into a direction in joint space.
