@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits
 
-NO_SEGMENT = np.zeros((1, 1), dtype=bool)
-
 
 @dataclass(frozen=True, eq=False)
 class CubicGrid:
@@ -76,14 +74,22 @@ class CubicGrid:
         c = sums[:, : 2 * segments].transpose(2, 0, 1)[..., None]
         kept = np.logical_and.reduce((self.lower <= c) & (c <= self.upper), axis=0)
         allowed = kept[:, :segments] & kept[:, segments:]
+        pull = 3 * self.step_q
         while True:
             first = allowed.argmax(axis=-1)
             times = self.times_s[first]
-            middle = 3 * self.step_q / times[..., None] - sums[:, 2 * segments :]
+            middle = pull / times[..., None] - sums[:, 2 * segments :]
+            if self._clearly_slow(velocities, middle):
+                return times
             fast = self._too_fast(velocities, middle) & (times < np.inf)
             if not fast.any():
                 return times
             allowed[fast, first[fast]] = False
+
+    def _clearly_slow(self, velocities: NDArray[np.float64], middle: NDArray[np.float64]) -> bool:
+        """Return whether all cubics keep the velocity's limit by their hull alone, as most do."""
+        hull = np.abs(np.concatenate([velocities, middle], axis=1))
+        return bool((hull <= self.limits.velocity).all())
 
     def _too_fast(self, velocities: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether cubics (batch, segments) break the velocity's limit.
@@ -94,8 +100,6 @@ class CubicGrid:
         limit = self.limits.velocity
         ends = np.abs(velocities) <= limit
         inner = np.abs(middle) <= limit
-        if ends.all() and inner.all():
-            return NO_SEGMENT
         v0, v1 = velocities[:, :-1], velocities[:, 1:]
         return ~np.all(
             ends[:, :-1] & ends[:, 1:] & (inner | (np.abs(_peak(v0, middle, v1)) <= limit)), axis=-1

@@ -143,6 +143,6 @@ def _joint_velocity(
 def _solve(arm: ArmModel, q: NDArray[np.float64], twists: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the joint velocities (n, joints) of the tip's twists (n, 6) in the base frame."""
     try:
-        return np.linalg.solve(jacobian(arm, q), twists[..., None])[..., 0]
+        return np.linalg.solve(jacobian(arm, q), twists[..., None])[..., 0].astype(np.float64)
     except np.linalg.LinAlgError:
         raise TrocarError(f"{arm.name} is singular on the straight line; choose another start") from None
