@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import TrocarError
 
-
 FEW = 4
 """Up to so many operators at once, a loop of plain floats over each is faster than one of small arrays."""
 

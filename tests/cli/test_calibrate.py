@@ -1,0 +1,110 @@
+import json
+
+import numpy as np
+import pytest
+
+from trocar.calibration.plant import PSM1_GREY
+from trocar.cli import main
+
+
+def run(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr("sys.argv", ["trocar", *map(str, arguments)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    output = capsys.readouterr()
+    return end.value.code or 0, output.out, output.err
+
+
+@pytest.fixture
+def recording(tmp_path):
+    rng = np.random.default_rng(0)
+    q = np.clip(np.cumsum(rng.normal(0, 0.05, (200, 6)), axis=0), -1, 1)
+    q_phy = PSM1_GREY.measure(PSM1_GREY.run(q), rng)
+    np.savez(tmp_path / "r.npz", q_cmd=q, q_phy=q_phy, valid=rng.random(200) > 0.1, t_s=np.arange(200.0))
+    return tmp_path / "r.npz"
+
+
+def test_fit_and_evaluate(monkeypatch, capsys, recording, tmp_path):
+    model, picture = tmp_path / "m.npz", tmp_path / "loops.png"
+    arguments = (
+        "calibrate",
+        "fit",
+        recording,
+        "--model",
+        "ridge",
+        "--out",
+        model,
+        "--fraction",
+        0.8,
+        "--json",
+    )
+    code, out, _ = run(monkeypatch, capsys, *arguments)
+    assert code == 0
+    assert json.loads(out)["model"] == "ridge"
+    arguments = ("calibrate", "evaluate", model, recording, "--from-row", 160, "--json", "--plot", picture)
+    code, out, _ = run(monkeypatch, capsys, *arguments)
+    result = json.loads(out)
+    with np.load(recording) as data:
+        error = (data["q_phy"] - data["q_cmd"])[160:][data["valid"][160:]]
+    assert code == 0
+    assert result["joints"] == ["q1", "q2", "q3", "q4", "q5", "q6"]
+    assert result["rows"] == len(error)
+    np.testing.assert_allclose(result["rmse_before"], np.sqrt(np.mean(error**2, axis=0)))
+    assert len(result["rmse_after"]) == 6
+    assert result["rmse_after"][3] < 0.5 * result["rmse_before"][3]
+    assert result["model"] == "ridge"
+    assert 0 < result["compensation_ms"] < 10
+    assert picture.stat().st_size > 10_000
+
+
+def test_bad_input_is_one_sentence_and_writes_nothing(monkeypatch, capsys, recording, tmp_path):
+    out = tmp_path / "m.npz"
+    (tmp_path / "empty.npz").write_bytes(b"")
+    fit = ("calibrate", "fit")
+    for arguments in (
+        (*fit, tmp_path / "none.npz", "--out", out),
+        (*fit, tmp_path / "empty.npz", "--out", out),
+        (*fit, recording, "--out", out, "--model", "gru"),
+        (*fit, recording, "--out", out, "--fraction", 1.5),
+        (*fit, recording, "--out", out, "--to-row", 999),
+        (*fit, recording, "--out", out, "--to-row", 10, "--fraction", 0.5),
+        (*fit, recording, "--out", tmp_path / "m.txt"),
+        (*fit, recording, "--out", tmp_path / "nowhere" / "m.npz"),
+        ("calibrate", "evaluate", out, recording),
+        ("calibrate", "evaluate", recording, recording),
+    ):
+        code, stdout, stderr = run(monkeypatch, capsys, *arguments)
+        assert code == 2, arguments
+        assert stdout == ""
+        assert stderr.startswith("trocar: ")
+        assert stderr.count("\n") == 1
+        assert not out.exists()
+
+
+def test_a_row_beyond_the_recording_is_refused(monkeypatch, capsys, recording, tmp_path):
+    model = tmp_path / "m.npz"
+    run(monkeypatch, capsys, "calibrate", "fit", recording, "--model", "offset", "--out", model)
+    code, _, stderr = run(monkeypatch, capsys, "calibrate", "evaluate", model, recording, "--from-row", 200)
+    assert code == 2
+    assert "200" in stderr
+
+
+def test_the_study_prints_table_1(monkeypatch, capsys, recordings, tmp_path):
+    arguments = (
+        "study",
+        "calibration",
+        "--data",
+        recordings,
+        "--no-lstm",
+        "--json",
+        "--out",
+        tmp_path / "study",
+    )
+    code, out, _ = run(monkeypatch, capsys, *arguments)
+    assert code == 0
+    result = json.loads(out)
+    table = result["table_1"]["psm1_grey_random"]
+    np.testing.assert_allclose(table["RMSE"], [0.0030, 0.0036, 0.00051, 0.26, 0.15, 0.17], rtol=0.04)
+    assert (tmp_path / "study" / "summary.json").is_file()
+    change = result["session_change"]
+    assert change["rmse_after_refit"][0] < change["rmse_before_refit"][0]
