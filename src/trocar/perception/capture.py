@@ -1,0 +1,50 @@
+"""A cloud of points from a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+
+UNITS_M = {"mm": 1e-3, "m": 1.0}
+
+
+def load_capture(path: Path, unit: str | None = None) -> NDArray[np.float64]:
+    """Return the points (n, 3) in m of an .npz (``points_mm``, ``points_m``, or its only array) or .npy file.
+
+    Args:
+        path: the file.
+        unit: 'mm' or 'm'; needed where the array's name does not say it.
+
+    Raises:
+        TrocarError: the file is missing, broken, of another shape, or its unit is unknown or contradicted.
+    """
+    if unit is not None and unit not in UNITS_M:
+        raise TrocarError(f"unit {unit!r} is not one of {', '.join(UNITS_M)}")
+    if not path.is_file():
+        raise TrocarError(f"capture {str(path)!r} does not exist; give an .npz or .npy file of points (n, 3)")
+    try:
+        content = np.load(path, allow_pickle=False)
+        arrays = dict(content) if isinstance(content, np.lib.npyio.NpzFile) else {"": content}
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise TrocarError(f"capture {str(path)!r} cannot be read as .npz or .npy: {error}") from None
+    named = [name for name in ("points_mm", "points_m") if name in arrays]
+    if not named and len(arrays) != 1:
+        choices = ", ".join(arrays) or "nothing"
+        raise TrocarError(f"capture {str(path)!r} needs an array points_mm or points_m, it holds {choices}")
+    name = named[0] if named else next(iter(arrays))
+    known = name.removeprefix("points_") if named else None
+    if known is None and unit is None:
+        raise TrocarError(f"the unit of capture {str(path)!r} is unknown; add --unit mm or --unit m")
+    if known and unit and known != unit:
+        raise TrocarError(f"capture {str(path)!r} holds {name}, but --unit says {unit!r}; leave --unit out")
+    points = arrays[name]
+    if points.ndim != 2 or points.shape[-1] != 3 or points.dtype.kind not in "fiu":
+        raise TrocarError(
+            f"capture {str(path)!r} needs numbers of shape (n, 3), got {points.dtype} of shape {points.shape}"
+        )
+    return points.astype(np.float64) * UNITS_M[unit or known or "m"]
