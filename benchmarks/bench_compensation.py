@@ -54,8 +54,8 @@ def main() -> None:
     for name, row in results.items():
         rmse = " ".join(f"{value:.4f}" for value in row["rmse_rad"])
         print(
-            f"{name:7s} {row['method']:10s} fit {row['fit_s']:5.1f} s, compensation {row['median_ms']:.3f} ms "
-            f"(p95 {row['p95_ms']:.3f}), RMSE q4 q5 q6 in the plant {rmse} rad"
+            f"{name:7s} {row['method']:10s} fit {row['fit_s']:5.1f} s, one point {row['median_ms']:.3f} ms "
+            f"(p95 {row['p95_ms']:.3f}), RMSE q4 q5 q6 {rmse} rad"
         )
 
 

@@ -179,7 +179,7 @@ def fit_plant(recording: Recording) -> CablePlant:
     def cost(x: NDArray[np.float64]) -> float:
         return float(np.log(np.mean(solve(x)[1] ** 2, axis=0) + 1e-12).sum())
 
-    options = {"maxiter": 600, "xatol": 1e-4, "fatol": 1e-4}
+    options = {"maxiter": 300, "xatol": 1e-3, "fatol": 1e-3}
     starts = ([0.05, 0.1, 0.1, 0.05, 0.05], [0.02, 0.04, 0.04, 0.0, 0.0])
     fits = [minimize(cost, x0, method="Nelder-Mead", options=options) for x0 in starts]
     x = min(fits, key=lambda fit: fit.fun).x

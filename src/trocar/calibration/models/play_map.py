@@ -107,13 +107,16 @@ def _fits(
     centres = z[np.unique(np.linspace(0, len(z) - 1, min(CENTRES, len(z))).round().astype(int))]
     kernel, prior = _kernel(z, centres), _kernel(centres, centres)
     normal = kernel.T @ kernel
+    jitter = 1e-8 * len(z) * np.eye(len(centres))
+    factors = {
+        ratio: cho_factor(normal + ratio * prior + jitter) for _, ratio in candidates if np.isfinite(ratio)
+    }
     fits = []
     for penalty, ratio in candidates:
         linear, constant = fit_linear(x, y, penalty)
         bumps = np.zeros((y.shape[1], len(centres)))
-        if np.isfinite(ratio):
-            system = normal + ratio * prior + 1e-8 * len(z) * np.eye(len(centres))
-            bumps = cho_solve(cho_factor(system), kernel.T @ (y - x @ linear.T - constant)).T
+        if ratio in factors:
+            bumps = cho_solve(factors[ratio], kernel.T @ (y - x @ linear.T - constant)).T
         fits.append((PlayMap(linear, inputs, mean, scale, centres, bumps), constant))
     return fits
 
