@@ -44,7 +44,7 @@ class Servo:
     stiffness: tuple[float, ...] = (60.0, 60.0, 3000.0, 1.0, 0.8, 0.8)
     inertia: tuple[float, ...] = (1e-2, 1e-2, 0.5, 1e-4, 1e-4, 1e-4)
     jaw_torque_nm: float = 0.03
-    jaw_inertia: float = 2e-5
+    jaw_inertia: float = 2e-4
 
     @property
     def damping(self) -> tuple[float, ...]:
@@ -59,7 +59,7 @@ class Surface:
     abs_friction: float = 0.35
     jaw_friction: float = 1.0
     solref: tuple[float, float] = (0.004, 1.0)
-    solimp: tuple[float, float, float] = (0.95, 0.99, 0.0005)
+    solimp: tuple[float, float, float] = (0.98, 0.999, 0.0003)
 
 
 @dataclass(frozen=True)
@@ -221,9 +221,8 @@ def _add_arm(
     at_zero = frames(arm, np.zeros(6))
     body = SubElement(world, "body", name=f"{name}_base", gravcomp="1", **_pose(cell.T_world_base[name]))
     links = []
-    before = SE3.identity()
     for index, joint in enumerate(arm.joints):
-        pose = before.inverse() @ at_zero[index]
+        pose = at_zero[index].inverse() @ at_zero[index + 1]
         body = SubElement(body, "body", name=f"{name}_link{index + 1}", gravcomp="1", **_pose(pose))
         SubElement(body, "inertial", pos="0 0 0", mass="0.01", diaginertia="1e-6 1e-6 1e-6")
         SubElement(
@@ -236,9 +235,8 @@ def _add_arm(
             armature=_text(servo.inertia[index]),
         )
         links.append(body)
-        before = at_zero[index]
     _add_shaft(links[3], name, shape, bits)
-    wrist = (at_zero[4].inverse() @ at_zero[5]).translation_m
+    wrist = (at_zero[5].inverse() @ at_zero[6]).translation_m
     SubElement(
         links[4],
         "geom",
@@ -258,7 +256,7 @@ def _add_arm(
         rgba=_text((*STEEL, 1)),
         **bits,
     )
-    _add_fingers(links[5], assets, cell, name, (at_zero[5].inverse() @ at_zero[6]).translation_m, bits)
+    _add_fingers(links[5], assets, cell, name, (at_zero[6].inverse() @ at_zero[7]).translation_m, bits)
     _add_drives(sections, servo, name, arm)
 
 
@@ -328,9 +326,7 @@ def _add_drives(sections: Mapping[str, Element], servo: Servo, name: str, arm: A
     actuators = sections["actuator"]
     for joint, stiffness, damping in zip(arm.joints, servo.stiffness, servo.damping, strict=True):
         label = f"{name}_{joint.name}"
-        SubElement(
-            actuators, "position", name=label, joint=label, kp=_text(stiffness), kv=_text(damping)
-        )
+        SubElement(actuators, "position", name=label, joint=label, kp=_text(stiffness), kv=_text(damping))
     for joint in arm.joints:
         label = f"{name}_{joint.name}"
         SubElement(actuators, "motor", name=f"{label}_feed", joint=label)

@@ -37,6 +37,7 @@ class Referee:
         self._ticks = 0
         self._times: list[float] = []
         self._blocks: list[NDArray[np.float64]] = []
+        self._states: list[NDArray[np.float64]] = []
         self._tips: dict[str, list[NDArray[np.float64]]] = {name: [] for name in world.arms}
         self._open: dict[tuple[str, str, str], _Touch] = {}
         self._collisions: list[Collision] = []
@@ -55,6 +56,7 @@ class Referee:
     def _sample(self) -> None:
         world = self._world
         self._times.append(world.time_s)
+        self._states.append(world.data.qpos.copy())
         self._blocks.append((self._T_board_world @ world.blocks()).matrix)
         for name, arm in world.cell.arms.items():
             T = self._T_board_world @ world.cell.T_world_base[name] @ fk(arm, world.joints(name))
@@ -83,7 +85,8 @@ class Referee:
         for number, (name, index) in enumerate(self._world.arms.items()):
             rows = (owner == number).any(1) & (block >= 0).any(1)
             touching = {
-                finger: set(block[rows & (pairs == finger).any(1)].max(1).tolist()) for finger in index.fingers
+                finger: set(block[rows & (pairs == finger).any(1)].max(1).tolist())
+                for finger in index.fingers
             }
             for candidate in set.intersection(*touching.values()):
                 held[candidate] = name
@@ -116,6 +119,10 @@ class Referee:
 
     def _close(self, key: tuple[str, str, str], touch: _Touch) -> None:
         self._collisions.append(Collision(round(touch.first_s, 6), *key, round(touch.force_n, 3)))
+
+    def states(self) -> NDArray[np.float64]:
+        """Return the whole world's positions (n, nq) at the truth's times, to draw or replay them."""
+        return np.array(self._states)
 
     def truth(self) -> Truth:
         """Return all that was seen so far."""

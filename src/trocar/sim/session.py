@@ -17,11 +17,13 @@ from trocar.sim.transmission import UNREPEATABLE_SHARE, Transmission
 
 ARM_NAMES = ("psm1", "psm2")
 T_WORLD_BASE = {
-    "psm1": SE3.from_parts(SO3.axis("z", np.pi), [0.1342, 0.0, 0.172]),
-    "psm2": SE3.from_parts(SO3.axis("z", np.pi), [-0.1342, 0.0, 0.172]),
+    "psm1": SE3.from_parts(SO3.axis("z", np.pi), [0.1342, 0.0, 0.167]),
+    "psm2": SE3.from_parts(SO3.axis("z", np.pi), [-0.1342, 0.0, 0.167]),
 }
-"""Nominal bases over the board. PSM1 from the recorded place poses (facts/peg_transfer.md): the pegs' middle at
-x = 134.2 mm; the recorded grasps lie 162 mm below the remote centre, 10 mm over the plate. PSM2 mirrors it."""
+"""Nominal bases over the board. PSM1 from the recorded poses (facts/peg_transfer.md): the pegs' middle at x = 134.2
+mm; grasps 162 mm below the remote centre, so that the plate lies at 167 mm if the jaws held the block over their whole
+length (how deep they held it is not recorded; higher, the insertion's 240 mm would not reach round the far blocks).
+PSM2 mirrors it."""
 
 INSTRUMENTS = {"psm1": "psm1_grey", "psm2": "psm2_grey"}
 """Whose cables each arm has: the worn instruments of the paper's experiments."""

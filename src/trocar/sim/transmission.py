@@ -22,7 +22,11 @@ class Transmission:
     """
 
     def __init__(
-        self, plant: CablePlant, q_start: NDArray[np.float64], rng: np.random.Generator, unrepeatable: bool = True
+        self,
+        plant: CablePlant,
+        q_start: NDArray[np.float64],
+        rng: np.random.Generator,
+        unrepeatable: bool = True,
     ):
         self.plant = plant
         slack = rng.uniform(-1.0, 1.0, 3) * plant.radii

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -117,7 +116,6 @@ class World:
         return SE3.from_parts(SO3.from_quaternion(qpos[:, 3:]), qpos[:, :3])
 
     def settle(self, seconds: float) -> None:
-        """Let the blocks come to rest."""
+        """Let the blocks come to rest, then start the clock at zero."""
         self.step(round(seconds / TIMESTEP_S))
-
-
+        self.data.time = 0.0

@@ -112,11 +112,15 @@ class PegTransfer:
             after = on_peg(truth.blocks_at(end_s + REST_S), target)
             succeeded = moved is not None and after == moved
             failure = "" if succeeded else (outcome if outcome != "DONE" else "NOT_PLACED")
-            scores.append(TransferScore(source, target, moved is not None, succeeded, failure, start_s, end_s))
+            scores.append(
+                TransferScore(source, target, moved is not None, succeeded, failure, start_s, end_s)
+            )
         return scores
 
 
-def on_peg(T_board_blocks: SE3, peg: int, board: Pegboard | None = None, block: Block | None = None) -> int | None:
+def on_peg(
+    T_board_blocks: SE3, peg: int, board: Pegboard | None = None, block: Block | None = None
+) -> int | None:
     """Return which block stands upright round this peg, or None."""
     board, block = board or Pegboard(), block or Block()
     for number, pose in enumerate(T_board_blocks.matrix):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -48,12 +48,14 @@ class TrialLog:
         spans: in the order in which they ended.
         events: dicts with ``name``, ``time_s`` and what was noted.
         computations: in order.
+        listener: called with each event, for a progress bar.
     """
 
     clock: Callable[[], float]
     spans: list[Span] = field(default_factory=list)
     events: list[dict[str, object]] = field(default_factory=list)
     computations: list[Computation] = field(default_factory=list)
+    listener: Callable[[Mapping[str, object]], None] | None = None
 
     @contextmanager
     def span(self, arm: str, name: str) -> Iterator[None]:
@@ -67,6 +69,8 @@ class TrialLog:
     def event(self, name: str, **values: object) -> None:
         """Note something that happened now."""
         self.events.append({"name": name, "time_s": round(self.clock(), 6), **values})
+        if self.listener is not None:
+            self.listener(self.events[-1])
 
     def compute(self, name: str, seconds: float, budget_s: float) -> None:
         """Note the real time of a computation."""

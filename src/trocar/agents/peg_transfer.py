@@ -1,0 +1,301 @@
+"""One arm transfers all blocks: see, grasp, carry, place, check (paper, section IV)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+import trio
+from numpy.typing import NDArray
+
+from trocar.arms import MOTION_LIMITS, ArmModel, MotionLimits, fk, ik
+from trocar.cell import Cell, Outcome
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.motion import plan_through, rest_to_rest
+from trocar.perception.blocks import find_block
+from trocar.perception.board import find_board
+from trocar.perception.image import RgbdImage
+from trocar.scene import Block, Pegboard
+from trocar.scene.grasps import Grasp, Jaws, NoGrasp, choose_grasp
+from trocar.scene.places import choose_place, held_block
+from trocar.trajectory import Trajectory
+
+Result = TypeVar("Result")
+
+WAKE_RAD = (0.35, 0.30, 0.30)
+"""Swing of roll, pitch and yaw that takes up any slack: more than twice the widest backlash identified (.128)."""
+
+JAW_SLACK_RAD = 0.03
+"""Jaws that stay this close to their opening were kept from closing by something else than a wall."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the agent works; lengths in m, angles in rad, times on the cell's clock in s.
+
+    Attributes:
+        arm: which arm does it.
+        perception_budget_s: declared for registration and grasp planning (paper: .098 s).
+        planning_budget_s: declared for planning a motion (paper: .103 s).
+        settle_s: rest after a motion before the jaws act.
+        jaw_open: opening round the wall of a block, against the clearance in its hole.
+        depth: of the tip under the block's top face.
+        least_gap: round the open fingers; below zero they touch and must slide off a round peg or an edge.
+        jaw_closed: target that lets the drive press.
+        jaw_empty: jaws that close further than this hold nothing.
+        clear_height: of the tip over the plate when it travels empty; the pegs are 20 mm tall.
+        lift: how far a held block is raised: its lower face clears the pegs.
+        drop: height of a block's lower face over the plate when it is released.
+        retries: how often a failed pick is tried again.
+        limits: of velocity and acceleration.
+    """
+
+    arm: str = "psm1"
+    perception_budget_s: float = 0.098
+    planning_budget_s: float = 0.103
+    settle_s: float = 0.06
+    jaw_open: float = 0.40
+    depth: float = 4.0e-3
+    least_gap: float = -0.4e-3
+    jaw_closed: float = -0.17
+    jaw_empty: float = 0.08
+    clear_height: float = 27e-3
+    lift: float = 26e-3
+    drop: float = 2e-3
+    retries: int = 1
+    limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])
+
+
+class Unilateral:
+    """One arm, one block after the other."""
+
+    def __init__(self, cell: Cell, settings: Settings):
+        if settings.arm not in cell.arms:
+            raise TrocarError(
+                f"arm {settings.arm!r} is not in this cell; choose one of {', '.join(cell.arms)}"
+            )
+        self.cell, self.settings = cell, settings
+        self.board, self.block = Pegboard(), Block()
+        self.arm: ArmModel = cell.arms[settings.arm]
+        self.T_camera_board = cell.T_world_camera.inverse() @ cell.T_world_board
+        self.T_base_board = cell.T_world_base[settings.arm].inverse() @ cell.T_world_board
+        self.home = cell.robot.read(settings.arm).q
+        self.blocks: dict[int, SE3] = {}
+        """Poses of the blocks in the board's frame, as last seen or placed, by peg."""
+
+    async def run(self, transfers: Sequence[tuple[int, int]]) -> None:
+        """Do the transfers (source peg, target peg) one after the other, and look once more at the end."""
+        await self._wake()
+        await self._find_board()
+        for source, target in transfers:
+            start_s = trio.current_time()
+            outcome = await self._transfer(source, target)
+            self.cell.log.event(
+                "transfer", source=source, target=target, start_s=round(start_s, 6), outcome=outcome.name
+            )
+            if outcome not in (Outcome.DONE, Outcome.NO_BLOCK):
+                await self._let_go()
+        await self._go_home()
+        await self._capture()
+
+    async def _transfer(self, source: int, target: int) -> Outcome:
+        """Move one block; every way in which this can end is an outcome."""
+        for attempt in range(1 + self.settings.retries):
+            grasp = await self._see(source)
+            if not isinstance(grasp, Grasp):
+                await self._go_home()
+                grasp = await self._see(source)
+            if not isinstance(grasp, Grasp):
+                return grasp
+            await self._go_to(grasp)
+            await self._jaw(self.settings.jaw_closed)
+            if self._holds():
+                break
+            self.cell.log.event("pick failed", peg=source, attempt=attempt, jaw_rad=round(self._jaw_rad(), 4))
+            await self._let_go()
+        else:
+            return Outcome.NOT_GRASPED
+        place = await self._carry(grasp, self.blocks.pop(source), target)
+        if place is None:
+            return Outcome.OUT_OF_REACH
+        if not self._holds():
+            return Outcome.DROPPED
+        await self._jaw(self.settings.jaw_open)
+        self.blocks[target] = place
+        return Outcome.DONE
+
+    async def _find_board(self) -> None:
+        """Register the board once; it does not move during a trial."""
+        image = await self._capture()
+        fit = await self._perceive(
+            lambda: find_board(image, self.cell.T_world_camera, self.board, self.cell.T_world_board)
+        )
+        if not fit.found:
+            raise TrocarError(f"the board was not found: {fit.reason}; check the camera's pose and the light")
+        self.T_camera_board = self.cell.T_world_camera.inverse() @ fit.T_world_board
+        self.T_base_board = self.cell.T_world_base[self.settings.arm].inverse() @ fit.T_world_board
+
+    async def _see(self, source: int) -> Grasp | Outcome:
+        """Look at the source peg, and at what was placed last; return how to grasp, or why not."""
+        image = await self._capture()
+        seen = await self._perceive(lambda: self._plan_grasp(image, source))
+        if isinstance(seen, Grasp):
+            return seen
+        reason, outcome = seen
+        self.cell.log.event("no grasp", peg=source, reason=reason)
+        return outcome
+
+    def _plan_grasp(self, image: RgbdImage, source: int) -> Grasp | tuple[str, Outcome]:
+        fit = find_block(image, self.T_camera_board, self.board, self.block, source)
+        if not fit.found or fit.T_board_block is None:
+            self.blocks.pop(source, None)
+            return fit.reason, Outcome.NO_BLOCK
+        self.blocks[source] = fit.T_board_block
+        others = [pose.matrix for peg, pose in self.blocks.items() if peg != source]
+        grasp = choose_grasp(
+            self.arm,
+            self.T_base_board,
+            fit.T_board_block,
+            self.board,
+            self.block,
+            SE3(np.array(others)) if others else None,
+            depth_m=self.settings.depth,
+            jaws=Jaws(least_gap_m=self.settings.least_gap),
+        )
+        return (grasp.reason, Outcome.OUT_OF_REACH) if isinstance(grasp, NoGrasp) else grasp
+
+    async def _go_to(self, grasp: Grasp) -> None:
+        """Travel over the pegs, then down round the wall of the block, the jaws open."""
+        motion = await self._plan(lambda: self._approach(grasp))
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self.cell.robot.jaw, self.settings.arm, self.settings.jaw_open)
+            nursery.start_soon(self._move, motion)
+        await self._settle()
+
+    def _approach(self, grasp: Grasp) -> Trajectory:
+        above = self._raised(grasp.T_board_tip, self.settings.clear_height)
+        points = [self._q()]
+        if self._height() < self.settings.clear_height - 1e-3:
+            points.append(self._ik(self._raised(self._tip(), self.settings.clear_height)))
+        points.append(self._ik(above))
+        points.append(self._ik(grasp.T_board_tip))
+        return self._through(points)
+
+    async def _carry(self, grasp: Grasp, T_board_block: SE3, target: int) -> SE3 | None:
+        """Lift, travel, lower; return where the block should lie now, or None where no pose is in reach."""
+        T_tip_block = held_block(grasp.T_board_tip, T_board_block, self.block)
+        planned = await self._plan(lambda: self._transfer_motion(T_tip_block, target))
+        if planned is None:
+            return None
+        motion, T_board_placed = planned
+        await self._move(motion)
+        await self._settle()
+        return T_board_placed
+
+    def _transfer_motion(self, T_tip_block: SE3, target: int) -> tuple[Trajectory, SE3] | None:
+        others = list(self.blocks.values())
+        place = choose_place(
+            self.arm,
+            self.T_base_board,
+            T_tip_block,
+            self.board,
+            self.block,
+            target,
+            others,
+            self.settings.drop,
+        )
+        if isinstance(place, str):
+            self.cell.log.event("no place", peg=target, reason=place)
+            return None
+        start = self._q()
+        tip = self._tip()
+        height = float(tip.translation_m[2]) + self.settings.lift
+        lifted = self._ik(self._raised(tip, height))
+        over = self._ik(self._raised(place.T_board_tip, height))
+        down = self._ik(place.T_board_tip)
+        return self._through([start, lifted, over, down]), place.T_board_tip @ T_tip_block
+
+    async def _let_go(self) -> None:
+        """Open the jaws and rise above the pegs."""
+        await self._jaw(self.settings.jaw_open)
+        await self._retreat()
+
+    async def _retreat(self) -> None:
+        if self._height() < self.settings.clear_height - 1e-3:
+            above = self._raised(self._tip(), self.settings.clear_height)
+            await self._move(self._through([self._q(), self._ik(above)]))
+
+    async def _go_home(self) -> None:
+        """Rise and leave the camera's view of the board."""
+        await self._retreat()
+        await self._move(rest_to_rest(self._q(), self.home, self.settings.limits))
+
+    async def _wake(self) -> None:
+        """Turn the wrist to and fro: afterwards the slack in the cables is known, whatever it was before."""
+        swing = np.array([0.0, 0.0, 0.0, *WAKE_RAD])
+        for q in (self.home + swing, self.home - swing, self.home):
+            await self._move(rest_to_rest(self._q(), q, self.settings.limits))
+
+    def _q(self) -> NDArray[np.float64]:
+        return self.cell.robot.read(self.settings.arm).q
+
+    def _jaw_rad(self) -> float:
+        return self.cell.robot.read(self.settings.arm).jaw_rad
+
+    def _holds(self) -> bool:
+        """Return whether the jaws' motor stalled on something as thick as a block's wall."""
+        return self.settings.jaw_empty < self._jaw_rad() < self.settings.jaw_open - JAW_SLACK_RAD
+
+    def _tip(self) -> SE3:
+        """Return ``T_board_tip`` as the joints tell."""
+        return self.T_base_board.inverse() @ fk(self.arm, self._q())
+
+    def _height(self) -> float:
+        return float(self._tip().translation_m[2])
+
+    @staticmethod
+    def _raised(T_board_tip: SE3, height_m: float) -> SE3:
+        x, y, _ = T_board_tip.translation_m
+        return SE3.from_parts(T_board_tip.rotation, [x, y, height_m])
+
+    def _ik(self, T_board_tip: SE3) -> NDArray[np.float64]:
+        return ik(self.arm, self.T_base_board @ T_board_tip)
+
+    def _through(self, points: Sequence[NDArray[np.float64]]) -> Trajectory:
+        up = self.T_base_board.matrix[:3, 2]
+        return plan_through(self.arm, np.array(points), self.settings.limits, up=up).trajectory
+
+    async def _capture(self) -> RgbdImage:
+        with self.cell.log.span(self.settings.arm, "capture"):
+            return await self.cell.camera.capture()
+
+    async def _perceive(self, compute: Callable[[], Result]) -> Result:
+        return await self._compute("perception", self.settings.perception_budget_s, compute)
+
+    async def _plan(self, compute: Callable[[], Result]) -> Result:
+        return await self._compute("planning", self.settings.planning_budget_s, compute)
+
+    async def _compute(self, name: str, budget_s: float, compute: Callable[[], Result]) -> Result:
+        """Compute while the cell's clock counts the declared budget; the real time is noted beside it."""
+        with self.cell.log.span(self.settings.arm, name):
+            begin = time.perf_counter()
+            result = compute()
+            self.cell.log.compute(name, time.perf_counter() - begin, budget_s)
+            await trio.sleep(budget_s)
+        return result
+
+    async def _move(self, trajectory: Trajectory) -> None:
+        with self.cell.log.span(self.settings.arm, "motion"):
+            await self.cell.robot.move(self.settings.arm, trajectory)
+
+    async def _jaw(self, angle_rad: float) -> None:
+        with self.cell.log.span(self.settings.arm, "jaw"):
+            await self.cell.robot.jaw(self.settings.arm, angle_rad)
+
+    async def _settle(self) -> None:
+        with self.cell.log.span(self.settings.arm, "settling"):
+            await trio.sleep(self.settings.settle_s)

@@ -1,0 +1,39 @@
+"""``trocar doctor``: what is installed, what is missing, what to type next."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+
+import typer
+
+from trocar import __version__
+from trocar.cli.extras import EXTRAS
+
+PACKAGES = {"cv2": "opencv-python-headless"}
+PURPOSE = {"sim": "simulator, cameras, perception", "learn": "training the network of `--model lstm`"}
+
+
+def doctor() -> None:
+    """Say what is installed, what is optional and missing, and what to type next."""
+    typer.echo(f"trocar {__version__}, Python {platform.python_version()} on {platform.platform(terse=True)}")
+    typer.echo("core: kinematics, calibration, motion - ready")
+    ready = {}
+    for extra, modules in EXTRAS.items():
+        missing = [module for module in modules if find_spec(module) is None]
+        ready[extra] = not missing
+        found = ", ".join(f"{module} {_version(module)}" for module in modules if module not in missing)
+        state = "ready" if not missing else f"missing {', '.join(missing)}: pip install 'trocar[{extra}]'"
+        typer.echo(f"{extra}: {PURPOSE[extra]} - {state}" + (f" ({found})" if found else ""))
+    example = (
+        "trocar run peg-transfer --trials 1 --out out/first" if ready["sim"] else "trocar calibrate --help"
+    )
+    typer.echo(f"next: {example}")
+
+
+def _version(module: str) -> str:
+    try:
+        return version(PACKAGES.get(module, module))
+    except PackageNotFoundError:
+        return "(no version)"

@@ -1,0 +1,156 @@
+"""``trocar run`` and ``trocar report``: play a task, look at what was kept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from trocar.cli.extras import need
+
+if TYPE_CHECKING:
+    from trocar.trials import Plan, Trial
+
+JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+
+
+def run(
+    task: Annotated[str, typer.Argument(metavar="TASK", help="peg-transfer.")],
+    *,
+    variant: Annotated[
+        str, typer.Option(help="unilateral: one arm does all twelve transfers.")
+    ] = "unilateral",
+    method: Annotated[
+        str,
+        typer.Option(
+            help="calibrated: cables compensated by a fitted model; uncalibrated: encoders believed."
+        ),
+    ] = "calibrated",
+    model: Annotated[
+        str,
+        typer.Option(help="Cable model of the method calibrated: play, lstm (the paper's), ridge, offset."),
+    ] = "play",
+    trials: Annotated[int, typer.Option(help="How many trials of twelve transfers.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of everything random; the same seed gives the same trials.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED.")
+    ] = None,
+    new_session: Annotated[
+        bool, typer.Option("--new-session", help="Draw new cable offsets between calibration and trials.")
+    ] = False,
+    refit_offsets: Annotated[
+        bool,
+        typer.Option("--refit-offsets", help="Refit the model's offsets from 30 samples before the trials."),
+    ] = False,
+    flawless_camera: Annotated[
+        bool, typer.Option("--flawless-camera", help="Switch the sensor's flaws off; the run says so.")
+    ] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Run trials of a task in the simulated cell, score them, and keep files and pictures.
+
+    An interrupted run keeps its finished trials; the same command goes on where it stopped.
+    """
+    need("sim", "mujoco", "trio", "cv2")
+    from trocar.trials import Plan, open_folder  # noqa: PLC0415 (the simulator is heavy)
+
+    if method == "calibrated" and model == "lstm":
+        need("learn", "jax", "equinox", "optax")
+    plan = Plan(task, variant, method, model, trials, seed, new_session, refit_offsets, flawless_camera)
+    folder = out or Path("out") / f"{task}-{method}-{seed}"
+    todo = open_folder(plan, folder)
+    console = Console(stderr=True)
+    interrupted = False
+    try:
+        _play(plan, folder, todo, console)
+    except KeyboardInterrupt:
+        interrupted = True
+    _finish(folder, as_json, console, interrupted)
+    if interrupted:
+        raise typer.Exit(130)
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    *,
+    as_json: JsonFlag = False,
+) -> None:
+    """Write summary, pictures and an HTML page from saved trials; nothing is recomputed."""
+    need("sim", "cv2")
+    _finish(folder, as_json, Console(stderr=True), interrupted=False)
+
+
+def _play(plan: Plan, folder: Path, todo: Sequence[int], console: Console) -> None:
+    from trocar.trials import prepare, run_trial, trial_file  # noqa: PLC0415
+
+    if not todo:
+        console.print(f"all {plan.trials} trials are in {folder}; nothing to run")
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        bar = progress.add_task(
+            f"calibrating ({plan.model})" if plan.method == "calibrated" else "setting up",
+            total=12 * len(todo),
+        )
+        session, models = prepare(plan, folder)
+        for number, index in enumerate(todo):
+
+            def listen(event: Mapping[str, object], number: int = number, index: int = index) -> None:
+                if event["name"] == "transfer":
+                    what = f"trial {index + 1} of {plan.trials}: peg {event['source']} to {event['target']}"
+                    progress.update(bar, advance=1, description=what)
+
+            trial = run_trial(plan, session, models, index, listen, pictures=index == 0)
+            trial.save(trial_file(folder, index))
+            progress.update(bar, completed=12 * (number + 1))
+
+
+def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> None:
+    from trocar.report import load_trials, write_report  # noqa: PLC0415
+
+    if interrupted and not list(folder.glob("trial_*.npz")):
+        console.print("stopped before the first trial was finished; the same command starts again")
+        return
+    trials = load_trials(folder)
+    summary, files = write_report(folder, trials)
+    if as_json:
+        typer.echo(json.dumps(summary))
+        return
+    _show(summary, trials, files, interrupted)
+
+
+def _show(
+    summary: Mapping[str, Any], trials: Sequence[Trial], files: Sequence[Path], interrupted: bool
+) -> None:
+    from trocar.report import parts_table, run_table  # noqa: PLC0415
+    from trocar.report.summary import MISSED_WARNING  # noqa: PLC0415
+
+    console = Console()
+    console.print(run_table(summary))
+    console.print(parts_table(summary))
+    if summary["failures"]:
+        console.print(
+            "failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items())
+        )
+    compute = ", ".join(
+        f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items()
+    )
+    console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
+    console.print(f"collisions a trial: {summary['collisions_per_trial']:.2f}")
+    if summary["missed_budgets"] > MISSED_WARNING:
+        console.print(
+            f"warning: {100 * summary['missed_budgets']:.1f} % of computations took longer than the trial's clock "
+            "counted for them; on this machine a real arm would have waited"
+        )
+    cables = "; ".join(f"{arm}: {source}" for arm, source in summary["cables"].items())
+    console.print(f"simulated cables: {cables}")
+    if trials[0].about["flawless_camera"]:
+        console.print("the camera's flaws were switched off")
+    if interrupted:
+        console.print(f"stopped; {len(trials)} finished trials are kept, the same command goes on")
+    console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)

@@ -1,0 +1,111 @@
+"""Where to set a held block down."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, Unreachable, ik
+from trocar.geometry import SE3, SO3
+from trocar.scene.block import Block
+from trocar.scene.pegboard import Pegboard
+
+YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
+"""Directions of the tool that are tried over a peg."""
+GRASP_OFF_MIDDLE_DEG = 11.0
+"""Where a grasp 1 mm beside the middle of a side meets the hole, seen from the block's middle."""
+OUTER_FINGER_M = 4.5e-3
+"""Middle of the open outer finger from the tip, outwards."""
+ROOM_M = 2.5e-3
+"""More room than this round the outer finger is not worth a larger roll."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A pose in which to open the jaws.
+
+    Attributes:
+        T_board_tip: tool vertical.
+        q: (6,) joints there, before any correction of cables.
+        room_m: from the outer finger's middle to the nearest other block or peg.
+    """
+
+    T_board_tip: SE3
+    q: NDArray[np.float64]
+    room_m: float
+
+
+def held_block(T_board_tip: SE3, T_board_block: SE3, block: Block) -> SE3:
+    """Return ``T_tip_block`` after the jaws have closed: they centre the wall of the block between them."""
+    matrix = (T_board_tip.inverse() @ T_board_block).matrix.copy()
+    middle_m = 0.5 * (block.side_m + float(block.hole_radius_m(np.radians(90.0 + GRASP_OFF_MIDDLE_DEG))))
+    matrix[0, 3] = np.sign(matrix[0, 3]) * middle_m
+    return SE3(matrix)
+
+
+def choose_place(
+    arm: ArmModel,
+    T_base_board: SE3,
+    T_tip_block: SE3,
+    board: Pegboard,
+    block: Block,
+    peg: int,
+    others: Sequence[SE3],
+    drop_m: float,
+    most_roll_rad: float = np.radians(70.0),
+    margin_rad: float = np.radians(5.0),
+) -> Place | str:
+    """Return the pose over a peg from which to release a held block, or a sentence why there is none.
+
+    Any yaw of the block will do, so the tool's roll is kept small where the outer finger has room.
+
+    Args:
+        arm: who holds the block.
+        T_base_board: the board in the arm's base.
+        T_tip_block: the block in the jaws.
+        board: its pegs are obstacles.
+        block: the shape.
+        peg: the target.
+        others: poses of the blocks on the board.
+        drop_m: height of the block's lower face over the plate.
+        most_roll_rad: largest |roll|.
+        margin_rad: distance to keep from the wrist's limits.
+    """
+    foot = board.pegs_m[peg]
+    near = np.linalg.norm(board.pegs_m[:, :2] - foot[:2], axis=1)
+    pegs = board.pegs_m[(near > 1e-6) & (near < 0.03), :2]
+    blocks = np.array([T.translation_m[:2] for T in others]).reshape(-1, 2)
+    best: Place | None = None
+    for yaw in YAWS_RAD:
+        upright = SO3.axis("z", yaw)
+        centre = upright.apply(T_tip_block.translation_m)
+        height = block.height_m + drop_m - centre[2]
+        pose = SE3.from_parts(upright, [foot[0] - centre[0], foot[1] - centre[1], foot[2] + height])
+        try:
+            q = ik(arm, T_base_board @ pose)
+        except Unreachable:
+            continue
+        wrist = zip(arm.joints[4:], q[4:], strict=True)
+        if abs(q[3]) > most_roll_rad or any(
+            not j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in wrist
+        ):
+            continue
+        finger = (
+            pose.translation_m[:2]
+            - np.sign(T_tip_block.translation_m[0]) * OUTER_FINGER_M * upright.matrix[:2, 0]
+        )
+        room = min(
+            float(np.min(np.linalg.norm(pegs - finger, axis=1) - board.peg_radius_m, initial=1.0)),
+            float(np.min(np.linalg.norm(blocks - finger, axis=1) - block.corner_m, initial=1.0)),
+        )
+        place = Place(pose, q, room)
+        if best is None or _rank(place) > _rank(best):
+            best = place
+    return best or f"no pose over peg {peg} keeps the roll and the wrist within their limits"
+
+
+def _rank(place: Place) -> tuple[float, float]:
+    return (min(place.room_m, ROOM_M), -abs(float(place.q[3])))

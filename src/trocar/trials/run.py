@@ -1,0 +1,226 @@
+"""Runs trials: draws the session, calibrates, plays the task, keeps each trial as it ends."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trio
+
+from trocar.agents import AGENTS, Settings
+from trocar.arms import MOTION_LIMITS
+from trocar.calibration.compensation import Compensator
+from trocar.calibration.models import MODELS, CableModel, load_model, save_model
+from trocar.calibration.session import refit_offset
+from trocar.cell import Cell, Robot
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.robots import Calibrated, Guarded, Recorded
+from trocar.sim.cell import SimulatedCell
+from trocar.sim.sensor_flaws import SensorFlaws
+from trocar.sim.session import Session, draw_session, record_motion
+from trocar.tasks import TASKS
+from trocar.trials.log import TrialLog
+from trocar.trials.pictures import moments
+from trocar.trials.trial import Trial, trial_file
+
+METHODS = ("uncalibrated", "calibrated")
+REFIT_SAMPLES = 30
+"""Samples of a quick refit of the cables' offsets after a change of session."""
+
+PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headless")
+_SESSION, _CALIBRATION, _NEXT_SESSION, _REFIT, _TRIALS = range(5)
+"""Streams of randomness under a run's seed: changing one leaves the others alone."""
+
+Listener = Callable[[Mapping[str, object]], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run is made of; the same plan writes the same trials.
+
+    Attributes:
+        task: name in ``TASKS``.
+        variant: of the task.
+        method: uncalibrated (encoders are believed) or calibrated (cables are compensated).
+        model: cable model of the method calibrated.
+        trials: how many.
+        seed: of everything random.
+        new_session: draw new offsets between calibration and trials, as when the instrument is mounted again.
+        refit_offsets: refit the model's offsets from 30 samples in the session of the trials.
+        flawless_camera: switch the sensor's flaws off.
+    """
+
+    task: str = "peg-transfer"
+    variant: str = "unilateral"
+    method: str = "calibrated"
+    model: str = "play"
+    trials: int = 1
+    seed: int = 0
+    new_session: bool = False
+    refit_offsets: bool = False
+    flawless_camera: bool = False
+
+    def __post_init__(self) -> None:
+        for what, value, choices in (
+            ("task", self.task, tuple(TASKS)),
+            ("method", self.method, METHODS),
+            ("model", self.model, tuple(MODELS)),
+        ):
+            if value not in choices:
+                raise TrocarError(f"{what} {value!r} is unknown; choose one of {', '.join(choices)}")
+        TASKS[self.task](self.variant)
+        if self.trials < 1:
+            raise TrocarError(f"the number of trials is {self.trials}; give 1 or more with --trials")
+        if self.seed < 0:
+            raise TrocarError(f"the seed is {self.seed}; give 0 or more with --seed")
+        if self.refit_offsets and self.method != "calibrated":
+            raise TrocarError("there is no model to refit with --method uncalibrated; drop --refit-offsets")
+
+    def rng(self, *stream: int) -> np.random.Generator:
+        """Return the generator of one of the run's streams."""
+        return np.random.default_rng(np.random.SeedSequence([self.seed, *stream]))
+
+
+def open_folder(plan: Plan, folder: Path) -> list[int]:
+    """Make the run's folder, or take up an interrupted run of the same plan; return the trials still to do.
+
+    Raises:
+        TrocarError: the folder holds another run, or cannot be written.
+    """
+    record = folder / "run.json"
+    wanted = {**asdict(plan), "trials": None}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if record.is_file():
+            found = {**json.loads(record.read_text()), "trials": None}
+            if found != wanted:
+                other = ", ".join(f"{k} {found.get(k)!r}" for k in wanted if found.get(k) != wanted[k])
+                raise TrocarError(
+                    f"{str(folder)!r} holds another run ({other}); choose another folder with --out"
+                )
+        record.write_text(json.dumps(asdict(plan)))
+    except (OSError, json.JSONDecodeError) as error:
+        raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
+    return [k for k in range(plan.trials) if not trial_file(folder, k).is_file()]
+
+
+def prepare(plan: Plan, folder: Path) -> tuple[Session, dict[str, CableModel]]:
+    """Return the session of the trials and, for ``calibrated``, the cable model fitted for each working arm.
+
+    A fitted model is kept in the folder, so that an interrupted run does not fit it again.
+    """
+    session = draw_session(plan.rng(_SESSION))
+    models: dict[str, CableModel] = {}
+    if plan.method == "calibrated":
+        arm = Settings().arm
+        path = folder / f"cables_{arm}.npz"
+        if path.is_file():
+            models[arm] = load_model(path)
+        else:
+            rng = plan.rng(_CALIBRATION)
+            models[arm] = MODELS[plan.model].fit(record_motion(session, arm, rng), rng)
+            save_model(models[arm], path)
+    if plan.new_session:
+        session = session.redrawn(plan.rng(_NEXT_SESSION))
+    if plan.refit_offsets:
+        for arm, model in models.items():
+            recording = record_motion(session, arm, plan.rng(_REFIT), samples=REFIT_SAMPLES)
+            models[arm] = refit_offset(model, recording)
+    return session, models
+
+
+def run_trial(
+    plan: Plan,
+    session: Session,
+    models: Mapping[str, CableModel],
+    index: int,
+    listener: Listener | None = None,
+    pictures: bool = False,
+) -> Trial:
+    """Run one trial of a plan and return it."""
+    began = time.perf_counter()
+    seeds = np.random.SeedSequence([plan.seed, _TRIALS, index])
+    scene_rng, noise_rng, _agent_rng = map(np.random.default_rng, seeds.spawn(3))
+    task = TASKS[plan.task](plan.variant)
+    flaws = SensorFlaws.none() if plan.flawless_camera else SensorFlaws()
+    simulated = SimulatedCell(session, task.scene(scene_rng), noise_rng, flaws)
+    recorded = Recorded(
+        Guarded(simulated.robot, session.arms, dict.fromkeys(session.arms, MOTION_LIMITS["paper"]))
+    )
+    robot: Robot = recorded
+    if plan.method == "calibrated":
+        robot = Calibrated(recorded, {arm: Compensator(model) for arm, model in models.items()})
+    log = TrialLog(trio.current_time, listener=listener)
+    cell = Cell(
+        robot,
+        simulated.camera,
+        session.arms,
+        session.T_world_base_found,
+        simulated.T_world_camera,
+        SE3.identity(),
+        log,
+    )
+    settings = Settings()
+    agent = AGENTS[plan.task, plan.variant](cell, settings)
+    finished = simulated.run(lambda: agent.run(task.transfers), task.budget_s)
+    wall_s = time.perf_counter() - began
+    truth = simulated.referee.truth()
+    transfers = [asdict(score) for score in task.score(log.events, truth)]
+    states = simulated.referee.states()
+    arrays = {
+        "times_s": truth.times_s,
+        "blocks": truth.T_board_blocks.matrix.astype(np.float32),
+        "qpos": states.astype(np.float32),
+        **{f"tip_{arm}": tips.astype(np.float32) for arm, tips in truth.p_board_tips.items()},
+    }
+    for arm in {name for name, _ in recorded.executions}:
+        rows = [execution for name, execution in recorded.executions if name == arm]
+        arrays[f"executed_s_{arm}"] = np.concatenate([row.times_s for row in rows])
+        arrays[f"commanded_{arm}"] = np.concatenate([row.commanded for row in rows]).astype(np.float32)
+        arrays[f"measured_{arm}"] = np.concatenate([row.measured for row in rows]).astype(np.float32)
+    captions = []
+    for number, (caption, time_s) in enumerate(moments(transfers, log.spans) if pictures else []):
+        row = int(np.argmin(np.abs(truth.times_s - time_s)))
+        image = simulated.picture(states[row])
+        arrays[f"picture_{number}"] = cv2.imencode(".png", image[..., ::-1])[1].ravel()
+        captions.append(caption)
+    return Trial(
+        about={
+            **asdict(plan),
+            "trials": None,
+            "index": index,
+            "settings": _plain(settings),
+            "cables": {arm: plant.source for arm, plant in session.plants.items()},
+            "versions": versions(),
+        },
+        transfers=transfers,
+        spans=log.spans,
+        events=log.events,
+        collisions=[asdict(c) for c in truth.collisions],
+        finished=finished,
+        duration_s=round(float(truth.times_s[-1]), 6),
+        arrays=arrays,
+        captions=captions,
+        computations=log.computations,
+        wall_s=wall_s,
+    )
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the packages that a trial's numbers depend on."""
+    return {name: version(name) for name in PACKAGES}
+
+
+def _plain(settings: Settings) -> dict[str, object]:
+    """Return settings as JSON's values."""
+    values = {**asdict(settings)}
+    limits = settings.limits
+    values["limits"] = {"velocity": limits.velocity.tolist(), "acceleration": limits.acceleration.tolist()}
+    return values
