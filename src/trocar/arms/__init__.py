@@ -2,9 +2,9 @@
 
 from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
 from trocar.arms.forward import fk, frames
-from trocar.arms.inverse import Unreachable, ik, ik_branches
+from trocar.arms.inverse import BRANCHES, Unreachable, ik, ik_branches, ik_floats
 from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability
-from trocar.arms.model import ArmModel, Joint, MotionLimits
+from trocar.arms.model import ArmModel, Branch, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
 
@@ -13,12 +13,14 @@ ARMS: dict[str, ArmModel] = {arm.name: arm for arm in (PSM_CLASSIC, PSM_SI, RAVE
 
 __all__ = [
     "ARMS",
+    "BRANCHES",
     "MOTION_LIMITS",
     "PSM_CLASSIC",
     "PSM_SI",
     "RAVEN2_LEFT",
     "RAVEN2_RIGHT",
     "ArmModel",
+    "Branch",
     "Joint",
     "MotionLimits",
     "Unreachable",
@@ -27,6 +29,7 @@ __all__ = [
     "frames",
     "ik",
     "ik_branches",
+    "ik_floats",
     "jacobian",
     "joint_margins",
     "joints_from_actuators",

@@ -10,7 +10,7 @@ from trocar.errors import TrocarError
 
 
 def joints_from_actuators(arm: ArmModel, actuators_rad: ArrayLike) -> NDArray[np.float64]:
-    """Return roll, wrist pitch, wrist yaw and jaw (..., 4) in rad from the four disks' angles (..., 4) in rad.
+    """Return roll, wrist pitch, wrist yaw and jaw (..., 4) from the four disks' angles (..., 4), rad.
 
     Raises:
         TrocarError: the arm's coupling is unknown, or the angles have another shape or are not finite.
@@ -19,7 +19,7 @@ def joints_from_actuators(arm: ArmModel, actuators_rad: ArrayLike) -> NDArray[np
 
 
 def actuators_from_joints(arm: ArmModel, joints_rad: ArrayLike) -> NDArray[np.float64]:
-    """Return the four disks' angles (..., 4) in rad from roll, wrist pitch, wrist yaw and jaw (..., 4) in rad.
+    """Return the four disks' angles (..., 4) from roll, wrist pitch, wrist yaw and jaw (..., 4), rad.
 
     Raises:
         TrocarError: the arm's coupling is unknown, or the angles have another shape or are not finite.
@@ -29,16 +29,12 @@ def actuators_from_joints(arm: ArmModel, joints_rad: ArrayLike) -> NDArray[np.fl
 
 def _matrix(arm: ArmModel) -> NDArray[np.float64]:
     if arm.coupling is None:
-        raise TrocarError(
-            f"arm '{arm.name}' has no actuator coupling on record; set ArmModel.coupling (4 x 4, joint from actuator)"
-        )
+        raise TrocarError(f"arm '{arm.name}' has no actuator coupling on record; set ArmModel.coupling")
     return np.array(arm.coupling)
 
 
 def _four(arm: ArmModel, values: ArrayLike, what: str) -> NDArray[np.float64]:
     array = np.asarray(values, dtype=np.float64)
     if array.shape[-1:] != (4,) or not np.isfinite(array).all():
-        raise TrocarError(
-            f"arm '{arm.name}' needs finite {what} of shape (..., 4): roll, pitch, yaw, jaw; got shape {array.shape}"
-        )
+        raise TrocarError(f"arm '{arm.name}' needs finite {what} of shape (..., 4), got shape {array.shape}")
     return array

@@ -37,9 +37,7 @@ def frames(arm: ArmModel, q: ArrayLike) -> SE3:
     q = arm.configurations(q)
     poses = [np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))]
     wrist = arm.wrist_sign * pi / 2
-    rows = zip(
-        (*arm.twists_rad, 0.0, wrist, wrist), (0.0,) * 5 + (arm.wrist_length_m,), arm.offsets, strict=True
-    )
+    rows = zip((*arm.twists_rad, 0.0, wrist, wrist), (0.0,) * 5 + (arm.wrist_length_m,), arm.offsets, strict=True)
     for i, (alpha, a, offset) in enumerate(rows):
         value = q[..., i] + offset
         slides = arm.joints[i].prismatic

@@ -1,12 +1,12 @@
 """Closed-form inverse kinematics of every spherical remote-centre arm.
 
-Seen from the tip, the remote centre is a point that wrist yaw, wrist pitch and insertion alone place (Pieper's method
-with the end effector as base; Hwang et al. 2022, IV-C). What is left, ``Rx Rz(t1) Rx Rz(t2) Rx Rz(t4)``, is an Euler
-decomposition about axes that need not be orthogonal, so that it can be infeasible (a cone condition). Each arm has up
-to 2 x 2 x 2 branches, told apart by the signs of cos q6, cos q5 and sin t2.
+Seen from the tip, the remote centre is a point that wrist yaw, wrist pitch and insertion alone place
+(Pieper's method with the end effector as base; Hwang et al. 2022, IV-C). What is left, ``Rx Rz(t1) Rx Rz(t2)
+Rx Rz(t4)``, is an Euler decomposition about axes that need not be orthogonal, so that it can be infeasible (a
+cone condition). Each arm has up to 2 x 2 x 2 branches, told apart by the signs of cos q6, cos q5 and sin t2.
 
-The formulas printed in the paper are wrong twice: the remote centre in the tip frame is ``-R^T t``, not ``R^T t``, and
-``R_3^z = (R_3^b)^T R^T``, not ``R_3^b R^T``. ``tests/arms/test_inverse.py`` shows the printed ones fail.
+The formulas printed in the paper are wrong twice: the remote centre in the tip frame is ``-R^T t``, not
+``R^T t``, and ``R_3^z = (R_3^b)^T R^T``, not ``R_3^b R^T``; ``tests/arms/test_inverse.py`` shows it.
 """
 
 from __future__ import annotations
@@ -17,21 +17,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms.model import ArmModel
+from trocar.arms.model import ArmModel, Branch
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 
 TAU = 2 * math.pi
 LIMIT_TOLERANCE = 1e-9
 """Joint values this far outside their range (rad or m) count as rounding and are put back on the limit."""
-CHUNK = 1024
-"""Poses solved at a time: the intermediate arrays of a chunk stay in the cache."""
-SIGNS = tuple((u6, u5, u2) for u6 in (1, -1) for u5 in (1, -1) for u2 in (1, -1))
-"""The branches: signs of cos q6, cos q5, sin t2."""
-
-
+CONE_TOLERANCE = 1e-12
+"""A cosine this far beyond 1 counts as rounding."""
 NUDGE_M = 1e-150
 """Keeps the two wrist singularities (0 / 0) defined; far below rounding, its square does not underflow."""
+CHUNK = 2048
+"""Poses solved at a time: the intermediate arrays of a chunk stay in the cache."""
+
+
+BRANCHES = tuple(Branch(u6, u5, u2) for u6 in (1, -1) for u5 in (1, -1) for u2 in (1, -1))
+"""The order of ``ik_branches``."""
 
 
 class Unreachable(TrocarError):
@@ -41,133 +43,138 @@ class Unreachable(TrocarError):
 def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> NDArray[np.float64]:
     """Return the configuration(s) (..., 6) within the limits whose tip lies at ``T_base_tip``.
 
-    Of several, the one nearest to ``reference`` (..., 6) is taken: the joints count alike, in rad and m. The default
-    reference is the middle of the ranges.
+    Of several, the one nearest to ``reference`` (..., 6) is taken: the joints count alike, in rad and m. The
+    default reference is the middle of the ranges.
 
     Raises:
-        Unreachable: a pose has no solution within the limits; says which joint is how far outside, on the branch
-            that violates least.
-        TrocarError: a pose or the reference is not finite or has the wrong shape.
+        Unreachable: a pose has no solution within the limits; says which joint is how far outside, on the
+            branch that violates least.
+        TrocarError: a pose or the reference is not finite, or the reference has the wrong shape.
     """
     matrix = T_base_tip.matrix
     if matrix.ndim == 2 and (reference is None or np.ndim(reference) == 1):
         return np.array(ik_floats(arm, matrix.ravel().tolist(), reference))
-    ref = arm.middle if reference is None else arm.configurations(reference)
-    batch = np.broadcast_shapes(matrix.shape[:-2], ref.shape[:-1])
+    near = arm.middle if reference is None else arm.configurations(reference)
+    batch = np.broadcast_shapes(matrix.shape[:-2], near.shape[:-1])
     poses = np.broadcast_to(matrix, (*batch, 4, 4)).reshape(-1, 16)
-    if ref.ndim > 1:
-        ref = np.broadcast_to(ref, (*batch, 6)).reshape(-1, 6)
+    near = np.broadcast_to(near, (*batch, 6)).reshape(-1, 6)
     q = np.empty((len(poses), 6))
     for start in range(0, len(poses), CHUNK):
         part = slice(start, start + CHUNK)
-        _ik_chunk(arm, poses[part], ref if ref.ndim == 1 else ref[part], q[part])
+        good = _solve_chunk(arm, poses[part], near[part], q[part])
+        for k in start + np.flatnonzero(~good):
+            q[k] = _search(arm, poses[k], near[k], f"pose {k}")
     return q.reshape(*batch, 6)
 
 
 def ik_floats(arm: ArmModel, matrix: list[float], reference: ArrayLike | None = None) -> list[float]:
-    """Return ``ik`` of one pose given as the 16 entries of its matrix, row by row; no array is touched."""
-    near = arm.middle_floats if reference is None else _reference_floats(arm, reference)
+    """Return ``ik`` of one pose as floats, from the 16 entries of its matrix, row by row.
+
+    Raises:
+        Unreachable, TrocarError: as ``ik``.
+    """
+    near = arm.middle_floats if reference is None else _reference(arm, reference)
     if arm.branch_is_unique:
         try:
-            q = _solve(arm, matrix, *arm.principal_signs, math)
+            *q, _ = _solve(arm, matrix, arm.branch, _Floats, arm.solver_offsets)
         except ValueError:  # the square root of a negative number: outside the cone
-            q = None
-        if q is not None:
-            for i, (low, high, turns) in enumerate(arm.ranges):
-                x = q[i]
-                if turns:
-                    x += TAU * round((near[i] - x) / TAU)
-                    if x > high:
-                        x -= TAU
-                    elif x < low:
-                        x += TAU
-                    q[i] = x
-                if not low <= x <= high:
+            return _search(arm, np.array(matrix), np.array(near)).tolist()
+        for i in arm.winding_joints:
+            q[i] += TAU * round((near[i] - q[i]) / TAU)
+        for i, (low, high) in enumerate(arm.ranges):
+            x = q[i]
+            if not low <= x <= high:
+                q[i] = x = x - TAU if x > high else x + TAU
+                if i == 2 or not low <= x <= high:
                     break
-            else:
-                return q[:6]
+        else:
+            return q
     return _search(arm, np.array(matrix), np.array(near)).tolist()
 
 
 def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return every solution, in or out of the limits: q (..., 8, 6) and whether each is real (..., 8).
+    """Return every solution, in or out of the limits: q (..., 8, 6), and which of them are real (..., 8).
 
-    The order is that of ``SIGNS``. Angles lie within half a turn of the middle of their range; branches that are not
-    real hold the nearest values on the edge of the cone.
+    The order is that of ``BRANCHES``. Angles lie within half a turn of the middle of their range. Branches
+    that are not real hold values at the edge of the cone.
     """
     matrix = T_base_tip.matrix
     m = list(np.moveaxis(matrix.reshape(*matrix.shape[:-2], 16), -1, 0))
     q = np.empty((*matrix.shape[:-2], 8, 6))
     real = np.empty((*matrix.shape[:-2], 8), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
-        for b, signs in enumerate(SIGNS):
-            values = _solve(arm, m, *signs, _Arrays)
-            for i, value in enumerate(values[:6]):
-                q[..., b, i] = value
-            real[..., b] = np.abs(values[6]) <= 1 + 1e-12
-    turning = [0, 1, 3, 4, 5]
-    q[..., turning] -= TAU * np.rint((q[..., turning] - arm.middle[turning]) / TAU)
+        for b, branch in enumerate(BRANCHES):
+            *joints, cosine = _solve(arm, m, branch, _Arrays, arm.offsets)
+            q[..., b, :] = np.stack(joints, -1)
+            real[..., b] = np.abs(cosine) <= 1 + CONE_TOLERANCE
+    q -= arm.turns * np.rint((q - arm.middle) / TAU)
     return q, real & np.isfinite(q).all(-1)
 
 
-def _ik_chunk(arm: ArmModel, poses: NDArray, reference: NDArray, q: NDArray) -> None:
-    """Fill ``q`` (n, 6) with the solutions of ``poses`` (n, 16)."""
-    if arm.branch_is_unique:
-        m = list(np.ascontiguousarray(poses.T))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values = _solve(arm, m, *arm.principal_signs, _Arrays)
-        good = np.abs(values[6]) <= 1
-        for i, (low, high, turns) in enumerate(arm.ranges):
-            x = values[i]
-            if turns:
-                x -= TAU * np.rint((x - reference[..., i]) * (1 / TAU))
-                x -= TAU * (x > high)
-                x += TAU * (x < low)
-            good &= x >= low
-            good &= x <= high
-            q[:, i] = x
-        rest = np.flatnonzero(~good)
-    else:
-        rest = np.arange(len(poses))
-    for k in rest:
-        q[k] = _search(arm, poses[k], reference if reference.ndim == 1 else reference[k], int(k))
+def _reference(arm: ArmModel, reference: ArrayLike) -> list[float]:
+    near = reference.tolist() if isinstance(reference, np.ndarray) else reference
+    if type(near) is list and len(near) == 6 and all(map(math.isfinite, near)):
+        return near
+    return arm.configurations(reference).tolist()
 
 
-def _search(arm: ArmModel, pose: NDArray, near: NDArray, index: int | None = None) -> NDArray[np.float64]:
-    """Return the solution of one pose (16,) within the limits nearest to ``near``, among all branches and turns."""
+def _solve_chunk(arm: ArmModel, poses: NDArray, near: NDArray, q: NDArray) -> NDArray[np.bool_]:
+    """Fill ``q`` (n, 6) from ``poses`` (n, 16) by the one branch within limits; return where it is good."""
+    if not arm.branch_is_unique:
+        return np.zeros(len(poses), dtype=bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        *joints, cosine = _solve(arm, np.ascontiguousarray(poses[:, :12].T), arm.branch, _Arrays, arm.solver_offsets)
+        for i in (0, 3):  # the others come out within half a turn of the middle
+            x, joint = joints[i], arm.joints[i]
+            if i in arm.winding_joints:
+                x += TAU * np.rint((near[:, i] - x) * (1 / TAU))
+            x += TAU * (x < joint.lower)
+            x -= TAU * (x > joint.upper)
+    columns = np.array(joints)
+    good = ((columns >= arm.lower[:, None]) & (columns <= arm.upper[:, None])).all(0)
+    q[:] = columns.T
+    return good & (np.abs(cosine) <= 1)
+
+
+def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose") -> NDArray[np.float64]:
+    """Return the solution of one pose (16,) within the limits nearest to ``near``, of all branches."""
     if not np.isfinite(pose).all():
-        raise TrocarError(f"arm '{arm.name}' cannot reach a pose that holds NaN or infinity")
+        raise TrocarError(f"{name} for arm '{arm.name}' holds NaN or infinity; check what it was computed from")
     T = SE3(pose.reshape(4, 4))
+    place = "({:.4f}, {:.4f}, {:.4f}) m".format(*T.translation_m)
     q, real = ik_branches(arm, T)
-    where = "the pose" if index is None else f"pose {index}"
-    p = ", ".join(f"{x:.4f}" for x in T.translation_m)
     if not real.any():
         raise Unreachable(
-            f"arm '{arm.name}' cannot reach {where} at ({p}) m: no pitch of the arm points the instrument that way; "
+            f"arm '{arm.name}' cannot reach {name} at {place}: no pitch points the instrument that way; "
             "turn or move the target"
         )
     q = q[real]
-    turn = np.where([joint.prismatic for joint in arm.joints], 0.0, TAU)
-    q = q + turn * np.rint((near - q) / TAU)
-    q = q + turn * ((q < arm.lower - LIMIT_TOLERANCE).astype(float) - (q > arm.upper + LIMIT_TOLERANCE))
+    q = q + arm.turns * np.rint((near - q) / TAU)
+    q = q + arm.turns * (q < arm.lower - LIMIT_TOLERANCE)
+    q = q - arm.turns * (q > arm.upper + LIMIT_TOLERANCE)
     excess = np.maximum(arm.lower - q, q - arm.upper)
-    inside = np.all(excess <= LIMIT_TOLERANCE, axis=-1)
+    inside = (excess <= LIMIT_TOLERANCE).all(-1)
     if inside.any():
         q = q[inside]
-        best = q[np.argmin(np.sum((q - near) ** 2, -1))]
-        return np.clip(best, arm.lower, arm.upper)
-    branch = np.argmin(excess.max(-1))
-    i = int(np.argmax(excess[branch]))
+        return np.clip(q[np.argmin(((q - near) ** 2).sum(-1))], arm.lower, arm.upper)
+    best = np.argmin(excess.max(-1))
+    i = int(np.argmax(excess[best]))
     joint = arm.joints[i]
     raise Unreachable(
-        f"arm '{arm.name}' cannot reach {where} at ({p}) m: joint '{joint.name}' would be {q[branch, i]:.4f} "
-        f"{joint.unit}, {excess[branch, i]:.4f} {joint.unit} outside [{joint.lower:.4f}, {joint.upper:.4f}]; "
+        f"arm '{arm.name}' cannot reach {name} at {place}: joint '{joint.name}' would be {q[best, i]:.4f} "
+        f"{joint.unit}, {excess[best, i]:.4f} outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}; "
         "move or turn the target"
     )
 
 
+class _Floats:
+    """What ``_solve`` needs, for floats."""
+
+    copysign, sqrt, atan2, atan2_right = math.copysign, math.sqrt, math.atan2, math.atan2
+
+
 class _Arrays:
-    """What ``_solve`` needs of ``math``, for arrays; outside the cone the edge is taken."""
+    """What ``_solve`` needs, for arrays; outside the cone the edge is taken."""
 
     copysign = np.copysign
 
@@ -177,61 +184,65 @@ class _Arrays:
 
     @staticmethod
     def atan2(y: NDArray, x: NDArray) -> NDArray:
-        """Return ``np.arctan2(y, x)`` by ``np.arctan``, which is three times faster."""
+        """Return ``np.arctan2(y, x)`` by way of ``np.arctan``, which is three times faster."""
         return np.arctan(y / x) + np.copysign(math.pi, y) * (x < 0)
 
+    @staticmethod
+    def atan2_right(y: NDArray, x: NDArray) -> NDArray:
+        """Return ``np.arctan2(y, x)`` for x >= 0."""
+        return np.arctan(y / x)
 
-def _reference_floats(arm: ArmModel, reference: ArrayLike) -> list[float]:
-    if type(reference) is not list or len(reference) != 6:
-        return arm.configurations(reference).tolist()
-    return reference
 
+def _solve(arm: ArmModel, m: Any, branch: Branch, xp: Any, offsets: tuple[float, ...]) -> list[Any]:
+    """Return q1..q6 of one branch, whole turns still free, and cos t2, which is beyond 1 outside the cone.
 
-def _solve(arm: ArmModel, m: Any, u6: int, u5: int, u2: int, xp: Any) -> list[Any]:
-    """Return q1..q6 of one branch (whole turns still free) and cos t2, which is beyond 1 outside the cone.
-
-    ``m`` are the 16 entries of ``T_base_tip``, floats with ``xp`` = math or arrays with one of the classes below.
+    Args:
+        arm: the robot.
+        m: the entries of ``T_base_tip``, row by row; floats or arrays.
+        branch: the signs of cos q6, cos q5, sin t2.
+        xp: ``_Floats`` or ``_Arrays``.
+        offsets: of the joints, up to whole turns.
     """
     r00, r01, r02, px, r10, r11, r12, py, r20, r21, r22, pz = m[:12]
-    w, L = arm.wrist_sign, arm.wrist_length_m
-    # remote centre seen from the jaw axis, along the tip's axes: c = -R^T p + (0, 0, -tip)
+    (c0, s0), (c1, s1), (c2, s2) = arm.twist_cosines
+    u6, u5, u2 = branch
+    w = arm.wrist_sign
+    # the remote centre seen from the jaw axis, in the tip's axes (-R^T p): wrist yaw, wrist pitch, insertion
     cx = -(r00 * px + r10 * py + r20 * pz)
     cy = -(r01 * px + r11 * py + r21 * pz)
     cz = -(r02 * px + r12 * py + r22 * pz) - arm.tip_length_m
     cz = cz + xp.copysign(NUDGE_M, cz)
-    reach = xp.sqrt(cx * cx + cz * cz)
-    e = u6 * xp.copysign(1.0, cz)
-    n6, k6 = e * cx / reach, e * cz / reach
-    depth_cos = e * reach - L  # depth * cos t5
-    depth_cos = depth_cos + xp.copysign(NUDGE_M, depth_cos)
-    depth_sin = w * cy  # depth * sin t5
-    depth = u5 * xp.copysign(xp.sqrt(depth_cos * depth_cos + cy * cy), depth_cos)
-    n5, k5 = depth_sin / depth, depth_cos / depth
-    # axes z and y of frame 4 in the base
-    a, b, c = w * n6 * k5, n5, w * k6 * k5
-    zx, zy, zz = r00 * a + r01 * b + r02 * c, r10 * a + r11 * b + r12 * c, r20 * a + r21 * b + r22 * c
-    yx, yy, yz = r02 * n6 - r00 * k6, r12 * n6 - r10 * k6, r22 * n6 - r20 * k6
-    (c0, s0), (c1, s1), (c2, s2) = arm.twist_cosines
-    zy, zz = c0 * zy + s0 * zz, c0 * zz - s0 * zy
-    k2 = (c1 * c2 - zz) / (s1 * s2)
-    n2 = u2 * xp.sqrt(1.0 - k2 * k2)
-    t2 = xp.atan2(n2, k2)
-    x, y = s2 * n2, -c1 * s2 * k2 - s1 * c2
-    t1 = xp.atan2(zy * x - zx * y, zx * x + zy * y)
-    # axis 1 seen in frames 3 and 4
-    a3, b3 = s1 * n2, s1 * c2 * k2 + c1 * s2
-    b4 = c0 * yz - s0 * yy
-    xz = (r20 * -n5 * n6 + w * k5 * r21 - r22 * n5 * k6) * c0 - s0 * (
-        r10 * -n5 * n6 + w * k5 * r11 - r12 * n5 * k6
-    )
-    t4 = xp.atan2(b3 * xz - a3 * b4, a3 * xz + b3 * b4)
-    o = arm.offsets
+    reach = xp.copysign(xp.sqrt(cx * cx + cz * cz), cz if u6 > 0 else -cz)
+    n6, k6 = cx / reach, cz / reach
+    depth_cosine = reach - arm.wrist_length_m
+    depth_cosine = depth_cosine + xp.copysign(NUDGE_M, depth_cosine)
+    depth = xp.copysign(xp.sqrt(depth_cosine * depth_cosine + cy * cy), depth_cosine if u5 > 0 else -depth_cosine)
+    n5, k5 = w * cy / depth, w * depth_cosine / depth  # sin q5, w cos q5
+    # axis 1 in the tip's frame, then in frame 4: (a4, b4, k)
+    g0, g1, g2 = c0 * r20 - s0 * r10, c0 * r21 - s0 * r11, c0 * r22 - s0 * r12
+    g = n6 * g0 + k6 * g2
+    a4, b4, k = k5 * g1 - n5 * g, n6 * g2 - k6 * g0, k5 * g + n5 * g1
+    k2 = (c1 * c2 - k) / (s1 * s2)
+    n2 = xp.sqrt(1.0 - k2 * k2)
+    t2 = u2 * (math.pi / 2 - xp.atan2_right(k2, n2))
+    # the same axis in frame 3: what differs is the roll
+    a3, b3 = (u2 * s1) * n2, (s1 * c2) * k2 + c1 * s2
+    t4 = xp.atan2(b3 * a4 - a3 * b4, a3 * a4 + b3 * b4)
+    # axis 4 about axis 1: where it is, against where t1 = 0 puts it
+    a, b = k5 * n6, k5 * k6
+    x, y1, z1 = r00 * a + r01 * n5 + r02 * b, r10 * a + r11 * n5 + r12 * b, r20 * a + r21 * n5 + r22 * b
+    y = c0 * y1 + s0 * z1
+    x0, y0 = (u2 * s2) * n2, (-c1 * s2) * k2 - s1 * c2
+    t1 = xp.atan2(y * x0 - x * y0, x * x0 + y * y0)
+    q5 = xp.atan2_right(n5, (w * u5) * k5)
+    q6 = xp.atan2_right(n6, u6 * k6)
+    o = offsets
     return [
         t1 - o[0],
         t2 - o[1],
         -w * depth - o[2],
         t4 - o[3],
-        xp.atan2(n5, k5) - o[4],
-        xp.atan2(n6, k6) - o[5],
+        (q5 if u5 > 0 else math.pi - q5) - o[4],
+        (q6 if u6 > 0 else math.pi - q6) - o[5],
         k2,
     ]

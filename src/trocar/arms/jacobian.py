@@ -51,7 +51,7 @@ def joint_margins(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
 
 
 def limit_violations(arm: ArmModel, q: ArrayLike) -> list[str]:
-    """Return one sentence per joint of the configuration(s) that lies outside its range; none if all lie inside.
+    """Return one sentence per joint that leaves its range in the configuration(s), at its worst; else none.
 
     Raises:
         TrocarError: ``q`` has another shape or is not finite.
@@ -60,8 +60,8 @@ def limit_violations(arm: ArmModel, q: ArrayLike) -> list[str]:
     worst = np.atleast_2d(q).reshape(-1, 6)
     worst = worst[np.argmin(np.minimum(worst - arm.lower, arm.upper - worst), axis=0), range(6)]
     return [
-        f"joint '{joint.name}' = {value:.4f} {joint.unit} is outside "
-        f"[{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} by {max(joint.lower - value, value - joint.upper):.4f}"
+        f"joint '{joint.name}' = {value:.4f} {joint.unit} is outside [{joint.lower:.4f}, {joint.upper:.4f}] "
+        f"{joint.unit} by {max(joint.lower - value, value - joint.upper):.4f}"
         for joint, value in zip(arm.joints, worst.tolist(), strict=True)
         if not joint.lower <= value <= joint.upper
     ]

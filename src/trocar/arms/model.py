@@ -1,10 +1,11 @@
-"""The description of one robot type: joints, geometry, limits, instrument. Numbers live in one file per robot."""
+"""The description of one robot type: joints, geometry, limits, instrument."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,9 +35,7 @@ class Joint:
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
-            raise TrocarError(
-                f"joint '{self.name}' has limits {self.lower} to {self.upper} {self.unit}; lower must be below upper"
-            )
+            raise TrocarError(f"joint '{self.name}' has limits {self.lower} to {self.upper} {self.unit}; lower < upper")
         if not (self.max_speed > 0 and self.max_acceleration > 0):
             raise TrocarError(
                 f"joint '{self.name}' has speed {self.max_speed} and acceleration {self.max_acceleration}; "
@@ -80,6 +79,14 @@ class MotionLimits:
         object.__setattr__(self, "acceleration", acceleration)
 
 
+class Branch(NamedTuple):
+    """One of eight solutions of the inverse kinematics: signs of cos q6, cos q5, sin t2."""
+
+    yaw: int
+    wrist: int
+    pitch: int
+
+
 @dataclass(frozen=True)
 class ArmModel:
     """A spherical remote-centre arm: yaw, pitch, insertion, roll, wrist pitch, wrist yaw; jaws at the tip.
@@ -94,9 +101,9 @@ class ArmModel:
         5    wrist_sign * pi/2   0               0          q5 + o5 - pi/2
         6    wrist_sign * pi/2   wrist_length_m  0          q6 + o6 - pi/2
 
-    The remote centre is the origin of frame 0. The tip lies ``tip_length_m`` along +y of frame 6; its frame has z
-    pointing back along the jaws and y along -z of frame 6 (the jaw axis), so that the PSM's tip is parallel to its
-    base at q = 0 (``facts/peg_transfer.md``, Kinematics).
+    The remote centre is the origin of frame 0. The tip lies ``tip_length_m`` along +y of frame 6; its frame
+    has z pointing back along the jaws and y along -z of frame 6 (the jaw axis), so that the PSM's tip is
+    parallel to its base at q = 0 (``facts/peg_transfer.md``, Kinematics).
 
     Attributes:
         name: key in ``ARMS``.
@@ -127,7 +134,7 @@ class ArmModel:
     def __post_init__(self) -> None:
         if len(self.joints) != 6 or len(self.offsets) != 6:
             raise TrocarError(
-                f"arm '{self.name}' needs six joints and six offsets, got {len(self.joints)} and {len(self.offsets)}"
+                f"arm '{self.name}' needs 6 joints and offsets, got {len(self.joints)} and {len(self.offsets)}"
             )
         if [joint.prismatic for joint in self.joints] != [False, False, True, False, False, False]:
             raise TrocarError(f"arm '{self.name}' needs exactly its third joint to be prismatic")
@@ -157,31 +164,50 @@ class ArmModel:
         return self.middle.tolist()
 
     @cached_property
-    def ranges(self) -> tuple[tuple[float, float, bool], ...]:
-        """Return lower limit, upper limit and whether the joint turns, per joint, for scalar code."""
-        return tuple((joint.lower, joint.upper, not joint.prismatic) for joint in self.joints)
+    def ranges(self) -> tuple[tuple[float, float], ...]:
+        """Return lower and upper limit of every joint, for scalar code."""
+        return tuple((joint.lower, joint.upper) for joint in self.joints)
 
     @cached_property
-    def principal_signs(self) -> tuple[int, int, int]:
-        """Return the signs of cos q6, cos q5 and sin t2 at the middle of the ranges."""
-        t2 = self.joints[1].middle + self.offsets[1]
-        q5, q6 = self.joints[4].middle + self.offsets[4], self.joints[5].middle + self.offsets[5]
-        return tuple(1 if value >= 0 else -1 for value in (math.cos(q6), math.cos(q5), math.sin(t2)))  # type: ignore
+    def turns(self) -> NDArray[np.float64]:
+        """Return what can be added to q (6,) without moving the tip: 2 pi for joints that turn, else 0."""
+        return _frozen([0.0 if joint.prismatic else 2 * math.pi for joint in self.joints])
+
+    @cached_property
+    def winding_joints(self) -> tuple[int, ...]:
+        """Return the joints whose range is a whole turn or more, so that one pose has several values."""
+        return tuple(
+            i for i, joint in enumerate(self.joints) if self.turns[i] and joint.upper - joint.lower >= 2 * math.pi
+        )
+
+    @cached_property
+    def branch(self) -> Branch:
+        """Return the branch of the inverse kinematics that holds the middle of the ranges."""
+        q = self.middle
+        t2, t5, t6 = q[1] + self.offsets[1], q[4] + self.offsets[4], q[5] + self.offsets[5]
+        signs = math.cos(t6), math.cos(t5), math.sin(t2)
+        return Branch(*(1 if sign >= 0 else -1 for sign in signs))
 
     @cached_property
     def branch_is_unique(self) -> bool:
-        """Return whether those signs hold on the whole ranges, so that at most one branch lies within the limits."""
-        tolerance = 1e-9
-        return all(
-            joint.upper - joint.lower <= math.pi + tolerance
-            and abs(math.remainder(joint.middle + offset - centre, 2 * math.pi))
-            <= (math.pi - (joint.upper - joint.lower)) / 2 + tolerance
-            for joint, offset, centre in (
-                (self.joints[5], self.offsets[5], 0.0 if self.principal_signs[0] > 0 else math.pi),
-                (self.joints[4], self.offsets[4], 0.0 if self.principal_signs[1] > 0 else math.pi),
-                (self.joints[1], self.offsets[1], self.principal_signs[2] * math.pi / 2),
-            )
-        )
+        """Return whether the ranges of pitch and wrist lie within that branch altogether."""
+        q_center = self._branch_center - np.array(self.solver_offsets)
+        inside = np.maximum(abs(self.lower - q_center), abs(self.upper - q_center)) <= math.pi / 2 + 1e-9
+        return bool(inside[[1, 4, 5]].all())
+
+    @cached_property
+    def solver_offsets(self) -> tuple[float, ...]:
+        """Return the offsets, shifted by whole turns: the branch then lies around the middle of the ranges."""
+        offsets = np.array(self.offsets)
+        pinned = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 1.0]) * 2 * math.pi
+        turns = np.rint((self._branch_center - offsets - self.middle) / (2 * math.pi))
+        return tuple((offsets + pinned * turns).tolist())
+
+    @cached_property
+    def _branch_center(self) -> NDArray[np.float64]:
+        yaw, wrist, pitch = self.branch
+        half = math.pi / 2
+        return np.array([0.0, pitch * half, 0.0, 0.0, half - wrist * half, half - yaw * half])
 
     @cached_property
     def twist_cosines(self) -> tuple[tuple[float, float], ...]:
@@ -197,7 +223,7 @@ class ArmModel:
         )
 
     def with_tip(self, length_m: float) -> ArmModel:
-        """Return this arm controlled at another point, ``length_m`` beyond the jaw axis (0: the axis itself)."""
+        """Return this arm controlled ``length_m`` beyond the jaw axis (0: at the axis itself)."""
         if not (math.isfinite(length_m) and length_m >= 0):
             raise TrocarError(f"the tip length is {length_m} m; give a finite length of at least 0")
         return replace(self, tip_length_m=float(length_m))
@@ -211,9 +237,7 @@ class ArmModel:
         try:
             q = np.asarray(q, dtype=np.float64)
         except (TypeError, ValueError):
-            raise TrocarError(
-                f"arm '{self.name}' needs joint values (..., 6) as numbers, got {q!r}"
-            ) from None
+            raise TrocarError(f"arm '{self.name}' needs joint values (..., 6), got {q!r}") from None
         if q.shape[-1:] != (6,):
             raise TrocarError(f"arm '{self.name}' needs joint values of shape (..., 6), got {q.shape}")
         if not np.isfinite(q).all():

@@ -16,19 +16,19 @@ L3_M = 0.0091  # wrist pitch axis to wrist yaw axis
 L4_M = 0.0095  # wrist yaw axis to the point between the jaws that the paper controls; dVRK: 0, jaw tip: .0102
 
 # dVRK trajectory limits (facts/peg_transfer.md, "Kinematics")
-_ARM = {"max_speed": radians(90), "max_acceleration": radians(90)}
-_SLIDE = {"max_speed": 0.2, "max_acceleration": 0.2}
-_WRIST = {"max_speed": radians(1080), "max_acceleration": radians(720)}
+_ARM = radians(90), radians(90)  # speed per s, acceleration per s^2
+_SLIDE = 0.2, 0.2
+_WRIST = radians(1080), radians(720)
 
 PSM_CLASSIC = ArmModel(
     name="psm-classic",
     joints=(
-        Joint("yaw", radians(-91), radians(91), **_ARM),
-        Joint("pitch", radians(-53), radians(53), **_ARM),
-        Joint("insertion", 0.0, 0.24, **_SLIDE, prismatic=True),
-        Joint("roll", radians(-260), radians(260), **_WRIST),
-        Joint("wrist_pitch", radians(-80), radians(80), **_WRIST),
-        Joint("wrist_yaw", radians(-80), radians(80), **_WRIST),
+        Joint("yaw", radians(-91), radians(91), *_ARM),
+        Joint("pitch", radians(-53), radians(53), *_ARM),
+        Joint("insertion", 0.0, 0.24, *_SLIDE, prismatic=True),
+        Joint("roll", radians(-260), radians(260), *_WRIST),
+        Joint("wrist_pitch", radians(-80), radians(80), *_WRIST),
+        Joint("wrist_yaw", radians(-80), radians(80), *_WRIST),
     ),
     twists_rad=(pi / 2, -pi / 2, pi / 2),
     offsets=(pi / 2, -pi / 2, L2_M - L1_M, 0.0, 0.0, 0.0),
@@ -38,8 +38,8 @@ PSM_CLASSIC = ArmModel(
     # range: Large Needle Driver; speed: 6 rad/s of the paper's runs; acceleration: as the wrist
     jaw=Joint("jaw", radians(-40), radians(80), max_speed=6.0, max_acceleration=radians(720)),
     instrument="Large Needle Driver 400006",
-    safe_depth_m=0.045,  # dVRK's SafeDistanceFromRCM for Cartesian control of 8 mm instruments
-    # 8 mm instruments, actuator to joint: roll, wrist pitch, wrist yaw, jaw (facts/peg_transfer.md, "Kinematics")
+    safe_depth_m=0.045,  # sawIntuitiveResearchKit, SafeDistanceFromRCM (Cartesian control)
+    # 8 mm instruments, joint from actuator: roll, wrist pitch, wrist yaw, jaw (facts/peg_transfer.md)
     coupling=(
         (-1.5632, 0.0, 0.0, 0.0),
         (0.0, 1.0186, 0.0, 0.0),
@@ -52,9 +52,9 @@ PSM_SI = replace(
     PSM_CLASSIC,
     name="psm-si",
     joints=(
-        Joint("yaw", radians(-170), radians(170), **_ARM),
-        Joint("pitch", radians(-72.5), radians(74.5), **_ARM),
-        Joint("insertion", 0.0, 0.29, **_SLIDE, prismatic=True),
+        Joint("yaw", radians(-170), radians(170), *_ARM),
+        Joint("pitch", radians(-72.5), radians(74.5), *_ARM),
+        Joint("insertion", 0.0, 0.29, *_SLIDE, prismatic=True),
         *PSM_CLASSIC.joints[3:],
     ),
 )

@@ -7,34 +7,32 @@ from math import pi, radians
 
 from trocar.arms.model import ArmModel, Joint
 
-# facts/debridement.md, "Raven II kinematics". Joint 4's row there has d = -0.47 m, which commutes with the roll and
-# so joins the insertion; the fixed +-90 deg of row 3 turn about the same axis and join the roll.
+# facts/debridement.md, "Raven II kinematics". Joint 4's row there has d = -0.47 m, which commutes with the
+# roll and so joins the insertion; the fixed +-90 deg of row 3 turn about the same axis and join the roll. A small
+# q3 is a deep instrument.
 INSERTION_OFFSET_M = -0.47
 WRIST_LENGTH_M = 0.013  # Raven instruments; 0.009 for da Vinci instruments on the adapter
 TIP_LENGTH_M = 0.010  # jaw axis to the controlled point; the jaws end at 0.020
 
-_DRIVE = {"max_speed": 3.0, "max_acceleration": 1.0}  # rad/s, rad/s^2: drive limits
-_SLIDE = {
-    "max_speed": 0.1,
-    "max_acceleration": 0.1,
-}  # m/s: surgeons' peak tip speed; m/s^2: assumed, no source
+_DRIVE = 3.0, 1.0  # rad/s, rad/s^2: drive limits
+_SLIDE = 0.1, 0.1  # m/s: surgeons' peak tip speed; m/s^2: assumed, no source
 
 RAVEN2_LEFT = ArmModel(
     name="raven2-left",
     joints=(
-        Joint("shoulder", 0.0, radians(90), **_DRIVE),
-        Joint("elbow", radians(45), radians(135), **_DRIVE),
-        Joint("insertion", 0.23, 0.56, **_SLIDE, prismatic=True),
-        Joint("roll", radians(-182), radians(182), **_DRIVE),
-        Joint("wrist_pitch", radians(-75), radians(75), **_DRIVE),
-        Joint("wrist_yaw", radians(-90), radians(90), **_DRIVE),
+        Joint("shoulder", 0.0, radians(90), *_DRIVE),
+        Joint("elbow", radians(45), radians(135), *_DRIVE),
+        Joint("insertion", 0.23, 0.56, *_SLIDE, prismatic=True),
+        Joint("roll", radians(-182), radians(182), *_DRIVE),
+        Joint("wrist_pitch", radians(-75), radians(75), *_DRIVE),
+        Joint("wrist_yaw", radians(-90), radians(90), *_DRIVE),
     ),
     twists_rad=(0.0, radians(75), radians(128)),
     offsets=(radians(205), pi, INSERTION_OFFSET_M, pi / 2, 0.0, 0.0),
     wrist_sign=1,
     wrist_length_m=WRIST_LENGTH_M,
     tip_length_m=TIP_LENGTH_M,
-    jaw=Joint("jaw", 0.0, radians(120), **_DRIVE),
+    jaw=Joint("jaw", 0.0, radians(120), *_DRIVE),
     instrument="Raven II gripper",
     safe_depth_m=0.045,  # assumed as on the dVRK: no source for Raven
 )

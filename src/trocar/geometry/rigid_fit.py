@@ -12,7 +12,7 @@ from trocar.geometry.se3 import SE3
 from trocar.geometry.so3 import SO3
 
 COLLINEAR_RATIO = 1e-6
-"""Points whose second principal extent is below this part of the first leave the turn about their line free."""
+"""Points whose second principal extent is below this part of the first lie on one line."""
 RANSAC_DRAWS = 500
 """Triples tried: with half of the pairs wrong, the chance to miss every clean triple is below 1e-28."""
 
@@ -46,23 +46,20 @@ def fit_rigid(
         source_m: (n, 3) points in the source frame.
         target_m: (n, 3) the same points in the target frame, in the same order.
         weights: (n,) non-negative; default all 1.
-        inlier_distance_m: if given, pairs farther apart than this under the best of many fits to random triples
-            (RANSAC) are left out; default: all take part.
+        inlier_distance_m: if given, pairs farther apart than this under the best of many fits to random
+            triples (RANSAC) are left out; default: all take part.
         rng: draws the triples; needed with ``inlier_distance_m``.
 
     Raises:
-        TrocarError: shapes differ, values are not finite, fewer than three pairs, or the points lie on one line.
+        TrocarError: shapes differ, values are not finite, fewer than three pairs, or the points lie on one
+        line.
     """
     source, target = _points(source_m, "source"), _points(target_m, "target")
     if source.shape != target.shape:
-        raise TrocarError(
-            f"paired points need equal shapes, got source {source.shape} and target {target.shape}"
-        )
+        raise TrocarError(f"paired points need equal shapes, got source {source.shape} and target {target.shape}")
     weight = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)
     if weight.shape != (len(source),) or not np.isfinite(weight).all() or np.any(weight < 0):
-        raise TrocarError(
-            f"weights need shape ({len(source)},), finite and at least 0, got shape {weight.shape}"
-        )
+        raise TrocarError(f"weights need shape ({len(source)},), finite and at least 0, got shape {weight.shape}")
     inliers = weight > 0
     if inlier_distance_m is not None:
         inliers &= _consensus(source, target, inliers, inlier_distance_m, rng)
@@ -93,9 +90,7 @@ def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
     for points, what in ((from_s, "source"), (from_t, "target")):
         extent = np.linalg.svd(np.sqrt(weight)[:, None] * points, compute_uv=False)
         if extent[1] <= COLLINEAR_RATIO * extent[0]:
-            raise TrocarError(
-                f"the {what} points lie on one line, so the turn about it is free; add points off it"
-            )
+            raise TrocarError(f"the {what} points lie on one line, so the turn about it is free; add points off it")
     u, _, vt = np.linalg.svd(from_t.T @ (weight[:, None] * from_s))
     R = SO3(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
     return SE3.from_parts(R, center_t - R.apply(center_s))
@@ -104,11 +99,9 @@ def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
 def _consensus(
     source: NDArray, target: NDArray, usable: NDArray, distance_m: float, rng: np.random.Generator | None
 ) -> NDArray[np.bool_]:
-    """Return the pairs that agree with the triple that most pairs agree with, refitted until the set is stable."""
+    """Return the pairs that agree with the triple that most pairs agree with, refitted till stable."""
     if rng is None or not distance_m > 0:
-        raise TrocarError(
-            f"leaving outliers out needs rng and an inlier distance above 0 m, got {distance_m}"
-        )
+        raise TrocarError(f"leaving outliers out needs rng and an inlier distance above 0 m, got {distance_m}")
     index = np.flatnonzero(usable)
     if len(index) < 3:
         raise TrocarError(f"a rigid fit needs at least 3 pairs of points, got {len(index)}")
@@ -116,21 +109,15 @@ def _consensus(
     for _ in range(RANSAC_DRAWS):
         triple = rng.choice(index, 3, replace=False)
         try:
-            near = _near(
-                _least_squares(source[triple], target[triple], np.ones(3)), source, target, distance_m
-            )
+            near = _near(_least_squares(source[triple], target[triple], np.ones(3)), source, target, distance_m)
         except TrocarError:  # three points on a line
             continue
         if near.sum() > best.sum():
             best = near
     if best.sum() < 3:
-        raise TrocarError(
-            f"no three pairs agree within {distance_m} m; check the pairing or raise the distance"
-        )
+        raise TrocarError(f"no three pairs agree within {distance_m} m; check the pairing or raise the distance")
     for _ in range(10):
-        again = _near(
-            _least_squares(source[best], target[best], np.ones(best.sum())), source, target, distance_m
-        )
+        again = _near(_least_squares(source[best], target[best], np.ones(best.sum())), source, target, distance_m)
         if np.array_equal(again, best) or again.sum() < best.sum():
             break
         best = again

@@ -49,6 +49,8 @@ class SE3:
     def exp(twist: ArrayLike) -> SE3:
         """Return the pose reached by the twist(s) (..., 6) = translation m, rotation rad, in unit time."""
         xi = np.asarray(twist, dtype=np.float64)
+        if xi.shape[-1:] != (6,):
+            raise TrocarError(f"a twist needs shape (..., 6), got {xi.shape}")
         v, w = xi[..., :3], xi[..., 3:]
         angle2 = np.sum(w * w, -1)[..., None, None]
         W = skew(w)
@@ -64,7 +66,7 @@ class SE3:
         _, b, c = exp_coefficients(angle2)
         V = np.eye(3) + b * W + c * (W @ W)
         v = np.linalg.solve(V, self.translation_m[..., None])[..., 0]
-        return np.concatenate([v, w], -1)
+        return np.concatenate([v, w], -1, dtype=np.float64)
 
     @property
     def rotation(self) -> SO3:

@@ -46,6 +46,8 @@ class SO3:
     def exp(rotvec_rad: ArrayLike) -> SO3:
         """Return the rotation about ``rotvec_rad`` (..., 3) by its length (Rodrigues)."""
         w = np.asarray(rotvec_rad, dtype=np.float64)
+        if w.shape[-1:] != (3,):
+            raise TrocarError(f"a rotation vector needs shape (..., 3), got {w.shape}")
         angle2 = np.sum(w * w, -1)[..., None, None]
         W = skew(w)
         a, b, _ = exp_coefficients(angle2)
@@ -81,9 +83,7 @@ class SO3:
         w, x, y, z = np.moveaxis(four_square, -1, 0)
         a, b, c = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
         d, e, f = m[..., 1, 0] + m[..., 0, 1], m[..., 0, 2] + m[..., 2, 0], m[..., 2, 1] + m[..., 1, 2]
-        rows = np.stack(
-            [np.stack(r, -1) for r in ((w, a, b, c), (a, x, d, e), (b, d, y, f), (c, e, f, z))], -2
-        )
+        rows = np.stack([np.stack(r, -1) for r in ((w, a, b, c), (a, x, d, e), (b, d, y, f), (c, e, f, z))], -2)
         largest = np.argmax(four_square, -1)[..., None, None]
         q = np.take_along_axis(rows, np.broadcast_to(largest, (*largest.shape[:-1], 4)), -2)[..., 0, :]
         q = q / np.linalg.norm(q, axis=-1, keepdims=True)
@@ -106,7 +106,7 @@ class SO3:
         return np.einsum("...ij,...j->...i", self.matrix, np.asarray(points, dtype=np.float64))
 
     def angle(self) -> NDArray[np.float64]:
-        """Return the angle(s) of rotation in [0, pi] rad."""
+        """Return how far it turns, (...,) in [0, pi] rad."""
         return np.linalg.norm(self.log(), axis=-1)
 
     def __matmul__(self, other: SO3) -> SO3:

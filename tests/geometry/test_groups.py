@@ -1,0 +1,126 @@
+"""SO3 and SE3 by their axioms, over batch shapes, near the identity and near half a turn."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3, skew
+
+BATCHES = [(), (1,), (7,), (2, 3)]
+ANGLES = [
+    0.0,
+    1e-300,
+    1e-160,
+    1e-12,
+    1e-8,
+    0.99e-4,
+    1.01e-4,
+    1e-2,
+    1.0,
+    3.0,
+    np.pi - 1e-3,
+    np.pi - 1e-8,
+    np.pi,
+]
+seeds = st.integers(0, 2**32 - 1)
+
+
+def rotvecs(rng, batch, angle):
+    axis = rng.standard_normal((*batch, 3))
+    return angle * axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+
+
+def elements(group, rng, batch, angle):
+    w = rotvecs(rng, batch, angle)
+    if group is SO3:
+        return SO3.exp(w)
+    return SE3.exp(np.concatenate([rng.uniform(-1, 1, (*batch, 3)), w], -1))
+
+
+@pytest.mark.parametrize("group", [SO3, SE3])
+@pytest.mark.parametrize("batch", BATCHES)
+@given(seed=seeds, angle=st.sampled_from(ANGLES))
+def test_axioms(group, batch, seed, angle):
+    rng = np.random.default_rng(seed)
+    a, b, c = (elements(group, rng, batch, angle) for _ in range(3))
+    one = group.identity(batch)
+    point = rng.uniform(-1, 1, (*batch, 3))
+    np.testing.assert_allclose((a @ a.inverse()).matrix, one.matrix, atol=1e-14)
+    np.testing.assert_allclose((a.inverse() @ a).matrix, one.matrix, atol=1e-14)
+    np.testing.assert_array_equal((a @ one).matrix, a.matrix)
+    np.testing.assert_allclose(((a @ b) @ c).matrix, (a @ (b @ c)).matrix, atol=1e-14)
+    np.testing.assert_allclose((a @ b).apply(point), a.apply(b.apply(point)), atol=1e-14)
+    assert a.matrix.shape[:-2] == batch
+    R = a.matrix[..., :3, :3]
+    np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("group", [SO3, SE3])
+@given(seed=seeds, angle=st.sampled_from(ANGLES))
+def test_exp_and_log_are_inverse(group, seed, angle):
+    rng = np.random.default_rng(seed)
+    a = elements(group, rng, (4,), angle)
+    np.testing.assert_allclose(group.exp(a.log()).matrix, a.matrix, atol=2e-15 if angle < 3.1 else 5e-14)
+
+
+@given(seed=seeds, angle=st.sampled_from(ANGLES[:-1]))
+def test_log_keeps_the_relative_precision_of_small_angles(seed, angle):
+    w = rotvecs(np.random.default_rng(seed), (4,), angle)
+    np.testing.assert_allclose(SO3.exp(w).log(), w, rtol=1e-7 if angle > 3.1 else 1e-13, atol=1e-15)
+
+
+@given(seed=seeds, angle=st.sampled_from(ANGLES))
+def test_exp_is_the_matrix_exponential(seed, angle):
+    rng = np.random.default_rng(seed)
+    v, w = rng.uniform(-1, 1, 3), rotvecs(rng, (), angle)
+    generator = np.zeros((4, 4))
+    generator[:3, :3], generator[:3, 3] = skew(w), v
+    np.testing.assert_allclose(SE3.exp(np.r_[v, w]).matrix, expm(generator), atol=1e-13)
+
+
+@given(seed=seeds, angle=st.sampled_from(ANGLES))
+def test_quaternions_agree_with_scipy(seed, angle):
+    rng = np.random.default_rng(seed)
+    w = rotvecs(rng, (5,), angle)
+    R = SO3.exp(w)
+    q = R.as_quaternion()
+    assert np.all(q[..., 0] >= 0)
+    np.testing.assert_allclose(np.abs(np.sum(q * Rotation.from_rotvec(w).as_quat()[:, [3, 0, 1, 2]], -1)), 1.0)
+    np.testing.assert_allclose(SO3.from_quaternion(-3 * q).matrix, R.matrix, atol=1e-14)
+
+
+@given(seed=seeds, angle=st.sampled_from(ANGLES))
+def test_the_adjoint_carries_twists(seed, angle):
+    rng = np.random.default_rng(seed)
+    T, xi = elements(SE3, rng, (3,), angle), rng.uniform(-0.5, 0.5, (3, 6))
+    carried = np.einsum("...ij,...j->...i", T.adjoint(), xi)
+    np.testing.assert_allclose((T @ SE3.exp(xi)).matrix, (SE3.exp(carried) @ T).matrix, atol=1e-13)
+
+
+@pytest.mark.parametrize("axis", "xyz")
+def test_coordinate_axes_turn_the_right_way(axis):
+    i = "xyz".index(axis)
+    turned = SO3.axis(axis, np.pi / 2).apply(np.eye(3)[(i + 1) % 3])
+    np.testing.assert_allclose(turned, np.eye(3)[(i + 2) % 3], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: SO3(np.eye(4)),
+        lambda: SE3(np.eye(3)),
+        lambda: SO3.axis("w", 1.0),
+        lambda: SO3.exp(np.zeros(2)),
+        lambda: SE3.exp(np.zeros(3)),
+        lambda: SO3.from_quaternion(np.zeros(4)),
+        lambda: SE3.from_parts(translation_m=np.zeros(2)),
+    ],
+)
+def test_bad_shapes_are_refused(make):
+    with pytest.raises(TrocarError):
+        make()
