@@ -1,0 +1,33 @@
+"""Random boards with blocks and no arms, for benchmarks and tests of perception."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry import SE3, SO3
+from trocar.scene import Block, Pegboard, Scene
+from trocar.sim.mjcf import CellModel, build_mjcf
+
+CLEARANCE_M = 1.4e-3
+"""Blocks stand off their peg by up to this in x and y, 2 mm in all: what the hole allows."""
+
+
+def random_scene(rng: np.random.Generator, blocks: int = 6) -> tuple[Scene, NDArray[np.intp]]:
+    """Return a scene moved by a few mm and degrees, and the pegs (blocks,) that carry its blocks."""
+    board, block = Pegboard(), Block()
+    pegs = rng.permutation(len(board.pegs_m))[:blocks]
+    tilt = np.radians([*rng.uniform(-1, 1, 2), rng.uniform(-4, 4)])
+    T_world_board = SE3.from_parts(SO3.exp(tilt), rng.uniform(-3e-3, 3e-3, 3))
+    turn = SO3.axis("z", rng.uniform(0, 2 * np.pi, blocks)) @ SO3(np.diag([1.0, -1.0, -1.0]))
+    offset = np.column_stack([rng.uniform(-CLEARANCE_M, CLEARANCE_M, (blocks, 2)), np.full(blocks, block.height_m)])
+    return Scene(board, block, T_world_board, T_world_board @ SE3.from_parts(turn, board.pegs_m[pegs] + offset)), pegs
+
+
+def world_of(scene: Scene) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return model and state of a scene without arms, as it lies before physics moves it."""
+    model = mujoco.MjModel.from_xml_string(build_mjcf(CellModel(scene, {}, {})))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
