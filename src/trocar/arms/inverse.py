@@ -44,7 +44,8 @@ def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> ND
     """Return the configuration(s) (..., 6) within the limits whose tip lies at ``T_base_tip``.
 
     Of several, the one nearest to ``reference`` (..., 6) is taken: the joints count alike, in rad and m. The
-    default reference is the middle of the ranges.
+    default reference is the middle of the ranges. With the wrist or the jaw axis within rounding (1e-12 m) of the
+    remote centre a wrist joint is free, and what rounding makes of it may lie outside its limits.
 
     Raises:
         Unreachable: a pose has no solution within the limits; says which joint is how far outside, on the
@@ -77,10 +78,10 @@ def ik_floats(arm: ArmModel, matrix: list[float], reference: ArrayLike | None = 
     if arm.branch_is_unique:
         try:
             *q, _ = _solve(arm, matrix, arm.branch, _Floats, arm.solver_offsets)
-        except ValueError:  # the square root of a negative number: outside the cone
+            for i in arm.winding_joints:
+                q[i] += TAU * round((near[i] - q[i]) / TAU)
+        except ValueError:  # the square root of a negative number, outside the cone; or NaN
             return _search(arm, np.array(matrix), np.array(near)).tolist()
-        for i in arm.winding_joints:
-            q[i] += TAU * round((near[i] - q[i]) / TAU)
         for i, (low, high) in enumerate(arm.ranges):
             x = q[i]
             if not low <= x <= high:
@@ -150,9 +151,9 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
         )
     q = q[real]
     q = q + arm.turns * np.rint((near - q) / TAU)
-    q = q + arm.turns * (q < arm.lower - LIMIT_TOLERANCE)
-    q = q - arm.turns * (q > arm.upper + LIMIT_TOLERANCE)
-    excess = np.maximum(arm.lower - q, q - arm.upper)
+    turned = q + arm.turns * ((q < arm.lower) * 1.0 - (q > arm.upper))
+    q = np.where(_excess(arm, turned) < _excess(arm, q), turned, q)
+    excess = _excess(arm, q)
     inside = (excess <= LIMIT_TOLERANCE).all(-1)
     if inside.any():
         q = q[inside]
@@ -165,6 +166,11 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
         f"{joint.unit}, {excess[best, i]:.4f} outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}; "
         "move or turn the target"
     )
+
+
+def _excess(arm: ArmModel, q: NDArray) -> NDArray[np.float64]:
+    """Return how far each joint is outside its range; negative inside."""
+    return np.maximum(arm.lower - q, q - arm.upper)
 
 
 class _Floats:

@@ -1,0 +1,202 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trocar.arms import (
+    ARMS,
+    PSM_CLASSIC,
+    PSM_SI,
+    Unreachable,
+    fk,
+    ik,
+    ik_branches,
+    limit_violations,
+)
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+
+arms = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
+seeds = st.integers(0, 2**32 - 1)
+COUNT = 100_000
+
+
+def sample(arm, seed, shape=()):
+    return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (*shape, 6))
+
+
+@arms
+def test_ik_inverts_fk_on_many_configurations(arm):
+    q = sample(arm, 7, (COUNT,))
+    T = fk(arm, q)
+    found = ik(arm, T, q)
+    np.testing.assert_allclose(fk(arm, found).matrix, T.matrix, rtol=0, atol=1e-12)
+    # the same configuration, up to what the pose can tell of it near the remote centre
+    np.testing.assert_allclose(found, q, rtol=0, atol=1e-8)
+    assert np.all((found >= arm.lower) & (found <= arm.upper))
+
+
+@arms
+@given(seed=seeds)
+def test_one_pose_is_solved_as_many_are(arm, seed):
+    q = sample(arm, seed, (4,))
+    T, near = fk(arm, q), sample(arm, seed + 1)
+    one = [ik(arm, T[i], near) for i in range(4)]
+    np.testing.assert_allclose(one, ik(arm, T, near), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(fk(arm, np.array(one)).matrix, T.matrix, rtol=0, atol=1e-12)
+
+
+@arms
+def test_every_real_branch_reaches_the_pose_and_one_lies_within_the_limits(arm):
+    q = sample(arm, 3, (5000,))
+    T = fk(arm, q)
+    branches, real = ik_branches(arm, T)
+    assert branches.shape == (5000, 8, 6)
+    error = np.abs(fk(arm, branches).matrix - T.matrix[:, None])[real]
+    assert error.max() < 1e-12
+    inside = ((branches >= arm.lower - 1e-9) & (branches <= arm.upper + 1e-9)).all(-1) & real
+    assert np.all(inside.sum(-1) <= 1)
+    turned = arm.turns * np.rint((q[:, None] - branches) / (2 * np.pi))
+    near = np.abs(branches + turned - q[:, None]).max(-1)
+    assert np.all((near < 1e-8).sum(-1) == 1)  # the one it came from
+    others = np.abs(branches[:, :, None] - branches[:, None]).max(-1) + 10 * np.eye(8)
+    assert np.median(others) > 0.1  # and they differ
+
+
+def test_psm_always_has_eight_branches_and_raven_does_not():
+    assert ik_branches(PSM_CLASSIC, fk(PSM_CLASSIC, sample(PSM_CLASSIC, 1, (500,))))[1].all()
+    raven = ARMS["raven2-left"]
+    real = ik_branches(raven, fk(raven, sample(raven, 1, (500,))))[1].sum(-1)
+    assert real.min() >= 1
+    assert real.min() < 8  # the cone condition
+
+
+@given(seed=seeds)
+def test_the_roll_follows_the_reference_within_its_limits(seed):
+    q = sample(PSM_CLASSIC, seed)
+    T = fk(PSM_CLASSIC, q)
+    rolls = [roll for roll in q[3] + 2 * np.pi * np.arange(-2, 3) if abs(roll) <= np.radians(260)]
+    for roll in rolls:
+        near = np.r_[q[:3], roll + 0.3, q[4:]]
+        expected = min(rolls, key=lambda r: abs(r - near[3]))
+        assert ik(PSM_CLASSIC, T, near)[3] == pytest.approx(expected, abs=1e-9)
+        assert ik(PSM_CLASSIC, T[None], near)[0, 3] == pytest.approx(expected, abs=1e-9)
+    assert abs(ik(PSM_CLASSIC, T)[3]) == pytest.approx(min(map(abs, rolls)), abs=1e-9)
+
+
+@arms
+@given(seed=seeds)
+def test_limits_themselves_are_reached(arm, seed):
+    rng = np.random.default_rng(seed)
+    q = np.where(rng.random(6) < 0.5, arm.lower, arm.upper)
+    T = fk(arm, q)
+    for found in (ik(arm, T, q), ik(arm, T[None], q)[0]):
+        np.testing.assert_allclose(fk(arm, found).matrix, T.matrix, atol=1e-8)
+        assert limit_violations(arm, found) == []
+
+
+@arms
+@pytest.mark.parametrize("shift_m", [1e-9, -1e-6])
+def test_close_to_the_remote_centre_the_pose_still_comes_back(arm, shift_m):
+    q = sample(arm, 5, (200,))
+    q[:, 2] = shift_m - arm.offsets[2]  # wrist at the remote centre
+    q[100:, 2] = np.clip(-arm.wrist_sign * -arm.wrist_length_m - arm.offsets[2] + shift_m, *arm.ranges[2])
+    q[100:, 4] = 0.0  # where it can, jaw axis through the remote centre
+    T = fk(arm, q)
+    near = np.broadcast_to(arm.middle, q.shape)
+    for found in (ik(arm, T, q), np.array([ik(arm, T[i], near[i]) for i in range(0, 200, 9)])):
+        poses = T.matrix if len(found) == 200 else T.matrix[::9]
+        np.testing.assert_allclose(fk(arm, found).matrix, poses, rtol=0, atol=1e-12)
+
+
+@arms
+def test_on_the_remote_centre_every_branch_that_counts_as_real_reaches_the_pose(arm):
+    q = sample(arm, 5, (200,))
+    q[:, 2] = -arm.offsets[2]
+    T = fk(arm, q)
+    branches, real = ik_branches(arm, T)
+    assert real.any(-1).mean() > 0.9  # on Raven the free wrist may leave the cone
+    assert np.abs(fk(arm, branches).matrix - T.matrix[:, None])[real].max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["psm-classic", "raven2-right"])
+@given(seed=seeds)
+def test_an_arm_with_wide_ranges_takes_the_nearest_branch(name, seed):
+    arm = ARMS[name]
+    joints = tuple(joint if joint.prismatic else replace(joint, lower=-3.1, upper=3.1) for joint in arm.joints)
+    wide = replace(arm, joints=joints)
+    assert not wide.branch_is_unique
+    q = sample(wide, seed)
+    if abs(q[2] + arm.offsets[2]) < 1e-3 or abs(np.sin(q[1] + arm.offsets[1])) < 1e-3:
+        return
+    T = fk(wide, q)
+    for found in (ik(wide, T, q), ik(wide, T[None], q)[0]):
+        np.testing.assert_allclose(found, q, rtol=0, atol=1e-6)
+
+
+@arms
+@given(seed=seeds)
+def test_beyond_a_limit_the_joint_and_the_excess_are_named(arm, seed):
+    rng = np.random.default_rng(seed)
+    i = int(rng.integers(0, 3))
+    q = arm.middle + 0.3 * (sample(arm, seed) - arm.middle)
+    excess = 0.02 if i == 2 else 0.1
+    q[i] = arm.upper[i] + excess
+    if arm.name == "psm-si" and i == 0:
+        excess = 0.1  # 170 + 6 deg, still short of -170
+    with pytest.raises(Unreachable, match=rf"'{arm.joints[i].name}' would be .*{excess:.4f} outside") as one:
+        ik(arm, fk(arm, q))
+    assert "\n" not in str(one.value)
+    with pytest.raises(Unreachable, match="pose 1 at"):
+        ik(arm, fk(arm, np.array([arm.middle, q])))
+
+
+def test_outside_the_cone_no_pitch_points_there():
+    arm = ARMS["raven2-left"]  # its instrument stays within 53 to 157 deg of axis 1
+    T = SE3.from_parts(translation_m=[0, 0, 0.1])
+    with pytest.raises(Unreachable):
+        ik(arm, T)
+
+
+@arms
+def test_bad_poses_and_references_are_refused(arm):
+    T = fk(arm, arm.middle)
+    broken = T.matrix.copy()
+    broken[0, 3] = np.nan
+    for bad in (SE3(broken), SE3(broken[None])):
+        with pytest.raises(TrocarError, match="NaN"):
+            ik(arm, bad)
+    for reference in (np.zeros(5), np.full(6, np.nan), "near"):
+        with pytest.raises(TrocarError):
+            ik(arm, T, reference)
+
+
+def printed_ik(R, t, *, mended):
+    """Equations of Hwang et al. 2022, IV-C, as printed, or with both slips mended."""
+    L1, L2, L3, L4 = 0.4318, 0.4162, 0.0091, 0.0095
+    x, y, z = -R.T @ t if mended else R.T @ t
+    q6 = np.arctan2(x, z - L4)
+    p = -L3 + np.hypot(x, z - L4)
+    q3 = L1 - L2 + np.hypot(y, p)
+    q5 = np.arctan2(-y, p)
+    s5, c5, s6, c6 = np.sin(q5), np.cos(q5), np.sin(q6), np.cos(q6)
+    R3b = np.array([[s5 * s6, -c6, c5 * s6], [c5, 0, -s5], [c6 * s5, s6, c5 * c6]])
+    R3z = R3b.T @ R.T if mended else R3b @ R.T
+    q2 = np.arcsin(R3z[2, 1])
+    return np.array([np.arctan2(-R3z[2, 0], R3z[2, 2]), q2, q3, np.arctan2(R3z[1, 1], R3z[0, 1]), q5, q6])
+
+
+def test_the_printed_formulas_fail_and_the_mended_ones_agree():
+    q = sample(PSM_SI, 11, (200,))
+    q[:, 2] = np.maximum(q[:, 2], 0.05)
+    wrong = 0
+    for T in map(lambda x: fk(PSM_SI, x), q):
+        R, t = T.rotation.matrix, T.translation_m
+        mended = printed_ik(R, t, mended=True)
+        np.testing.assert_allclose(fk(PSM_SI, mended).matrix, T.matrix, atol=1e-14)
+        np.testing.assert_allclose(ik(PSM_SI, T, mended), mended, atol=1e-12)
+        printed = printed_ik(R, t, mended=False)
+        wrong += np.abs(fk(PSM_SI, printed).matrix - T.matrix).max() > 0.01
+    assert wrong == 200

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trocar.arms import (
+    ARMS,
+    PSM_CLASSIC,
+    PSM_SI,
+    fk,
+    jacobian,
+    joint_margins,
+    limit_violations,
+    manipulability,
+)
+from trocar.errors import TrocarError
+
+arms = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def sample(arm, seed, shape=()):
+    return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (*shape, 6))
+
+
+@arms
+@given(seed=seeds)
+def test_the_jacobian_is_the_finite_difference(arm, seed):
+    q, h = sample(arm, seed), 1e-5
+    T, J = fk(arm, q), np.empty((6, 6))
+    for i in range(6):
+        step = h * np.eye(6)[i]
+        after, before = fk(arm, q + step), fk(arm, q - step)
+        J[:3, i] = (after.translation_m - before.translation_m) / (2 * h)
+        J[3:, i] = (after.rotation @ T.rotation.inverse()).log() / (2 * h)
+        J[3:, i] -= (before.rotation @ T.rotation.inverse()).log() / (2 * h)
+    np.testing.assert_allclose(jacobian(arm, q), J, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("arm", [PSM_CLASSIC, PSM_SI], ids=lambda arm: arm.name)
+def test_the_psm_determinant_has_its_closed_form(arm):
+    q = sample(arm, 2, (100_000,))
+    d = q[:, 2] - 0.4318 + 0.4162
+    exact = np.abs(np.cos(q[:, 1]) * d * (d * np.cos(q[:, 4]) + 0.0091))
+    np.testing.assert_allclose(manipulability(arm, q), exact, rtol=0, atol=1e-15)
+
+
+@arms
+def test_every_arms_determinant_factors_into_cone_and_depth(arm):
+    q = sample(arm, 4, (1000,))
+    depth = -arm.wrist_sign * (q[:, 2] + arm.offsets[2])
+    cone = np.sin(arm.twists_rad[1]) * np.sin(arm.twists_rad[2]) * np.sin(q[:, 1] + arm.offsets[1])
+    exact = np.abs(cone * depth * (depth * np.cos(q[:, 4]) + arm.wrist_length_m))
+    np.testing.assert_allclose(manipulability(arm, q), exact, rtol=0, atol=1e-15)
+
+
+@arms
+def test_margins_and_violations_agree(arm):
+    q = arm.middle.copy()
+    np.testing.assert_allclose(joint_margins(arm, q), (arm.upper - arm.lower) / 2)
+    assert limit_violations(arm, q) == []
+    q[2] = arm.upper[2] + 0.05
+    assert joint_margins(arm, q)[2] == pytest.approx(-0.05)
+    (sentence,) = limit_violations(arm, np.array([arm.middle, q]))
+    assert "'insertion'" in sentence
+    assert "by 0.0500" in sentence
+    assert " m " in sentence
+
+
+@arms
+def test_bad_joint_values_are_refused(arm):
+    for function in (jacobian, manipulability, joint_margins, limit_violations):
+        with pytest.raises(TrocarError, match="shape"):
+            function(arm, np.zeros(5))
