@@ -1,3 +1,4 @@
+import mujoco
 import numpy as np
 import pytest
 from random_cells import random_scene, world_of
@@ -65,7 +66,6 @@ def test_a_knocked_over_block_is_no_block(view):
     on_its_side = SE3.exp([0, 0, 0, np.pi / 2, 0, 0]).rotation.as_quaternion()
     data.qpos[3:7] = on_its_side
     data.qpos[:3] += [0.0, 0.0, -0.006]
-    import mujoco
 
     mujoco.mj_forward(model, data)
     lying = RayCamera(model, ZIVID.binned(2), nominal_camera()).render(data, np.random.default_rng(0))

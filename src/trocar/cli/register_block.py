@@ -16,13 +16,11 @@ def block(
         Path,
         typer.Argument(
             metavar="CAPTURE",
-            help="Points (n, 3) on one block's top face, seen from their origin: .npz with points_mm or points_m, or .npy.",
+            help="Points (n, 3) on one top face, seen from their origin: .npz with points_mm or points_m, or .npy.",
         ),
     ],
     *,
-    unit: Annotated[
-        str | None, typer.Option(help="mm or m; needed where the array's name does not say it.")
-    ] = None,
+    unit: Annotated[str | None, typer.Option(help="mm or m; needed where the array's name does not say it.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find the block whose top face a depth camera captured; exit code 1 if there is none.

@@ -136,18 +136,14 @@ def _fit_in_window(patch: Patch, T_camera_top: SE3, block: Block, others_m: NDAr
     least = max(LEAST_POINTS, LEAST_VISIBLE * expected)
     count = int(candidate.sum())
     if count < least:
-        return BlockFit(
-            False, f"only {count} of {expected:.0f} pixels lie at the height of a block", inliers=count
-        )
+        return BlockFit(False, f"only {count} of {expected:.0f} pixels lie at the height of a block", inliers=count)
     plane = fit_level_plane(points[candidate])
     if plane is None:
         return BlockFit(False, "the pixels at the height of a block form no plane", inliers=count)
     a, b, c = plane
     tilt = float(np.arctan(np.hypot(a, b)))
     if tilt > MOST_TILT_RAD:
-        return BlockFit(
-            False, f"what is there is tilted by {np.degrees(tilt):.0f} deg", inliers=count, tilt_rad=tilt
-        )
+        return BlockFit(False, f"what is there is tilted by {np.degrees(tilt):.0f} deg", inliers=count, tilt_rad=tilt)
 
     above = points[..., 2] - (a * points[..., 0] + b * points[..., 1] + c)
     middle = c - STEP_DOWN_M / 2
@@ -160,9 +156,7 @@ def _fit_in_window(patch: Patch, T_camera_top: SE3, block: Block, others_m: NDAr
     count = int(on.sum())
     if count < least:
         return BlockFit(False, f"only {count} of {expected:.0f} pixels lie on a top face", inliers=count)
-    outline = fit_outline(
-        face, np.concatenate([xy[on], xy[through]]), np.arange(count + through.sum()) < count
-    )
+    outline = fit_outline(face, np.concatenate([xy[on], xy[through]]), np.arange(count + through.sum()) < count)
     visible = outline.covered * count / expected
     rms = float(np.sqrt(np.mean(above[on] ** 2)))
     found = outline.mismatch < MOST_MISMATCH and visible > LEAST_VISIBLE

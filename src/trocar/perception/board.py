@@ -86,9 +86,7 @@ def find_board(
     T_level_board = SE3.from_parts(SO3.axis("z", yaw), [x, y, 0.0])
     refined = T_world_board @ T_guess_level @ T_level_board
     if seen.sum() < LEAST_PEGS or not rms < MOST_RMS_M:
-        reason = (
-            f"only {seen.sum()} of {len(seen)} pegs were seen, {rms * 1e3:.2f} mm rms beside their cylinders"
-        )
+        reason = f"only {seen.sum()} of {len(seen)} pegs were seen, {rms * 1e3:.2f} mm rms beside their cylinders"
         return BoardFit(False, reason, T_world_board, rms, plane_rms, seen)
     return BoardFit(True, "found", refined, rms, plane_rms, seen)
 

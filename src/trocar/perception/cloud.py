@@ -127,9 +127,7 @@ def _coarse(face: TopFace, xy: NDArray[np.float64]) -> list[NDArray[np.float64]]
     return [starts[i] for i in np.argsort(cost)[:FINALISTS]]
 
 
-def _refine(
-    face: TopFace, xy: NDArray[np.float64], start: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float]:
+def _refine(face: TopFace, xy: NDArray[np.float64], start: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     """Return x, y, yaw of least mean square distance to the face (Levenberg-Marquardt), and that distance."""
     pose, damping = start, 1e-4
     residual, jacobian = _outside(face, xy, pose)

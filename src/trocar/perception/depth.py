@@ -108,9 +108,7 @@ def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_
     if u1 - u0 < 2 or v1 - v0 < 2:
         return None
     window = np.s_[v0:v1, u0:u1]
-    return Patch(
-        pixel_rays(image.intrinsics)[window], image.depth_m[window].astype(np.float64), image.color[window]
-    )
+    return Patch(pixel_rays(image.intrinsics)[window], image.depth_m[window].astype(np.float64), image.color[window])
 
 
 def check_image(image: RgbdImage) -> None:

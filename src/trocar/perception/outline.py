@@ -63,9 +63,7 @@ def fit_outline(face: TopFace, xy_m: NDArray[np.float64], shows_face: NDArray[np
     lost = int((shows_face & (distance < -CONTRADICTION_M)).sum())
     bare = int((~shows_face & (distance > CONTRADICTION_M)).sum())
     x, y, yaw = (float(v) for v in pose)
-    return Outline(
-        x, y, yaw % np.radians(120.0), loss, (lost + bare) / max(shown, 1), 1 - lost / max(shown, 1)
-    )
+    return Outline(x, y, yaw % np.radians(120.0), loss, (lost + bare) / max(shown, 1), 1 - lost / max(shown, 1))
 
 
 def _to_block(xy_m: NDArray[np.float64], pose: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray]:
@@ -86,9 +84,7 @@ def _coarse(
     yaws = np.radians(120.0) * np.arange(COARSE_YAWS) / COARSE_YAWS
     delta = (points[None] - offsets[:, None])[None]
     cosine, sine = np.cos(yaws)[:, None, None], np.sin(yaws)[:, None, None]
-    local = np.stack(
-        [cosine * delta[..., 0] + sine * delta[..., 1], sine * delta[..., 0] - cosine * delta[..., 1]], -1
-    )
+    local = np.stack([cosine * delta[..., 0] + sine * delta[..., 1], sine * delta[..., 0] - cosine * delta[..., 1]], -1)
     score = np.sum(sign * np.clip(face.nearest(local), -5e-4, 5e-4), -1)
     best = np.argsort(score, axis=None)[::-1]
     starts: list[NDArray[np.float64]] = []

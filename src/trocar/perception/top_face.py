@@ -33,9 +33,7 @@ class TopFace:
         """Return the distance (...) at points (..., 2), bilinear between the nodes, held at the border."""
         i, j, a, b = _cell(xy_m, len(self.distance_m))
         d = self.distance_m
-        return (1 - a) * ((1 - b) * d[i, j] + b * d[i, j + 1]) + a * (
-            (1 - b) * d[i + 1, j] + b * d[i + 1, j + 1]
-        )
+        return (1 - a) * ((1 - b) * d[i, j] + b * d[i, j + 1]) + a * ((1 - b) * d[i + 1, j] + b * d[i + 1, j + 1])
 
     def nearest(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the distance (...) at the nodes nearest to points (..., 2): coarse and quick."""

@@ -185,7 +185,7 @@ def _opening(
 
 
 def _finger(T_board_tip: SE3, face_m: NDArray[np.float64], jaws: Jaws) -> NDArray[np.float64]:
-    """Return points (n, m, 2) in the board's plane on the outline of one finger for each place (n,) of its inner face."""
+    """Return points (n, m, 2) in the board's plane on one finger's outline, for each place (n,) of its inner face."""
     across, along = np.linspace(-0.5, 0.5, 9), np.linspace(0, 1, 5)
     square = [(a, b) for a in (0.0, 1.0) for b in across] + [(a, b) for a in along for b in (-0.5, 0.5)]
     outline = np.array(square) * [jaws.thickness_m, jaws.width_m]

@@ -98,9 +98,7 @@ class RayCamera:
         )
         return RgbdImage(image_color, image_depth, self.intrinsics, float(data.time))
 
-    def render_exact(
-        self, data: mujoco.MjData
-    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
+    def render_exact(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
         """Return depth (h, w) m with NaN where nothing is hit, geom ids (h, w) with -1, colour (h, w, 3)."""
         depth, geom, normal = self._cast_pixels(data)
         color, _ = shade(self.model, self._rays, depth, geom, self._in_camera(normal), None, PROJECTOR_M)
@@ -114,15 +112,11 @@ class RayCamera:
     def _in_camera(self, normal_world: NDArray[np.float64]) -> NDArray[np.float64]:
         return normal_world @ self.T_world_camera.rotation.matrix
 
-    def _cast_pixels(
-        self, data: mujoco.MjData
-    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+    def _cast_pixels(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
         """Cast each pixel's ray; only those that may meet a solid go to MuJoCo, the rest meet planes."""
         origin = self.T_world_camera.translation_m
         depth, geom, normal = self._cast_planes(data, origin, self._rays_world)
-        near = np.flatnonzero(
-            self._raster.covered(self.model, data, self._solids, self.T_world_camera)[self._cell]
-        )
+        near = np.flatnonzero(self._raster.covered(self.model, data, self._solids, self.T_world_camera)[self._cell])
         depth[near], geom[near], normal[near] = self._cast(data, origin, self._rays_world[near])
         return depth, geom, normal
 
@@ -172,9 +166,7 @@ class RayCamera:
             depth[hit], geom[hit], normal[hit] = x[hit], g, frame[:, 2]
         return depth, geom, normal
 
-    def _lit(
-        self, data: mujoco.MjData, depth: NDArray[np.float64], normal: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def _lit(self, data: mujoco.MjData, depth: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which pixels' surfaces the projector reaches: a second batch of rays from there."""
         source = self.T_world_camera.apply(np.array(PROJECTOR_M))
         T_world_projector = SE3.from_parts(self.T_world_camera.rotation, source)
@@ -191,7 +183,7 @@ class RayCamera:
 
 
 class _Raster:
-    """A coarse map of directions x/z, y/z on which the solids' outlines are drawn, always too large, never too small."""
+    """A coarse map of directions x/z, y/z on which the solids' outlines are drawn, never too small."""
 
     CELL_PIXELS = 2.0
     MARGIN = 0.3
@@ -225,9 +217,7 @@ class _Raster:
             if not len(points):
                 continue
             if len(points) < 8:
-                ends = np.array(
-                    [(box[a], box[b]) for a, b in edges if (box[a, 2] < NEAR_M) != (box[b, 2] < NEAR_M)]
-                )
+                ends = np.array([(box[a], box[b]) for a, b in edges if (box[a, 2] < NEAR_M) != (box[b, 2] < NEAR_M)])
                 share = (NEAR_M - ends[:, 0, 2]) / (ends[:, 1, 2] - ends[:, 0, 2])
                 points = np.concatenate([points, ends[:, 0] + share[:, None] * (ends[:, 1] - ends[:, 0])])
             flat = (points[:, :2] / points[:, 2:] - self.lower) * self.scale

@@ -1,0 +1,87 @@
+"""Blocks on the board in a colour image without depth, by the shadow in their holes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from trocar.errors import TrocarError
+from trocar.perception.color import red_mask
+
+SHADES = (0.30, 0.35, 0.40, 0.45)
+"""Shares of the plate's brightness below which a pixel is shadow; a hole may stand out at one of them only."""
+
+BRIGHT_PERCENTILE = 60.0
+BOARD_WIDTH_M = 0.152
+HOLE_WIDTH_M = (1.6e-3, 3.9e-3)
+"""Of the crescent between peg and wall (peg 3.5 mm, hole 7.6-9.8 mm in diameter); a peg's own shadow is wider."""
+
+HOLE_HEIGHT_M = (2.9e-3, 8.6e-3)
+HOLE_AREA_M2 = (2.9e-6, 2.0e-5)
+LEAST_ASPECT = 1.35
+"""Height over width in the image, where the wall covers one side; screws in the board are wider than high."""
+
+RIM_M = (0.6e-3, 1.9e-3)
+LEAST_RIM = 0.70
+"""Least median brightness of the rim, as a share of the plate's: a hole is bordered by a lit top and a lit peg."""
+
+SAME_BLOCK_M = 7e-3
+LEAST_BOARD_PIXELS = 2000
+
+
+def find_blocks_in_color(color: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Return the pixels (n, 2) u, v of the holes of the blocks that stand on pegs, from top to bottom.
+
+    Red blocks on a red board differ in shade only. What a block alone has is a hole whose shadow is cut off, by its
+    lit rim, from every other shadow. The board, the largest red region, gives scale and brightness. Light must come
+    from one side, as a structured-light projector's does; a hole that is lit throughout is not found.
+
+    Args:
+        color: (h, w, 3) RGB, the whole board in view.
+
+    Raises:
+        TrocarError: the image is not (h, w, 3) of uint8, or shows no board.
+    """
+    color = np.asarray(color)
+    if color.ndim != 3 or color.shape[-1] != 3 or color.dtype != np.uint8:
+        raise TrocarError(f"a colour image needs shape (h, w, 3) of uint8, got {color.shape} of {color.dtype}")
+    labels, count = ndimage.label(ndimage.binary_closing(red_mask(color), np.ones((3, 3)), iterations=3))
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    if not count or sizes.max() < LEAST_BOARD_PIXELS:
+        raise TrocarError("the image shows no red board; take it with the whole board in view and lit")
+    largest = int(np.argmax(sizes))
+    rows, columns = ndimage.find_objects(labels)[largest]
+    smooth = ndimage.gaussian_filter(color.max(-1).astype(np.float64), 1.0)
+    shade = (smooth / np.percentile(smooth[labels == largest + 1], BRIGHT_PERCENTILE))[rows, columns]
+    pixels_per_m = (columns.stop - columns.start) / BOARD_WIDTH_M
+    spots: list[NDArray[np.float64]] = []
+    for limit in SHADES:
+        for spot in _holes(shade, limit, pixels_per_m):
+            if all(np.linalg.norm(spot - other) > SAME_BLOCK_M * pixels_per_m for other in spots):
+                spots.append(spot)
+    found = np.array(sorted(spots, key=lambda spot: spot[1])).reshape(-1, 2)
+    return found + [columns.start, rows.start]
+
+
+def _holes(shade: NDArray[np.float64], limit: float, pixels_per_m: float) -> list[NDArray[np.float64]]:
+    """Return the middles u, v of shadows of a hole's size and shape with a lit rim."""
+    labels, _ = ndimage.label(shade < limit)
+    inner, outer = (max(1, round(r * pixels_per_m)) for r in RIM_M)
+    middles = []
+    for index, (rows, columns) in enumerate(ndimage.find_objects(labels), 1):
+        height, width = rows.stop - rows.start, columns.stop - columns.start
+        if not HOLE_WIDTH_M[0] <= width / pixels_per_m <= HOLE_WIDTH_M[1] or height < LEAST_ASPECT * width:
+            continue
+        if not HOLE_HEIGHT_M[0] <= height / pixels_per_m <= HOLE_HEIGHT_M[1]:
+            continue
+        window = np.s_[
+            max(0, rows.start - outer) : rows.stop + outer, max(0, columns.start - outer) : columns.stop + outer
+        ]
+        spot = labels[window] == index
+        rim = ndimage.binary_dilation(spot, iterations=outer) & ~ndimage.binary_dilation(spot, iterations=inner)
+        area = spot.sum() / pixels_per_m**2
+        if HOLE_AREA_M2[0] <= area <= HOLE_AREA_M2[1] and np.median(shade[window][rim]) >= LEAST_RIM:
+            v, u = ndimage.center_of_mass(spot)
+            middles.append(np.array([u + window[1].start, v + window[0].start]))
+    return middles
