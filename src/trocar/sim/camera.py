@@ -74,6 +74,8 @@ class RayCamera:
         self._solids = np.flatnonzero(seen & ~plane)
         self._planes = np.flatnonzero(seen & plane)
         self._groups = np.array(VISIBLE_GROUPS, dtype=np.uint8)
+        self._plane_pose: tuple[bytes, bytes] | None = None
+        self._plane_answer: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -115,7 +117,11 @@ class RayCamera:
     def _cast_pixels(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
         """Cast each pixel's ray; only those that may meet a solid go to MuJoCo, the rest meet planes."""
         origin = self.T_world_camera.translation_m
-        depth, geom, normal = self._cast_planes(data, origin, self._rays_world)
+        pose = (data.geom_xpos[self._planes].tobytes(), data.geom_xmat[self._planes].tobytes())
+        if self._plane_pose != pose:  # planes are fixed to the world as a rule: their answer is kept
+            self._plane_answer = self._cast_planes(data, origin, self._rays_world)
+            self._plane_pose = pose
+        depth, geom, normal = (array.copy() for array in self._plane_answer)
         near = np.flatnonzero(self._raster.covered(self.model, data, self._solids, self.T_world_camera)[self._cell])
         depth[near], geom[near], normal[near] = self._cast(data, origin, self._rays_world[near])
         return depth, geom, normal

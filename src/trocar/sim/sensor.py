@@ -52,8 +52,8 @@ def shade(
     to_light = (np.asarray(projector_m) - rays * depth_m[:, None]).astype(np.float32)
     distance = np.sqrt(np.einsum("ij,ij->i", to_light, to_light))
     to_light /= distance[:, None]
-    normal = normal.astype(np.float32)
-    cosine = np.maximum(np.einsum("ij,ij->i", normal, to_light), 0)
+    facing = normal.astype(np.float32)
+    cosine = np.maximum(np.einsum("ij,ij->i", facing, to_light), 0)
     power = cosine * (np.float32(LIGHT_REFERENCE_M) / distance) ** 2
     if lit is not None:
         power = power * lit
@@ -64,7 +64,7 @@ def shade(
         to_eye = -rays[shiny] / np.linalg.norm(rays[shiny], axis=-1, keepdims=True)
         half = to_light[shiny] + to_eye
         half /= np.linalg.norm(half, axis=-1, keepdims=True)
-        mirror[shiny] = np.maximum(np.einsum("ij,ij->i", normal[shiny], half), 0) ** MIRROR_EXPONENT
+        mirror[shiny] = np.maximum(np.einsum("ij,ij->i", facing[shiny], half), 0) ** MIRROR_EXPONENT
     color = np.clip(color + mirror[:, None], 0, 1)
     return np.nan_to_num(color), mirror
 
@@ -91,11 +91,7 @@ def apply_flaws(
     mix = rng.random(shape, dtype=np.float32)
     grain = rng.standard_normal((*shape, 3), dtype=np.float32)
 
-    cosine = (
-        -(np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1))
-        .reshape(shape)
-        .astype(np.float32)
-    )
+    cosine = -(np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)).reshape(shape).astype(np.float32)
     exact = depth_m.astype(np.float32)
     scale = (exact / np.float32(flaws.reference_m)) ** 2 / np.maximum(cosine, np.float32(0.15))
     depth = exact + scale * (np.float32(flaws.axial_m) * white + np.float32(flaws.waviness_m) * wave)
@@ -119,7 +115,7 @@ def _smooth_noise(shape: tuple[int, ...], length: float, rng: np.random.Generato
     """Return noise of unit variance whose values agree over about ``length`` pixels."""
     coarse = rng.standard_normal([int(n / length) + 2 for n in shape], dtype=np.float32)
     fine = cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)
-    return fine / np.float32(max(float(fine.std()), 1e-6))
+    return (fine / max(float(fine.std()), 1e-6)).astype(np.float32)
 
 
 def _edges(depth_m: NDArray[np.float32]) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
