@@ -46,7 +46,7 @@ def find_blocks_in_color(color: NDArray[np.uint8]) -> NDArray[np.float64]:
     color = np.asarray(color)
     if color.ndim != 3 or color.shape[-1] != 3 or color.dtype != np.uint8:
         raise TrocarError(f"a colour image needs shape (h, w, 3) of uint8, got {color.shape} of {color.dtype}")
-    labels, count = ndimage.label(ndimage.binary_closing(red_mask(color), np.ones((3, 3)), iterations=3))
+    labels, count = _regions(ndimage.binary_closing(red_mask(color), np.ones((3, 3)), iterations=3))
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     if not count or sizes.max() < LEAST_BOARD_PIXELS:
         raise TrocarError("the image shows no red board; take it with the whole board in view and lit")
@@ -66,7 +66,7 @@ def find_blocks_in_color(color: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 def _holes(shade: NDArray[np.float64], limit: float, pixels_per_m: float) -> list[NDArray[np.float64]]:
     """Return the middles u, v of shadows of a hole's size and shape with a lit rim."""
-    labels, _ = ndimage.label(shade < limit)
+    labels, _ = _regions(shade < limit)
     inner, outer = (max(1, round(r * pixels_per_m)) for r in RIM_M)
     middles = []
     for index, (rows, columns) in enumerate(ndimage.find_objects(labels), 1):
@@ -79,9 +79,16 @@ def _holes(shade: NDArray[np.float64], limit: float, pixels_per_m: float) -> lis
             max(0, rows.start - outer) : rows.stop + outer, max(0, columns.start - outer) : columns.stop + outer
         ]
         spot = labels[window] == index
-        rim = ndimage.binary_dilation(spot, iterations=outer) & ~ndimage.binary_dilation(spot, iterations=inner)
+        rim = ndimage.binary_dilation(spot, iterations=outer) & np.logical_not(
+            ndimage.binary_dilation(spot, iterations=inner)
+        )
         area = spot.sum() / pixels_per_m**2
         if HOLE_AREA_M2[0] <= area <= HOLE_AREA_M2[1] and np.median(shade[window][rim]) >= LEAST_RIM:
-            v, u = ndimage.center_of_mass(spot)
-            middles.append(np.array([u + window[1].start, v + window[0].start]))
+            middles.append(np.argwhere(spot).mean(0)[::-1] + [window[1].start, window[0].start])
     return middles
+
+
+def _regions(mask: NDArray[np.bool_] | np.ndarray) -> tuple[NDArray[np.int32], int]:
+    """Return the connected regions' labels, from 1, and how many there are."""
+    labels = np.zeros(mask.shape, dtype=np.int32)
+    return labels, int(ndimage.label(mask, output=labels))  # pyright: ignore[reportArgumentType]

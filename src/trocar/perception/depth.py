@@ -50,7 +50,7 @@ def pixel_rays(intrinsics: Intrinsics) -> NDArray[np.float64]:
     """Return the direction (height, width, 3) of each pixel in the camera frame, scaled to z = 1."""
     u, v = np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height))
     flat = np.stack([(u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy], -1)
-    rays = np.concatenate([undistort(intrinsics, flat), np.ones((*flat.shape[:2], 1))], -1)
+    rays = np.concatenate([undistort(intrinsics, flat.astype(np.float64)), np.ones((*flat.shape[:2], 1))], -1)
     rays.setflags(write=False)
     return rays
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from trocar.scene import Block
 
@@ -59,7 +59,7 @@ def top_face(block: Block) -> TopFace:
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     radius = np.concatenate([block.hole_radius_m(angle), block.outer_radius_m(angle)])
     both = np.concatenate([angle, angle])
-    outline = cKDTree(np.column_stack([radius * np.cos(both), radius * np.sin(both)]))
+    outline = KDTree(np.column_stack([radius * np.cos(both), radius * np.sin(both)]))
     ticks = np.arange(round(2 * REACH_M / STEP_M) + 1) * STEP_M - REACH_M
     x, y = np.meshgrid(ticks, ticks, indexing="ij")
     r, a = np.hypot(x, y), np.arctan2(y, x)
