@@ -1,10 +1,11 @@
 """Arms that work through a remote centre of motion: models and their kinematics."""
 
+from trocar.arms.branch import BRANCHES, Branch
 from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
 from trocar.arms.forward import fk, frames
-from trocar.arms.inverse import BRANCHES, Unreachable, ik, ik_branches, ik_floats
+from trocar.arms.inverse import Unreachable, ik, ik_branches, ik_floats
 from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability
-from trocar.arms.model import ArmModel, Branch, Joint, MotionLimits
+from trocar.arms.model import ArmModel, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
 

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms.model import ArmModel, Branch
+from trocar.arms.branch import BRANCHES, SolverConstants
+from trocar.arms.model import ArmModel
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 
@@ -30,10 +31,6 @@ NUDGE_M = 1e-150
 """Keeps the two wrist singularities (0 / 0) defined; far below rounding, its square does not underflow."""
 CHUNK = 2048
 """Poses solved at a time: the intermediate arrays of a chunk stay in the cache."""
-
-
-BRANCHES = tuple(Branch(u6, u5, u2) for u6 in (1, -1) for u5 in (1, -1) for u2 in (1, -1))
-"""The order of ``ik_branches``."""
 
 
 class Unreachable(TrocarError):
@@ -77,17 +74,15 @@ def ik_floats(arm: ArmModel, matrix: list[float], reference: ArrayLike | None = 
     near = arm.middle_floats if reference is None else _reference(arm, reference)
     if arm.branch_is_unique:
         try:
-            *q, _ = _solve(arm, matrix, arm.branch, _Floats, arm.solver_offsets)
-            for i in arm.winding_joints:
-                q[i] += TAU * round((near[i] - q[i]) / TAU)
+            *q, _ = _solve(matrix, _Floats, arm.solver_constants)
+            for i, low, high in arm.turn_targets:
+                target = min(max(near[i], low), high)
+                q[i] += TAU * round((target - q[i]) / TAU)
         except ValueError:  # the square root of a negative number, outside the cone; or NaN
             return _search(arm, np.array(matrix), np.array(near)).tolist()
-        for i, (low, high) in enumerate(arm.ranges):
-            x = q[i]
+        for x, (low, high) in zip(q, arm.ranges, strict=False):
             if not low <= x <= high:
-                q[i] = x = x - TAU if x > high else x + TAU
-                if i == 2 or not low <= x <= high:
-                    break
+                break
         else:
             return q
     return _search(arm, np.array(matrix), np.array(near)).tolist()
@@ -105,7 +100,7 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
     real = np.empty((*matrix.shape[:-2], 8), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         for b, branch in enumerate(BRANCHES):
-            *joints, cosine = _solve(arm, m, branch, _Arrays, arm.offsets)
+            *joints, cosine = _solve(m, _Arrays, arm.constants(branch, arm.offsets))
             q[..., b, :] = np.stack(joints, -1)
             real[..., b] = np.abs(cosine) <= 1 + CONE_TOLERANCE
     q -= arm.turns * np.rint((q - arm.middle) / TAU)
@@ -114,7 +109,7 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
 
 def _reference(arm: ArmModel, reference: ArrayLike) -> list[float]:
     near = reference.tolist() if isinstance(reference, np.ndarray) else reference
-    if type(near) is list and len(near) == 6 and all(map(math.isfinite, near)):
+    if type(near) is list and len(near) == 6 and math.isfinite(sum(near)):
         return near
     return arm.configurations(reference).tolist()
 
@@ -124,13 +119,10 @@ def _solve_chunk(arm: ArmModel, poses: NDArray, near: NDArray, q: NDArray) -> ND
     if not arm.branch_is_unique:
         return np.zeros(len(poses), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
-        *joints, cosine = _solve(arm, np.ascontiguousarray(poses[:, :12].T), arm.branch, _Arrays, arm.solver_offsets)
-        for i in (0, 3):  # the others come out within half a turn of the middle
-            x, joint = joints[i], arm.joints[i]
-            if i in arm.winding_joints:
-                x += TAU * np.rint((near[:, i] - x) * (1 / TAU))
-            x += TAU * (x < joint.lower)
-            x -= TAU * (x > joint.upper)
+        *joints, cosine = _solve(np.ascontiguousarray(poses[:, :12].T), _Arrays, arm.solver_constants)
+        for i, low, high in arm.turn_targets:
+            target = low if low == high else np.clip(near[:, i], low, high)
+            joints[i] += TAU * np.rint((target - joints[i]) * (1 / TAU))
     columns = np.array(joints)
     good = ((columns >= arm.lower[:, None]) & (columns <= arm.upper[:, None])).all(0)
     q[:] = columns.T
@@ -176,16 +168,17 @@ def _excess(arm: ArmModel, q: NDArray) -> NDArray[np.float64]:
 class _Floats:
     """What ``_solve`` needs, for floats."""
 
-    copysign, sqrt, atan2, atan2_right = math.copysign, math.sqrt, math.atan2, math.atan2
+    copysign, sqrt, root, atan2, atan2_right = math.copysign, math.sqrt, math.sqrt, math.atan2, math.atan2
 
 
 class _Arrays:
     """What ``_solve`` needs, for arrays; outside the cone the edge is taken."""
 
-    copysign = np.copysign
+    copysign, sqrt = np.copysign, np.sqrt
 
     @staticmethod
-    def sqrt(x: NDArray) -> NDArray:
+    def root(x: NDArray) -> NDArray:
+        """Return the square root, 0 of negative numbers."""
         return np.sqrt(np.maximum(x, 0.0))
 
     @staticmethod
@@ -199,56 +192,49 @@ class _Arrays:
         return np.arctan(y / x)
 
 
-def _solve(arm: ArmModel, m: Any, branch: Branch, xp: Any, offsets: tuple[float, ...]) -> list[Any]:
+def _solve(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
     """Return q1..q6 of one branch, whole turns still free, and cos t2, which is beyond 1 outside the cone.
 
     Args:
-        arm: the robot.
         m: the entries of ``T_base_tip``, row by row; floats or arrays.
-        branch: the signs of cos q6, cos q5, sin t2.
         xp: ``_Floats`` or ``_Arrays``.
-        offsets: of the joints, up to whole turns.
+        constants: of the arm and the branch.
     """
     r00, r01, r02, px, r10, r11, r12, py, r20, r21, r22, pz = m[:12]
-    (c0, s0), (c1, s1), (c2, s2) = arm.twist_cosines
-    u6, u5, u2 = branch
-    w = arm.wrist_sign
-    # the remote centre seen from the jaw axis, in the tip's axes (-R^T p): wrist yaw, wrist pitch, insertion
-    cx = -(r00 * px + r10 * py + r20 * pz)
-    cy = -(r01 * px + r11 * py + r21 * pz)
-    cz = -(r02 * px + r12 * py + r22 * pz) - arm.tip_length_m
-    cz = cz + xp.copysign(NUDGE_M, cz)
-    reach = xp.copysign(xp.sqrt(cx * cx + cz * cz), cz if u6 > 0 else -cz)
+    (u6, u5, u2), w, link, tip, c0, s0, c1c2, s1s2, s1c2, c1s2, u_s1, u_s2, (o1, o2, o3, o4, o5, o6) = constants
+    sqrt, atan2, atan2_right, copysign = xp.sqrt, xp.atan2, xp.atan2_right, xp.copysign
+    # the jaw axis seen from the remote centre, in the tip's axes: R^T p + (0, 0, tip)
+    cx = r00 * px + r10 * py + r20 * pz
+    cy = r01 * px + r11 * py + r21 * pz
+    cz = r02 * px + r12 * py + r22 * pz + tip
+    cz += copysign(NUDGE_M, cz)
+    reach = copysign(sqrt(cx * cx + cz * cz), cz if u6 > 0 else -cz)
     n6, k6 = cx / reach, cz / reach
-    depth_cosine = reach - arm.wrist_length_m
-    depth_cosine = depth_cosine + xp.copysign(NUDGE_M, depth_cosine)
-    depth = xp.copysign(xp.sqrt(depth_cosine * depth_cosine + cy * cy), depth_cosine if u5 > 0 else -depth_cosine)
-    n5, k5 = w * cy / depth, w * depth_cosine / depth  # sin q5, w cos q5
+    axial = reach + link  # depth of the pitch axis times w cos q5
+    axial += copysign(NUDGE_M, axial)
+    wu = w * u5
+    depth = copysign(sqrt(axial * axial + cy * cy), axial if wu > 0 else -axial)
+    n5, k5 = cy / depth, axial / depth  # sin q5, w cos q5
     # axis 1 in the tip's frame, then in frame 4: (a4, b4, k)
     g0, g1, g2 = c0 * r20 - s0 * r10, c0 * r21 - s0 * r11, c0 * r22 - s0 * r12
     g = n6 * g0 + k6 * g2
     a4, b4, k = k5 * g1 - n5 * g, n6 * g2 - k6 * g0, k5 * g + n5 * g1
-    k2 = (c1 * c2 - k) / (s1 * s2)
-    n2 = xp.sqrt(1.0 - k2 * k2)
-    t2 = u2 * (math.pi / 2 - xp.atan2_right(k2, n2))
+    k2 = (c1c2 - k) / s1s2
+    n2 = xp.root(1.0 - k2 * k2)  # sin t2 without its sign
     # the same axis in frame 3: what differs is the roll
-    a3, b3 = (u2 * s1) * n2, (s1 * c2) * k2 + c1 * s2
-    t4 = xp.atan2(b3 * a4 - a3 * b4, a3 * a4 + b3 * b4)
-    # axis 4 about axis 1: where it is, against where t1 = 0 puts it
+    a3, b3 = u_s1 * n2, s1c2 * k2 + c1s2
+    # axis 4 about axis 1: (x, y) is where it is, (x0, -y0) where t1 = 0 puts it
     a, b = k5 * n6, k5 * k6
-    x, y1, z1 = r00 * a + r01 * n5 + r02 * b, r10 * a + r11 * n5 + r12 * b, r20 * a + r21 * n5 + r22 * b
-    y = c0 * y1 + s0 * z1
-    x0, y0 = (u2 * s2) * n2, (-c1 * s2) * k2 - s1 * c2
-    t1 = xp.atan2(y * x0 - x * y0, x * x0 + y * y0)
-    q5 = xp.atan2_right(n5, (w * u5) * k5)
-    q6 = xp.atan2_right(n6, u6 * k6)
-    o = offsets
+    x = r00 * a + r01 * n5 + r02 * b
+    y = c0 * (r10 * a + r11 * n5 + r12 * b) + s0 * (r20 * a + r21 * n5 + r22 * b)
+    x0, y0 = u_s2 * n2, c1s2 * k2 + s1c2
+    q5, q6 = atan2_right(n5, k5 if wu > 0 else -k5), atan2_right(n6, k6 if u6 > 0 else -k6)
     return [
-        t1 - o[0],
-        t2 - o[1],
-        -w * depth - o[2],
-        t4 - o[3],
-        (q5 if u5 > 0 else math.pi - q5) - o[4],
-        (q6 if u6 > 0 else math.pi - q6) - o[5],
+        atan2(y * x0 + x * y0, x * x0 - y * y0) - o1,
+        (u2 * math.pi / 2 - o2) - u2 * atan2_right(k2, n2),
+        depth - o3,
+        atan2(b3 * a4 - a3 * b4, a3 * a4 + b3 * b4) - o4,
+        (q5 if u5 > 0 else math.pi - q5) - o5,
+        (q6 if u6 > 0 else math.pi - q6) - o6,
         k2,
     ]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.arms.branch import Branch, SolverConstants
 from trocar.errors import TrocarError
 
 
@@ -77,14 +77,6 @@ class MotionLimits:
             raise TrocarError(f"motion limits must be above 0, got {velocity} and {acceleration}")
         object.__setattr__(self, "velocity", velocity)
         object.__setattr__(self, "acceleration", acceleration)
-
-
-class Branch(NamedTuple):
-    """One of eight solutions of the inverse kinematics: signs of cos q6, cos q5, sin t2."""
-
-    yaw: int
-    wrist: int
-    pitch: int
 
 
 @dataclass(frozen=True)
@@ -174,11 +166,17 @@ class ArmModel:
         return _frozen([0.0 if joint.prismatic else 2 * math.pi for joint in self.joints])
 
     @cached_property
-    def winding_joints(self) -> tuple[int, ...]:
-        """Return the joints whose range is a whole turn or more, so that one pose has several values."""
-        return tuple(
-            i for i, joint in enumerate(self.joints) if self.turns[i] and joint.upper - joint.lower >= 2 * math.pi
-        )
+    def turn_targets(self) -> tuple[tuple[int, float, float], ...]:
+        """Return (joint, low, high) of yaw and roll: a reference clipped so, the turn nearest to it is within limits.
+
+        A range of more than one turn leaves a choice of turns; in a smaller one the middle decides.
+        """
+        targets = []
+        for i in (0, 3):
+            joint = self.joints[i]
+            spare = max(0.0, (joint.upper - joint.lower) / 2 - math.pi)
+            targets.append((i, joint.middle - spare, joint.middle + spare))
+        return tuple(targets)
 
     @cached_property
     def branch(self) -> Branch:
@@ -197,11 +195,36 @@ class ArmModel:
 
     @cached_property
     def solver_offsets(self) -> tuple[float, ...]:
-        """Return the offsets, shifted by whole turns: the branch then lies around the middle of the ranges."""
+        """Return the offsets shifted by whole turns: the branch then lies around the middle of the ranges."""
         offsets = np.array(self.offsets)
         pinned = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 1.0]) * 2 * math.pi
         turns = np.rint((self._branch_center - offsets - self.middle) / (2 * math.pi))
         return tuple((offsets + pinned * turns).tolist())
+
+    @cached_property
+    def solver_constants(self) -> SolverConstants:
+        """Return what solves the inverse kinematics on the arm's own branch."""
+        return self.constants(self.branch, self.solver_offsets)
+
+    def constants(self, branch: Branch, offsets: tuple[float, ...]) -> SolverConstants:
+        """Return what solves the inverse kinematics on any branch; ``offsets`` up to whole turns."""
+        (c0, s0), (c1, s1), (c2, s2) = self.twist_cosines
+        u = branch.pitch
+        return SolverConstants(
+            branch,
+            self.wrist_sign,
+            self.wrist_length_m,
+            self.tip_length_m,
+            c0,
+            s0,
+            c1 * c2,
+            s1 * s2,
+            s1 * c2,
+            c1 * s2,
+            u * s1,
+            u * s2,
+            offsets,
+        )
 
     @cached_property
     def _branch_center(self) -> NDArray[np.float64]:
