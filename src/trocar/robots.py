@@ -20,6 +20,9 @@ KNOT_S = 0.010
 SMOOTHING = 5
 """Knots over which a correction is averaged: the play's kinks would ask for endless acceleration."""
 
+RANGE_GUARD = 5e-3
+"""Corrected commands keep this far (rad, m) inside the joints' ranges."""
+
 
 class Calibrated:
     """A robot whose cables are compensated: scripts speak of true joints, the robot gets commands.
@@ -27,8 +30,9 @@ class Calibrated:
     Innermost it should wear :class:`Guarded`, which then sees the corrected command.
     """
 
-    def __init__(self, robot: Robot, compensators: Mapping[str, Compensator]):
+    def __init__(self, robot: Robot, arms: Mapping[str, ArmModel], compensators: Mapping[str, Compensator]):
         self._robot = robot
+        self._arms = dict(arms)
         self._compensators = dict(compensators)
         self._desired: dict[str, NDArray[np.float64]] = {}
         for arm, compensator in self._compensators.items():
@@ -51,7 +55,10 @@ class Calibrated:
         return await self._robot.move(arm, corrected)
 
     def corrected(self, arm: str, trajectory: Trajectory) -> Trajectory:
-        """Return the commands that bring the joints along this trajectory; the model's memory moves on."""
+        """Return the commands that bring the joints along this trajectory; the model's memory moves on.
+
+        A command never leaves its joint's range: what would be needed beyond it stays uncorrected.
+        """
         compensator = self._compensators[arm]
         times, desired = trajectory.sample(KNOT_S)
         positions = sample_positions(desired, compensator.model.training)
@@ -64,9 +71,13 @@ class Calibrated:
         smooth = uniform_filter1d(correction, SMOOTHING, axis=0, mode="nearest")
         fade = np.minimum(1.0, np.minimum(np.arange(len(times)), np.arange(len(times))[::-1]) / SMOOTHING)
         correction = correction + fade[:, None] * (smooth - correction)
-        velocity = trajectory(times + trajectory.times_s[0], 1) + np.gradient(correction, times, axis=0)
+        wanted = desired + correction
+        lower, upper = self._arms[arm].lower + RANGE_GUARD, self._arms[arm].upper - RANGE_GUARD
+        commands = np.where((desired > lower) & (desired < upper), np.clip(wanted, lower, upper), wanted)
+        velocity = np.gradient(commands, times, axis=0)
         velocity[[0, -1]] = 0.0
-        return Trajectory.hermite(times, desired + correction, velocity)
+        velocity[commands != wanted] = 0.0
+        return Trajectory.hermite(times, commands, velocity)
 
     async def jaw(self, arm: str, angle_rad: float) -> Execution:
         """Drive the jaws; their cables are taken as they are."""

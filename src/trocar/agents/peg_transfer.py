@@ -75,9 +75,7 @@ class Unilateral:
 
     def __init__(self, cell: Cell, settings: Settings):
         if settings.arm not in cell.arms:
-            raise TrocarError(
-                f"arm {settings.arm!r} is not in this cell; choose one of {', '.join(cell.arms)}"
-            )
+            raise TrocarError(f"arm {settings.arm!r} is not in this cell; choose one of {', '.join(cell.arms)}")
         self.cell, self.settings = cell, settings
         self.board, self.block = Pegboard(), Block()
         self.arm: ArmModel = cell.arms[settings.arm]
@@ -104,11 +102,12 @@ class Unilateral:
 
     async def _transfer(self, source: int, target: int) -> Outcome:
         """Move one block; every way in which this can end is an outcome."""
+        failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
-            grasp = await self._see(source)
+            grasp = await self._see(source, failed)
             if not isinstance(grasp, Grasp):
                 await self._go_home()
-                grasp = await self._see(source)
+                grasp = await self._see(source, failed)
             if not isinstance(grasp, Grasp):
                 return grasp
             await self._go_to(grasp)
@@ -116,6 +115,7 @@ class Unilateral:
             if self._holds():
                 break
             self.cell.log.event("pick failed", peg=source, attempt=attempt, jaw_rad=round(self._jaw_rad(), 4))
+            failed.append(grasp.candidate)
             await self._let_go()
         else:
             return Outcome.NOT_GRASPED
@@ -139,17 +139,17 @@ class Unilateral:
         self.T_camera_board = self.cell.T_world_camera.inverse() @ fit.T_world_board
         self.T_base_board = self.cell.T_world_base[self.settings.arm].inverse() @ fit.T_world_board
 
-    async def _see(self, source: int) -> Grasp | Outcome:
-        """Look at the source peg, and at what was placed last; return how to grasp, or why not."""
+    async def _see(self, source: int, failed: Sequence[int]) -> Grasp | Outcome:
+        """Look at the source peg; return how to grasp its block, other than what has failed, or why not."""
         image = await self._capture()
-        seen = await self._perceive(lambda: self._plan_grasp(image, source))
+        seen = await self._perceive(lambda: self._plan_grasp(image, source, failed))
         if isinstance(seen, Grasp):
             return seen
         reason, outcome = seen
         self.cell.log.event("no grasp", peg=source, reason=reason)
         return outcome
 
-    def _plan_grasp(self, image: RgbdImage, source: int) -> Grasp | tuple[str, Outcome]:
+    def _plan_grasp(self, image: RgbdImage, source: int, failed: Sequence[int]) -> Grasp | tuple[str, Outcome]:
         fit = find_block(image, self.T_camera_board, self.board, self.block, source)
         if not fit.found or fit.T_board_block is None:
             self.blocks.pop(source, None)
@@ -163,6 +163,7 @@ class Unilateral:
             self.board,
             self.block,
             SE3(np.array(others)) if others else None,
+            avoid=failed,
             depth_m=self.settings.depth,
             jaws=Jaws(least_gap_m=self.settings.least_gap),
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,6 +87,7 @@ def choose_grasp(
     block: Block,
     others: SE3 | None = None,
     *,
+    avoid: Collection[int] = (),
     reference: NDArray[np.float64] | None = None,
     most_roll_rad: float = np.radians(70.0),
     margin_rad: float = np.radians(5.0),
@@ -104,6 +106,7 @@ def choose_grasp(
         board: its pegs are obstacles.
         block: the shape.
         others: poses (n,) of the other blocks on the board, obstacles too.
+        avoid: candidates that have failed; taken only where no other can be done.
         reference: (6,) joints that the solution should be near.
         most_roll_rad: largest |roll| (facts: 70 deg).
         margin_rad: distance to keep from the wrist's limits.
@@ -135,7 +138,7 @@ def choose_grasp(
                 continue
             jaw = 2 * float(np.arcsin(min(opening / 2 / arm.tip_length_m, 1.0)))
             grasp = Grasp(pose, q, jaw, gap, candidate)
-            if best is None or (round(gap, 5), -abs(q[3])) > (round(best.clearance_m, 5), -abs(best.q[3])):
+            if best is None or _rank(grasp, avoid) > _rank(best, avoid):
                 best = grasp
     return best or NoGrasp(f"none of the six grasps can be done ({'; '.join(blocked)})")
 

@@ -60,7 +60,8 @@ def choose_place(
 ) -> Place | str:
     """Return the pose over a peg from which to release a held block, or a sentence why there is none.
 
-    Any yaw of the block will do, so the tool's roll is kept small where the outer finger has room.
+    Any yaw of the block will do, so the one is taken that shares the wrist's bend between pitch and yaw, where the
+    outer finger has room: a correction of the cables then stays within the joints' ranges.
 
     Args:
         arm: who holds the block.
@@ -89,14 +90,9 @@ def choose_place(
         except Unreachable:
             continue
         wrist = zip(arm.joints[4:], q[4:], strict=True)
-        if abs(q[3]) > most_roll_rad or any(
-            not j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in wrist
-        ):
+        if abs(q[3]) > most_roll_rad or any(not j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in wrist):
             continue
-        finger = (
-            pose.translation_m[:2]
-            - np.sign(T_tip_block.translation_m[0]) * OUTER_FINGER_M * upright.matrix[:2, 0]
-        )
+        finger = pose.translation_m[:2] - np.sign(T_tip_block.translation_m[0]) * OUTER_FINGER_M * upright.matrix[:2, 0]
         room = min(
             float(np.min(np.linalg.norm(pegs - finger, axis=1) - board.peg_radius_m, initial=1.0)),
             float(np.min(np.linalg.norm(blocks - finger, axis=1) - block.corner_m, initial=1.0)),
@@ -108,4 +104,5 @@ def choose_place(
 
 
 def _rank(place: Place) -> tuple[float, float]:
-    return (min(place.room_m, ROOM_M), -abs(float(place.q[3])))
+    """Order places by room for the finger, then by how little the wrist bends in any one joint."""
+    return (min(place.room_m, ROOM_M), -float(np.max(np.abs(place.q[4:]))))

@@ -77,9 +77,7 @@ class SimulatedCell:
         T_world_camera: pose of the camera; the world's frame is what the laboratory's registration refers to.
     """
 
-    def __init__(
-        self, session: Session, scene: Scene, rng: np.random.Generator, flaws: SensorFlaws | None = None
-    ):
+    def __init__(self, session: Session, scene: Scene, rng: np.random.Generator, flaws: SensorFlaws | None = None):
         self.session = session
         self.world = World(CellModel(scene, session.arms, session.T_world_base))
         self._clock = MockClock()

@@ -84,10 +84,7 @@ class Referee:
         block = self._world.geom_block[pairs]
         for number, (name, index) in enumerate(self._world.arms.items()):
             rows = (owner == number).any(1) & (block >= 0).any(1)
-            touching = {
-                finger: set(block[rows & (pairs == finger).any(1)].max(1).tolist())
-                for finger in index.fingers
-            }
+            touching = {finger: set(block[rows & (pairs == finger).any(1)].max(1).tolist()) for finger in index.fingers}
             for candidate in set.intersection(*touching.values()):
                 held[candidate] = name
         return held

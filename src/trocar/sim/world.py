@@ -80,9 +80,7 @@ class World:
         self.drive_arm(name, q_joint, np.zeros(6), jaw_rad)
         mujoco.mj_forward(self.model, self.data)
 
-    def drive_arm(
-        self, name: str, q_joint: NDArray[np.float64], v_joint: NDArray[np.float64], jaw_rad: float
-    ) -> None:
+    def drive_arm(self, name: str, q_joint: NDArray[np.float64], v_joint: NDArray[np.float64], jaw_rad: float) -> None:
         """Set what the drives of an arm pull to: joints (6,), their velocities, the jaws' opening."""
         index = self.arms[name]
         self.data.ctrl[index.drive] = q_joint

@@ -15,7 +15,7 @@ from trocar.scene.truth import Truth
 THERE = ((1, 7), (0, 6), (3, 8), (2, 9), (5, 11), (4, 10))
 """(source peg, target peg) of the first six transfers (facts/peg_transfer.md); the other six go back."""
 
-BOARD_SHIFT_M = 3e-3
+BOARD_SHIFT_M = 2e-3
 BOARD_TURN_RAD = np.radians(3.0)
 BLOCK_SHIFT_M = 1.6e-3
 """How far a person leaves a block off its peg's middle; the hole's clearance is 2.1 mm."""
@@ -112,15 +112,11 @@ class PegTransfer:
             after = on_peg(truth.blocks_at(end_s + REST_S), target)
             succeeded = moved is not None and after == moved
             failure = "" if succeeded else (outcome if outcome != "DONE" else "NOT_PLACED")
-            scores.append(
-                TransferScore(source, target, moved is not None, succeeded, failure, start_s, end_s)
-            )
+            scores.append(TransferScore(source, target, moved is not None, succeeded, failure, start_s, end_s))
         return scores
 
 
-def on_peg(
-    T_board_blocks: SE3, peg: int, board: Pegboard | None = None, block: Block | None = None
-) -> int | None:
+def on_peg(T_board_blocks: SE3, peg: int, board: Pegboard | None = None, block: Block | None = None) -> int | None:
     """Return which block stands upright round this peg, or None."""
     board, block = board or Pegboard(), block or Block()
     for number, pose in enumerate(T_board_blocks.matrix):

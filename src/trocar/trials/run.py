@@ -156,7 +156,7 @@ def run_trial(
     )
     robot: Robot = recorded
     if plan.method == "calibrated":
-        robot = Calibrated(recorded, {arm: Compensator(model) for arm, model in models.items()})
+        robot = Calibrated(recorded, session.arms, {arm: Compensator(model) for arm, model in models.items()})
     log = TrialLog(trio.current_time, listener=listener)
     cell = Cell(
         robot,
