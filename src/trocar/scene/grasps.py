@@ -143,6 +143,11 @@ def choose_grasp(
     return best or NoGrasp(f"none of the six grasps can be done ({'; '.join(blocked)})")
 
 
+def _rank(grasp: Grasp, avoid: Collection[int]) -> tuple[bool, float, float]:
+    """Order grasps by not having failed, by room, by how little the tool rolls."""
+    return grasp.candidate not in avoid, round(grasp.clearance_m, 5), -abs(float(grasp.q[3]))
+
+
 def _neighbours(T_board_block: SE3, others: SE3 | None) -> list[SE3]:
     """Return the other blocks that a finger could touch; a pose equal to the block's own is left out."""
     if others is None:
