@@ -22,9 +22,7 @@ def main() -> None:
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
     q = random_smooth_path(PSM_CLASSIC, rng)
-    recording = Recording(
-        q, PSM1_GREY.measure(PSM1_GREY.run(q), rng), np.ones(len(q), bool), 0.8 * np.arange(len(q))
-    )
+    recording = Recording(q, PSM1_GREY.measure(PSM1_GREY.run(q), rng), np.ones(len(q), bool), 0.8 * np.arange(len(q)))
     desired = random_smooth_path(PSM_CLASSIC, rng, 300)
     results = {}
     for name, kind in MODELS.items():

@@ -46,9 +46,7 @@ def small():
 @pytest.mark.parametrize("box", [PSM1_BOX, wider(), small()], ids=["same", "wider", "small"])
 def test_the_exact_inverse_closes_the_loop(play, box):
     plant, model = play
-    error = closed_loop(
-        plant, Compensator(model), random_smooth_path(ARM, np.random.default_rng(7), 300, box)
-    )
+    error = closed_loop(plant, Compensator(model), random_smooth_path(ARM, np.random.default_rng(7), 300, box))
     assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 0.006)
 
 

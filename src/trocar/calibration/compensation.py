@@ -32,9 +32,7 @@ DAMPING = 1e-4
 class Invertible(Protocol):
     """A cable model that also gives the wrist's Jacobian, which an exact inverse needs."""
 
-    def linearize(
-        self, state: Any, q_cmd: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def linearize(self, state: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the joints (6,) after the command (6,) and d q_joint / d q_cmd of the wrist (3, 3)."""
         ...
 
@@ -127,9 +125,7 @@ class Compensator:
         alpha: float = ALPHA,
     ):
         if method not in METHODS:
-            raise TrocarError(
-                f"compensation method {method!r} is unknown; choose one of {', '.join(METHODS)}"
-            )
+            raise TrocarError(f"compensation method {method!r} is unknown; choose one of {', '.join(METHODS)}")
         if iterations < 1 or not 0.0 < alpha <= 1.0:
             raise TrocarError(
                 f"Algorithm 1 with {iterations} iterations and alpha {alpha} does nothing sensible; "

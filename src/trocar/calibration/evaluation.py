@@ -66,9 +66,7 @@ class Evaluation:
 def evaluate(model: CableModel, recording: Recording, from_row: int = 0) -> Evaluation:
     """Return the model's errors on the valid rows from ``from_row`` on; its memory runs over all rows."""
     scored = recording.scored(from_row)
-    return Evaluation(
-        model.name, scored, model.predict(recording.q_cmd), compensation_time_ms(model, recording)
-    )
+    return Evaluation(model.name, scored, model.predict(recording.q_cmd), compensation_time_ms(model, recording))
 
 
 def compensation_time_ms(model: CableModel, recording: Recording) -> float:

@@ -75,9 +75,7 @@ def random_smooth_path(
                 f"the motion's range [{lower:.4f}, {upper:.4f}] of joint {joint.name!r} is not inside "
                 f"[{joint.lower:.4f}, {joint.upper:.4f}]; choose a box within the limits of {arm.name}"
             )
-    return np.column_stack(
-        [_wander(rng, n, *ends) for ends in zip(box.lower, box.upper, box.step, strict=True)]
-    )
+    return np.column_stack([_wander(rng, n, *ends) for ends in zip(box.lower, box.upper, box.step, strict=True)])
 
 
 def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> NDArray[np.float64]:

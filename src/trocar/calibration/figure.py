@@ -52,9 +52,7 @@ def draw_evaluation(evaluation: Evaluation, path: str | Path) -> Path:
                     label=label,
                 )
         before, after = evaluation.rmse_before[joint], evaluation.rmse_after[joint]
-        over_time.set_title(
-            f"{JOINT_TITLES[joint]}: RMSE {before:.4f} rad uncorrected, {after:.4f} rad predicted"
-        )
+        over_time.set_title(f"{JOINT_TITLES[joint]}: RMSE {before:.4f} rad uncorrected, {after:.4f} rad predicted")
         over_time.set_ylabel(f"{JOINT_NAMES[joint]} [rad]")
         loops.set_ylabel(f"{JOINT_NAMES[joint]} - command [rad]")
         loops.set_title(f"hysteresis of {JOINT_NAMES[joint]}, first {len(loop)} rows")
@@ -69,7 +67,5 @@ def draw_evaluation(evaluation: Evaluation, path: str | Path) -> Path:
     try:
         figure.savefig(path)
     except OSError as error:
-        raise TrocarError(
-            f"cannot write picture {str(path)!r} ({error.strerror}); choose another folder"
-        ) from None
+        raise TrocarError(f"cannot write picture {str(path)!r} ({error.strerror}); choose another folder") from None
     return path

@@ -53,9 +53,7 @@ class CablePlant:
         for name, shape in _SHAPES.items():
             value = np.array(getattr(self, name), dtype=np.float64)
             if value.shape != shape or not np.all(np.isfinite(value)):
-                raise TrocarError(
-                    f"a cable plant's {name} needs {shape} finite numbers, got {value.tolist()}"
-                )
+                raise TrocarError(f"a cable plant's {name} needs {shape} finite numbers, got {value.tolist()}")
             value.setflags(write=False)
             object.__setattr__(self, name, value)
         if np.any(self.radii < 0) or np.any(self.noise_sd < 0):
@@ -89,8 +87,7 @@ class CablePlant:
         p6 = max(u6 - r6, min(u6 + r6, p6))
         s4, s5, s6 = q4 - p4, u5 - p5, u6 - p6
         e4, e5, e6 = (
-            o + k4 * q4 + k5 * q5 + k6 * q6 + c4 * s4 + c5 * s5 + c6 * s6
-            for o, k4, k5, k6, c4, c5, c6 in rows
+            o + k4 * q4 + k5 * q5 + k6 * q6 + c4 * s4 + c5 * s5 + c6 * s6 for o, k4, k5, k6, c4, c5, c6 in rows
         )
         return np.array([q1, q2, q3, q4 + e4, q5 + e5, q6 + e6]), (p4, p5, p6)
 
@@ -149,9 +146,7 @@ PLANTS: dict[str, CablePlant] = {"psm1_grey": PSM1_GREY, "psm2_grey": PSM2_GREY,
 """The identified instruments by name."""
 
 
-def play_slacks(
-    q_cmd: NDArray[np.float64], a: float, b: float, radii: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def play_slacks(q_cmd: NDArray[np.float64], a: float, b: float, radii: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the slacks (n, 3, k) of ``[q4, q5 + a q6, q6 + b q5]`` at radii (3, k), commands (n, 6)."""
     q4, q5, q6 = q_cmd[:, 3], q_cmd[:, 4], q_cmd[:, 5]
     u = np.stack([q4, q5 + a * q6, q6 + b * q5], axis=1)[:, :, None]
@@ -165,9 +160,7 @@ def fit_plant(recording: Recording) -> CablePlant:
     """
     q, valid = recording.q_cmd, recording.valid
     if valid.sum() < 30:
-        raise TrocarError(
-            f"{recording.name} has {valid.sum()} valid rows; identifying a plant needs 30 or more"
-        )
+        raise TrocarError(f"{recording.name} has {valid.sum()} valid rows; identifying a plant needs 30 or more")
     error = (recording.q_phy - q)[:, WRIST][valid]
 
     def solve(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

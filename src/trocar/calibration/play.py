@@ -54,9 +54,7 @@ def _column_by_column(
 ) -> NDArray[np.float64]:
     """Fill ``out`` (n, ...) one operator after the other, and return it."""
     inputs, radii = np.broadcast_to(u, out.shape), np.broadcast_to(r, out.shape[1:])
-    states = (
-        inputs[0] if start is None else np.broadcast_to(np.asarray(start, dtype=np.float64), out.shape[1:])
-    )
+    states = inputs[0] if start is None else np.broadcast_to(np.asarray(start, dtype=np.float64), out.shape[1:])
     for index in np.ndindex(*out.shape[1:]):
         out[(slice(None), *index)] = _play_of_one(
             inputs[(slice(None), *index)], float(radii[index]), float(states[index])

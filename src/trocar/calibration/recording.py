@@ -43,13 +43,9 @@ class Recording:
         q_cmd, q_phy = _joints(self.q_cmd, "q_cmd", self.name), _joints(self.q_phy, "q_phy", self.name)
         n = len(q_cmd)
         if len(q_phy) != n:
-            raise TrocarError(
-                f"{self.name}: q_cmd has {n} rows and q_phy {len(q_phy)}; both need one row a sample"
-            )
+            raise TrocarError(f"{self.name}: q_cmd has {n} rows and q_phy {len(q_phy)}; both need one row a sample")
         if n < 2:
-            raise TrocarError(
-                f"{self.name}: a recording needs 2 rows or more, got {n}; record a longer motion"
-            )
+            raise TrocarError(f"{self.name}: a recording needs 2 rows or more, got {n}; record a longer motion")
         if not np.all(np.isfinite(q_cmd)):
             row = int(np.flatnonzero(~np.isfinite(q_cmd).all(axis=1))[0])
             raise TrocarError(
@@ -59,9 +55,7 @@ class Recording:
         valid = _column(self.valid, n, "valid", self.name)
         t_s = _column(self.t_s, n, "t_s", self.name).astype(np.float64)
         if not np.all(np.isin(valid, (0, 1))):
-            raise TrocarError(
-                f"{self.name}: valid must hold true or false only; write 1 for good rows, else 0"
-            )
+            raise TrocarError(f"{self.name}: valid must hold true or false only; write 1 for good rows, else 0")
         if not np.all(np.isfinite(t_s)) or np.any(np.diff(t_s) < 0):
             raise TrocarError(f"{self.name}: t_s must be finite and not decrease; sort the rows by time")
         object.__setattr__(self, "q_cmd", q_cmd)
@@ -82,15 +76,11 @@ class Recording:
         """Return the whole history of commands with only measurements of ``from_row <= row < to_row``."""
         to_row = len(self) if to_row is None else to_row
         if not 0 <= from_row < to_row <= len(self):
-            raise TrocarError(
-                f"rows {from_row} to {to_row} are not a part of {self.name}, which has {len(self)} rows"
-            )
+            raise TrocarError(f"rows {from_row} to {to_row} are not a part of {self.name}, which has {len(self)} rows")
         rows = np.arange(len(self))
         part = replace(self, valid=self.valid & (rows >= from_row) & (rows < to_row))
         if not part.valid.any():
-            raise TrocarError(
-                f"{self.name}: no valid measurement in rows {from_row} to {to_row}; take more rows"
-            )
+            raise TrocarError(f"{self.name}: no valid measurement in rows {from_row} to {to_row}; take more rows")
         return part
 
 
@@ -106,9 +96,7 @@ def load_recording(path: str | Path) -> Recording:
     """
     path = Path(path)
     if not path.exists():
-        raise TrocarError(
-            f"recording {str(path)!r} does not exist; give an .npz file or a folder of .npy files"
-        )
+        raise TrocarError(f"recording {str(path)!r} does not exist; give an .npz file or a folder of .npy files")
     arrays = _folder_arrays(path) if path.is_dir() else _npz_arrays(path)
     n = len(arrays["q_cmd"]) if arrays["q_cmd"].ndim else 0
     return Recording(
@@ -129,16 +117,12 @@ def sampling_interval(q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _npz_arrays(path: Path) -> dict[str, NDArray]:
     if path.suffix != ".npz":
-        raise TrocarError(
-            f"recording {str(path)!r} is neither an .npz file nor a folder; convert it to one of these"
-        )
+        raise TrocarError(f"recording {str(path)!r} is neither an .npz file nor a folder; convert it to one of these")
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: np.asarray(data[key]) for key in data.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-        raise TrocarError(
-            f"recording {str(path)!r} is not a readable .npz ({_short(error)}); copy it again"
-        ) from None
+        raise TrocarError(f"recording {str(path)!r} is not a readable .npz ({_short(error)}); copy it again") from None
     missing = [key for key in ("q_cmd", "q_phy") if key not in arrays]
     if missing:
         raise TrocarError(
@@ -172,18 +156,14 @@ def _short(error: Exception) -> str:
 def _joints(value: NDArray, key: str, name: str) -> NDArray[np.float64]:
     value = np.asarray(value)
     if value.ndim != 2 or value.shape[1] != 6 or value.dtype.kind not in "fiu":
-        raise TrocarError(
-            f"{name}: {key} has shape {value.shape} of {value.dtype}; it needs (n, 6) numbers q1 to q6"
-        )
+        raise TrocarError(f"{name}: {key} has shape {value.shape} of {value.dtype}; it needs (n, 6) numbers q1 to q6")
     return value.astype(np.float64)
 
 
 def _column(value: NDArray, n: int, key: str, name: str) -> NDArray:
     value = np.asarray(value)
     if value.shape != (n,) or value.dtype.kind not in "bfiu":
-        raise TrocarError(
-            f"{name}: {key} has shape {value.shape} of {value.dtype}; it needs ({n},), one a row"
-        )
+        raise TrocarError(f"{name}: {key} has shape {value.shape} of {value.dtype}; it needs ({n},), one a row")
     return value
 
 

@@ -100,9 +100,7 @@ def session_change(model: CableModel, recording: Recording, rows: int = REFIT_RO
     from_row = refit_ends(recording, rows)
     before = evaluate(model, recording, from_row)
     after = evaluate(refit_offset(model, recording, rows), recording, from_row)
-    return SessionChange(
-        before.rmse_before[3:], before.rmse_after[3:], after.rmse_after[3:], rows, before.rows
-    )
+    return SessionChange(before.rmse_before[3:], before.rmse_after[3:], after.rmse_after[3:], rows, before.rows)
 
 
 def load_study_recordings(data: Path, names: Sequence[str]) -> dict[str, Recording]:

@@ -35,9 +35,7 @@ def fit(
     recording: RecordingPath,
     *,
     out: Annotated[Path, typer.Option(metavar="MODEL", help="Model file to write (.npz).")],
-    model: Annotated[
-        str, typer.Option(help="offset, ridge, lstm (needs the extra 'learn') or play.")
-    ] = "play",
+    model: Annotated[str, typer.Option(help="offset, ridge, lstm (needs the extra 'learn') or play.")] = "play",
     to_row: Annotated[int | None, typer.Option(metavar="K", help="Fit on the rows before K only.")] = None,
     fraction: Annotated[float | None, typer.Option(help="Fit on this first share of the rows only.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the training's randomness.")] = 0,
@@ -68,9 +66,7 @@ def fit(
     Console().print(f"fitted {model} on {data.valid.sum()} rows: RMSE q4 q5 q6 {wrist} rad; saved {out}")
 
 
-@app.command(
-    epilog="Example: trocar calibrate evaluate psm1_play.npz psm1.npz --from-row 867 --plot loops.png"
-)
+@app.command(epilog="Example: trocar calibrate evaluate psm1_play.npz psm1.npz --from-row 867 --plot loops.png")
 def evaluate(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="File written by `trocar calibrate fit`.")],
     recording: RecordingPath,
@@ -81,9 +77,7 @@ def evaluate(
         typer.Option(metavar="N", help="First refit the offsets on N valid rows (new session); 0: do not."),
     ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Draw joints and hysteresis loops.")
-    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw joints and hysteresis loops.")] = None,
 ) -> None:
     """Compare a model with a recording; its memory runs over all rows, errors count from row K."""
     from trocar.calibration.evaluation import evaluate as score  # noqa: PLC0415

@@ -37,9 +37,7 @@ def calibration(
         Path,
         typer.Option(envvar="TROCAR_DATA", help="Folder with dvrk/trajectories/*.npz, or of the .npz files."),
     ] = Path("../shared/data"),
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Save summary.json and pictures here.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save summary.json and pictures here.")] = None,
     lstm: Annotated[bool, typer.Option(help="Train the paper's network too (a minute or two).")] = True,
     seed: Annotated[int, typer.Option(help="Seed of the training's randomness.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -84,12 +82,8 @@ def _summary(
 ) -> dict[str, Any]:
     return {
         "study": "calibration",
-        "table_1": {
-            name: {key: row.tolist() for key, row in table.items()} for name, table in tables.items()
-        },
-        "models": {
-            name: {model: result.summary() for model, result in row.items()} for name, row in results.items()
-        },
+        "table_1": {name: {key: row.tolist() for key, row in table.items()} for name, table in tables.items()},
+        "models": {name: {model: result.summary() for model, result in row.items()} for name, row in results.items()},
         "session_change": {
             "model": "play",
             "refit_rows": change.refit_rows,
@@ -110,17 +104,13 @@ def _save(out: Path, summary: dict[str, Any], results: dict[str, dict[str, Evalu
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
-def _print_table_1(
-    tables: dict[str, dict[str, Any]], paper: dict[str, dict[str, tuple[float, ...]]]
-) -> Table:
+def _print_table_1(tables: dict[str, dict[str, Any]], paper: dict[str, dict[str, tuple[float, ...]]]) -> Table:
     table = Table(title="Table I: error of the uncorrected joints (ours | paper), rad and m (q3)")
     for column in ("recording", "", "q1", "q2", "q3", "q4", "q5", "q6"):
         table.add_column(column, justify="right", no_wrap=True)
     for name, rows in tables.items():
         for key, values in rows.items():
-            cells = [
-                f"{ours:.2g}|{theirs:.2g}" for ours, theirs in zip(values, paper[name][key], strict=True)
-            ]
+            cells = [f"{ours:.2g}|{theirs:.2g}" for ours, theirs in zip(values, paper[name][key], strict=True)]
             table.add_row(name.removesuffix("_random") if key == "RMSE" else "", key, *cells)
         table.add_section()
     return table

@@ -7,9 +7,7 @@ from trocar.calibration.models.play import PlayModel
 from trocar.calibration.models.ridge import RidgeModel
 from trocar.errors import TrocarError
 
-MODELS: dict[str, type[CableModel]] = {
-    model.name: model for model in (OffsetModel, RidgeModel, LstmModel, PlayModel)
-}
+MODELS: dict[str, type[CableModel]] = {model.name: model for model in (OffsetModel, RidgeModel, LstmModel, PlayModel)}
 
 
 def model_class(name: str) -> type[CableModel]:

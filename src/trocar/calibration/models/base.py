@@ -128,9 +128,7 @@ def save_model(model: CableModel, path: str | Path) -> Path:
         draft.replace(path)
     except OSError as error:
         draft.unlink(missing_ok=True)
-        raise TrocarError(
-            f"cannot write model {str(path)!r} ({error.strerror}); choose another folder"
-        ) from None
+        raise TrocarError(f"cannot write model {str(path)!r} ({error.strerror}); choose another folder") from None
     return path
 
 

@@ -95,9 +95,7 @@ class PlayModel:
         joints[WRIST] += self.map(np.concatenate([q_cmd[WRIST], (u - bank).ravel()]))
         return joints, bank
 
-    def linearize(
-        self, state: PlayBank, q_cmd: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def linearize(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the joints (6,) after the command and the wrist's Jacobian d q_joint / d q_cmd (3, 3)."""
         u, bank = self._bank(state, q_cmd)
         slack = u - bank
@@ -127,9 +125,7 @@ class PlayModel:
     def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
         """Return the model of a file."""
         a, b = arrays["coupling"].tolist()
-        return cls(
-            a, b, arrays["radii"], arrays["offset"], arrays["outer"], PlayMap.from_arrays(arrays), training
-        )
+        return cls(a, b, arrays["radii"], arrays["offset"], arrays["outer"], PlayMap.from_arrays(arrays), training)
 
     def _bank(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], PlayBank]:
         u = (self._mix @ q_cmd[WRIST])[:, None]  # type: ignore[attr-defined]

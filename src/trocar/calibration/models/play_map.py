@@ -108,9 +108,7 @@ def _fits(
     kernel, prior = _kernel(z, centres), _kernel(centres, centres)
     normal = kernel.T @ kernel
     jitter = 1e-8 * len(z) * np.eye(len(centres))
-    factors = {
-        ratio: cho_factor(normal + ratio * prior + jitter) for _, ratio in candidates if np.isfinite(ratio)
-    }
+    factors = {ratio: cho_factor(normal + ratio * prior + jitter) for _, ratio in candidates if np.isfinite(ratio)}
     fits = []
     for penalty, ratio in candidates:
         linear, constant = fit_linear(x, y, penalty)
