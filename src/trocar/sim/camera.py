@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
+
 import cv2
 import mujoco
 import numpy as np
@@ -74,8 +76,8 @@ class RayCamera:
         self._solids = np.flatnonzero(seen & ~plane)
         self._planes = np.flatnonzero(seen & plane)
         self._groups = np.array(VISIBLE_GROUPS, dtype=np.uint8)
-        self._plane_pose: tuple[bytes, bytes] | None = None
-        self._plane_answer: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
+        self._background_pose: tuple[bytes, bytes] | None = None
+        self._background: _Background
 
     @property
     def size(self) -> tuple[int, int]:
@@ -84,47 +86,75 @@ class RayCamera:
 
     def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
         """Return the image as the sensor with its flaws delivers it; ``rng`` draws them."""
-        depth, geom, normal = self._cast_pixels(data)
-        lit = self._lit(data, depth, normal) if self.flaws.shadow else None
-        color, mirror = shade(self.model, self._rays, depth, geom, self._in_camera(normal), lit, PROJECTOR_M)
+        view = self._view(data, shadow=self.flaws.shadow)
         shape = self.size
-        image_depth, image_color = apply_flaws(
+        depth, color = apply_flaws(
             self.flaws,
-            depth.reshape(shape),
-            color.reshape(*shape, 3),
-            self._in_camera(normal),
-            self._rays,
-            None if lit is None else lit.reshape(shape),
-            mirror.reshape(shape),
+            view.depth.reshape(shape),
+            view.color.reshape(*shape, 3),
+            view.cosine.reshape(shape),
+            view.lit.reshape(shape),
+            view.mirror.reshape(shape),
             rng,
         )
-        return RgbdImage(image_color, image_depth, self.intrinsics, float(data.time))
+        return RgbdImage(color, depth, self.intrinsics, float(data.time))
 
     def render_exact(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
         """Return depth (h, w) m with NaN where nothing is hit, geom ids (h, w) with -1, colour (h, w, 3)."""
-        depth, geom, normal = self._cast_pixels(data)
-        color, _ = shade(self.model, self._rays, depth, geom, self._in_camera(normal), None, PROJECTOR_M)
+        view = self._view(data, shadow=False)
         shape = self.size
-        return (
-            depth.reshape(shape),
-            geom.reshape(shape),
-            np.rint(color * 255).astype(np.uint8).reshape(*shape, 3),
-        )
+        color = np.rint(view.color * 255).astype(np.uint8)
+        return view.depth.reshape(shape), view.geom.reshape(shape), color.reshape(*shape, 3)
 
-    def _in_camera(self, normal_world: NDArray[np.float64]) -> NDArray[np.float64]:
-        return normal_world @ self.T_world_camera.rotation.matrix
-
-    def _cast_pixels(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
-        """Cast each pixel's ray; only those that may meet a solid go to MuJoCo, the rest meet planes."""
+    def _view(self, data: mujoco.MjData, shadow: bool) -> _View:
+        """Return what the pixels see: the planes' answer is kept, only what solids may change is cast and shaded."""
+        background = self._planes_seen(data)
+        view = background.view.copy()
         origin = self.T_world_camera.translation_m
+        covered = self._raster.covered(self.model, data, self._solids, self.T_world_camera)[self._cell]
+        near = np.flatnonzero(covered)
+        view.depth[near], view.geom[near], normal = self._cast(data, origin, self._rays_world[near])
+        active = near
+        if shadow:
+            T_world_projector = SE3.from_parts(
+                self.T_world_camera.rotation, self.T_world_camera.apply(np.array(PROJECTOR_M))
+            )
+            dark = self._raster.covered(self.model, data, self._solids, T_world_projector)
+            shaded = np.flatnonzero(dark[background.projector_cell] & ~covered & np.isfinite(view.depth))
+            active = np.concatenate([near, shaded])
+            normal = np.concatenate([normal, background.normal_world[shaded]])
+            view.lit[active] = self._lit(data, T_world_projector, dark, view.depth[active], normal, active)
+        self._shade(view, active, normal)
+        return view
+
+    def _shade(self, view: _View, pixels: NDArray[np.intp], normal_world: NDArray[np.float64]) -> None:
+        """Fill in colour, mirroring and incidence of these pixels."""
+        normal = normal_world @ np.ascontiguousarray(self.T_world_camera.rotation.matrix)
+        rays = self._rays[pixels]
+        view.color[pixels], view.mirror[pixels] = shade(
+            self.model, rays, view.depth[pixels], view.geom[pixels], normal, view.lit[pixels], PROJECTOR_M
+        )
+        view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
+
+    def _planes_seen(self, data: mujoco.MjData) -> _Background:
+        """Return what the pixels see of the planes alone, fully lit; planes rarely move, so the answer is kept."""
         pose = (data.geom_xpos[self._planes].tobytes(), data.geom_xmat[self._planes].tobytes())
-        if self._plane_pose != pose:  # planes are fixed to the world as a rule: their answer is kept
-            self._plane_answer = self._cast_planes(data, origin, self._rays_world)
-            self._plane_pose = pose
-        depth, geom, normal = (array.copy() for array in self._plane_answer)
-        near = np.flatnonzero(self._raster.covered(self.model, data, self._solids, self.T_world_camera)[self._cell])
-        depth[near], geom[near], normal[near] = self._cast(data, origin, self._rays_world[near])
-        return depth, geom, normal
+        if self._background_pose != pose:
+            depth, geom, normal = self._cast_planes(data, self.T_world_camera.translation_m, self._rays_world)
+            count = len(depth)
+            view = _View(
+                depth,
+                geom,
+                np.zeros((count, 3), np.float32),
+                np.zeros(count, np.float32),
+                np.zeros(count, np.float32),
+                np.isfinite(depth),
+            )
+            self._shade(view, np.arange(count), normal)
+            from_projector = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - PROJECTOR_M
+            self._background = _Background(view, normal, self._raster.index(from_projector))
+            self._background_pose = pose
+        return self._background
 
     def _cast(
         self, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
@@ -172,20 +202,49 @@ class RayCamera:
             depth[hit], geom[hit], normal[hit] = x[hit], g, frame[:, 2]
         return depth, geom, normal
 
-    def _lit(self, data: mujoco.MjData, depth: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which pixels' surfaces the projector reaches: a second batch of rays from there."""
-        source = self.T_world_camera.apply(np.array(PROJECTOR_M))
-        T_world_projector = SE3.from_parts(self.T_world_camera.rotation, source)
-        rays = self._rays * depth[:, None] - PROJECTOR_M
-        covered = self._raster.covered(self.model, data, self._solids, T_world_projector)
-        near = np.flatnonzero(np.isfinite(depth))
-        near = near[covered[self._raster.index(rays[near])]]
-        world = rays[near] @ self.T_world_camera.rotation.matrix.T
+    def _lit(
+        self,
+        data: mujoco.MjData,
+        T_world_projector: SE3,
+        dark: NDArray[np.bool_],
+        depth: NDArray[np.float64],
+        normal_world: NDArray[np.float64],
+        pixels: NDArray[np.intp],
+    ) -> NDArray[np.bool_]:
+        """Return which of these pixels' surfaces the projector reaches: a second batch of rays from there."""
         lit = np.isfinite(depth)
-        facing = np.einsum("ij,ij->i", world, normal[near]) < 0
-        distance, *_ = self._cast(data, source, world)
+        rays = self._rays[pixels] * depth[:, None] - PROJECTOR_M
+        near = np.flatnonzero(lit)
+        near = near[dark[self._raster.index(rays[near])]]
+        world = rays[near] @ np.ascontiguousarray(T_world_projector.rotation.matrix.T)
+        facing = np.einsum("ij,ij->i", world, normal_world[near]) < 0
+        distance, *_ = self._cast(data, T_world_projector.translation_m, world)
         lit[near] = facing & ~(distance < 1 - SHADOW_SLACK)
         return lit
+
+
+@dataclass
+class _View:
+    """What each pixel (n,) sees: depth, geom id, colour (n, 3), mirroring, cosine of incidence, whether lit."""
+
+    depth: NDArray[np.float64]
+    geom: NDArray[np.int32]
+    color: NDArray[np.float32]
+    mirror: NDArray[np.float32]
+    cosine: NDArray[np.float32]
+    lit: NDArray[np.bool_]
+
+    def copy(self) -> _View:
+        return _View(*(getattr(self, field.name).copy() for field in fields(self)))
+
+
+@dataclass(frozen=True)
+class _Background:
+    """The planes alone: what is seen, their normals (n, 3), and the map's cell of each point from the projector."""
+
+    view: _View
+    normal_world: NDArray[np.float64]
+    projector_cell: NDArray[np.intp]
 
 
 class _Raster:

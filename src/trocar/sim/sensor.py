@@ -27,7 +27,7 @@ def shade(
     depth_m: NDArray[np.float64],
     geom: NDArray[np.int32],
     normal: NDArray[np.float64],
-    lit: NDArray[np.bool_] | None,
+    lit: NDArray[np.bool_],
     projector_m: ArrayLike,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return colour (n, 3) in [0, 1] by Lambert's law under the projector, and how much of it metal mirrors (n,).
@@ -38,7 +38,7 @@ def shade(
         depth_m: (n,), NaN where nothing was hit.
         geom: (n,) ids, -1 for nothing.
         normal: (n, 3) outward, in the camera frame.
-        lit: (n,) whether the projector reaches the point; None if everything is lit.
+        lit: (n,) whether the projector reaches the point.
         projector_m: (3,) in the camera frame.
     """
     albedo = model.geom_rgba[:, :3].astype(np.float32)
@@ -55,8 +55,7 @@ def shade(
     facing = normal.astype(np.float32)
     cosine = np.maximum(np.einsum("ij,ij->i", facing, to_light), 0)
     power = cosine * (np.float32(LIGHT_REFERENCE_M) / distance) ** 2
-    if lit is not None:
-        power = power * lit
+    power = power * lit
     color = albedo[geom] * np.float32(GAIN) * (np.float32(AMBIENT) + power)[:, None]
     mirror = np.zeros(len(geom), np.float32)
     shiny = np.flatnonzero(metal[geom] & (power > 0))
@@ -73,9 +72,8 @@ def apply_flaws(
     flaws: SensorFlaws,
     depth_m: NDArray[np.float64],
     color: NDArray[np.float32],
-    normal: NDArray[np.float64],
-    rays: NDArray[np.float64],
-    lit: NDArray[np.bool_] | None,
+    cosine: NDArray[np.float32],
+    lit: NDArray[np.bool_],
     mirror: NDArray[np.float32],
     rng: np.random.Generator,
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -91,7 +89,6 @@ def apply_flaws(
     mix = rng.random(shape, dtype=np.float32)
     grain = rng.standard_normal((*shape, 3), dtype=np.float32)
 
-    cosine = -(np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)).reshape(shape).astype(np.float32)
     exact = depth_m.astype(np.float32)
     scale = (exact / np.float32(flaws.reference_m)) ** 2 / np.maximum(cosine, np.float32(0.15))
     depth = exact + scale * (np.float32(flaws.axial_m) * white + np.float32(flaws.waviness_m) * wave)
@@ -103,7 +100,7 @@ def apply_flaws(
         mixed = edge & (edge_luck < flaws.edge_mixed)
         depth[mixed] += (mix * (other - exact))[mixed]
         missing |= edge & (edge_luck > 1 - flaws.edge_missing)
-    if lit is not None:
+    if flaws.shadow:
         missing |= ~lit
     missing |= mirror * flaws.specular_missing > lost + 0.1
     depth[missing] = np.nan
