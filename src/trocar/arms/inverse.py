@@ -27,9 +27,7 @@ LIMIT_TOLERANCE = 1e-9
 """Joint values this far outside their range (rad or m) count as rounding and are put back on the limit."""
 CONE_TOLERANCE = 1e-12
 """A cosine this far beyond 1 counts as rounding."""
-NUDGE_M = 1e-150
-"""Keeps the two wrist singularities (0 / 0) defined; far below rounding, its square does not underflow."""
-CHUNK = 2048
+CHUNK = 4096
 """Poses solved at a time: the intermediate arrays of a chunk stay in the cache."""
 
 
@@ -41,8 +39,8 @@ def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> ND
     """Return the configuration(s) (..., 6) within the limits whose tip lies at ``T_base_tip``.
 
     Of several, the one nearest to ``reference`` (..., 6) is taken: the joints count alike, in rad and m. The
-    default reference is the middle of the ranges. With the wrist or the jaw axis within rounding (1e-12 m) of the
-    remote centre a wrist joint is free, and what rounding makes of it may lie outside its limits.
+    default reference is the middle of the ranges. With the wrist or the jaw axis on the remote centre (within
+    rounding) a wrist joint is free, and no solution is found or one of many.
 
     Raises:
         Unreachable: a pose has no solution within the limits; says which joint is how far outside, on the
@@ -50,18 +48,20 @@ def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> ND
         TrocarError: a pose or the reference is not finite, or the reference has the wrong shape.
     """
     matrix = T_base_tip.matrix
-    if matrix.ndim == 2 and (reference is None or np.ndim(reference) == 1):
+    axes = 1 if reference is None else reference.ndim if isinstance(reference, np.ndarray) else np.ndim(reference)
+    if matrix.ndim == 2 and axes == 1:
         return np.array(ik_floats(arm, matrix.ravel().tolist(), reference))
     near = arm.middle if reference is None else arm.configurations(reference)
     batch = np.broadcast_shapes(matrix.shape[:-2], near.shape[:-1])
     poses = np.broadcast_to(matrix, (*batch, 4, 4)).reshape(-1, 16)
     near = np.broadcast_to(near, (*batch, 6)).reshape(-1, 6)
     q = np.empty((len(poses), 6))
-    for start in range(0, len(poses), CHUNK):
-        part = slice(start, start + CHUNK)
-        good = _solve_chunk(arm, poses[part], near[part], q[part])
-        for k in start + np.flatnonzero(~good):
-            q[k] = _search(arm, poses[k], near[k], f"pose {k}")
+    good = np.zeros(len(poses), dtype=bool)
+    if arm.branch_is_unique:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            _solve_chunks(arm, poses, None if reference is None else near, q, good)
+    for k in np.flatnonzero(~good):
+        q[k] = _search(arm, poses[k], near[k], f"pose {k}")
     return q.reshape(*batch, 6)
 
 
@@ -74,17 +74,25 @@ def ik_floats(arm: ArmModel, matrix: list[float], reference: ArrayLike | None = 
     near = arm.middle_floats if reference is None else _reference(arm, reference)
     if arm.branch_is_unique:
         try:
-            *q, _ = _solve(matrix, _Floats, arm.solver_constants)
-            for i, low, high in arm.turn_targets:
-                target = min(max(near[i], low), high)
-                q[i] += TAU * round((target - q[i]) / TAU)
-        except ValueError:  # the square root of a negative number, outside the cone; or NaN
+            q = _solve(matrix, _Floats, arm.solver_constants)
+        except (ValueError, ZeroDivisionError):  # outside the cone, or the wrist on the remote centre
             return _search(arm, np.array(matrix), np.array(near)).tolist()
-        for x, (low, high) in zip(q, arm.ranges, strict=False):
-            if not low <= x <= high:
-                break
-        else:
-            return q
+        for i, low, high in arm.turn_targets:
+            target = near[i]
+            ahead = (low if target < low else high if target > high else target) - q[i]
+            if ahead > math.pi or ahead < -math.pi:
+                q[i] += TAU * round(ahead / TAU)
+        (a1, b1), (a2, b2), (a3, b3), (a4, b4), (a5, b5), (a6, b6) = arm.ranges
+        q1, q2, q3, q4, q5, q6, _ = q
+        if (
+            a1 <= q1 <= b1
+            and a2 <= q2 <= b2
+            and a3 <= q3 <= b3
+            and a4 <= q4 <= b4
+            and a5 <= q5 <= b5
+            and a6 <= q6 <= b6
+        ):
+            return [q1, q2, q3, q4, q5, q6]
     return _search(arm, np.array(matrix), np.array(near)).tolist()
 
 
@@ -92,7 +100,7 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
     """Return every solution, in or out of the limits: q (..., 8, 6), and which of them are real (..., 8).
 
     The order is that of ``BRANCHES``. Angles lie within half a turn of the middle of their range. Branches
-    that are not real hold values at the edge of the cone.
+    that are not real hold values at the edge of the cone, or NaN with the wrist exactly on the remote centre.
     """
     matrix = T_base_tip.matrix
     m = list(np.moveaxis(matrix.reshape(*matrix.shape[:-2], 16), -1, 0))
@@ -100,7 +108,7 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
     real = np.empty((*matrix.shape[:-2], 8), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         for b, branch in enumerate(BRANCHES):
-            *joints, cosine = _solve(m, _Arrays, arm.constants(branch, arm.offsets))
+            *joints, cosine = _solve(m, _ClippedArrays, arm.constants(branch, arm.offsets))
             q[..., b, :] = np.stack(joints, -1)
             real[..., b] = np.abs(cosine) <= 1 + CONE_TOLERANCE
     q -= arm.turns * np.rint((q - arm.middle) / TAU)
@@ -114,19 +122,26 @@ def _reference(arm: ArmModel, reference: ArrayLike) -> list[float]:
     return arm.configurations(reference).tolist()
 
 
-def _solve_chunk(arm: ArmModel, poses: NDArray, near: NDArray, q: NDArray) -> NDArray[np.bool_]:
-    """Fill ``q`` (n, 6) from ``poses`` (n, 16) by the one branch within limits; return where it is good."""
-    if not arm.branch_is_unique:
-        return np.zeros(len(poses), dtype=bool)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        *joints, cosine = _solve(np.ascontiguousarray(poses[:, :12].T), _Arrays, arm.solver_constants)
+def _solve_chunks(arm: ArmModel, poses: NDArray, near: NDArray | None, q: NDArray, good: NDArray) -> None:
+    """Fill ``q`` (n, 6) from ``poses`` (n, 16) by the one branch within limits, and ``good`` (n,): where it is.
+
+    The arrays lie one quantity to a row, and the rows of a chunk stay in the cache.
+    """
+    m, columns = np.empty((12, CHUNK)), np.empty((6, CHUNK))
+    lower, upper = arm.lower[:, None], arm.upper[:, None]
+    for start in range(0, len(poses), CHUNK):
+        part = slice(start, start + CHUNK)
+        n = len(poses[part])
+        m[:, :n] = poses[part, :12].T
+        *joints, _ = _solve(m[:, :n], _Arrays, arm.solver_constants)
         for i, low, high in arm.turn_targets:
-            target = low if low == high else np.clip(near[:, i], low, high)
+            target = arm.middle_floats[i] if near is None else np.clip(near[part, i], low, high)
             joints[i] += TAU * np.rint((target - joints[i]) * (1 / TAU))
-    columns = np.array(joints)
-    good = ((columns >= arm.lower[:, None]) & (columns <= arm.upper[:, None])).all(0)
-    q[:] = columns.T
-    return good & (np.abs(cosine) <= 1)
+        for i in range(6):
+            columns[i, :n] = joints[i]
+        inside = columns[:, :n]
+        good[part] = ((inside >= lower) & (inside <= upper)).all(0)  # NaN, outside the cone, is not
+        q[part] = inside.T
 
 
 def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose") -> NDArray[np.float64]:
@@ -136,6 +151,11 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     T = SE3(pose.reshape(4, 4))
     place = "({:.4f}, {:.4f}, {:.4f}) m".format(*T.translation_m)
     q, real = ik_branches(arm, T)
+    if not np.isfinite(q).any():
+        raise Unreachable(
+            f"arm '{arm.name}' has no definite joint values for {name} at {place}: the wrist lies on the remote centre "
+            f"and turns freely; keep it {arm.safe_depth_m} m away"
+        )
     if not real.any():
         raise Unreachable(
             f"arm '{arm.name}' cannot reach {name} at {place}: no pitch points the instrument that way; "
@@ -172,24 +192,28 @@ class _Floats:
 
 
 class _Arrays:
-    """What ``_solve`` needs, for arrays; outside the cone the edge is taken."""
+    """What ``_solve`` needs, for arrays; NaN outside the cone."""
 
-    copysign, sqrt = np.copysign, np.sqrt
-
-    @staticmethod
-    def root(x: NDArray) -> NDArray:
-        """Return the square root, 0 of negative numbers."""
-        return np.sqrt(np.maximum(x, 0.0))
+    copysign, sqrt, root = np.copysign, np.sqrt, np.sqrt
 
     @staticmethod
     def atan2(y: NDArray, x: NDArray) -> NDArray:
         """Return ``np.arctan2(y, x)`` by way of ``np.arctan``, which is three times faster."""
-        return np.arctan(y / x) + np.copysign(math.pi, y) * (x < 0)
+        return np.copysign(math.pi / 2, y) - np.arctan(x / y)
 
     @staticmethod
     def atan2_right(y: NDArray, x: NDArray) -> NDArray:
         """Return ``np.arctan2(y, x)`` for x >= 0."""
         return np.arctan(y / x)
+
+
+class _ClippedArrays(_Arrays):
+    """The same; outside the cone its edge is taken."""
+
+    @staticmethod
+    def root(x: NDArray) -> NDArray:
+        """Return the square root, 0 of negative numbers."""
+        return np.sqrt(np.maximum(x, 0.0))
 
 
 def _solve(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
@@ -207,11 +231,9 @@ def _solve(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
     cx = r00 * px + r10 * py + r20 * pz
     cy = r01 * px + r11 * py + r21 * pz
     cz = r02 * px + r12 * py + r22 * pz + tip
-    cz += copysign(NUDGE_M, cz)
     reach = copysign(sqrt(cx * cx + cz * cz), cz if u6 > 0 else -cz)
     n6, k6 = cx / reach, cz / reach
     axial = reach + link  # depth of the pitch axis times w cos q5
-    axial += copysign(NUDGE_M, axial)
     wu = w * u5
     depth = copysign(sqrt(axial * axial + cy * cy), axial if wu > 0 else -axial)
     n5, k5 = cy / depth, axial / depth  # sin q5, w cos q5
