@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +22,8 @@ TICK_S = 0.010
 """Period of the arms' controller (paper, V-B: 10 ms)."""
 SERVO_STEPS = 2
 """Physics steps between two updates of the servos' targets."""
+SERVO_S = SERVO_STEPS * TIMESTEP_S
+TICK_SERVOS = round(TICK_S / SERVO_S)
 JAW_REST_S = 0.05
 """Time after the jaw's ramp until it holds still."""
 
@@ -35,11 +37,16 @@ class _Drive:
     q_cmd: NDArray[np.float64]
     jaw_cmd: float
     q_target: NDArray[np.float64]
-    trajectory: Trajectory | None = None
-    started_s: float = 0.0
+    path: Iterator[NDArray[np.float64]] | None = None
+    ticks_left: int = 0
     jaw_goal: float = 0.0
     moved: trio.Event = field(default_factory=trio.Event)
     jaw_done: trio.Event = field(default_factory=trio.Event)
+
+    @property
+    def idle(self) -> bool:
+        """Return whether neither the arm nor its jaws move on command."""
+        return self.path is None and self.jaw_cmd == self.jaw_goal
 
 
 class SimRobot:
@@ -79,14 +86,17 @@ class SimRobot:
     async def move(self, arm: str, trajectory: Trajectory) -> Execution:
         """Run the trajectory from its start, which must be where the arm is commanded now (1 mrad, 1 mm)."""
         drive = self._drive(arm)
-        if drive.trajectory is not None:
+        if drive.path is not None:
             raise TrocarError(f"arm {arm!r} is already moving; await its motion before the next")
         jump = float(np.max(np.abs(trajectory(trajectory.times_s[0]) - drive.q_cmd)))
         if jump > 1e-3:
             raise TrocarError(
                 f"the motion of arm {arm!r} starts {jump:.4f} rad (or m) away from where it is; start it there"
             )
-        drive.trajectory, drive.started_s, drive.moved = trajectory, self.world.time_s, trio.Event()
+        steps = TICK_SERVOS * int(np.ceil(trajectory.duration_s / TICK_S - 1e-9))
+        drive.ticks_left = steps // TICK_SERVOS
+        drive.path = iter(trajectory(trajectory.times_s[0] + SERVO_S * np.arange(1, steps + 1)))
+        drive.moved = trio.Event()
         first = len(self._times)
         await drive.moved.wait()
         return self._execution(arm, first)
@@ -106,7 +116,7 @@ class SimRobot:
     def hold(self, arm: str) -> None:
         """Stop this arm where it is commanded now."""
         drive = self._drive(arm)
-        drive.trajectory = None
+        drive.path = None
         drive.jaw_goal = drive.jaw_cmd
         drive.moved.set()
         drive.jaw_done.set()
@@ -132,12 +142,14 @@ class SimRobot:
             self._clock.jump(TICK_S)
 
     def _tick(self) -> None:
-        servo_s = SERVO_STEPS * TIMESTEP_S
-        for drive in self._drives.values():
+        for name, drive in self._drives.items():
             drive.transmission.advance(TICK_S)
-        for _ in range(round(TICK_S / servo_s)):
-            for name, drive in self._drives.items():
-                self._servo(name, drive, servo_s)
+            self._servo(name, drive)
+        for step in range(TICK_SERVOS):
+            if step:
+                for name, drive in self._drives.items():
+                    if not drive.idle:
+                        self._servo(name, drive)
             self.world.step(SERVO_STEPS)
         self._times.append(self.world.time_s)
         for name, drive in self._drives.items():
@@ -146,20 +158,22 @@ class SimRobot:
             self._rows[name].append((commanded, measured))
             self._finish(drive)
 
-    def _servo(self, name: str, drive: _Drive, servo_s: float) -> None:
-        if drive.trajectory is not None:
-            drive.q_cmd = drive.trajectory(self.world.time_s + servo_s - drive.started_s)
-        step = drive.arm.jaw.max_speed * servo_s
-        drive.jaw_cmd += float(np.clip(drive.jaw_goal - drive.jaw_cmd, -step, step))
+    def _servo(self, name: str, drive: _Drive) -> None:
+        """Send the drives where the cables hold the joints after the next command."""
+        if drive.path is not None:
+            drive.q_cmd = next(drive.path, drive.q_cmd)
+        step = drive.arm.jaw.max_speed * SERVO_S
+        drive.jaw_cmd += min(max(drive.jaw_goal - drive.jaw_cmd, -step), step)
         target = drive.transmission.joints(drive.q_cmd)
-        velocity = (target - drive.q_target) / servo_s
+        velocity = (target - drive.q_target) / (TICK_S if drive.idle else SERVO_S)
         drive.q_target = target
         self.world.drive_arm(name, target, velocity, drive.jaw_cmd)
 
     def _finish(self, drive: _Drive) -> None:
-        trajectory = drive.trajectory
-        if trajectory is not None and self.world.time_s - drive.started_s >= trajectory.duration_s - 1e-9:
-            drive.trajectory = None
-            drive.moved.set()
+        if drive.path is not None:
+            drive.ticks_left -= 1
+            if drive.ticks_left == 0:
+                drive.path = None
+                drive.moved.set()
         if drive.jaw_cmd == drive.jaw_goal:
             drive.jaw_done.set()
