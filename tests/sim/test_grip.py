@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 import trio
-from simulated import TWICE, Hand, ideal_session, joints_at, scene_of, standing, world_with_arms
 
+from simulated import TWICE, Hand, ideal_session, joints_at, scene_of, standing, world_with_arms
 from trocar.sim.cell import SimulatedCell
 from trocar.sim.mjcf import CellModel, Surface
 from trocar.sim.world import World
