@@ -40,7 +40,7 @@ class Network(eqx.Module):
 
 def train(
     x: NDArray[np.float64], y: NDArray[np.float64], hidden: int, rng: np.random.Generator
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, NDArray[np.float32]]:
     """Return the weights of the network trained on windows (n, steps, 6) and targets (n, 6), MSE, AdamW."""
     network = Network(x.shape[2], hidden, y.shape[1], jax.random.key(int(rng.integers(2**31))))
     batch = min(BATCH, len(x))
@@ -72,7 +72,7 @@ def train(
     return _arrays(network)
 
 
-def _arrays(network: Network) -> dict[str, NDArray[np.float64]]:
+def _arrays(network: Network) -> dict[str, NDArray[np.float32]]:
     """Return the weights by the names that the NumPy network uses; both order the gates i f g o."""
     leaves = {
         "input": network.cell.weight_ih,
@@ -85,4 +85,4 @@ def _arrays(network: Network) -> dict[str, NDArray[np.float64]]:
         "out": network.out.weight,
         "bias_out": network.out.bias,
     }
-    return {name: np.asarray(leaf, dtype=np.float64) for name, leaf in leaves.items()}
+    return {name: np.ascontiguousarray(leaf, dtype=np.float32) for name, leaf in leaves.items()}

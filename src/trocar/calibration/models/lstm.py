@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -19,7 +20,10 @@ HIDDEN = 256
 
 WEIGHTS = ("input", "recurrent", "bias", "dense1", "bias1", "dense2", "bias2", "out", "bias_out")
 
-Weights = dict[str, NDArray[np.float64]]
+Weights = dict[str, NDArray[np.floating]]
+
+Memory = tuple[NDArray[np.floating], NDArray[np.floating]]
+"""What the recurrent layer carries from moment to moment: hidden and cell (..., h)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,7 @@ class LstmModel:
     Attributes:
         weights: by name (:data:`WEIGHTS`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,), the
             gates in the order i f g o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases.
+            Single precision, as they were trained: a prediction is good to 1e-6 of the error's SD.
         input_mean: (6,) of the training commands.
         input_scale: (6,) SD of the training commands.
         error_scale: (6,) SD of the training errors.
@@ -67,16 +72,15 @@ class LstmModel:
         q = commands(q_cmd)
         return q + self._error(windows(q))
 
-    def start(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the prior commands (5, 6) of an arm at rest."""
-        return resting_window(q_cmd)
+    def start(self, q_cmd: NDArray[np.float64]) -> LstmState:
+        """Return the state of an arm that has rested at this command (6,)."""
+        return LstmState(self, resting_window(q_cmd))
 
-    def step(
-        self, state: NDArray[np.float64], q_cmd: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the joints (6,) after the command (6,), and the new prior commands."""
-        window = advance(state, q_cmd)
-        return q_cmd + self._error(window[None])[0], window[1:]
+    def step(self, state: LstmState, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], LstmState]:
+        """Return the joints (6,) after the command (6,), and the new state."""
+        hidden, _ = recur(self.weights, self._standard(q_cmd), state.memory)
+        joints = q_cmd + self.offset + self.error_scale * dense(self.weights, hidden)
+        return joints, LstmState(self, advance(state.prior, q_cmd)[1:])
 
     def shifted(self, offset: NDArray[np.float64]) -> Self:
         """Return the model with this (6,) added to its prediction."""
@@ -90,29 +94,61 @@ class LstmModel:
     @classmethod
     def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
         """Return the model of a file."""
-        weights = {key: arrays[f"weight_{key}"].astype(np.float64) for key in WEIGHTS}
+        weights = {key: np.ascontiguousarray(arrays[f"weight_{key}"], dtype=np.float32) for key in WEIGHTS}
         own = {key: arrays[key] for key in ("input_mean", "input_scale", "error_scale", "offset")}
         return cls(weights=weights, training=training, **own)
 
+    def remember(self, prior: NDArray[np.float64]) -> Memory:
+        """Return the recurrent layer's memory after prior commands (..., 5, 6), from none."""
+        return remember(self.weights, self._standard(prior))
+
     def _error(self, window: NDArray[np.float64]) -> NDArray[np.float64]:
-        z = (window - self.input_mean) / self.input_scale
-        return self.offset + self.error_scale * forward(self.weights, z)
+        hidden, _ = self.remember(window)
+        return self.offset + self.error_scale * dense(self.weights, hidden)
+
+    def _standard(self, q_cmd: NDArray[np.float64]) -> NDArray[np.floating]:
+        return ((q_cmd - self.input_mean) / self.input_scale).astype(np.float32)
 
 
-def forward(weights: Weights, z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the network's output (n, 6) for standardised windows (n, steps, 6)."""
-    hidden = cell = np.zeros((len(z), weights["recurrent"].shape[1]))
-    for moment in range(z.shape[1]):
-        gates = z[:, moment] @ weights["input"].T + hidden @ weights["recurrent"].T + weights["bias"]
-        i, f, g, o = np.split(gates, 4, axis=1)
-        cell = _sigmoid(f) * cell + _sigmoid(i) * np.tanh(g)
-        hidden = _sigmoid(o) * np.tanh(cell)
+@dataclass(frozen=True, eq=False)
+class LstmState:
+    """The prior commands (5, 6) of a window; they run through the network once for all candidates of the next."""
+
+    model: LstmModel
+    prior: NDArray[np.float64]
+
+    @cached_property
+    def memory(self) -> Memory:
+        """The recurrent layer's memory after the prior commands."""
+        return self.model.remember(self.prior)
+
+
+def recur(weights: Weights, z: NDArray[np.floating], memory: Memory) -> Memory:
+    """Return the memory of the recurrent layer after one more standardised command (..., 6)."""
+    hidden, cell = memory
+    gates = z @ weights["input"].T + hidden @ weights["recurrent"].T + weights["bias"]
+    i, f, g, o = np.split(gates, 4, axis=-1)
+    cell = _sigmoid(f) * cell + _sigmoid(i) * np.tanh(g)
+    return _sigmoid(o) * np.tanh(cell), cell
+
+
+def remember(weights: Weights, z: NDArray[np.floating]) -> Memory:
+    """Return the memory of the recurrent layer after standardised windows (..., steps, 6), from none."""
+    nothing = np.zeros((*z.shape[:-2], weights["recurrent"].shape[1]), dtype=np.float32)
+    memory = (nothing, nothing)
+    for moment in range(z.shape[-2]):
+        memory = recur(weights, z[..., moment, :], memory)
+    return memory
+
+
+def dense(weights: Weights, hidden: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return the network's output (..., 6) for the hidden units (..., h) after a window."""
     layer = np.maximum(hidden @ weights["dense1"].T + weights["bias1"], 0.0)
     layer = np.maximum(layer @ weights["dense2"].T + weights["bias2"], 0.0)
     return layer @ weights["out"].T + weights["bias_out"]
 
 
-def _sigmoid(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sigmoid(x: NDArray[np.floating]) -> NDArray[np.floating]:
     return 0.5 + 0.5 * np.tanh(0.5 * x)
 
 
