@@ -151,7 +151,7 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     T = SE3(pose.reshape(4, 4))
     place = "({:.4f}, {:.4f}, {:.4f}) m".format(*T.translation_m)
     q, real = ik_branches(arm, T)
-    if not np.isfinite(q).any():
+    if not np.isfinite(q).all(-1).any():
         raise Unreachable(
             f"arm '{arm.name}' has no definite joint values for {name} at {place}: the wrist lies on the remote centre "
             f"and turns freely; keep it {arm.safe_depth_m} m away"
@@ -227,6 +227,15 @@ def _solve(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
     r00, r01, r02, px, r10, r11, r12, py, r20, r21, r22, pz = m[:12]
     (u6, u5, u2), w, link, tip, c0, s0, c1c2, s1s2, s1c2, c1s2, u_s1, u_s2, (o1, o2, o3, o4, o5, o6) = constants
     sqrt, atan2, atan2_right, copysign = xp.sqrt, xp.atan2, xp.atan2_right, xp.copysign
+    # turn the base by the first twist: axis 1 is z from here on
+    if c0 == 0.0:
+        r10, r20, r11, r21 = s0 * r20, -s0 * r10, s0 * r21, -s0 * r11
+        r12, r22, py, pz = s0 * r22, -s0 * r12, s0 * pz, -s0 * py
+    elif s0 != 0.0 or c0 < 0.0:
+        r10, r20 = c0 * r10 + s0 * r20, c0 * r20 - s0 * r10
+        r11, r21 = c0 * r11 + s0 * r21, c0 * r21 - s0 * r11
+        r12, r22 = c0 * r12 + s0 * r22, c0 * r22 - s0 * r12
+        py, pz = c0 * py + s0 * pz, c0 * pz - s0 * py
     # the jaw axis seen from the remote centre, in the tip's axes: R^T p + (0, 0, tip)
     cx = r00 * px + r10 * py + r20 * pz
     cy = r01 * px + r11 * py + r21 * pz
@@ -238,9 +247,8 @@ def _solve(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
     depth = copysign(sqrt(axial * axial + cy * cy), axial if wu > 0 else -axial)
     n5, k5 = cy / depth, axial / depth  # sin q5, w cos q5
     # axis 1 in the tip's frame, then in frame 4: (a4, b4, k)
-    g0, g1, g2 = c0 * r20 - s0 * r10, c0 * r21 - s0 * r11, c0 * r22 - s0 * r12
-    g = n6 * g0 + k6 * g2
-    a4, b4, k = k5 * g1 - n5 * g, n6 * g2 - k6 * g0, k5 * g + n5 * g1
+    g = n6 * r20 + k6 * r22
+    a4, b4, k = k5 * r21 - n5 * g, n6 * r22 - k6 * r20, k5 * g + n5 * r21
     k2 = (c1c2 - k) / s1s2
     n2 = xp.root(1.0 - k2 * k2)  # sin t2 without its sign
     # the same axis in frame 3: what differs is the roll
@@ -248,7 +256,7 @@ def _solve(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
     # axis 4 about axis 1: (x, y) is where it is, (x0, -y0) where t1 = 0 puts it
     a, b = k5 * n6, k5 * k6
     x = r00 * a + r01 * n5 + r02 * b
-    y = c0 * (r10 * a + r11 * n5 + r12 * b) + s0 * (r20 * a + r21 * n5 + r22 * b)
+    y = r10 * a + r11 * n5 + r12 * b
     x0, y0 = u_s2 * n2, c1s2 * k2 + s1c2
     q5, q6 = atan2_right(n5, k5 if wu > 0 else -k5), atan2_right(n6, k6 if u6 > 0 else -k6)
     return [
