@@ -108,17 +108,39 @@ class SimulatedCell:
     def run(self, script: Callable[[], Awaitable[None]], budget_s: float) -> bool:
         """Run a script to its end on the virtual clock; return whether it ended within its budget.
 
+        However it ends, the arms hold where they are then.
+
         Raises:
-            Whatever the script raises; the arms hold where they are then.
+            Whatever the script raises, out of the groups that nurseries put it in; an interruption before all else.
         """
-        return trio.run(self._run, script, budget_s, clock=self._clock)
+        try:
+            return trio.run(self._run, script, budget_s, clock=self._clock)
+        except BaseExceptionGroup as group:
+            raise _cause(group) from None
 
     async def _run(self, script: Callable[[], Awaitable[None]], budget_s: float) -> bool:
         ended = False
-        with trio.move_on_after(budget_s):
-            async with trio.open_nursery() as nursery:
-                nursery.start_soon(self.robot.run_physics, self.referee.observe)
-                await script()
-                ended = True
-                nursery.cancel_scope.cancel()
+        try:
+            with trio.move_on_after(budget_s):
+                async with trio.open_nursery() as nursery:
+                    nursery.start_soon(self.robot.run_physics, self.referee.observe)
+                    await script()
+                    ended = True
+                    nursery.cancel_scope.cancel()
+        finally:
+            for arm in self.session.arms:
+                self.robot.hold(arm)
         return ended
+
+
+def _cause(group: BaseExceptionGroup) -> BaseException:
+    """Return what a nursery's group of exceptions is about: an interruption, or else the first."""
+    leaves: list[BaseException] = []
+    rest: list[BaseException] = [group]
+    while rest:
+        error = rest.pop(0)
+        if isinstance(error, BaseExceptionGroup):
+            rest.extend(error.exceptions)
+        else:
+            leaves.append(error)
+    return next((leaf for leaf in leaves if not isinstance(leaf, Exception)), leaves[0])
