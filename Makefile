@@ -1,6 +1,7 @@
 # Everything a fresh clone needs: python3 (3.11 to 3.13) with venv, and make.
 PYTHON ?= python3
 BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .PHONY: demo test lint bench docs clean
 
@@ -20,22 +21,24 @@ bench: .venv/dev.stamp
 	for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 docs: .venv/docs.stamp
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
 
 .venv/sim.stamp: pyproject.toml constraints.txt | .venv/bin/python
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[sim,learn]'
-	touch $@
+	@echo "installing into .venv (a minute or two)"
+	$(PIP) --no-compile -e '.[sim,learn]'
+	@touch $@
 
 .venv/dev.stamp: pyproject.toml constraints.txt | .venv/bin/python
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
-	touch $@
+	@echo "installing into .venv (a minute or two)"
+	$(PIP) --no-compile -e '.[dev]'
+	@touch $@
 
 .venv/docs.stamp: pyproject.toml constraints.txt | .venv/bin/python
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[docs]'
-	touch $@
+	$(PIP) --no-compile -e '.[docs]'
+	@touch $@
 
 clean:
 	rm -rf .venv build dist site out
