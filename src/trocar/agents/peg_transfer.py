@@ -20,7 +20,7 @@ from trocar.perception.blocks import find_block
 from trocar.perception.board import find_board
 from trocar.perception.image import RgbdImage
 from trocar.scene import Block, Pegboard
-from trocar.scene.grasps import Grasp, Jaws, NoGrasp, choose_grasp
+from trocar.scene.grasps import Grasp, Jaws, choose_grasp
 from trocar.scene.places import choose_place, held_block
 from trocar.trajectory import Trajectory
 
@@ -31,6 +31,10 @@ WAKE_RAD = (0.35, 0.30, 0.30)
 
 JAW_SLACK_RAD = 0.03
 """Jaws that stay this close to their opening were kept from closing by something else than a wall."""
+
+GRASP_RULES = ((0.15e-3, np.radians(70.0)), (0.15e-3, np.radians(110.0)), (-0.6e-3, np.radians(110.0)))
+"""Least gap (m) round the open fingers and largest roll, tried in turn; below zero a finger must slide off the round
+end of the peg or push the block aside."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,6 @@ class Settings:
         settle_s: rest after a motion before the jaws act.
         jaw_open: opening round the wall of a block, against the clearance in its hole.
         depth: of the tip under the block's top face.
-        least_gap: round the open fingers; below zero they touch and must slide off a round peg or an edge.
         jaw_closed: target that lets the drive press.
         jaw_empty: jaws that close further than this hold nothing.
         clear_height: of the tip over the plate when it travels empty; the pegs are 20 mm tall.
@@ -60,7 +63,6 @@ class Settings:
     settle_s: float = 0.06
     jaw_open: float = 0.40
     depth: float = 4.0e-3
-    least_gap: float = -0.4e-3
     jaw_closed: float = -0.17
     jaw_empty: float = 0.08
     clear_height: float = 27e-3
@@ -156,18 +158,25 @@ class Unilateral:
             return fit.reason, Outcome.NO_BLOCK
         self.blocks[source] = fit.T_board_block
         others = [pose.matrix for peg, pose in self.blocks.items() if peg != source]
-        grasp = choose_grasp(
-            self.arm,
-            self.T_base_board,
-            fit.T_board_block,
-            self.board,
-            self.block,
-            SE3(np.array(others)) if others else None,
-            avoid=failed,
-            depth_m=self.settings.depth,
-            jaws=Jaws(least_gap_m=self.settings.least_gap),
-        )
-        return (grasp.reason, Outcome.OUT_OF_REACH) if isinstance(grasp, NoGrasp) else grasp
+        neighbours = SE3(np.array(others)) if others else None
+        refusal = ""
+        for least_gap_m, most_roll_rad in GRASP_RULES:
+            grasp = choose_grasp(
+                self.arm,
+                self.T_base_board,
+                fit.T_board_block,
+                self.board,
+                self.block,
+                neighbours,
+                avoid=failed,
+                depth_m=self.settings.depth,
+                jaws=Jaws(least_gap_m=least_gap_m),
+                most_roll_rad=most_roll_rad,
+            )
+            if isinstance(grasp, Grasp):
+                return grasp
+            refusal = grasp.reason
+        return refusal, Outcome.OUT_OF_REACH
 
     async def _go_to(self, grasp: Grasp) -> None:
         """Travel over the pegs, then down round the wall of the block, the jaws open."""

@@ -13,7 +13,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
-from trocar.sim.sensor import apply_flaws, shade
+from trocar.sim.sensor import Light, apply_flaws, shade
 from trocar.sim.sensor_flaws import SensorFlaws
 
 ZIVID = Intrinsics(1920, 1200, 2765.4, 2766.0, 962.9, 566.1, (-0.285, 0.407, -0.0001, 0.0001, -0.509))
@@ -49,6 +49,7 @@ class RayCamera:
         intrinsics: lens and pixels, such as ``ZIVID.binned(2)``.
         T_world_camera: true pose.
         flaws: what the sensor does wrong; ``SensorFlaws.none()`` gives exact depth.
+        light: of the scene.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class RayCamera:
         intrinsics: Intrinsics,
         T_world_camera: SE3,
         flaws: SensorFlaws | None = None,
+        light: Light | None = None,
     ):
         if T_world_camera.matrix.shape != (4, 4) or not np.isfinite(T_world_camera.matrix).all():
             raise TrocarError("a camera needs one finite pose (4, 4) as T_world_camera")
@@ -64,6 +66,7 @@ class RayCamera:
         self.intrinsics = intrinsics
         self.T_world_camera = T_world_camera
         self.flaws = SensorFlaws() if flaws is None else flaws
+        self.light = Light() if light is None else light
         R = T_world_camera.rotation.matrix
         self._rays = pixel_rays(intrinsics).reshape(-1, 3)
         self._rays_world = np.ascontiguousarray(self._rays @ R.T)
@@ -132,7 +135,7 @@ class RayCamera:
         normal = normal_world @ np.ascontiguousarray(self.T_world_camera.rotation.matrix)
         rays = self._rays[pixels]
         view.color[pixels], view.mirror[pixels] = shade(
-            self.model, rays, view.depth[pixels], view.geom[pixels], normal, view.lit[pixels], PROJECTOR_M
+            self.model, rays, view.depth[pixels], view.geom[pixels], normal, view.lit[pixels], PROJECTOR_M, self.light
         )
         view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
 
-import mujoco
 import numpy as np
 import trio
-from numpy.typing import NDArray
 from trio.testing import MockClock
 
 from trocar.arms import ik
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.scene import Scene
 from trocar.sim.camera import ZIVID, RayCamera, nominal_camera
@@ -38,12 +35,6 @@ REST_S = 0.5
 """The blocks come to rest for so long before the clock starts."""
 
 
-PICTURE = Intrinsics(640, 480, 1250.0, 1250.0, 319.5, 239.5)
-PICTURE_EYE_M = (0.20, -0.42, 0.34)
-PICTURE_TARGET_M = (0.006, 0.0, 0.028)
-"""Where the storyboard is seen from; no agent gets these pictures."""
-
-
 class SimCamera:
     """The simulated RGBD camera behind the ``Camera`` protocol."""
 
@@ -56,14 +47,6 @@ class SimCamera:
         await trio.sleep(EXPOSURE_S)
         image = self._rays.render(self._world.data, self._rng)
         return RgbdImage(image.color, image.depth_m, image.intrinsics, trio.current_time())
-
-
-def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64]) -> SE3:
-    """Return ``T_world_camera`` (OpenCV axes) of a level camera at ``eye_m`` that looks at ``target_m``."""
-    z = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    return SE3.from_parts(SO3(np.column_stack([x, np.cross(z, x), z])), eye_m)
 
 
 class SimulatedCell:
@@ -94,16 +77,6 @@ class SimulatedCell:
         rays = RayCamera(self.world.model, intrinsics, self.T_world_camera, flaws or SensorFlaws())
         self.camera = SimCamera(self.world, rays, intrinsics, camera_rng)
         self.referee = Referee(self.world)
-
-    def picture(self, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Return a colour picture (height, width, 3) of the world in an earlier state; the world stays as it is."""
-        data = mujoco.MjData(self.world.model)
-        data.qpos[:] = qpos
-        mujoco.mj_forward(self.world.model, data)
-        flaws = replace(SensorFlaws.none(), shadow=True)
-        eye, target = np.array(PICTURE_EYE_M), np.array(PICTURE_TARGET_M)
-        rays = RayCamera(self.world.model, PICTURE, look_at(eye, target), flaws)
-        return rays.render(data, np.random.default_rng(0)).color
 
     def run(self, script: Callable[[], Awaitable[None]], budget_s: float) -> bool:
         """Run a script to its end on the virtual clock; return whether it ended within its budget.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import mujoco
 import numpy as np
@@ -9,10 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.sim.sensor_flaws import SensorFlaws
 
-AMBIENT = 0.06
-GAIN = 1.2
-LIGHT_REFERENCE_M = 0.6
-"""Chosen so that plate, table and shadow have the grey levels of `images/handover`: 205 60 14, 23 23 17, 52 11 1."""
+
+@dataclass(frozen=True)
+class Light:
+    """The projector's light and what the room adds.
+
+    The defaults give plate, table and shadow the grey levels of `images/handover`: 205 60 14, 23 23 17, 52 11 1.
+
+    Attributes:
+        ambient: share of the light that comes from everywhere.
+        gain: of the whole exposure.
+        reference_m: distance from the projector at which its light has power 1.
+    """
+
+    ambient: float = 0.06
+    gain: float = 1.2
+    reference_m: float = 0.6
+
 
 METAL_SATURATION = 0.35
 METAL_BRIGHTNESS = 0.4
@@ -29,6 +44,7 @@ def shade(
     normal: NDArray[np.float64],
     lit: NDArray[np.bool_],
     projector_m: ArrayLike,
+    light: Light,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return colour (n, 3) in [0, 1] by Lambert's law under the projector, and how much of it metal mirrors (n,).
 
@@ -40,6 +56,7 @@ def shade(
         normal: (n, 3) outward, in the camera frame.
         lit: (n,) whether the projector reaches the point.
         projector_m: (3,) in the camera frame.
+        light: its power.
     """
     albedo = model.geom_rgba[:, :3].astype(np.float32)
     with_material = model.geom_matid >= 0
@@ -54,9 +71,9 @@ def shade(
     to_light /= distance[:, None]
     facing = normal.astype(np.float32)
     cosine = np.maximum(np.einsum("ij,ij->i", facing, to_light), 0)
-    power = cosine * (np.float32(LIGHT_REFERENCE_M) / distance) ** 2
+    power = cosine * (np.float32(light.reference_m) / distance) ** 2
     power = power * lit
-    color = albedo[geom] * np.float32(GAIN) * (np.float32(AMBIENT) + power)[:, None]
+    color = albedo[geom] * np.float32(light.gain) * (np.float32(light.ambient) + power)[:, None]
     mirror = np.zeros(len(geom), np.float32)
     shiny = np.flatnonzero(metal[geom] & (power > 0))
     if len(shiny):

@@ -19,7 +19,9 @@ def moments(transfers: Sequence[Mapping[str, Any]], spans: Sequence[Span]) -> li
         if number % 3 == 0:
             found.append((f"{number} transfers done", transfer["end_s"]))
     failed = [t for t in transfers if t["failure"]][:MOST_FAILURES]
-    found += [(f"peg {t['source']} to {t['target']}: {t['failure'].lower()}", t["end_s"]) for t in failed]
+    found += [
+        (f"peg {t['source']} to {t['target']}: {t['failure'].lower().replace('_', ' ')}", t["end_s"]) for t in failed
+    ]
     return sorted(found, key=lambda item: item[1])
 
 

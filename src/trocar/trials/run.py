@@ -23,6 +23,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.robots import Calibrated, Guarded, Recorded
 from trocar.sim.cell import SimulatedCell
+from trocar.sim.photograph import Photographer
 from trocar.sim.sensor_flaws import SensorFlaws
 from trocar.sim.session import Session, draw_session, record_motion
 from trocar.tasks import TASKS
@@ -102,9 +103,7 @@ def open_folder(plan: Plan, folder: Path) -> list[int]:
             found = {**json.loads(record.read_text()), "trials": None}
             if found != wanted:
                 other = ", ".join(f"{k} {found.get(k)!r}" for k in wanted if found.get(k) != wanted[k])
-                raise TrocarError(
-                    f"{str(folder)!r} holds another run ({other}); choose another folder with --out"
-                )
+                raise TrocarError(f"{str(folder)!r} holds another run ({other}); choose another folder with --out")
         record.write_text(json.dumps(asdict(plan)))
     except (OSError, json.JSONDecodeError) as error:
         raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
@@ -151,9 +150,7 @@ def run_trial(
     task = TASKS[plan.task](plan.variant)
     flaws = SensorFlaws.none() if plan.flawless_camera else SensorFlaws()
     simulated = SimulatedCell(session, task.scene(scene_rng), noise_rng, flaws)
-    recorded = Recorded(
-        Guarded(simulated.robot, session.arms, dict.fromkeys(session.arms, MOTION_LIMITS["paper"]))
-    )
+    recorded = Recorded(Guarded(simulated.robot, session.arms, dict.fromkeys(session.arms, MOTION_LIMITS["paper"])))
     robot: Robot = recorded
     if plan.method == "calibrated":
         robot = Calibrated(recorded, session.arms, {arm: Compensator(model) for arm, model in models.items()})
@@ -186,9 +183,10 @@ def run_trial(
         arrays[f"commanded_{arm}"] = np.concatenate([row.commanded for row in rows]).astype(np.float32)
         arrays[f"measured_{arm}"] = np.concatenate([row.measured for row in rows]).astype(np.float32)
     captions = []
+    photographer = Photographer(simulated.world)
     for number, (caption, time_s) in enumerate(moments(transfers, log.spans) if pictures else []):
         row = int(np.argmin(np.abs(truth.times_s - time_s)))
-        image = simulated.picture(states[row])
+        image = photographer.picture(states[row])
         arrays[f"picture_{number}"] = cv2.imencode(".png", image[..., ::-1])[1].ravel()
         captions.append(caption)
     return Trial(
