@@ -12,6 +12,7 @@ The formulas printed in the paper are wrong twice: the remote centre in the tip 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ LIMIT_TOLERANCE = 1e-9
 """Joint values this far outside their range (rad or m) count as rounding and are put back on the limit."""
 CONE_TOLERANCE = 1e-12
 """A cosine this far beyond 1 counts as rounding."""
-CHUNK = 4096
+CHUNK = 8192
 """Poses solved at a time: the intermediate arrays of a chunk stay in the cache."""
 
 
@@ -48,9 +49,8 @@ def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> ND
         TrocarError: a pose or the reference is not finite, or the reference has the wrong shape.
     """
     matrix = T_base_tip.matrix
-    axes = 1 if reference is None else reference.ndim if isinstance(reference, np.ndarray) else np.ndim(reference)
-    if matrix.ndim == 2 and axes == 1:
-        return np.array(ik_floats(arm, matrix.ravel().tolist(), reference))
+    if matrix.ndim == 2 and (one := _six_floats(arm, reference)):
+        return np.array(_solve_one(arm, matrix.tolist(), one))
     near = arm.middle if reference is None else arm.configurations(reference)
     batch = np.broadcast_shapes(matrix.shape[:-2], near.shape[:-1])
     poses = np.broadcast_to(matrix, (*batch, 4, 4)).reshape(-1, 16)
@@ -65,18 +65,24 @@ def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> ND
     return q.reshape(*batch, 6)
 
 
-def ik_floats(arm: ArmModel, matrix: list[float], reference: ArrayLike | None = None) -> list[float]:
-    """Return ``ik`` of one pose as floats, from the 16 entries of its matrix, row by row.
+def ik_floats(arm: ArmModel, matrix: list[list[float]], reference: ArrayLike | None = None) -> list[float]:
+    """Return ``ik`` of one pose as floats, from the four rows of its matrix.
 
     Raises:
         Unreachable, TrocarError: as ``ik``.
     """
-    near = arm.middle_floats if reference is None else _reference(arm, reference)
+    near = _six_floats(arm, reference)
+    if near is None:
+        raise TrocarError(f"a reference for arm '{arm.name}' needs six finite numbers, got {reference!r}")
+    return _solve_one(arm, matrix, near)
+
+
+def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) -> list[float]:
     if arm.branch_is_unique:
         try:
             q = _solve(matrix, _Floats, arm.solver_constants)
         except (ValueError, ZeroDivisionError):  # outside the cone, or the wrist on the remote centre
-            return _search(arm, np.array(matrix), np.array(near)).tolist()
+            return _search(arm, np.ravel(matrix), np.array(near)).tolist()
         for i, low, high in arm.turn_targets:
             target = near[i]
             ahead = (low if target < low else high if target > high else target) - q[i]
@@ -93,7 +99,7 @@ def ik_floats(arm: ArmModel, matrix: list[float], reference: ArrayLike | None = 
             and a6 <= q6 <= b6
         ):
             return [q1, q2, q3, q4, q5, q6]
-    return _search(arm, np.array(matrix), np.array(near)).tolist()
+    return _search(arm, np.ravel(matrix), np.array(near)).tolist()
 
 
 def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -103,7 +109,7 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
     that are not real hold values at the edge of the cone, or NaN with the wrist exactly on the remote centre.
     """
     matrix = T_base_tip.matrix
-    m = list(np.moveaxis(matrix.reshape(*matrix.shape[:-2], 16), -1, 0))
+    m = np.moveaxis(matrix, (-2, -1), (0, 1))
     q = np.empty((*matrix.shape[:-2], 8, 6))
     real = np.empty((*matrix.shape[:-2], 8), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -115,11 +121,15 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
     return q, real & np.isfinite(q).all(-1)
 
 
-def _reference(arm: ArmModel, reference: ArrayLike) -> list[float]:
-    near = reference.tolist() if isinstance(reference, np.ndarray) else reference
-    if type(near) is list and len(near) == 6 and math.isfinite(sum(near)):
-        return near
-    return arm.configurations(reference).tolist()
+def _six_floats(arm: ArmModel, reference: ArrayLike | None) -> Sequence[float] | None:
+    """Return one reference as floats, the middle of the ranges by default; None if it is not six finite numbers."""
+    if reference is None:
+        return arm.middle_floats
+    near: Any = reference.tolist() if isinstance(reference, np.ndarray) else reference
+    try:
+        return near if len(near) == 6 and math.isfinite(sum(near)) else None
+    except TypeError:  # not a sequence of numbers: a batch, or something else
+        return None
 
 
 def _solve_chunks(arm: ArmModel, poses: NDArray, near: NDArray | None, q: NDArray, good: NDArray) -> None:
@@ -127,16 +137,20 @@ def _solve_chunks(arm: ArmModel, poses: NDArray, near: NDArray | None, q: NDArra
 
     The arrays lie one quantity to a row, and the rows of a chunk stay in the cache.
     """
-    m, columns = np.empty((12, CHUNK)), np.empty((6, CHUNK))
+    m, columns = np.empty((4, 4, CHUNK)), np.empty((6, CHUNK))
     lower, upper = arm.lower[:, None], arm.upper[:, None]
     for start in range(0, len(poses), CHUNK):
         part = slice(start, start + CHUNK)
         n = len(poses[part])
-        m[:, :n] = poses[part, :12].T
-        *joints, _ = _solve(m[:, :n], _Arrays, arm.solver_constants)
+        m[:3, :, :n] = poses[part, :12].reshape(n, 3, 4).transpose(1, 2, 0)
+        *joints, _ = _solve(m[..., :n], _Arrays, arm.solver_constants)
         for i, low, high in arm.turn_targets:
             target = arm.middle_floats[i] if near is None else np.clip(near[part, i], low, high)
-            joints[i] += TAU * np.rint((target - joints[i]) * (1 / TAU))
+            turns = target - joints[i]
+            turns *= 1 / TAU
+            np.rint(turns, out=turns)
+            turns *= TAU
+            joints[i] += turns
         for i in range(6):
             columns[i, :n] = joints[i]
         inside = columns[:, :n]
@@ -220,11 +234,11 @@ def _solve(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
     """Return q1..q6 of one branch, whole turns still free, and cos t2, which is beyond 1 outside the cone.
 
     Args:
-        m: the entries of ``T_base_tip``, row by row; floats or arrays.
+        m: the rows of ``T_base_tip``, four (the last is not read); of floats or of arrays.
         xp: ``_Floats`` or ``_Arrays``.
         constants: of the arm and the branch.
     """
-    r00, r01, r02, px, r10, r11, r12, py, r20, r21, r22, pz = m[:12]
+    (r00, r01, r02, px), (r10, r11, r12, py), (r20, r21, r22, pz), _ = m
     (u6, u5, u2), w, link, tip, c0, s0, c1c2, s1s2, s1c2, c1s2, u_s1, u_s2, (o1, o2, o3, o4, o5, o6) = constants
     sqrt, atan2, atan2_right, copysign = xp.sqrt, xp.atan2, xp.atan2_right, xp.copysign
     # turn the base by the first twist: axis 1 is z from here on
@@ -237,9 +251,16 @@ def _solve(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
         r12, r22 = c0 * r12 + s0 * r22, c0 * r22 - s0 * r12
         py, pz = c0 * py + s0 * pz, c0 * pz - s0 * py
     # the jaw axis seen from the remote centre, in the tip's axes: R^T p + (0, 0, tip)
-    cx = r00 * px + r10 * py + r20 * pz
-    cy = r01 * px + r11 * py + r21 * pz
-    cz = r02 * px + r12 * py + r22 * pz + tip
+    cx = r00 * px
+    cx += r10 * py
+    cx += r20 * pz
+    cy = r01 * px
+    cy += r11 * py
+    cy += r21 * pz
+    cz = r02 * px
+    cz += r12 * py
+    cz += r22 * pz
+    cz += tip
     reach = copysign(sqrt(cx * cx + cz * cz), cz if u6 > 0 else -cz)
     n6, k6 = cx / reach, cz / reach
     axial = reach + link  # depth of the pitch axis times w cos q5
