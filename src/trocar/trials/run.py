@@ -177,7 +177,7 @@ def run_trial(
         "qpos": states.astype(np.float32),
         **{f"tip_{arm}": tips.astype(np.float32) for arm, tips in truth.p_board_tips.items()},
     }
-    for arm in {name for name, _ in recorded.executions}:
+    for arm in sorted({name for name, _ in recorded.executions}):
         rows = [execution for name, execution in recorded.executions if name == arm]
         arrays[f"executed_s_{arm}"] = np.concatenate([row.times_s for row in rows])
         arrays[f"commanded_{arm}"] = np.concatenate([row.commanded for row in rows]).astype(np.float32)
