@@ -93,8 +93,8 @@ class SimRobot:
             raise TrocarError(
                 f"the motion of arm {arm!r} starts {jump:.4f} rad (or m) away from where it is; start it there"
             )
-        steps = TICK_SERVOS * int(np.ceil(trajectory.duration_s / TICK_S - 1e-9))
-        drive.ticks_left = steps // TICK_SERVOS
+        drive.ticks_left = max(1, int(np.ceil(trajectory.duration_s / TICK_S - 1e-9)))
+        steps = TICK_SERVOS * drive.ticks_left
         drive.path = iter(trajectory(trajectory.times_s[0] + SERVO_S * np.arange(1, steps + 1)))
         drive.moved = trio.Event()
         first = len(self._times)
@@ -120,10 +120,6 @@ class SimRobot:
         drive.jaw_goal = drive.jaw_cmd
         drive.moved.set()
         drive.jaw_done.set()
-
-    def history(self, arm: str, first: int = 0) -> Execution:
-        """Return everything that was commanded and read on this arm since row ``first``."""
-        return self._execution(arm, first)
 
     def _execution(self, arm: str, first: int) -> Execution:
         rows = self._rows[arm][first:]
