@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
+import zlib
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -16,6 +17,9 @@ from trocar.trials.log import Computation, Span
 
 FORMAT = "trocar trial"
 VERSION = 1
+
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
+"""What NumPy, zip and JSON raise on files that are damaged or not ours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,28 +92,31 @@ class Trial:
                 arrays = {key: data[key] for key in data.files}
             log = json.loads(arrays.pop("log").tobytes().decode())
             timing = json.loads(timing_file(path).read_text())
+            found = log["format"], log["version"]
+            if found != (FORMAT, VERSION):
+                raise TrocarError(
+                    f"{str(path)!r} is a {found[0]!r} of version {found[1]}, not a {FORMAT!r} "
+                    f"of version {VERSION}; run the trial again"
+                )
+            return Trial(
+                about=log["about"],
+                transfers=log["transfers"],
+                spans=[Span(**span) for span in log["spans"]],
+                events=log["events"],
+                collisions=log["collisions"],
+                finished=log["finished"],
+                duration_s=log["duration_s"],
+                arrays=arrays,
+                captions=log["captions"],
+                computations=[Computation(**c) for c in timing["computations"]],
+                wall_s=timing["wall_s"],
+            )
         except FileNotFoundError as error:
             raise TrocarError(f"trial file {error.filename!r} does not exist; run the trial again") from None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        except TrocarError:
+            raise
+        except UNREADABLE:
             raise TrocarError(f"{str(path)!r} is not a readable trial; delete it and run again") from None
-        if log.get("format") != FORMAT or log.get("version") != VERSION:
-            raise TrocarError(
-                f"{str(path)!r} is a {log.get('format')!r} of version {log.get('version')}, not a {FORMAT!r} "
-                f"of version {VERSION}; run the trial again"
-            )
-        return Trial(
-            about=log["about"],
-            transfers=log["transfers"],
-            spans=[Span(**span) for span in log["spans"]],
-            events=log["events"],
-            collisions=log["collisions"],
-            finished=log["finished"],
-            duration_s=log["duration_s"],
-            arrays=arrays,
-            captions=log["captions"],
-            computations=[Computation(**c) for c in timing["computations"]],
-            wall_s=timing["wall_s"],
-        )
 
 
 def timing_file(path: Path) -> Path:
