@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.geometry import SE3
+
 HOLE_MM = ((0, 3.85), (10, 4.03), (20, 4.42), (30, 4.90), (45, 4.80), (60, 4.80))
 """Radius of the hole against the angle in degrees from the middle of a side to the next corner.
 
@@ -59,6 +61,17 @@ class Block:
         arc = centre * np.cos(off) + np.sqrt(under)
         tangent = np.arctan2(centre * np.sin(np.radians(60.0)), self.side_m)
         return np.where(folded <= tangent, flat, arc)
+
+    def gap_m(self, T_a: SE3, T_b: SE3) -> float:
+        """Return the distance between the outlines of two upright blocks, negative where they overlap (to 0.1 mm)."""
+        angle = np.linspace(-np.pi, np.pi, 120, endpoint=False)
+        radius = self.outer_radius_m(angle)
+        rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)])
+        gaps = []
+        for first, second in ((T_a, T_b), (T_b, T_a)):
+            x, y, _ = (second.inverse() @ first).apply(rim).T
+            gaps.append(np.min(np.hypot(x, y) - self.outer_radius_m(np.arctan2(y, x))))
+        return float(min(gaps))
 
     @cached_property
     def tangent_rad(self) -> float:

@@ -20,7 +20,7 @@ GRASP_OFF_MIDDLE_DEG = 11.0
 OUTER_FINGER_M = 4.5e-3
 """Middle of the open outer finger from the tip, outwards."""
 ROOM_M = 2.5e-3
-"""More room than this round the outer finger is not worth a larger roll."""
+"""More room than this is not worth a wrist bent further."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Place:
     Attributes:
         T_board_tip: tool vertical.
         q: (6,) joints there, before any correction of cables.
-        room_m: from the outer finger's middle to the nearest other block or peg.
+        room_m: least of the gaps from the outer finger's middle, and from the block, to other blocks and pegs.
     """
 
     T_board_tip: SE3
@@ -78,7 +78,8 @@ def choose_place(
     foot = board.pegs_m[peg]
     near = np.linalg.norm(board.pegs_m[:, :2] - foot[:2], axis=1)
     pegs = board.pegs_m[(near > 1e-6) & (near < 0.03), :2]
-    blocks = np.array([T.translation_m[:2] for T in others]).reshape(-1, 2)
+    near_blocks = [T for T in others if 1e-3 < np.linalg.norm(T.translation_m[:2] - foot[:2]) < 0.03]
+    blocks = np.array([T.translation_m[:2] for T in near_blocks]).reshape(-1, 2)
     best: Place | None = None
     for yaw in YAWS_RAD:
         upright = SO3.axis("z", yaw)
@@ -92,10 +93,12 @@ def choose_place(
         wrist = zip(arm.joints[4:], q[4:], strict=True)
         if abs(q[3]) > most_roll_rad or any(not j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in wrist):
             continue
+        T_board_block = pose @ T_tip_block
         finger = pose.translation_m[:2] - np.sign(T_tip_block.translation_m[0]) * OUTER_FINGER_M * upright.matrix[:2, 0]
         room = min(
             float(np.min(np.linalg.norm(pegs - finger, axis=1) - board.peg_radius_m, initial=1.0)),
             float(np.min(np.linalg.norm(blocks - finger, axis=1) - block.corner_m, initial=1.0)),
+            min((block.gap_m(T_board_block, other) for other in near_blocks), default=1.0),
         )
         place = Place(pose, q, room)
         if best is None or _rank(place) > _rank(best):

@@ -20,6 +20,9 @@ BOARD_TURN_RAD = np.radians(3.0)
 BLOCK_SHIFT_M = 1.6e-3
 """How far a person leaves a block off its peg's middle; the hole's clearance is 2.1 mm."""
 
+LEAST_GAP_M = 0.5e-3
+"""Between two blocks as they are laid down at the start."""
+
 REST_S = 0.3
 """A released block is judged after it had this time to fall."""
 
@@ -85,7 +88,7 @@ class PegTransfer:
         poses: list[SE3] = []
         for peg in board.pegs_m[:6]:
             pose = self._lay(block, peg, rng)
-            while any(_overlap(block, pose, other) for other in poses):
+            while any(block.gap_m(pose, other) < LEAST_GAP_M for other in poses):
                 pose = self._lay(block, peg, rng)
             poses.append(pose)
         T_board_blocks = SE3(np.stack([pose.matrix for pose in poses]))
@@ -127,15 +130,3 @@ def on_peg(T_board_blocks: SE3, peg: int, board: Pegboard | None = None, block: 
         if inside and upright and low:
             return number
     return None
-
-
-def _overlap(block: Block, T_a: SE3, T_b: SE3) -> bool:
-    """Return whether two upright blocks' outlines meet, with half a millimetre to spare."""
-    angle = np.linspace(-np.pi, np.pi, 72, endpoint=False)
-    radius = block.outer_radius_m(angle) + 0.5e-3
-    rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)])
-    for first, second in ((T_a, T_b), (T_b, T_a)):
-        p = (second.inverse() @ first).apply(rim)
-        if np.any(np.hypot(p[:, 0], p[:, 1]) < block.outer_radius_m(np.arctan2(p[:, 1], p[:, 0]))):
-            return True
-    return False
