@@ -58,8 +58,9 @@ def test_the_open_finger_turns_away_from_a_neighbour():
     alone = place_on(8, T_tip_block)
     assert isinstance(alone, Place)
     side = np.sign(T_tip_block.translation_m[0])
-    finger = alone.T_board_tip.apply([-side * 4.5e-3, 0.0, 0.0])
-    neighbour = SE3.from_parts(SO3(np.diag([1.0, -1.0, -1.0])), [*finger[:2], BLOCK.height_m])
+    outwards = alone.T_board_tip.rotation.apply([-side, 0.0, 0.0])[:2]
+    middle = BOARD.pegs_m[8, :2] + 16.5e-3 * outwards
+    neighbour = SE3.from_parts(SO3(np.diag([1.0, -1.0, -1.0])), [*middle, BLOCK.height_m])
     beside = place_on(8, T_tip_block, [neighbour])
     assert isinstance(beside, Place)
     turned = (alone.T_board_tip.rotation.inverse() @ beside.T_board_tip.rotation).log()
