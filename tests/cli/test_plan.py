@@ -87,9 +87,7 @@ def bad_file(kind, path):
         np.save(path, FOUR[[0, 1, 1, 3]])
 
 
-@pytest.mark.parametrize(
-    "kind", ["missing", "text", "empty", "truncated", "shape", "words", "nan", "range", "same"]
-)
+@pytest.mark.parametrize("kind", ["missing", "text", "empty", "truncated", "shape", "words", "nan", "range", "same"])
 def test_bad_files_are_one_sentence_and_code_2(run, tmp_path, kind):
     path = tmp_path / "four.npy"
     bad_file(kind, path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -121,8 +122,8 @@ def _npz_arrays(path: Path) -> dict[str, NDArray]:
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: np.asarray(data[key]) for key in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-        raise TrocarError(f"recording {str(path)!r} is not a readable .npz ({_short(error)}); copy it again") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+        raise TrocarError(f"recording {str(path)!r} is not a readable .npz of numbers; copy it again") from None
     missing = [key for key in ("q_cmd", "q_phy") if key not in arrays]
     if missing:
         raise TrocarError(
@@ -145,12 +146,8 @@ def _folder_arrays(folder: Path) -> dict[str, NDArray]:
 def _load_npy(path: Path) -> NDArray:
     try:
         return np.asarray(np.load(path, allow_pickle=False))
-    except (OSError, ValueError, EOFError) as error:
-        raise TrocarError(f"{str(path)!r} is not a readable .npy ({_short(error)}); copy it again") from None
-
-
-def _short(error: Exception) -> str:
-    return str(error).split("\n", maxsplit=1)[0].rstrip(".") or type(error).__name__
+    except (OSError, ValueError, EOFError):
+        raise TrocarError(f"{str(path)!r} is not a readable .npy of numbers; copy it again") from None
 
 
 def _joints(value: NDArray, key: str, name: str) -> NDArray[np.float64]:

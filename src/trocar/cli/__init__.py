@@ -21,9 +21,7 @@ app = typer.Typer(
 from trocar.cli import calibrate, doctor, plan, register, run, study  # noqa: E402
 
 app.command(epilog="Example: trocar doctor")(doctor.doctor)
-app.command(epilog="Example: trocar run peg-transfer --method calibrated --trials 10 --seed 1 --out out/ten")(
-    run.run
-)
+app.command(epilog="Example: trocar run peg-transfer --method calibrated --trials 10 --seed 1 --out out/ten")(run.run)
 app.command(epilog="Example: trocar report out/ten")(run.report)
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(plan.app, name="plan")

@@ -26,9 +26,7 @@ def doctor() -> None:
         found = ", ".join(f"{module} {_version(module)}" for module in modules if module not in missing)
         state = "ready" if not missing else f"missing {', '.join(missing)}: pip install 'trocar[{extra}]'"
         typer.echo(f"{extra}: {PURPOSE[extra]} - {state}" + (f" ({found})" if found else ""))
-    example = (
-        "trocar run peg-transfer --trials 1 --out out/first" if ready["sim"] else "trocar calibrate --help"
-    )
+    example = "trocar run peg-transfer --trials 1 --out out/first" if ready["sim"] else "trocar calibrate --help"
     typer.echo(f"next: {example}")
 
 

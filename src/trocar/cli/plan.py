@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
-from zipfile import BadZipFile
 
 import numpy as np
 import typer
@@ -30,20 +31,20 @@ Classic reach q3 = 0.2403 m, beyond the nominal 0.24 m. What is used of it is pr
 
 
 @app.command("transfer")
-def transfer(  # noqa: PLR0917 - typer fills the options by name
+def transfer(
     waypoints: Annotated[
         Path, typer.Argument(help=".npy of shape (4, 6) or (n, 4, 6), or .npz with `waypoints`; rad and m.")
     ],
     planner: Annotated[str, typer.Option(help=f"How the motion is found: {', '.join(PLANNERS)}.")] = "spline",
-    arm: Annotated[
-        str, typer.Option(help=f"Whose kinematics and joint ranges: {', '.join(ARMS)}.")
-    ] = "psm-classic",
+    arm: Annotated[str, typer.Option(help=f"Whose kinematics and joint ranges: {', '.join(ARMS)}.")] = "psm-classic",
     limits: Annotated[
         str, typer.Option(help=f"Limits of velocity and acceleration: {', '.join(MOTION_LIMITS)}.")
     ] = "paper",
-    up: Annotated[
-        tuple[float, float, float], typer.Option(help="Direction of the pegs in the arm's base frame.")
-    ] = (0.0, 0.0, 1.0),
+    up: Annotated[tuple[float, float, float], typer.Option(help="Direction of the pegs in the arm's base frame.")] = (
+        0.0,
+        0.0,
+        1.0,
+    ),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.
@@ -87,18 +88,15 @@ def _load(path: Path) -> NDArray[np.float64]:
         if isinstance(loaded, np.lib.npyio.NpzFile):
             with loaded:
                 if "waypoints" not in loaded:
-                    raise TrocarError(
-                        f"{path} holds {sorted(loaded)} but no array 'waypoints'; save one of that name"
-                    )
+                    raise TrocarError(f"{path} holds {sorted(loaded)} but no array 'waypoints'; save one of that name")
                 loaded = loaded["waypoints"]
         values = np.asarray(loaded, dtype=np.float64)
     except FileNotFoundError:
         raise TrocarError(f"there is no file {path}; give a .npy or .npz with waypoints") from None
     except TrocarError:
         raise
-    except (OSError, ValueError, TypeError, EOFError, BadZipFile) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise TrocarError(f"{path} cannot be read as a .npy or .npz of numbers: {reason}") from None
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
+        raise TrocarError(f"{path} cannot be read as a .npy or .npz of numbers; save the waypoints again") from None
     if values.ndim == 2:
         values = values[None]
     if values.ndim != 3 or values.shape[1:] != (4, 6) or not len(values):
@@ -111,9 +109,7 @@ def _load(path: Path) -> NDArray[np.float64]:
 
 def _print(summary: dict[str, Any], motions: list[PlanQuality]) -> None:
     """Print the motions as a table."""
-    table = Table(
-        title=f"Transfers by '{summary['planner']}' for {summary['arm']}, limits '{summary['limits']}'"
-    )
+    table = Table(title=f"Transfers by '{summary['planner']}' for {summary['arm']}, limits '{summary['limits']}'")
     for column in (
         "motion",
         "duration s",
@@ -135,16 +131,12 @@ def _print(summary: dict[str, Any], motions: list[PlanQuality]) -> None:
             f"{1e3 * m.vertical_deviation_m:.2f}",
         )
     table.add_section()
-    table.add_row(
-        "mean", f"{summary['mean_duration_s']:.3f}", f"{summary['mean_bound_s']:.3f}", "", "", "", ""
-    )
+    table.add_row("mean", f"{summary['mean_duration_s']:.3f}", f"{summary['mean_bound_s']:.3f}", "", "", "", "")
     console = Console()
     console.print(table)
     for index, m in enumerate(motions):
         for joint, excess in m.range_excess.items():
-            console.print(
-                f"Motion {index} leaves the nominal range of joint '{joint}' by {excess:.5f} (rad or m)."
-            )
+            console.print(f"Motion {index} leaves the nominal range of joint '{joint}' by {excess:.5f} (rad or m).")
     console.print(
         "Velocity and acceleration: largest share of the limits, checked at 1 kHz and at all knots. "
         "Bound: no motion through the same waypoints is shorter."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 from typing import Annotated
 
@@ -61,7 +62,7 @@ def _load(path: Path) -> NDArray[np.float64]:
             array.close()
             raise ValueError
         return array.astype(np.float64, casting="safe")
-    except (ValueError, EOFError, OSError, TypeError):
+    except (ValueError, EOFError, OSError, TypeError, zipfile.BadZipFile):
         raise TrocarError(
             f"file {str(path)!r} is not a readable .npy array; save (n, 3) points in m with numpy.save"
         ) from None

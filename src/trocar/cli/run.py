@@ -22,14 +22,10 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object an
 def run(
     task: Annotated[str, typer.Argument(metavar="TASK", help="peg-transfer.")],
     *,
-    variant: Annotated[
-        str, typer.Option(help="unilateral: one arm does all twelve transfers.")
-    ] = "unilateral",
+    variant: Annotated[str, typer.Option(help="unilateral: one arm does all twelve transfers.")] = "unilateral",
     method: Annotated[
         str,
-        typer.Option(
-            help="calibrated: cables compensated by a fitted model; uncalibrated: encoders believed."
-        ),
+        typer.Option(help="calibrated: cables compensated by a fitted model; uncalibrated: encoders believed."),
     ] = "calibrated",
     model: Annotated[
         str,
@@ -124,9 +120,7 @@ def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) ->
     _show(summary, trials, files, interrupted)
 
 
-def _show(
-    summary: Mapping[str, Any], trials: Sequence[Trial], files: Sequence[Path], interrupted: bool
-) -> None:
+def _show(summary: Mapping[str, Any], trials: Sequence[Trial], files: Sequence[Path], interrupted: bool) -> None:
     from trocar.report import parts_table, run_table  # noqa: PLC0415
     from trocar.report.summary import MISSED_WARNING  # noqa: PLC0415
 
@@ -134,12 +128,8 @@ def _show(
     console.print(run_table(summary))
     console.print(parts_table(summary))
     if summary["failures"]:
-        console.print(
-            "failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items())
-        )
-    compute = ", ".join(
-        f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items()
-    )
+        console.print("failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items()))
+    compute = ", ".join(f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items())
     console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
     console.print(f"collisions a trial: {summary['collisions_per_trial']:.2f}")
     if summary["missed_budgets"] > MISSED_WARNING:

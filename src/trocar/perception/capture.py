@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +31,10 @@ def load_capture(path: Path, unit: str | None = None) -> NDArray[np.float64]:
     try:
         content = np.load(path, allow_pickle=False)
         arrays = dict(content) if isinstance(content, np.lib.npyio.NpzFile) else {"": content}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise TrocarError(f"capture {str(path)!r} cannot be read as .npz or .npy: {error}") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+        raise TrocarError(
+            f"capture {str(path)!r} cannot be read as .npz or .npy of numbers; save the points again"
+        ) from None
     named = [name for name in ("points_mm", "points_m") if name in arrays]
     if not named and len(arrays) != 1:
         choices = ", ".join(arrays) or "nothing"
