@@ -12,6 +12,7 @@ import trio
 from numpy.typing import NDArray
 
 from trocar.arms import MOTION_LIMITS, ArmModel, MotionLimits, fk, ik
+from trocar.calibration.excitation import WAKE_RAD
 from trocar.cell import Cell, Outcome
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
@@ -25,9 +26,6 @@ from trocar.scene.places import choose_place, held_block
 from trocar.trajectory import Trajectory
 
 Result = TypeVar("Result")
-
-WAKE_RAD = (0.35, 0.30, 0.30)
-"""Swing of roll, pitch and yaw that takes up any slack: more than twice the widest backlash identified (.128)."""
 
 JAW_SLACK_RAD = 0.03
 """Jaws that stay this close to their opening were kept from closing by something else than a wall."""

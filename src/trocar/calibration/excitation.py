@@ -25,6 +25,10 @@ SPREAD = 0.7
 """SD of the normal deviate that is bent into the range: the recordings dwell in its middle (SD .2 of it)."""
 
 
+WAKE_RAD = (0.35, 0.30, 0.30)
+"""Swing of roll, pitch and yaw that takes up any slack: more than twice the widest backlash identified (.128)."""
+
+
 @dataclass(frozen=True, eq=False)
 class MotionBox:
     """Where a random motion goes, and how fast.

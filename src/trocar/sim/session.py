@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trocar.arms import ARMS, ArmModel
-from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX, random_smooth_path
+from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX, WAKE_RAD, random_smooth_path
 from trocar.calibration.plant import PLANTS, CablePlant
 from trocar.calibration.recording import Recording
 from trocar.geometry import SE3, SO3
@@ -73,10 +73,15 @@ def record_motion(session: Session, arm: str, rng: np.random.Generator, samples:
 
     The joints are those of the cell's cable transmission at rest after each step of .8 s; the servos' error at rest
     is below a thousandth of the cables' and left out (tested). Tracking the fiducials in images is not simulated:
-    their noise is the recordings'.
+    their noise is the recordings'. Before its first sample the wrist swings to and fro, which takes up the slack;
+    those rows are commands without a measurement.
     """
+    model = session.arms[arm]
     box = PSM1_BOX if arm == "psm1" else PSM2_BOX
-    q_cmd = random_smooth_path(session.arms[arm], rng, box=box)[:samples]
+    path = random_smooth_path(model, rng, box=box)[:samples]
+    swing = np.append(np.zeros(3), WAKE_RAD)
+    wake = np.clip([path[0] + swing, path[0] - swing], model.lower, model.upper)
+    q_cmd = np.concatenate([wake, path])
     transmission = Transmission(session.plants[arm], q_cmd[0], rng)
     joints = []
     for q in q_cmd:
@@ -87,7 +92,7 @@ def record_motion(session: Session, arm: str, rng: np.random.Generator, samples:
     return Recording(
         q_cmd=q_cmd,
         q_phy=measured,
-        valid=np.ones(len(q_cmd), dtype=bool),
+        valid=np.arange(len(q_cmd)) >= len(wake),
         t_s=SAMPLE_S * np.arange(1, len(q_cmd) + 1),
         name=f"simulated recording of {arm}",
     )

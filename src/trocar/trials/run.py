@@ -105,7 +105,7 @@ def open_folder(plan: Plan, folder: Path) -> list[int]:
                 other = ", ".join(f"{k} {found.get(k)!r}" for k in wanted if found.get(k) != wanted[k])
                 raise TrocarError(f"{str(folder)!r} holds another run ({other}); choose another folder with --out")
         record.write_text(json.dumps(asdict(plan)))
-    except (OSError, json.JSONDecodeError) as error:
+    except (OSError, json.JSONDecodeError, TypeError) as error:
         raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
     return [k for k in range(plan.trials) if not trial_file(folder, k).is_file()]
 
