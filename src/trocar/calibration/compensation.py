@@ -131,12 +131,11 @@ class Compensator:
                 f"Algorithm 1 with {iterations} iterations and alpha {alpha} does nothing sensible; "
                 "give 1 or more iterations and an alpha in (0, 1]"
             )
-        if method == "exact" and not isinstance(model, Invertible):
+        self._inverse = model if isinstance(model, Invertible) and method != "algorithm1" else None
+        if method == "exact" and self._inverse is None:
             raise TrocarError(f"model {model.name!r} has no exact inverse; use method 'algorithm1'")
         self.model = model
-        self.method = "algorithm1" if method == "auto" and not isinstance(model, Invertible) else method
-        if self.method == "auto":
-            self.method = "exact"
+        self.method = "algorithm1" if self._inverse is None else "exact"
         self._iterations, self._alpha = iterations, alpha
         self._state: Any = None
         self._started = False
@@ -167,8 +166,8 @@ class Compensator:
     def _point(self, q_desired: NDArray[np.float64]) -> NDArray[np.float64]:
         if not self._started:
             self.start(q_desired)
-        if self.method == "exact" and isinstance(self.model, Invertible):
-            q_cmd, _ = exact_inverse(self.model, self._state, q_desired, q_desired - self._error)
+        if self._inverse is not None:
+            q_cmd, _ = exact_inverse(self._inverse, self._state, q_desired, q_desired - self._error)
         else:
             q_cmd = algorithm1(self.model, self._state, q_desired, self._iterations, self._alpha)
         self._take(q_cmd)
