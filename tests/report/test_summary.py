@@ -11,25 +11,11 @@ from trocar.report.tables import parts_table, run_table
 from trocar.trials import Plan, trial_file
 
 PLAN = Plan(seed=3, trials=2)
-KEYS = [
-    "task",
-    "variant",
-    "method",
-    "seed",
-    "trials",
-    "attempted",
-    "succeeded",
-    "success_rate",
-    "success_ci95",
-    "mean_time_s",
-    "parts_s",
-    "collisions_per_trial",
-    "failures",
-    "compute_ms",
-    "missed_budgets",
-    "realtime_factor",
-    "versions",
-]
+KEYS = {
+    *("task", "variant", "method", "seed", "trials", "attempted", "succeeded", "success_rate", "success_ci95"),
+    *("mean_time_s", "parts_s", "collisions_per_trial", "failures", "compute_ms", "missed_budgets"),
+    *("realtime_factor", "versions"),
+}
 """What DESIGN.md promises scripts."""
 
 
@@ -43,7 +29,7 @@ def trials():
 
 def test_every_promised_key_is_there_and_is_json(trials):
     summary = summarise(trials)
-    assert set(KEYS) <= set(summary)
+    assert set(summary) >= KEYS
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     assert (summary["task"], summary["variant"], summary["method"], summary["seed"]) == (
         "peg-transfer",

@@ -93,7 +93,7 @@ def record_motion(session: Session, arm: str, rng: np.random.Generator, samples:
         q_cmd=q_cmd,
         q_phy=measured,
         valid=np.arange(len(q_cmd)) >= len(wake),
-        t_s=SAMPLE_S * np.arange(1, len(q_cmd) + 1),
+        t_s=SAMPLE_S * np.arange(1.0, len(q_cmd) + 1.0),
         name=f"simulated recording of {arm}",
     )
 
