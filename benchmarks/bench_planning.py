@@ -65,9 +65,7 @@ def main():
     splines.CubicGrid = CubicGrid
     quality = [assess_transfer(ARM, plan, LIMITS) for plan in plans]
     lengths = np.array([round(100 * q.duration_s) for q in quality])
-    same = [
-        a.trajectory.duration_s == b.trajectory.duration_s for a, b in zip(plain_plans, plans, strict=False)
-    ]
+    same = [a.trajectory.duration_s == b.trajectory.duration_s for a, b in zip(plain_plans, plans, strict=False)]
     print(f"recorded length minus planned, samples of 10 ms: {(samples - lengths).tolist()}")
     print(
         f"mean duration {np.mean([q.duration_s for q in quality]):.3f} s, "

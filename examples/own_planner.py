@@ -1,6 +1,7 @@
 """Add a planner: one function and one line in a dict, then every command knows it: python examples/own_planner.py."""
 
 from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,7 +15,7 @@ def stop_and_go(
     arm: ArmModel, waypoints: np.ndarray, limits: MotionLimits, up: np.ndarray
 ) -> tuple[Trajectory, np.ndarray]:
     """Come to rest at every waypoint; ``arm`` and ``up`` are for planners that care."""
-    moves = [rest_to_rest(a, b, limits) for a, b in zip(waypoints[:-1], waypoints[1:], strict=True)]
+    moves = [rest_to_rest(a, b, limits) for a, b in pairwise(waypoints)]
     times_s = np.cumsum([0.0, *(move.duration_s for move in moves)])
     return reduce(Trajectory.then, moves), times_s
 

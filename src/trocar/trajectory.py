@@ -91,8 +91,6 @@ class Trajectory:
     def then(self, other: Trajectory) -> Trajectory:
         """Return this trajectory followed by ``other``, whose time is shifted to start at this one's end."""
         k = max(len(self.coefficients), len(other.coefficients))
-        parts = [
-            np.pad(c, ((k - len(c), 0), (0, 0), (0, 0))) for c in (self.coefficients, other.coefficients)
-        ]
+        parts = [np.pad(c, ((k - len(c), 0), (0, 0), (0, 0))) for c in (self.coefficients, other.coefficients)]
         times = np.concatenate([self.times_s, self.times_s[-1] + other.times_s[1:] - other.times_s[0]])
         return Trajectory(times, np.concatenate(parts, axis=1))

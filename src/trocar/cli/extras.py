@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from trocar.errors import TrocarError
 
 EXTRAS = {
-    "sim": ("mujoco", "trio", "cv2", "small_gicp"),
+    "sim": ("mujoco", "trio", "cv2"),
     "learn": ("jax", "equinox", "optax"),
 }
 """What each extra of the package installs, by module."""

@@ -8,13 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms import MotionLimits
 
 
-def shortest_rest_to_rest_s(
-    distance: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike
-) -> NDArray[np.float64]:
+def shortest_rest_to_rest_s(distance: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> NDArray[np.float64]:
     """Return the least time from rest to rest over a distance >= 0: a trapezoid of velocity, s."""
-    distance, velocity, acceleration = (
-        np.asarray(x, dtype=np.float64) for x in (distance, velocity, acceleration)
-    )
+    distance, velocity, acceleration = (np.asarray(x, dtype=np.float64) for x in (distance, velocity, acceleration))
     ramp = velocity**2 / acceleration
     bang_bang = 2 * np.sqrt(distance / acceleration)
     return np.where(distance <= ramp, bang_bang, distance / velocity + velocity / acceleration)

@@ -52,9 +52,7 @@ class CubicGrid:
         count = max(1, int(np.ceil((longest_s - first_s) / step_s)) + 1)
         times = np.append(first_s + step_s * np.arange(count), np.inf)
         step_q = np.diff(waypoints, axis=0)
-        centre = (
-            np.ascontiguousarray(np.tile(6 * step_q, (batch, 2, 1)).transpose(2, 0, 1))[..., None] / times
-        )
+        centre = np.ascontiguousarray(np.tile(6 * step_q, (batch, 2, 1)).transpose(2, 0, 1))[..., None] / times
         reach = limits.acceleration[:, None, None, None] * times
         start, end = np.eye(len(waypoints))[:-1], np.eye(len(waypoints))[1:]
         sums = np.concatenate([4 * start + 2 * end, 2 * start + 4 * end, start + end])
@@ -101,14 +99,10 @@ class CubicGrid:
         ends = np.abs(velocities) <= limit
         inner = np.abs(middle) <= limit
         v0, v1 = velocities[:, :-1], velocities[:, 1:]
-        return ~np.all(
-            ends[:, :-1] & ends[:, 1:] & (inner | (np.abs(_peak(v0, middle, v1)) <= limit)), axis=-1
-        )
+        return ~np.all(ends[:, :-1] & ends[:, 1:] & (inner | (np.abs(_peak(v0, middle, v1)) <= limit)), axis=-1)
 
 
-def _peak(
-    v0: NDArray[np.float64], middle: NDArray[np.float64], v1: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _peak(v0: NDArray[np.float64], middle: NDArray[np.float64], v1: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the velocity at the cubic's inner extreme, or at its start if it has none.
 
     That is where the second derivative ``6 a t + 2 b`` is zero (the paper's section IV-C prints 6a + 2b).

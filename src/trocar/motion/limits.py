@@ -40,9 +40,7 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     times = trajectory.times_s
     grid = np.arange(times[0], times[-1], CHECK_STEP_S)
     q, v, a = (
-        np.concatenate(
-            [trajectory(grid, order), _left_limits(trajectory, order), trajectory(times[:-1], order)]
-        )
+        np.concatenate([trajectory(grid, order), _left_limits(trajectory, order), trajectory(times[:-1], order)])
         for order in (0, 1, 2)
     )
     return LimitUse(

@@ -60,9 +60,7 @@ def straight(arm: ArmModel, q: ArrayLike, displacement_m: ArrayLike, limits: Mot
     start = np.asarray(q, dtype=np.float64)
     line = np.asarray(displacement_m, dtype=np.float64)
     if start.shape != (len(arm.joints),) or not np.isfinite(start).all():
-        raise TrocarError(
-            f"a straight move needs {len(arm.joints)} finite joint values, got {start.tolist()}"
-        )
+        raise TrocarError(f"a straight move needs {len(arm.joints)} finite joint values, got {start.tolist()}")
     if line.shape != (3,) or not np.isfinite(line).all():
         raise TrocarError(f"a straight move needs three finite numbers as displacement, got {line.tolist()}")
     if not line.any():
@@ -109,9 +107,7 @@ def _trapezoid(
     )
 
 
-def _along_line(
-    arm: ArmModel, start: NDArray[np.float64], offsets_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _along_line(arm: ArmModel, start: NDArray[np.float64], offsets_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the joint values (n, joints) that move the tip by ``offsets_m`` (n, 3) and keep its rotation.
 
     Newton's method from the start's tangent, so the arm never changes its branch.
@@ -132,9 +128,7 @@ def _along_line(
     )
 
 
-def _joint_velocity(
-    arm: ArmModel, q: NDArray[np.float64], velocity_m_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _joint_velocity(arm: ArmModel, q: NDArray[np.float64], velocity_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the joint velocities (n, joints) that move the tip at these velocities without turning it."""
     linear = np.broadcast_to(velocity_m_s, (len(q), 3))
     return _solve(arm, q, np.concatenate([linear, np.zeros_like(linear)], axis=1))

@@ -123,8 +123,7 @@ def plan_transfer(
     shape = np.shape(waypoints)
     if shape != (4, len(arm.joints)):
         raise TrocarError(
-            f"a transfer needs waypoints of shape (4, {len(arm.joints)}): grasp, lifted, over, lowered; "
-            f"got {shape}"
+            f"a transfer needs waypoints of shape (4, {len(arm.joints)}): grasp, lifted, over, lowered; got {shape}"
         )
     return plan_through(arm, waypoints, limits, up=up, planner=planner, range_slack=range_slack)
 

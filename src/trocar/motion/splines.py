@@ -45,17 +45,13 @@ def spline(
     return Trajectory.hermite(times, waypoints, velocities[0]), times
 
 
-def _passing_directions(
-    arm: ArmModel, inner: NDArray[np.float64], up: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _passing_directions(arm: ArmModel, inner: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the unit joint velocities (n - 2, joints) that move the tip along ``up`` without turning it."""
     if not len(inner):
         return np.zeros_like(inner)
     twist = np.concatenate([up, np.zeros(3)])
     try:
-        directions = np.linalg.solve(
-            jacobian(arm, inner), np.broadcast_to(twist[:, None], (len(inner), 6, 1))
-        )
+        directions = np.linalg.solve(jacobian(arm, inner), np.broadcast_to(twist[:, None], (len(inner), 6, 1)))
     except np.linalg.LinAlgError:
         raise TrocarError(
             f"{arm.name} is singular at an inner waypoint, where it cannot pass straight; move the waypoint"

@@ -68,9 +68,7 @@ def draw_paths(
     return path
 
 
-def _coloured(
-    flat: NDArray[np.float64], index: NDArray[np.float64], norm: Normalize | None
-) -> LineCollection:
+def _coloured(flat: NDArray[np.float64], index: NDArray[np.float64], norm: Normalize | None) -> LineCollection:
     """Return the path as segments coloured by transfer; grey where there is none."""
     segments = np.stack([flat[:-1], flat[1:]], axis=1)
     if norm is None:
@@ -86,14 +84,10 @@ def _board_from_above(axes: Axes, pegs: NDArray[np.float64]) -> None:
     """Draw the outline of the board and its numbered pegs."""
     width, depth = BOARD_MM
     axes.add_patch(
-        Rectangle(
-            (-width / 2, -depth / 2), width, depth, facecolor="#F7F5EF", edgecolor=style.QUIET, zorder=0
-        )
+        Rectangle((-width / 2, -depth / 2), width, depth, facecolor="#F7F5EF", edgecolor=style.QUIET, zorder=0)
     )
     for number, peg in enumerate(pegs):
-        axes.add_patch(
-            Circle(tuple(peg[:2]), PEG_RADIUS_MM, facecolor=style.INK, edgecolor="white", zorder=3)
-        )
+        axes.add_patch(Circle(tuple(peg[:2]), PEG_RADIUS_MM, facecolor=style.INK, edgecolor="white", zorder=3))
         axes.annotate(
             str(number),
             tuple(peg[:2]),
@@ -112,7 +106,5 @@ def _board_from_side(axes: Axes, pegs: NDArray[np.float64]) -> None:
     axes.axhline(0, color=style.QUIET, linewidth=1)
     for peg in pegs:
         axes.add_patch(
-            Rectangle(
-                (peg[0] - PEG_RADIUS_MM, 0), 2 * PEG_RADIUS_MM, PEG_HEIGHT_MM, facecolor="#C9C9C9", zorder=1
-            )
+            Rectangle((peg[0] - PEG_RADIUS_MM, 0), 2 * PEG_RADIUS_MM, PEG_HEIGHT_MM, facecolor="#C9C9C9", zorder=1)
         )

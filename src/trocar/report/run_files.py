@@ -51,8 +51,7 @@ def _pictures(folder: Path, trials: Sequence[Trial]) -> list[Path]:
     what = f"{first.about['task']} {first.about['variant']}, {first.about['method']}"
     if shown is not None:
         frames = [
-            (caption, _decode(shown.arrays[f"picture_{number}"]))
-            for number, caption in enumerate(shown.captions)
+            (caption, _decode(shown.arrays[f"picture_{number}"])) for number, caption in enumerate(shown.captions)
         ]
         title = f"{what}, trial {shown.about['index']} of seed {shown.about['seed']} (simulated)"
         files.append(draw_storyboard(frames, folder / "storyboard.png", title))
@@ -82,7 +81,10 @@ def _pictures(folder: Path, trials: Sequence[Trial]) -> list[Path]:
 
 
 def _decode(png: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(cv2.imdecode(png, cv2.IMREAD_COLOR)[..., ::-1])
+    image = cv2.imdecode(png, cv2.IMREAD_COLOR)
+    if image is None:
+        raise TrocarError("a picture in the first trial cannot be decoded; delete that trial and run it again")
+    return np.ascontiguousarray(image[..., ::-1])
 
 
 def _transfer_at(trial: Trial, times_s: np.ndarray) -> np.ndarray:

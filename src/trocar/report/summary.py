@@ -72,7 +72,7 @@ def _parts(trials: Sequence[Trial], transfers: int) -> dict[str, float]:
     """Return the mean time a transfer of each part; they add up to the mean transfer time."""
     if not transfers:
         return {}
-    seconds = dict.fromkeys(PARTS, 0.0)
+    seconds: dict[str, float] = {name: 0.0 for name in PARTS}
     for trial in trials:
         for span in trial.spans:
             seconds[span.name] = seconds.get(span.name, 0.0) + span.end_s - span.start_s
@@ -92,6 +92,4 @@ def _compute(trials: Sequence[Trial]) -> tuple[dict[str, Mapping[str, float]], f
             missed += computation.seconds > computation.budget_s
             total += 1
     spread = {name: np.percentile(values, [50, 95]) for name, values in times.items()}
-    return {name: {"p50": float(p[0]), "p95": float(p[1])} for name, p in spread.items()}, missed / max(
-        total, 1
-    )
+    return {name: {"p50": float(p[0]), "p95": float(p[1])} for name, p in spread.items()}, missed / max(total, 1)

@@ -86,8 +86,8 @@ class CellModel:
 def build_mjcf(cell: CellModel) -> str:
     """Return the cell as MJCF text: board, pegs, blocks (free bodies), arms on position servos."""
     root = Element("mujoco", model="trocar")
-    SubElement(root, "compiler", angle="radian", autolimits="true")
-    option = SubElement(
+    _add(root, "compiler", angle="radian", autolimits="true")
+    option = _add(
         root,
         "option",
         timestep=_text(TIMESTEP_S),
@@ -97,10 +97,10 @@ def build_mjcf(cell: CellModel) -> str:
         noslip_iterations="3",
         solver="Newton",
     )
-    SubElement(option, "flag", sleep="enable")
+    _add(option, "flag", sleep="enable")
     surface = cell.surface
-    default = SubElement(root, "default")
-    SubElement(
+    default = _add(root, "default")
+    _add(
         default,
         "geom",
         solref=_text(surface.solref),
@@ -109,15 +109,19 @@ def build_mjcf(cell: CellModel) -> str:
         condim="4",
         density="1000",
     )
-    assets = SubElement(root, "asset")
-    world = SubElement(root, "worldbody")
+    assets = _add(root, "asset")
+    world = _add(root, "worldbody")
     _add_board(world, cell.scene)
     _add_blocks(world, assets, cell.scene)
-    sections = {name: SubElement(root, name) for name in ("equality", "actuator")}
+    sections = {name: _add(root, name) for name in ("equality", "actuator")}
     for index, (name, arm) in enumerate(cell.arms.items()):
         _add_arm(world, assets, sections, cell, name, arm, bit=SCENE_BIT << (index + 1))
     indent(root)
     return tostring(root, encoding="unicode")
+
+
+def _add(parent: Element, tag: str, **attributes: str) -> Element:
+    return SubElement(parent, tag, attributes)
 
 
 def _text(values: ArrayLike) -> str:
@@ -138,11 +142,11 @@ def _arm_bits(bit: int) -> dict[str, str]:
 
 
 def _add_board(world: Element, scene: Scene) -> None:
-    board = SubElement(world, "body", name="board", **_pose(scene.T_world_board))
+    board = _add(world, "body", name="board", **_pose(scene.T_world_board))
     below = min(height for *_, height in scene.board.plates_m) - 0.005
     for index, (width, depth, height) in enumerate(scene.board.plates_m):
         half = 0.5 * (height - below)
-        SubElement(
+        _add(
             board,
             "geom",
             name=f"plate{index}",
@@ -154,7 +158,7 @@ def _add_board(world: Element, scene: Scene) -> None:
         )
     radius, height = scene.board.peg_radius_m, scene.board.peg_height_m
     for index, (x, y, z) in enumerate(scene.board.pegs_m):
-        SubElement(
+        _add(
             board,
             "geom",
             name=f"peg{index}",
@@ -164,7 +168,7 @@ def _add_board(world: Element, scene: Scene) -> None:
             rgba=_text((*ABS_RED, 1)),
             **_scene_bits(),
         )
-    SubElement(
+    _add(
         world,
         "geom",
         name="table",
@@ -179,12 +183,12 @@ def _add_board(world: Element, scene: Scene) -> None:
 def _add_blocks(world: Element, assets: Element, scene: Scene) -> None:
     pieces = [piece - [0, 0, FOOT_M] * (piece[:, 2:] > 0) for piece in scene.block.convex_pieces()]
     for index, piece in enumerate(pieces):
-        SubElement(assets, "mesh", name=f"block_piece{index}", vertex=_text(piece))
+        _add(assets, "mesh", name=f"block_piece{index}", vertex=_text(piece))
     for number, pose in enumerate(scene.T_world_blocks.matrix):
-        body = SubElement(world, "body", name=f"block{number}", **_pose(SE3(pose)))
-        SubElement(body, "freejoint", name=f"block{number}")
+        body = _add(world, "body", name=f"block{number}", **_pose(SE3(pose)))
+        _add(body, "freejoint", name=f"block{number}")
         for index, corner in enumerate(scene.block.corners_m()):
-            SubElement(
+            _add(
                 body,
                 "geom",
                 name=f"block{number}_foot{index}",
@@ -195,7 +199,7 @@ def _add_blocks(world: Element, assets: Element, scene: Scene) -> None:
                 **_scene_bits(),
             )
         for index in range(len(pieces)):
-            SubElement(
+            _add(
                 body,
                 "geom",
                 name=f"block{number}_{index}",
@@ -219,13 +223,13 @@ def _add_arm(
     shape, servo = cell.instrument, cell.servo
     bits = _arm_bits(bit)
     at_zero = frames(arm, np.zeros(6))
-    body = SubElement(world, "body", name=f"{name}_base", gravcomp="1", **_pose(cell.T_world_base[name]))
+    body = _add(world, "body", name=f"{name}_base", gravcomp="1", **_pose(cell.T_world_base[name]))
     links = []
     for index, joint in enumerate(arm.joints):
         pose = at_zero[index].inverse() @ at_zero[index + 1]
-        body = SubElement(body, "body", name=f"{name}_link{index + 1}", gravcomp="1", **_pose(pose))
-        SubElement(body, "inertial", pos="0 0 0", mass="0.01", diaginertia="1e-6 1e-6 1e-6")
-        SubElement(
+        body = _add(body, "body", name=f"{name}_link{index + 1}", gravcomp="1", **_pose(pose))
+        _add(body, "inertial", pos="0 0 0", mass="0.01", diaginertia="1e-6 1e-6 1e-6")
+        _add(
             body,
             "joint",
             name=f"{name}_{joint.name}",
@@ -237,7 +241,7 @@ def _add_arm(
         links.append(body)
     _add_shaft(links[3], name, shape, bits)
     wrist = (at_zero[5].inverse() @ at_zero[6]).translation_m
-    SubElement(
+    _add(
         links[4],
         "geom",
         name=f"{name}_wrist",
@@ -247,7 +251,7 @@ def _add_arm(
         rgba=_text((*STEEL, 1)),
         **bits,
     )
-    SubElement(
+    _add(
         links[5],
         "geom",
         name=f"{name}_knuckle",
@@ -266,7 +270,7 @@ def _add_shaft(roll: Element, name: str, shape: Instrument, bits: Mapping[str, s
         ("sleeve", shape.shaft_radius_m * 0.95, -0.003, -0.018, STEEL),
         ("shaft", shape.shaft_radius_m, -0.019, -shape.shaft_length_m, CARBON),
     ):
-        SubElement(
+        _add(
             roll,
             "geom",
             name=f"{name}_{part}",
@@ -276,7 +280,7 @@ def _add_shaft(roll: Element, name: str, shape: Instrument, bits: Mapping[str, s
             rgba=_text((*colour, 1)),
             **bits,
         )
-    SubElement(
+    _add(
         roll,
         "geom",
         name=f"{name}_drive",
@@ -297,10 +301,10 @@ def _add_fingers(
     orientation = np.column_stack([x, np.cross(z, x), z])
     T = SE3(np.block([[orientation, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
     for finger, side in (("left", 1), ("right", -1)):
-        SubElement(assets, "mesh", name=f"{name}_finger_{finger}", vertex=_text(shape.finger_m(side)))
-        body = SubElement(yaw, "body", name=f"{name}_finger_{finger}", gravcomp="1", **_pose(T))
-        SubElement(body, "inertial", pos="0.005 0 0", mass="0.001", diaginertia="1e-8 1e-8 1e-8")
-        SubElement(
+        _add(assets, "mesh", name=f"{name}_finger_{finger}", vertex=_text(shape.finger_m(side)))
+        body = _add(yaw, "body", name=f"{name}_finger_{finger}", gravcomp="1", **_pose(T))
+        _add(body, "inertial", pos="0.005 0 0", mass="0.001", diaginertia="1e-8 1e-8 1e-8")
+        _add(
             body,
             "joint",
             name=f"{name}_jaw_{finger}",
@@ -309,7 +313,7 @@ def _add_fingers(
             range="-0.2 0.8" if side > 0 else "-0.8 0.2",
             armature=_text(servo.jaw_inertia),
         )
-        SubElement(
+        _add(
             body,
             "geom",
             name=f"{name}_finger_{finger}",
@@ -326,13 +330,13 @@ def _add_drives(sections: Mapping[str, Element], servo: Servo, name: str, arm: A
     actuators = sections["actuator"]
     for joint, stiffness, damping in zip(arm.joints, servo.stiffness, servo.damping, strict=True):
         label = f"{name}_{joint.name}"
-        SubElement(actuators, "position", name=label, joint=label, kp=_text(stiffness), kv=_text(damping))
+        _add(actuators, "position", name=label, joint=label, kp=_text(stiffness), kv=_text(damping))
     for joint in arm.joints:
         label = f"{name}_{joint.name}"
-        SubElement(actuators, "motor", name=f"{label}_feed", joint=label)
+        _add(actuators, "motor", name=f"{label}_feed", joint=label)
     jaw = f"{name}_jaw_left"
     stiffness = 1.5
-    SubElement(
+    _add(
         actuators,
         "position",
         name=f"{name}_jaw",
@@ -341,7 +345,7 @@ def _add_drives(sections: Mapping[str, Element], servo: Servo, name: str, arm: A
         kv=_text(2 * np.sqrt(stiffness * 2 * servo.jaw_inertia)),
         forcerange=_text((-2 * servo.jaw_torque_nm, 2 * servo.jaw_torque_nm)),
     )
-    SubElement(
+    _add(
         sections["equality"],
         "joint",
         joint1=jaw,

@@ -122,7 +122,7 @@ def apply_flaws(
     missing |= mirror * flaws.specular_missing > lost + 0.1
     depth[missing] = np.nan
     noisy = color * 255 + np.float32(flaws.color_sd) * (0.3 + np.sqrt(color)) * grain
-    return depth, np.rint(np.clip(noisy, 0, 255)).astype(np.uint8)
+    return np.asarray(depth, np.float32), np.rint(np.clip(noisy, 0, 255)).astype(np.uint8)
 
 
 def _smooth_noise(shape: tuple[int, ...], length: float, rng: np.random.Generator) -> NDArray[np.float32]:
