@@ -54,10 +54,20 @@ class Servo:
 
 @dataclass(frozen=True)
 class Surface:
-    """Contact of the solids: dry printed ABS, serrated jaws (assumed)."""
+    """Contact of the solids: dry printed ABS, serrated jaws (assumed).
+
+    Attributes:
+        abs_friction: of blocks, pegs and plate on each other.
+        jaw_friction: of the jaws' teeth on a block.
+        patch_m: lengths of torsional and rolling friction; the jaws hold by patches of some square millimetres, which
+            points of contact without them would let turn.
+        solref: MuJoCo's time constant and damping ratio of contacts.
+        solimp: MuJoCo's impedance of contacts: .05 mm of penetration at the jaws' grip.
+    """
 
     abs_friction: float = 0.35
     jaw_friction: float = 1.0
+    patch_m: tuple[float, float] = (0.002, 0.0001)
     solref: tuple[float, float] = (0.004, 1.0)
     solimp: tuple[float, float, float] = (0.98, 0.999, 0.0003)
 
@@ -105,7 +115,7 @@ def build_mjcf(cell: CellModel) -> str:
         "geom",
         solref=_text(surface.solref),
         solimp=_text(surface.solimp),
-        friction=_text((surface.abs_friction, 0.002, 0.0001)),
+        friction=_text((surface.abs_friction, *surface.patch_m)),
         condim="4",
         density="1000",
     )
@@ -319,7 +329,8 @@ def _add_fingers(
             name=f"{name}_finger_{finger}",
             type="mesh",
             mesh=f"{name}_finger_{finger}",
-            friction=_text((cell.surface.jaw_friction, 0.002, 0.0001)),
+            friction=_text((cell.surface.jaw_friction, *cell.surface.patch_m)),
+            condim="6",
             rgba=_text((*STEEL, 1)),
             **bits,
         )
