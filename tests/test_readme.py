@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from synthetic import synthetic_trial
 from trocar.cli import app
+from trocar.report import summarise
+from trocar.trials import Plan
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -35,3 +38,10 @@ def test_every_command_and_option_that_a_page_names_exists(page):
 def test_every_file_that_a_page_links_exists(page):
     for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text()):
         assert (page.parent / target).exists(), target
+
+
+def test_the_docs_list_every_key_of_the_summary():
+    section = (ROOT / "docs" / "peg_transfer.md").read_text().split("Keys of `summary.json`")[1]
+    first_column = re.findall(r"^\| ([^|]*`[^|]*) \|", section, re.MULTILINE)
+    listed = {key for cell in first_column for key in re.findall(r"`(\w+)`", cell)}
+    assert listed == set(summarise([synthetic_trial(Plan())]))
