@@ -63,7 +63,7 @@ class Block:
         return np.where(folded <= tangent, flat, arc)
 
     def gap_m(self, T_a: SE3, T_b: SE3) -> float:
-        """Return the least gap between the outlines of two upright blocks, measured along radii; negative in overlap."""
+        """Return the least gap between two upright blocks, measured along radii; negative where they overlap."""
         angle = np.linspace(-np.pi, np.pi, 120, endpoint=False)
         radius = self.outer_radius_m(angle)
         rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)])
