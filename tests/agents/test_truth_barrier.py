@@ -25,6 +25,15 @@ class Poisoned(AssertionError):
     """An agent reached for something that no laboratory has."""
 
 
+def hidden(method):
+    """Return the method without its object."""
+
+    def call(*args, **kwargs):
+        return method(*args, **kwargs)
+
+    return call
+
+
 class Only:
     """A device that shows the names of a protocol and raises at any other."""
 
@@ -36,7 +45,7 @@ class Only:
         device, names, kind = object.__getattribute__(self, "_hidden")
         if name in names:
             value = getattr(device, name)
-            return (lambda *args, **kwargs: value(*args, **kwargs)) if callable(value) else value
+            return hidden(value) if callable(value) else value
         raise Poisoned(f"an agent reached for {name!r} of {kind}")
 
     def __setattr__(self, name, value):
