@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, fields
 
 import cv2
@@ -29,6 +30,7 @@ PROJECTOR_M = (0.12, 0.0, 0.0)
 """The projector in the camera frame (assumed; in the photographs the shadows fall to the left)."""
 
 VISIBLE_GROUPS = (1, 1, 1, 0, 0, 0)
+HIDDEN_GROUP = 5
 NEAR_M = 5e-3
 SHADOW_SLACK = 5e-4
 """A surface is lit if the projector's ray comes this close to it, as a share of the ray."""
@@ -45,7 +47,7 @@ class RayCamera:
     """A calibrated camera in a MuJoCo world.
 
     Args:
-        model: the world; geoms of groups 0-2 are seen, planes without bound of depth behind all others.
+        model: the world; geoms of groups 0-2 are seen. What is welded to the world must stay as it is.
         intrinsics: lens and pixels, such as ``ZIVID.binned(2)``.
         T_world_camera: true pose.
         flaws: what the sensor does wrong; ``SensorFlaws.none()`` gives exact depth.
@@ -68,6 +70,7 @@ class RayCamera:
         self.flaws = SensorFlaws() if flaws is None else flaws
         self.light = Light() if light is None else light
         R = T_world_camera.rotation.matrix
+        self._T_world_projector = SE3.from_parts(T_world_camera.rotation, T_world_camera.apply(np.array(PROJECTOR_M)))
         self._rays = pixel_rays(intrinsics).reshape(-1, 3)
         self._rays_world = np.ascontiguousarray(self._rays @ R.T)
         self._raster = _Raster(self._rays, intrinsics)
@@ -75,12 +78,12 @@ class RayCamera:
         group = np.clip(model.geom_group, 0, 5)
         alpha = np.where(model.geom_matid >= 0, 1.0, model.geom_rgba[:, 3])
         seen = (np.array(VISIBLE_GROUPS)[group] > 0) & (alpha > 0)
-        plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-        self._solids = np.flatnonzero(seen & ~plane)
-        self._planes = np.flatnonzero(seen & plane)
+        fixed = model.body_weldid[model.geom_bodyid] == 0
+        self._moving = np.flatnonzero(seen & ~fixed)
         self._groups = np.array(VISIBLE_GROUPS, dtype=np.uint8)
-        self._background_pose: tuple[bytes, bytes] | None = None
-        self._background: _Background
+        self._fixed_model = copy.copy(model)
+        self._fixed_model.geom_group[~fixed] = HIDDEN_GROUP
+        self._background: _Background | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -110,24 +113,26 @@ class RayCamera:
         return view.depth.reshape(shape), view.geom.reshape(shape), color.reshape(*shape, 3)
 
     def _view(self, data: mujoco.MjData, shadow: bool) -> _View:
-        """Return what the pixels see: the planes' answer is kept, only what solids may change is cast and shaded."""
-        background = self._planes_seen(data)
+        """Return what the pixels see: what is fixed is kept, only what may have moved is cast and shaded."""
+        if self._background is None:
+            self._background = self._fixed_seen(data)
+        background = self._background
         view = background.view.copy()
-        origin = self.T_world_camera.translation_m
-        covered = self._raster.covered(self.model, data, self._solids, self.T_world_camera)[self._cell]
-        near = np.flatnonzero(covered)
-        view.depth[near], view.geom[near], normal = self._cast(data, origin, self._rays_world[near])
-        active = near
+        covered = self._raster.covered(self.model, data, self._moving, self.T_world_camera)[self._cell]
+        active = np.flatnonzero(covered)
+        view.depth[active], view.geom[active], normal = self._cast(
+            self.model, data, self.T_world_camera.translation_m, self._rays_world[active]
+        )
         if shadow:
-            T_world_projector = SE3.from_parts(
-                self.T_world_camera.rotation, self.T_world_camera.apply(np.array(PROJECTOR_M))
-            )
-            dark = self._raster.covered(self.model, data, self._solids, T_world_projector)
-            shaded = np.flatnonzero(dark[background.projector_cell] & ~covered & np.isfinite(view.depth))
-            active = np.concatenate([near, shaded])
+            dark = self._raster.covered(self.model, data, self._moving, self._T_world_projector)
+            shaded = np.flatnonzero(dark[background.projector_cell] & ~covered & background.view.lit)
+            active = np.concatenate([active, shaded])
             normal = np.concatenate([normal, background.normal_world[shaded]])
-            view.lit[active] = self._lit(data, T_world_projector, dark, view.depth[active], normal, active)
-        self._shade(view, active, normal)
+            view.lit[active] = self._lit(self.model, data, view.depth[active], normal, active)
+            self._shade(view, active, normal)
+        else:
+            view.lit = np.isfinite(view.depth)
+            self._shade(view, np.arange(len(view.depth)), self._normals(background, active, normal))
         return view
 
     def _shade(self, view: _View, pixels: NDArray[np.intp], normal_world: NDArray[np.float64]) -> None:
@@ -139,28 +144,35 @@ class RayCamera:
         )
         view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
 
-    def _planes_seen(self, data: mujoco.MjData) -> _Background:
-        """Return what the pixels see of the planes alone, fully lit; planes rarely move, so the answer is kept."""
-        pose = (data.geom_xpos[self._planes].tobytes(), data.geom_xmat[self._planes].tobytes())
-        if self._background_pose != pose:
-            depth, geom, normal = self._cast_planes(data, self.T_world_camera.translation_m, self._rays_world)
-            count = len(depth)
-            view = _View(
-                depth,
-                geom,
-                np.zeros((count, 3), np.float32),
-                np.zeros(count, np.float32),
-                np.zeros(count, np.float32),
-                np.isfinite(depth),
-            )
-            self._shade(view, np.arange(count), normal)
-            from_projector = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - PROJECTOR_M
-            self._background = _Background(view, normal, self._raster.index(from_projector))
-            self._background_pose = pose
-        return self._background
+    def _fixed_seen(self, data: mujoco.MjData) -> _Background:
+        """Return what the pixels see of that which is fixed to the world, under the projector."""
+        depth, geom, normal = self._cast(self._fixed_model, data, self.T_world_camera.translation_m, self._rays_world)
+        count = len(depth)
+        view = _View(
+            depth,
+            geom,
+            np.zeros((count, 3), np.float32),
+            np.zeros(count, np.float32),
+            np.zeros(count, np.float32),
+            np.isfinite(depth),
+        )
+        pixels = np.arange(count)
+        view.lit = self._lit(self._fixed_model, data, depth, normal, pixels)
+        self._shade(view, pixels, normal)
+        from_projector = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - PROJECTOR_M
+        return _Background(view, normal, self._raster.index(from_projector))
+
+    @staticmethod
+    def _normals(
+        background: _Background, pixels: NDArray[np.intp], normal_world: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the normals of all pixels, these of some."""
+        every = background.normal_world.copy()
+        every[pixels] = normal_world
+        return every
 
     def _cast(
-        self, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
+        self, model: mujoco.MjModel, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
         count = len(rays)
         geom = np.full(count, -1, dtype=np.int32)
@@ -168,7 +180,7 @@ class RayCamera:
         normal = np.zeros(3 * count)
         if count:
             mujoco.mj_multiRay(
-                self.model,
+                model,
                 data,
                 origin,
                 np.ascontiguousarray(rays).ravel(),
@@ -184,45 +196,22 @@ class RayCamera:
         distance[distance < 0] = np.nan
         return distance, geom, normal.reshape(-1, 3)
 
-    def _cast_planes(
-        self, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
-        """Meet the planes alone, as MuJoCo does: from the front, within their size where it is not zero."""
-        depth = np.full(len(rays), np.nan)
-        geom = np.full(len(rays), -1, dtype=np.int32)
-        normal = np.zeros((len(rays), 3))
-        for g in self._planes:
-            frame = data.geom_xmat[g].reshape(3, 3)
-            start = (origin - data.geom_xpos[g]) @ frame
-            slope = rays @ frame
-            with np.errstate(divide="ignore", invalid="ignore"):
-                x = -start[2] / slope[:, 2]
-                hit = (slope[:, 2] < 0) & (x >= 0)
-                for axis in range(2):
-                    size = self.model.geom_size[g, axis]
-                    hit &= (size <= 0) | (np.abs(start[axis] + x * slope[:, axis]) <= size)
-            hit &= np.isnan(depth) | (x < depth)
-            depth[hit], geom[hit], normal[hit] = x[hit], g, frame[:, 2]
-        return depth, geom, normal
-
     def _lit(
         self,
+        model: mujoco.MjModel,
         data: mujoco.MjData,
-        T_world_projector: SE3,
-        dark: NDArray[np.bool_],
         depth: NDArray[np.float64],
         normal_world: NDArray[np.float64],
         pixels: NDArray[np.intp],
     ) -> NDArray[np.bool_]:
         """Return which of these pixels' surfaces the projector reaches: a second batch of rays from there."""
         lit = np.isfinite(depth)
-        rays = self._rays[pixels] * depth[:, None] - PROJECTOR_M
-        near = np.flatnonzero(lit)
-        near = near[dark[self._raster.index(rays[near])]]
-        world = rays[near] @ np.ascontiguousarray(T_world_projector.rotation.matrix.T)
-        facing = np.einsum("ij,ij->i", world, normal_world[near]) < 0
-        distance, *_ = self._cast(data, T_world_projector.translation_m, world)
-        lit[near] = facing & ~(distance < 1 - SHADOW_SLACK)
+        seen = np.flatnonzero(lit)
+        rays = self._rays[pixels[seen]] * depth[seen, None] - PROJECTOR_M
+        world = rays @ np.ascontiguousarray(self._T_world_projector.rotation.matrix.T)
+        facing = np.einsum("ij,ij->i", world, normal_world[seen]) < 0
+        distance, *_ = self._cast(model, data, self._T_world_projector.translation_m, world)
+        lit[seen] = facing & ~(distance < 1 - SHADOW_SLACK)
         return lit
 
 
@@ -243,7 +232,7 @@ class _View:
 
 @dataclass(frozen=True)
 class _Background:
-    """The planes alone: what is seen, their normals (n, 3), and the map's cell of each point from the projector."""
+    """What is fixed to the world: what is seen, the normals (n, 3), and where each point lies on the projector's map."""
 
     view: _View
     normal_world: NDArray[np.float64]
