@@ -15,9 +15,9 @@ from trocar.errors import TrocarError
 from trocar.motion.limits import limit_use, require_range
 from trocar.trajectory import Trajectory
 
-KNOT_S = 0.010
-"""Spacing of the knots of a corrected trajectory: the control period."""
-SMOOTHING = 5
+KNOT_S = 0.020
+"""Spacing of the knots of a corrected trajectory: two control periods."""
+SMOOTHING = 3
 """Knots over which a correction is averaged: the play's kinks would ask for endless acceleration."""
 
 RANGE_GUARD = 5e-3

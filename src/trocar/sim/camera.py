@@ -232,7 +232,7 @@ class _View:
 
 @dataclass(frozen=True)
 class _Background:
-    """What is fixed to the world: what is seen, the normals (n, 3), and where each point lies on the projector's map."""
+    """What is fixed to the world: what is seen, the normals (n, 3), and the cell of each point for the projector."""
 
     view: _View
     normal_world: NDArray[np.float64]
