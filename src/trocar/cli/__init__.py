@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 import typer
 
 from trocar.errors import TrocarError
+
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")  # before NumPy is imported: its threads cost more than they bring here
 
 app = typer.Typer(
     name="trocar",
