@@ -77,9 +77,8 @@ def main(seed: int) -> None:
     print(f"session and calibration   {prepare_s:7.2f} s, once a run")
     print(f"simulated                 {trial.duration_s:7.2f} s")
     print(f"real time                 {trial.wall_s:7.2f} s   (processor {cpu_s:.2f} s)")
-    print(
-        f"real-time factor          {trial.duration_s / trial.wall_s:7.2f}     (by processor {trial.duration_s / cpu_s:.2f})"
-    )
+    factor, by_cpu = trial.duration_s / trial.wall_s, trial.duration_s / cpu_s
+    print(f"real-time factor          {factor:7.2f}     (by the processor's time {by_cpu:.2f})")
     print(f"{'part':36} {'s':>7} {'share':>6} {'calls':>7} {'ms a call':>10}")
     for label, value in sorted(seconds.items(), key=lambda item: -item[1]):
         count = calls.get(label, 0)

@@ -2,8 +2,10 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -167,6 +169,30 @@ def test_a_broken_trial_is_named_by_report(trocar, played, tmp_path):
     code, out, err = trocar("report", tmp_path, "--json")
     assert (code, out) == (2, "")
     assert str(path) in err
+
+
+def test_a_real_ctrl_c_in_a_running_trial_ends_it_without_a_traceback(tmp_path):
+    words = ["run", "peg-transfer", "--trials", "50", "--method", "uncalibrated", "--out", str(tmp_path), "--json"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    with subprocess.Popen(
+        [sys.executable, "-c", SHORT, *words],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        deadline = time.monotonic() + 120
+        while not trial_file(tmp_path, 0).is_file() and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    kept = len(list(tmp_path.glob("trial_*.npz")))
+    assert kept >= 1
+    assert json.loads(out)["trials"] == summary_of(tmp_path)["trials"] == kept
+    assert not list(tmp_path.glob(".*part"))
 
 
 def in_a_process(folder: Path, hash_seed: str, *options: str) -> dict:
