@@ -157,6 +157,38 @@ def test_corrected_commands_take_as_long_begin_where_the_arm_is_and_stay_in_rang
     assert [m.duration_s for m in arm.moves[1:]] == pytest.approx(durations, rel=1e-6)
 
 
+class HalfWay(CableArm):
+    """An arm that is stopped in the middle of a motion: held, or by a fault."""
+
+    fault = False
+
+    async def move(self, arm, trajectory):
+        times, commands = trajectory.sample(STEP_S)
+        half = len(times) // 2
+        await super().move(arm, Trajectory.hermite(times[:half], commands[:half], np.zeros((half, 6))))
+        if self.fault:
+            raise ConnectionError
+
+
+@pytest.mark.parametrize("fault", [False, True], ids=["held", "fault"])
+def test_after_a_stop_the_wrapper_knows_where_the_arm_is(models, fault):
+    arm = HalfWay(HOME)
+    robot = Calibrated(arm, ARMS_OF_THE_CELL, {"psm1": Compensator(models["play"])})
+    arm.fault = fault
+    motion = rest_to_rest(robot.read("psm1").q, GOALS[1], PAPER)
+    if fault:
+        with pytest.raises(ConnectionError):
+            trio.run(robot.move, "psm1", motion)
+    else:
+        trio.run(robot.move, "psm1", motion)
+        robot.hold("psm1")
+    widest = np.abs(PLANT.C) @ PLANT.radii
+    off = np.abs(robot.read("psm1").q - arm.joints[-1])
+    assert off[:3].max() < 1e-3
+    assert (off[3:] < widest + 0.01).all()
+    assert np.abs(robot.read("psm1").q - GOALS[1]).max() > 0.2
+
+
 def test_the_other_verbs_pass_through(models):
     robot, arm = calibrated(models["offset"])
     for wrapped in (robot, Guarded(arm, ARMS_OF_THE_CELL, {"psm1": PAPER}), Recorded(arm)):

@@ -35,11 +35,15 @@ class Calibrated:
         self._arms = dict(arms)
         self._compensators = dict(compensators)
         self._desired: dict[str, NDArray[np.float64]] = {}
-        for arm, compensator in self._compensators.items():
-            q_cmd = robot.read(arm).q
-            compensator.start(q_cmd)
-            model = compensator.model
-            self._desired[arm] = model.step(model.start(q_cmd), q_cmd)[0]
+        for arm in self._compensators:
+            self._rest(arm)
+
+    def _rest(self, arm: str) -> None:
+        """Forget the past: the arm rests where it is commanded now, its slack unknown."""
+        q_cmd = self._robot.read(arm).q
+        compensator = self._compensators[arm]
+        compensator.start(q_cmd)
+        self._desired[arm] = compensator.model.step(compensator.model.start(q_cmd), q_cmd)[0]
 
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state with the joints where the model believes they are."""
@@ -52,7 +56,11 @@ class Calibrated:
             return await self._robot.move(arm, trajectory)
         corrected = self.corrected(arm, trajectory)
         self._desired[arm] = trajectory(trajectory.times_s[-1])
-        return await self._robot.move(arm, corrected)
+        try:
+            return await self._robot.move(arm, corrected)
+        except BaseException:
+            self._rest(arm)
+            raise
 
     def corrected(self, arm: str, trajectory: Trajectory) -> Trajectory:
         """Return the commands that bring the joints along this trajectory; the model's memory moves on.
@@ -86,6 +94,8 @@ class Calibrated:
     def hold(self, arm: str) -> None:
         """Stop this arm."""
         self._robot.hold(arm)
+        if arm in self._compensators:
+            self._rest(arm)
 
 
 class Guarded:
