@@ -203,7 +203,7 @@ def run_trial(
         events=log.events,
         collisions=[asdict(c) for c in truth.collisions],
         finished=finished,
-        duration_s=round(float(truth.times_s[-1]), 6),
+        duration_s=round(simulated.world.time_s, 6),
         arrays=arrays,
         captions=captions,
         computations=log.computations,
