@@ -98,7 +98,7 @@ class Unilateral:
             if outcome not in (Outcome.DONE, Outcome.NO_BLOCK):
                 await self._let_go()
         await self._go_home()
-        await self._capture()
+        await self._check()
 
     async def _transfer(self, source: int, target: int) -> Outcome:
         """Move one block; every way in which this can end is an outcome."""
@@ -138,6 +138,16 @@ class Unilateral:
             raise TrocarError(f"the board was not found: {fit.reason}; check the camera's pose and the light")
         self.T_camera_board = self.cell.T_world_camera.inverse() @ fit.T_world_board
         self.T_base_board = self.cell.T_world_base[self.settings.arm].inverse() @ fit.T_world_board
+
+    async def _check(self) -> None:
+        """Look from home whether the blocks lie where they were set down; those picked again were checked then."""
+        image = await self._capture()
+        pegs = sorted(self.blocks)
+        fits = await self._perceive(
+            lambda: [find_block(image, self.T_camera_board, self.board, self.block, peg) for peg in pegs]
+        )
+        seen = [peg for peg, fit in zip(pegs, fits, strict=True) if fit.found]
+        self.cell.log.event("check", pegs=seen, missing=sorted(set(pegs) - set(seen)))
 
     async def _see(self, source: int, failed: Sequence[int]) -> Grasp | Outcome:
         """Look at the source peg; return how to grasp its block, other than what has failed, or why not."""
