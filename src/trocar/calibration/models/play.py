@@ -69,7 +69,9 @@ class PlayModel:
         outer = outer[:3]
         offset[WRIST] = error[:, WRIST].mean(axis=0)
         features = np.column_stack([recording.q_cmd[:, WRIST], slacks.reshape(len(recording), -1)])
-        fitted, constant = fit_map(features[recording.valid], error[:, WRIST] - offset[WRIST])
+        fitted, constant = fit_map(
+            features[recording.valid], error[:, WRIST] - offset[WRIST], np.flatnonzero(recording.valid)
+        )
         offset[WRIST] += constant
         return cls(plant.a, plant.b, radii, offset, outer, fitted, TrainingMotion.of(recording))
 

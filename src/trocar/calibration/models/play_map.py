@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from trocar.calibration.models.base import Arrays
+from trocar.calibration.models.drift import DriftWhitener, drift_ratio
 
 BLOCKS = 5
 """Time blocks of the inner validation: each is predicted from the others."""
@@ -70,20 +71,25 @@ class PlayMap:
         return cls(**{key: arrays[f"map_{key}"] for key in cls.__dataclass_fields__})
 
 
-def fit_map(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[PlayMap, NDArray[np.float64]]:
-    """Return the map from features (n, d) to errors (n, 3), and the constant (3,) to add to it.
+def fit_map(
+    x: NDArray[np.float64], y: NDArray[np.float64], rows: NDArray[np.int64]
+) -> tuple[PlayMap, NDArray[np.float64]]:
+    """Return the map from features (n, d) to errors (n, 3) at these rows, and the constant (3,) to add to it.
 
+    The least squares allow for slow drift (:class:`DriftWhitener`) where a first fit's residuals show it.
     Ridge and noise ratio are chosen per joint by the squared error over :data:`BLOCKS` blocks of time, each
     predicted from the others.
     """
     blocks = np.array_split(np.arange(len(x)), BLOCKS)
     candidates = [(penalty, ratio) for penalty in PENALTIES for ratio in NOISE_RATIOS]
+    ((first, constant),) = _fits(x, y, rows, 0.0, [(PENALTIES[0], NOISE_RATIOS[1])])
+    drift = drift_ratio(rows, y - first(x) - constant)
     scores = np.zeros((len(candidates), y.shape[1]))
     for block in blocks:
         train = np.setdiff1d(np.arange(len(x)), block)
-        for i, (fitted, constant) in enumerate(_fits(x[train], y[train], candidates)):
+        for i, (fitted, constant) in enumerate(_fits(x[train], y[train], rows[train], drift, candidates)):
             scores[i] += ((fitted(x[block]) + constant - y[block]) ** 2).sum(axis=0)
-    fits = _fits(x, y, candidates)
+    fits = _fits(x, y, rows, drift, candidates)
     best = [fits[i] for i in scores.argmin(axis=0)]
     first = best[0][0]
     linear = np.array([fitted.linear[j] for j, (fitted, _) in enumerate(best)])
@@ -97,7 +103,11 @@ def fit_map(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[PlayMap, ND
 
 
 def _fits(
-    x: NDArray[np.float64], y: NDArray[np.float64], candidates: list[tuple[float, float]]
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    drift: float,
+    candidates: list[tuple[float, float]],
 ) -> list[tuple[PlayMap, NDArray[np.float64]]]:
     """Return the map and its constant for each (penalty, noise ratio)."""
     slacks_per_joint = (x.shape[1] - 3) // 3
@@ -106,28 +116,34 @@ def _fits(
     z = (x[:, inputs] - mean) / scale
     centres = z[np.unique(np.linspace(0, len(z) - 1, min(CENTRES, len(z))).round().astype(int))]
     kernel, prior = _kernel(z, centres), _kernel(centres, centres)
-    normal = kernel.T @ kernel
+    whiten = DriftWhitener.of(rows, drift)
+    white = whiten(kernel)
+    normal = white.T @ white
     jitter = 1e-8 * len(z) * np.eye(len(centres))
     factors = {ratio: cho_factor(normal + ratio * prior + jitter) for _, ratio in candidates if np.isfinite(ratio)}
+    lines = {penalty: fit_linear(x, y, penalty, whiten) for penalty, _ in candidates}
     fits = []
     for penalty, ratio in candidates:
-        linear, constant = fit_linear(x, y, penalty)
+        linear, constant = lines[penalty]
         bumps = np.zeros((y.shape[1], len(centres)))
         if ratio in factors:
-            bumps = cho_solve(factors[ratio], kernel.T @ (y - x @ linear.T - constant)).T
+            bumps = cho_solve(factors[ratio], white.T @ whiten(y - x @ linear.T - constant)).T
         fits.append((PlayMap(linear, inputs, mean, scale, centres, bumps), constant))
     return fits
 
 
 def fit_linear(
-    x: NDArray[np.float64], y: NDArray[np.float64], penalty: float
+    x: NDArray[np.float64], y: NDArray[np.float64], penalty: float, whiten: DriftWhitener | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the ridge regression's weights (outputs, d) and constant (outputs,), standardised features."""
     mean, scale = x.mean(axis=0), _scale(x)
-    z = (x - mean) / scale
-    weights = np.linalg.solve(z.T @ z + penalty * np.eye(z.shape[1]), z.T @ (y - y.mean(axis=0)))
-    linear = (weights / scale[:, None]).T
-    return linear, y.mean(axis=0) - linear @ mean
+    z = np.column_stack([np.ones(len(x)), (x - mean) / scale])
+    if whiten is not None:
+        z, y = whiten(z), whiten(y)
+    ridge = np.diag([0.0] + [penalty] * x.shape[1])
+    weights = np.linalg.solve(z.T @ z + ridge, z.T @ y)
+    linear = (weights[1:] / scale[:, None]).T
+    return linear, weights[0] - linear @ mean
 
 
 def _scale(x: NDArray[np.float64]) -> NDArray[np.float64]:
