@@ -216,6 +216,7 @@ class Unilateral:
 
     def _transfer_motion(self, T_tip_block: SE3, target: int) -> tuple[Trajectory, SE3] | None:
         others = list(self.blocks.values())
+        tip = self._tip()
         place = choose_place(
             self.arm,
             self.T_base_board,
@@ -225,12 +226,12 @@ class Unilateral:
             target,
             others,
             self.settings.drop,
+            yaw_rad=float(np.arctan2(tip.matrix[1, 0], tip.matrix[0, 0])),
         )
         if isinstance(place, str):
             self.cell.log.event("no place", peg=target, reason=place)
             return None
         start = self._q()
-        tip = self._tip()
         height = float(tip.translation_m[2]) + self.settings.lift
         lifted = self._ik(self._raised(tip, height))
         over = self._ik(self._raised(place.T_board_tip, height))

@@ -14,13 +14,13 @@ from trocar.scene.block import Block
 from trocar.scene.pegboard import Pegboard
 
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
-"""Directions of the tool that are tried over a peg."""
+"""Turns of the tool that are tried over a peg."""
 GRASP_OFF_MIDDLE_DEG = 11.0
 """Where a grasp 1 mm beside the middle of a side meets the hole, seen from the block's middle."""
 OUTER_FINGER_M = 4.5e-3
 """Middle of the open outer finger from the tip, outwards."""
 ROOM_M = 2.5e-3
-"""More room than this is not worth a wrist bent further."""
+"""More room than this is not worth a turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,14 @@ def choose_place(
     peg: int,
     others: Sequence[SE3],
     drop_m: float,
+    yaw_rad: float = 0.0,
     most_roll_rad: float = np.radians(70.0),
     margin_rad: float = np.radians(5.0),
 ) -> Place | str:
     """Return the pose over a peg from which to release a held block, or a sentence why there is none.
 
-    Any yaw of the block will do, so the one is taken that shares the wrist's bend between pitch and yaw, where the
-    outer finger has room: a correction of the cables then stays within the joints' ranges.
+    Any yaw of the block will do. Where there is room, the tool keeps the yaw it has: what is left of the cables'
+    errors is then much the same at both ends of the transfer, and cancels.
 
     Args:
         arm: who holds the block.
@@ -72,6 +73,7 @@ def choose_place(
         peg: the target.
         others: poses of the blocks on the board.
         drop_m: height of the block's lower face over the plate.
+        yaw_rad: of the tool about the board's z where it holds the block now.
         most_roll_rad: largest |roll|.
         margin_rad: distance to keep from the wrist's limits.
     """
@@ -81,7 +83,7 @@ def choose_place(
     near_blocks = [T for T in others if 1e-3 < np.linalg.norm(T.translation_m[:2] - foot[:2]) < 0.03]
     blocks = np.array([T.translation_m[:2] for T in near_blocks]).reshape(-1, 2)
     best: Place | None = None
-    for yaw in YAWS_RAD:
+    for yaw in yaw_rad + YAWS_RAD:
         upright = SO3.axis("z", yaw)
         centre = upright.apply(T_tip_block.translation_m)
         height = block.height_m + drop_m - centre[2]
@@ -101,11 +103,12 @@ def choose_place(
             min((block.gap_m(T_board_block, other) for other in near_blocks), default=1.0),
         )
         place = Place(pose, q, room)
-        if best is None or _rank(place) > _rank(best):
+        if best is None or _rank(place, yaw_rad) > _rank(best, yaw_rad):
             best = place
     return best or f"no pose over peg {peg} keeps the roll and the wrist within their limits"
 
 
-def _rank(place: Place) -> tuple[float, float]:
-    """Order places by room for the finger, then by how little the wrist bends in any one joint."""
-    return (min(place.room_m, ROOM_M), -float(np.max(np.abs(place.q[4:]))))
+def _rank(place: Place, yaw_rad: float) -> tuple[float, float]:
+    """Order places by room, then by how little the tool turns."""
+    x = place.T_board_tip.matrix[:2, 0]
+    return min(place.room_m, ROOM_M), float(x @ [np.cos(yaw_rad), np.sin(yaw_rad)])
