@@ -9,7 +9,7 @@ demo: .venv/sim.stamp
 	$(BIN)/trocar run peg-transfer --method calibrated --trials 1 --seed 1 --out out/demo
 
 test: .venv/dev.stamp
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto --dist loadfile
 
 lint: .venv/dev.stamp
 	$(BIN)/ruff check .

@@ -15,14 +15,17 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-import cv2
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")  # one core, as under the command line
 
-from trocar.robots import Calibrated
-from trocar.sim.camera import RayCamera
-from trocar.sim.referee import Referee
-from trocar.sim.robot import SimRobot
-from trocar.sim.world import World
-from trocar.trials import Plan, prepare, run_trial
+import cv2  # noqa: E402
+
+from trocar.robots import Calibrated  # noqa: E402
+from trocar.sim.camera import RayCamera  # noqa: E402
+from trocar.sim.referee import Referee  # noqa: E402
+from trocar.sim.robot import SimRobot  # noqa: E402
+from trocar.sim.world import World  # noqa: E402
+from trocar.trials import Plan, prepare, run_trial  # noqa: E402
 
 BUSY = 0.9
 """Below this share of the real time on the processor, the times are no measurement."""
