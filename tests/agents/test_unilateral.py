@@ -14,6 +14,7 @@ from trocar.sim.cell import SimulatedCell
 from trocar.sim.robot import TICK_S
 from trocar.sim.sensor_flaws import SensorFlaws
 from trocar.tasks import PegTransfer
+from trocar.tasks.peg_transfer import on_peg
 from trocar.trials import TrialLog
 
 FIRST, SECOND = PegTransfer().transfers[:2]
@@ -52,7 +53,7 @@ class Butterfingers(Wrapped):
             return await self.inner.move(arm, trajectory)
         self.lost = True
         async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._lose, arm, trajectory.duration_s / 2)
+            nursery.start_soon(self._lose, arm, trajectory.duration_s / 3)
             return await self.inner.move(arm, trajectory)
 
     async def _lose(self, arm, after_s):
@@ -140,7 +141,14 @@ def test_the_arm_leaves_the_board_at_the_end(clean):
     simulated, log, _ = clean
     start = SimulatedCell(ideal_session(), scene_of(standing(0)), np.random.default_rng(0)).robot.read("psm1").q
     assert np.abs(simulated.robot.read("psm1").q - start).max() < 1e-6
-    assert log.spans[-1].name == "capture"
+    assert [span.name for span in log.spans[-2:]] == ["capture", "perception"]
+
+
+def test_a_last_look_says_which_blocks_lie_where_they_were_set_down(clean):
+    simulated, log, (_, score) = clean
+    (check,) = named(log, "check")
+    assert score.target in check["pegs"] and not check["missing"]
+    assert on_peg(simulated.referee.truth().T_board_blocks[-1], score.target) is not None
 
 
 def test_a_pick_that_fails_is_tried_again_with_another_grasp_and_then_given_up():
