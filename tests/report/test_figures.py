@@ -58,6 +58,14 @@ def test_two_arms_have_rows_of_their_own(tmp_path):
     assert both.shape[0] > one.shape[0]
 
 
+def test_what_an_arm_does_after_the_last_transfer_has_a_row_of_its_own(tmp_path):
+    late = {**SPANS[3], "start_s": 60.0, "end_s": 61.0, "transfer": -1}
+    early = {**SPANS[3], "start_s": -1.0, "end_s": 0.0, "transfer": -1}
+    both = drawn(draw_timechart([early, *SPANS[:3], late], tmp_path / "both.png"))
+    one = drawn(draw_timechart([early, *SPANS[:3]], tmp_path / "one.png"))
+    assert both.shape[0] > one.shape[0]
+
+
 def test_nothing_to_draw_is_one_sentence_and_no_file(tmp_path):
     times, tips, index = tool_path()
     with pytest.raises(TrocarError, match="at least one span"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,22 +14,24 @@ from trocar.report import style
 
 COLOURS = {
     "capture": style.SKY,
-    "perceive": style.PURPLE,
-    "plan": style.YELLOW,
-    "move": style.BLUE,
-    "grasp": style.ORANGE,
-    "release": style.VERMILION,
-    "check": style.GREEN,
-    "wait": style.FAINT,
+    "perception": style.PURPLE,
+    "planning": style.YELLOW,
+    "motion": style.BLUE,
+    "settling": style.FAINT,
+    "jaw": style.ORANGE,
 }
+START, END = -1, sys.maxsize
+"""In the place of a transfer: what an arm does before the first one, and after the last."""
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 
 def draw_timechart(spans: Sequence[Mapping[str, Any]], path: Path, title: str = "Time chart") -> Path:
     """Draw one row per transfer and arm, coloured by what was done, and return the path.
 
+    What belongs to no transfer is "start" before the last of them begins and "end" after it.
+
     Args:
-        spans: each with ``arm``, ``name``, ``start_s``, ``end_s`` and ``transfer`` (index, or None).
+        spans: each with ``arm``, ``name``, ``start_s``, ``end_s`` and ``transfer`` (index; None or -1: none).
         path: of the picture.
         title: above the chart.
     """
@@ -37,29 +40,29 @@ def draw_timechart(spans: Sequence[Mapping[str, Any]], path: Path, title: str = 
     names = list(dict.fromkeys(span["name"] for span in spans))
     spare = iter(SPARE * (1 + len(names) // len(SPARE)))
     colours = {name: COLOURS.get(name) or next(spare) for name in names}
-    known = {(_transfer(span), span["arm"]) for span in spans}
-    rows = {key: row for row, key in enumerate(sorted(known))}
+    spans_of: dict[tuple[int, str], list[Mapping[str, Any]]] = {}
+    for span, transfer in zip(spans, _transfers(spans), strict=True):
+        spans_of.setdefault((transfer, span["arm"]), []).append(span)
+    rows = {key: row for row, key in enumerate(sorted(spans_of))}
     several = len({arm for _, arm in rows}) > 1
     with style.figure(9.0, 1.3 + 0.24 * len(rows), path) as figure:
         axes = figure.subplots()
-        starts = {key: min(s["start_s"] for s in spans if (_transfer(s), s["arm"]) == key) for key in rows}
-        for span in spans:
-            key = (_transfer(span), span["arm"])
-            length = span["end_s"] - span["start_s"]
-            axes.barh(
-                rows[key],
-                length,
-                left=span["start_s"] - starts[key],
-                height=0.72,
-                color=colours[span["name"]],
-                edgecolor="white",
-                linewidth=0.4,
-            )
         for key, row in rows.items():
-            end = max(s["end_s"] for s in spans if (_transfer(s), s["arm"]) == key) - starts[key]
+            start = min(span["start_s"] for span in spans_of[key])
+            for span in spans_of[key]:
+                axes.barh(
+                    row,
+                    span["end_s"] - span["start_s"],
+                    left=span["start_s"] - start,
+                    height=0.72,
+                    color=colours[span["name"]],
+                    edgecolor="white",
+                    linewidth=0.4,
+                )
+            end = max(span["end_s"] for span in spans_of[key]) - start
             axes.text(end, row, f"  {end:.1f} s", va="center", fontsize=8, color=style.QUIET)
         labels = [
-            ("start" if transfer < 0 else f"transfer {transfer + 1}") + (f", {arm}" if several else "")
+            {START: "start", END: "end"}.get(transfer, f"transfer {transfer + 1}") + (f", {arm}" if several else "")
             for transfer, arm in rows
         ]
         axes.set_yticks(range(len(rows)), labels)
@@ -78,7 +81,11 @@ def draw_timechart(spans: Sequence[Mapping[str, Any]], path: Path, title: str = 
     return path
 
 
-def _transfer(span: Mapping[str, Any]) -> int:
-    """Return the span's transfer, -1 where it belongs to none."""
-    index = span.get("transfer")
-    return -1 if index is None else int(index)
+def _transfers(spans: Sequence[Mapping[str, Any]]) -> list[int]:
+    """Return each span's transfer; START or END where it belongs to none."""
+    given = [span.get("transfer") for span in spans]
+    indices = [START if index is None else int(index) for index in given]
+    last_s = max((s["start_s"] for s, index in zip(spans, indices, strict=True) if index >= 0), default=float("inf"))
+    return [
+        END if index < 0 and span["start_s"] > last_s else index for span, index in zip(spans, indices, strict=True)
+    ]

@@ -13,7 +13,7 @@ class Span:
 
     Attributes:
         arm: whose.
-        name: what it did: capture, perceive, plan, move, jaw, settle, wait.
+        name: what it did: capture, perception, planning, motion, jaw, settling.
         start_s: on the trial's clock.
         end_s: likewise.
     """
