@@ -69,8 +69,10 @@ class Calibrated:
         """
         compensator = self._compensators[arm]
         times, desired = trajectory.sample(KNOT_S)
-        positions = sample_positions(desired, compensator.model.training)
-        at = np.interp(positions, np.arange(len(times)), times) - trajectory.times_s[0]
+        model = compensator.model
+        rows = np.arange(len(times))
+        positions = rows if model.rate_independent else sample_positions(desired, model.training)
+        at = np.interp(positions, rows, times) - trajectory.times_s[0]
         commands = compensator.path(trajectory(at + trajectory.times_s[0]))
         times = times - trajectory.times_s[0]
         raw = commands - trajectory(at + trajectory.times_s[0])

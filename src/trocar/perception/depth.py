@@ -14,6 +14,7 @@ from trocar.geometry import SE3
 from trocar.perception.image import Intrinsics, RgbdImage
 
 UNDISTORT_STEPS = 40
+UNDISTORT_DONE = 1e-14
 """Fixed-point steps; the camera of the paper converges to 1e-15 within 30."""
 
 
@@ -41,7 +42,9 @@ def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         shift = np.stack([2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], -1)
-        point = (distorted - shift) / radial[..., None]
+        before, point = point, (distorted - shift) / radial[..., None]
+        if np.max(np.abs(point - before), initial=0.0) < UNDISTORT_DONE:
+            break
     return point
 
 

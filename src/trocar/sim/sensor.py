@@ -104,7 +104,7 @@ def apply_flaws(
     lost = rng.random(shape, dtype=np.float32)
     edge_luck = rng.random(shape, dtype=np.float32)
     mix = rng.random(shape, dtype=np.float32)
-    grain = rng.standard_normal((*shape, 3), dtype=np.float32)
+    grain = rng.standard_normal((*shape, 1), dtype=np.float32)
 
     exact = depth_m.astype(np.float32)
     scale = (exact / np.float32(flaws.reference_m)) ** 2 / np.maximum(cosine, np.float32(0.15))

@@ -23,7 +23,7 @@ class SensorFlaws:
         edge_missing: share of pixels beside a jump of depth that go missing.
         edge_mixed: share of them that land between the two surfaces.
         specular_missing: share of pixels lost where bare metal mirrors the projector into the lens.
-        color_sd: SD of colour noise in grey levels of 255.
+        color_sd: SD of colour noise in grey levels of 255, the same in all three channels.
     """
 
     axial_m: float = 0.15e-3

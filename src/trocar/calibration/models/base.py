@@ -60,6 +60,8 @@ class CableModel(Protocol):
     """
 
     name: ClassVar[str]
+    rate_independent: ClassVar[bool]
+    """Whether the joints depend on the path of the commands alone, however densely it is sampled."""
 
     @property
     def training(self) -> TrainingMotion:

@@ -42,6 +42,7 @@ class LstmModel:
     """
 
     name: ClassVar[str] = "lstm"
+    rate_independent: ClassVar[bool] = False
     weights: Weights
     input_mean: NDArray[np.float64]
     input_scale: NDArray[np.float64]

@@ -22,6 +22,7 @@ class OffsetModel:
     """
 
     name: ClassVar[str] = "offset"
+    rate_independent: ClassVar[bool] = True
     offset: NDArray[np.float64]
     training: TrainingMotion
 

@@ -45,6 +45,7 @@ class PlayModel:
     """
 
     name: ClassVar[str] = "play"
+    rate_independent: ClassVar[bool] = True
     a: float
     b: float
     radii: NDArray[np.float64]

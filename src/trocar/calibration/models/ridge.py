@@ -27,6 +27,7 @@ class RidgeModel:
     """
 
     name: ClassVar[str] = "ridge"
+    rate_independent: ClassVar[bool] = False
     weights: NDArray[np.float64]
     offset: NDArray[np.float64]
     training: TrainingMotion
