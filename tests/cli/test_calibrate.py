@@ -1,10 +1,16 @@
+import io
 import json
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from trocar.calibration import study
 from trocar.calibration.plant import PSM1_GREY
 from trocar.cli import main
+from trocar.cli.study import errors_table, models_table
 
 
 def run(monkeypatch, capsys, *arguments):
@@ -87,6 +93,17 @@ def test_a_row_beyond_the_recording_is_refused(monkeypatch, capsys, recording, t
     code, _, stderr = run(monkeypatch, capsys, "calibrate", "evaluate", model, recording, "--from-row", 200)
     assert code == 2
     assert "200" in stderr
+
+
+def test_the_studys_tables_fit_into_a_terminal_of_80_columns():
+    error = np.full(6, 0.2522)
+    result: Any = SimpleNamespace(rmse_before=error, rmse_after=error, compensation_ms=0.54)
+    everything = {name: dict.fromkeys(("offset", "ridge", "lstm", "play"), result) for name in study.RECORDINGS}
+    tables = {name: {key: error for key in rows} for name, rows in study.TABLE_1.items()}
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(errors_table(tables, study.TABLE_1))
+    console.print(models_table(everything, study.LIMITS_RAD, study.REFERENCES_RAD))
+    assert "\u2026" not in console.export_text()
 
 
 def test_the_study_prints_table_1(monkeypatch, capsys, recordings, tmp_path):

@@ -65,6 +65,7 @@ def test_table_says_what_left_the_nominal_range(run, tmp_path):
     code, out, _ = run(tmp_path / "four.npy")
     assert code == 0
     assert "leaves the nominal range" in out
+    assert "acceleration" in out
 
 
 def bad_file(kind, path):

@@ -111,7 +111,7 @@ def test_ctrl_c_keeps_finished_trials_and_says_so(trocar, played, monkeypatch, t
     interrupt_at(monkeypatch, 1)
     code, out, _ = trocar("run", "peg-transfer", "--trials", 3, "--out", tmp_path)
     assert code == 130
-    assert "1 finished trials are kept" in out.replace("\n", " ")
+    assert "finished trials kept: 1" in out.replace("\n", " ")
     assert summary_of(tmp_path)["trials"] == 1
     assert not list(tmp_path.glob(".*part"))
     interrupt_at(monkeypatch, None)

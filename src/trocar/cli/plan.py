@@ -119,7 +119,7 @@ def _print(summary: dict[str, Any], motions: list[PlanQuality]) -> None:
         "acceleration",
         "off vertical mm",
     ):
-        table.add_column(column, justify="right")
+        table.add_column(column, justify="right", no_wrap=" " not in column)
     for index, m in enumerate(motions):
         table.add_row(
             str(index),

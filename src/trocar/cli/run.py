@@ -142,5 +142,5 @@ def _show(summary: Mapping[str, Any], trials: Sequence[Trial], files: Sequence[P
     if trials[0].about["flawless_camera"]:
         console.print("the camera's flaws were switched off")
     if interrupted:
-        console.print(f"stopped; {len(trials)} finished trials are kept, the same command goes on")
+        console.print(f"stopped; finished trials kept: {len(trials)}; the same command goes on")
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)

@@ -66,13 +66,13 @@ def calibration(
         sys.stdout.write(json.dumps(summary) + "\n")
         return
     printer = Console()
-    printer.print(_print_table_1(tables, study.TABLE_1))
+    printer.print(errors_table(tables, study.TABLE_1))
     printer.print(
         "The paper's column 'PSM2' is the recording psm1_grey_random, its 'PSM1' psm2_grey_random; its SD "
         "is that of |error|; its q3 maximum .0045 m is a misprint of .00045 m."
     )
-    printer.print(_print_models(results, study.LIMITS_RAD, study.REFERENCES_RAD))
-    printer.print(_print_session(change))
+    printer.print(models_table(results, study.LIMITS_RAD, study.REFERENCES_RAD))
+    printer.print(_session_table(change))
     if out is not None:
         printer.print(f"saved summary.json and pictures in {out}")
 
@@ -104,25 +104,35 @@ def _save(out: Path, summary: dict[str, Any], results: dict[str, dict[str, Evalu
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
-def _print_table_1(tables: dict[str, dict[str, Any]], paper: dict[str, dict[str, tuple[float, ...]]]) -> Table:
-    table = Table(title="Table I: error of the uncorrected joints (ours | paper), rad and m (q3)")
-    for column in ("recording", "", "q1", "q2", "q3", "q4", "q5", "q6"):
+def errors_table(tables: dict[str, dict[str, Any]], paper: dict[str, dict[str, tuple[float, ...]]]) -> Table:
+    """Return Table I in mrad and mm, so that it fits into 80 columns."""
+    table = Table(title="Table I: error of the uncorrected joints, mrad; q3 mm")
+    for column in ("recording", "", "", "q1", "q2", "q3", "q4", "q5", "q6"):
         table.add_column(column, justify="right", no_wrap=True)
     for name, rows in tables.items():
         for key, values in rows.items():
-            cells = [f"{ours:.2g}|{theirs:.2g}" for ours, theirs in zip(values, paper[name][key], strict=True)]
-            table.add_row(name.removesuffix("_random") if key == "RMSE" else "", key, *cells)
+            shown = name.removesuffix("_random") if key == "RMSE" else ""
+            table.add_row(shown, key, "ours", *map(_thousandths, values))
+            table.add_row("", "", "paper", *map(_thousandths, paper[name][key]))
         table.add_section()
     return table
 
 
-def _print_models(
+def _thousandths(value: float) -> str:
+    return f"{1e3 * value:.2g}" if abs(value) < 0.0995 else f"{1e3 * value:.0f}"
+
+
+def models_table(
     results: dict[str, dict[str, Evaluation]],
     limits: dict[str, tuple[float, ...]],
     references: dict[str, dict[str, tuple[float, ...]]],
 ) -> Table:
-    table = Table(title="Fitted on the first 80 %, RMSE q4 q5 q6 in rad on the last fifth by time")
-    for column in ("recording", "model", "ours", "reference, or limit", "compensation"):
+    """Return the errors of the fitted models, beside what is known of others."""
+    table = Table(
+        title="Fitted on the first 80 %: RMSE q4 q5 q6 in rad on the last fifth",
+        caption="time: of one compensation",
+    )
+    for column in ("recording", "model", "ours", "reference, or limit", "time"):
         table.add_column(column, justify="right", no_wrap=True)
     for name, row in results.items():
         first = next(iter(row.values()))
@@ -136,7 +146,7 @@ def _print_models(
     return table
 
 
-def _print_session(change: SessionChange) -> Table:
+def _session_table(change: SessionChange) -> Table:
     table = Table(title="Another session (psm1_grey_pick_place) with play fitted on psm1_grey_random")
     for column in ("", "RMSE q4 q5 q6 in rad"):
         table.add_column(column, justify="right")
@@ -147,4 +157,4 @@ def _print_session(change: SessionChange) -> Table:
 
 
 def _triple(values: Any) -> str:
-    return " ".join(f"{value:.4f}" for value in values)
+    return " ".join(f"{value:.3f}" for value in values)

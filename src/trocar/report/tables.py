@@ -43,7 +43,8 @@ def run_table(summary: Mapping[str, Any]) -> Table:
         summary: keys as in ``summary.json``: task, variant, method, trials, attempted, succeeded,
             success_rate, success_ci95, mean_time_s.
     """
-    table = Table(title=f"{summary['task']}, {summary['variant']}, {summary['trials']} trials, simulated")
+    trials = f"{summary['trials']} trial{'s' if summary['trials'] != 1 else ''}"
+    table = Table(title=f"{summary['task']}, {summary['variant']}, {trials}, simulated")
     table.add_column("who")
     for column in ("transfers", "success", "95 % interval", "mean time s"):
         table.add_column(column, justify="right")
