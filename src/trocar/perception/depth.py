@@ -15,7 +15,7 @@ from trocar.perception.image import Intrinsics, RgbdImage
 
 UNDISTORT_STEPS = 40
 UNDISTORT_DONE = 1e-14
-"""Fixed-point steps; the camera of the paper converges to 1e-15 within 30."""
+"""Fixed-point steps at most, and the change at which they end; the camera of the paper needs fewer than 30."""
 
 
 def distort(intrinsics: Intrinsics, normalised: NDArray[np.float64]) -> NDArray[np.float64]:
