@@ -98,7 +98,8 @@ def test_a_row_beyond_the_recording_is_refused(monkeypatch, capsys, recording, t
 def test_the_studys_tables_fit_into_a_terminal_of_80_columns():
     error = np.full(6, 0.2522)
     result: Any = SimpleNamespace(rmse_before=error, rmse_after=error, compensation_ms=0.54)
-    everything = {name: dict.fromkeys(("offset", "ridge", "lstm", "play"), result) for name in study.RECORDINGS}
+    models: dict[str, Any] = dict.fromkeys(("offset", "ridge", "lstm", "play"), result)
+    everything = dict.fromkeys(study.RECORDINGS, models)
     tables = {name: {key: error for key in rows} for name, rows in study.TABLE_1.items()}
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(errors_table(tables, study.TABLE_1))
