@@ -86,3 +86,9 @@ def test_tables_show_the_run_beside_the_paper():
     text = console.export_text()
     for words in ("11 of 12", "91.7 %", "64.6 % to 98.5 %", "34.7 %", "12.30", "75.0 %"):
         assert words in text
+
+
+def test_a_part_of_less_than_nothing_by_rounding_is_nothing():
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(parts_table({**SUMMARY, "parts_s": {"motion": 3.0, "other": -2e-15}}))
+    assert "-0.0" not in console.export_text()

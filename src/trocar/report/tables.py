@@ -81,13 +81,13 @@ def parts_table(summary: Mapping[str, Any]) -> Table:
     parts = summary["parts_s"]
     total = sum(parts.values()) or 1.0
     for name, seconds in sorted(parts.items(), key=lambda item: -item[1]):
-        table.add_row(name, f"{seconds:.2f}", _percent(seconds / total))
+        table.add_row(name, f"{seconds:z.2f}", _percent(seconds / total))
     return table
 
 
 def _percent(share: float | None) -> str:
     """Return a share as text, a dash where there is none."""
-    return "-" if share is None else f"{100 * share:.1f} %"
+    return "-" if share is None else f"{100 * share:z.1f} %"
 
 
 def _seconds(time_s: float | None) -> str:
