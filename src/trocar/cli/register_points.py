@@ -31,9 +31,15 @@ def points(
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
     if inlier_mm is not None and not inlier_mm > 0:
         raise TrocarError(f"--inlier-mm is {inlier_mm}; give a distance above 0 mm")
+    p_robot, p_camera = _load(robot), _load(camera)
+    if p_robot.shape != p_camera.shape:
+        raise TrocarError(
+            f"{str(robot)!r} has shape {p_robot.shape} and {str(camera)!r} {p_camera.shape}; "
+            "give the same n points (n, 3) in both, in the same order"
+        )
     fit = fit_rigid(
-        _load(camera),
-        _load(robot),
+        p_camera,
+        p_robot,
         inlier_distance_m=None if inlier_mm is None else inlier_mm / 1000,
         rng=np.random.default_rng(seed),
     )
@@ -61,8 +67,14 @@ def _load(path: Path) -> NDArray[np.float64]:
         if not isinstance(array, np.ndarray):
             array.close()
             raise ValueError
-        return array.astype(np.float64, casting="safe")
+        points = array.astype(np.float64, casting="safe")
     except (ValueError, EOFError, OSError, TypeError, zipfile.BadZipFile):
         raise TrocarError(
             f"file {str(path)!r} is not a readable .npy array; save (n, 3) points in m with numpy.save"
         ) from None
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=tuple(range(1, points.ndim)))) if points.ndim else []
+    if len(bad):
+        raise TrocarError(
+            f"file {str(path)!r} holds NaN or infinity, first in row {bad[0]}; remove such rows from both files"
+        )
+    return points
