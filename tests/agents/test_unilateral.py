@@ -1,5 +1,7 @@
 """What the script of one arm does when things go well, and when they do not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trio
@@ -188,3 +190,11 @@ def test_a_spent_budget_ends_the_script_where_it_is():
 def test_an_arm_that_is_not_there_is_named():
     with pytest.raises(TrocarError, match=r"'psm3'.*psm1, psm2"):
         play([FIRST], settings=Settings(arm="psm3"))
+
+
+def test_a_way_that_leaves_the_joints_ranges_is_an_outcome_and_not_the_end():
+    _, log, (score, _) = play([FIRST, SECOND], settings=replace(SETTINGS, lift=0.5))
+    assert [event["outcome"] for event in named(log, "transfer")] == [Outcome.OUT_OF_REACH.name] * 2
+    assert named(log, "no motion")[0]["reason"]
+    assert score.attempted and score.failure == "OUT_OF_REACH"
+    assert log.finished

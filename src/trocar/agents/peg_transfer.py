@@ -110,7 +110,8 @@ class Unilateral:
                 grasp = await self._see(source, failed)
             if not isinstance(grasp, Grasp):
                 return grasp
-            await self._go_to(grasp)
+            if not await self._go_to(grasp):
+                return Outcome.OUT_OF_REACH
             await self._jaw(self.settings.jaw_closed)
             if self._holds():
                 break
@@ -186,13 +187,16 @@ class Unilateral:
             refusal = grasp.reason
         return refusal, Outcome.OUT_OF_REACH
 
-    async def _go_to(self, grasp: Grasp) -> None:
-        """Travel over the pegs, then down round the wall of the block, the jaws open."""
+    async def _go_to(self, grasp: Grasp) -> bool:
+        """Travel over the pegs, then down round the wall of the block, the jaws open; False if no motion does it."""
         motion = await self._plan(lambda: self._approach(grasp))
+        if motion is None:
+            return False
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self.cell.robot.jaw, self.settings.arm, self.settings.jaw_open)
             nursery.start_soon(self._move, motion)
         await self._settle()
+        return True
 
     def _approach(self, grasp: Grasp) -> Trajectory:
         above = self._raised(grasp.T_board_tip, self.settings.clear_height)
@@ -295,8 +299,17 @@ class Unilateral:
     async def _perceive(self, compute: Callable[[], Result]) -> Result:
         return await self._compute("perception", self.settings.perception_budget_s, compute)
 
-    async def _plan(self, compute: Callable[[], Result]) -> Result:
-        return await self._compute("planning", self.settings.planning_budget_s, compute)
+    async def _plan(self, compute: Callable[[], Result]) -> Result | None:
+        """Plan a motion; None, with the reason in the log, where a pose or the way to it leaves the joints' ranges."""
+
+        def attempt() -> Result | None:
+            try:
+                return compute()
+            except TrocarError as error:
+                self.cell.log.event("no motion", reason=str(error))
+                return None
+
+        return await self._compute("planning", self.settings.planning_budget_s, attempt)
 
     async def _compute(self, name: str, budget_s: float, compute: Callable[[], Result]) -> Result:
         """Compute while the cell's clock counts the declared budget; the real time is noted beside it."""

@@ -15,7 +15,6 @@ class Instrument:
     Attributes:
         shaft_radius_m: da Vinci 8 mm instruments.
         shaft_length_m: visible from the wrist up to the drive.
-        cannula_radius_m: the port at the remote centre.
         wrist_radius_m: clevis between the pitch and the yaw axis.
         knuckle_radius_m: boss of the jaws at the yaw axis.
         finger_length_m: yaw axis to the jaw's tip (facts/peg_transfer.md: .0102).
@@ -27,7 +26,6 @@ class Instrument:
 
     shaft_radius_m: float = 4.0e-3
     shaft_length_m: float = 0.40
-    cannula_radius_m: float = 5.5e-3
     wrist_radius_m: float = 2.8e-3
     knuckle_radius_m: float = 2.2e-3
     finger_length_m: float = 10.2e-3

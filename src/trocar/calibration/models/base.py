@@ -145,7 +145,7 @@ def load_model(path: str | Path) -> CableModel:
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: np.asarray(data[key]) for key in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError):
         raise TrocarError(
             f"model {str(path)!r} is not a readable .npz; write it again with `trocar calibrate fit`"
         ) from None
