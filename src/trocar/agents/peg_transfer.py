@@ -42,6 +42,7 @@ class Settings:
     Attributes:
         arm: which arm does it.
         perception_budget_s: declared for registration and grasp planning (paper: .098 s).
+        survey_budget_s: declared for registering the board, and for the last look at all blocks.
         planning_budget_s: declared for planning a motion (paper: .103 s).
         settle_s: rest after a motion before the jaws act.
         jaw_open: opening round the wall of a block, against the clearance in its hole.
@@ -57,6 +58,7 @@ class Settings:
 
     arm: str = "psm1"
     perception_budget_s: float = 0.098
+    survey_budget_s: float = 0.25
     planning_budget_s: float = 0.103
     settle_s: float = 0.06
     jaw_open: float = 0.40
@@ -132,7 +134,7 @@ class Unilateral:
     async def _find_board(self) -> None:
         """Register the board once; it does not move during a trial."""
         image = await self._capture()
-        fit = await self._perceive(
+        fit = await self._survey(
             lambda: find_board(image, self.cell.T_world_camera, self.board, self.cell.T_world_board)
         )
         if not fit.found:
@@ -144,7 +146,7 @@ class Unilateral:
         """Look from home whether the blocks lie where they were set down; those picked again were checked then."""
         image = await self._capture()
         pegs = sorted(self.blocks)
-        fits = await self._perceive(
+        fits = await self._survey(
             lambda: [find_block(image, self.T_camera_board, self.board, self.block, peg) for peg in pegs]
         )
         seen = [peg for peg, fit in zip(pegs, fits, strict=True) if fit.found]
@@ -298,6 +300,9 @@ class Unilateral:
 
     async def _perceive(self, compute: Callable[[], Result]) -> Result:
         return await self._compute("perception", self.settings.perception_budget_s, compute)
+
+    async def _survey(self, compute: Callable[[], Result]) -> Result:
+        return await self._compute("perception", self.settings.survey_budget_s, compute)
 
     async def _plan(self, compute: Callable[[], Result]) -> Result | None:
         """Plan a motion; None, with the reason in the log, where a pose or the way to it leaves the joints' ranges."""

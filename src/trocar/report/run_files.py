@@ -54,7 +54,7 @@ def _pictures(folder: Path, trials: Sequence[Trial]) -> list[Path]:
             (caption, _decode(shown.arrays[f"picture_{number}"])) for number, caption in enumerate(shown.captions)
         ]
         title = f"{what}, trial {shown.about['index']} of seed {shown.about['seed']} (simulated)"
-        files.append(draw_storyboard(frames, folder / "storyboard.png", title))
+        files.append(draw_storyboard(frames, folder / "storyboard.png", title, columns=3 if len(frames) <= 9 else 4))
     working = str(first.spans[0].arm) if first.spans else None
     if working is not None:
         times, tips = first.arrays["times_s"], first.arrays[f"tip_{working}"]
