@@ -83,8 +83,7 @@ def plan_through(
 ) -> Plan:
     """Return a short motion from rest to rest through the waypoints.
 
-    The inner waypoints are passed along ``up``, without a stop. Two waypoints: a plain move. Three:
-    approach from
+    The inner waypoints are passed along ``up``, without a stop. Two waypoints: a plain move. Three: approach from
     above (start, above, down) or retreat (grasp, above, away). Four: a transfer.
 
     Args:
