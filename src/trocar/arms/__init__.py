@@ -3,8 +3,8 @@
 from trocar.arms.branch import BRANCHES, Branch
 from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
 from trocar.arms.forward import fk, frames
-from trocar.arms.inverse import Unreachable, ik, ik_branches, ik_floats
-from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability
+from trocar.arms.inverse import Unreachable, ik, ik_branches, ik_floats, ik_unbounded
+from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability, wrist_depth_m
 from trocar.arms.model import ArmModel, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
@@ -31,9 +31,11 @@ __all__ = [
     "ik",
     "ik_branches",
     "ik_floats",
+    "ik_unbounded",
     "jacobian",
     "joint_margins",
     "joints_from_actuators",
     "limit_violations",
     "manipulability",
+    "wrist_depth_m",
 ]

@@ -102,6 +102,19 @@ def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) 
     return _search(arm, np.ravel(matrix), np.array(near)).tolist()
 
 
+def ik_unbounded(arm: ArmModel, T_base_tip: SE3) -> NDArray[np.float64]:
+    """Return the configurations (..., 6) on the arm's own branch, within the limits or not; NaN where none is real.
+
+    Yaw and roll are turned towards the middle of their ranges. What a planner needs that asks how far outside it is.
+    """
+    matrix = T_base_tip.matrix
+    poses = matrix.reshape(-1, 16)
+    q, good = np.empty((len(poses), 6)), np.zeros(len(poses), dtype=bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        _solve_chunks(arm, poses, None, q, good)
+    return q.reshape(*matrix.shape[:-2], 6)
+
+
 def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return every solution, in or out of the limits: q (..., 8, 6), and which of them are real (..., 8).
 

@@ -34,10 +34,27 @@ def jacobian(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
 def manipulability(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
     """Return Yoshikawa's measure ``|det J|`` (...,), in m^3/(rad^2 m): zero where the tip loses a direction.
 
+    Seen from the remote centre, the axes of yaw, pitch and roll only turn, so that the determinant falls apart::
+
+        |det J| = |sin(twist1) sin(twist2) sin t2| * |d (d cos t5 + L3)|
+
+    with t2, t5 the pitch angles with their offsets and d the depth of the wrist beyond the remote centre. For the PSM
+    this is the formula in ``facts/peg_transfer.md``.
+
     Raises:
         TrocarError: ``q`` has another shape or is not finite.
     """
-    return np.abs(np.linalg.det(jacobian(arm, q)))
+    q = arm.configurations(q)
+    (_, s1), (_, s2) = arm.twist_cosines[1:]
+    depth = wrist_depth_m(arm, q)
+    arm_part = s1 * s2 * np.sin(q[..., 1] + arm.offsets[1])
+    wrist_part = depth * (depth * np.cos(q[..., 4] + arm.offsets[4]) + arm.wrist_length_m)
+    return np.abs(arm_part * wrist_part)
+
+
+def wrist_depth_m(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return how far (...,) the wrist's pitch axis lies beyond the remote centre, m; ``safe_depth_m`` bounds it."""
+    return -arm.wrist_sign * (np.asarray(q, dtype=np.float64)[..., 2] + arm.offsets[2])
 
 
 def joint_margins(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:

@@ -1,0 +1,36 @@
+"""Where to place stay sutures round a circle, and in which direction to drive them (Thananjeyan et al.)."""
+
+from trocar.sutures.joints import SutureJoints, suture_joints
+from trocar.sutures.presets import PRESETS, Preset
+from trocar.sutures.rewards import MARGINS, DexterityMap, Reward, dexterity
+from trocar.sutures.setup import (
+    CLOCKWISE,
+    COUNTERCLOCKWISE,
+    DIRECTIONS,
+    Circle,
+    Insertion,
+    Needle,
+    NeedleGrasp,
+    SutureSetup,
+    base_beside,
+)
+
+__all__ = [
+    "CLOCKWISE",
+    "COUNTERCLOCKWISE",
+    "DIRECTIONS",
+    "MARGINS",
+    "PRESETS",
+    "Circle",
+    "DexterityMap",
+    "Insertion",
+    "Needle",
+    "NeedleGrasp",
+    "Preset",
+    "Reward",
+    "SutureJoints",
+    "SutureSetup",
+    "base_beside",
+    "dexterity",
+    "suture_joints",
+]

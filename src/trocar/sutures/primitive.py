@@ -1,0 +1,148 @@
+"""The needle primitive: where needle and jaws are while a suture is driven (paper, Fig. 2 and section IV-A1).
+
+In the circle's frame a suture at theta heads along ``h`` (clockwise: minus the tangent). The needle's tip goes in along
+``t = cos(entry) h - sin(entry) n``, straight at first, then turns about the needle's centre, which lies at the needle's
+radius along ``u = sin(entry) h + cos(entry) n``. The jaws then go back along the wire and push it on, as often as
+the insertion says. A suture at theta is the one at 0 turned about the circle's axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.geometry import SE3, SO3
+from trocar.sutures.setup import DIRECTIONS, SutureSetup
+
+
+@dataclass(frozen=True)
+class Step:
+    """One movement of the primitive; from and to values of three coordinates.
+
+    Attributes:
+        name: penetrate, rotate, regrasp 1, push 1, ...
+        advance_m: path of the straight penetration.
+        jaws_rad: turn of the jaws about the needle's centre.
+        needle_rad: turn of the needle about its centre.
+    """
+
+    name: str
+    advance_m: tuple[float, float]
+    jaws_rad: tuple[float, float]
+    needle_rad: tuple[float, float]
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the jaws hold the needle, so that both move alike."""
+        return not self.name.startswith("regrasp")
+
+
+def steps(setup: SutureSetup) -> tuple[Step, ...]:
+    """Return the movements of the primitive in order."""
+    insertion = setup.insertion
+    straight, turn, back = insertion.straight_m, insertion.rotation_rad, insertion.regrasp_rad
+    found = [
+        Step("penetrate", (0.0, straight), (0.0, 0.0), (0.0, 0.0)),
+        Step("rotate", (straight, straight), (0.0, turn), (0.0, turn)),
+    ]
+    needle = turn
+    for number in range(1, insertion.pushes + 1):
+        still = (straight, straight)
+        found.append(Step(f"regrasp {number}", still, (turn, turn - back), (needle, needle)))
+        found.append(Step(f"push {number}", still, (turn - back, turn), (needle, needle + back)))
+        needle += back
+    return tuple(found)
+
+
+def exit_turn_rad(setup: SutureSetup) -> float:
+    """Return the needle's turn at which its tip comes out of the tissue's plane; NaN if it never would."""
+    insertion = setup.insertion
+    down = insertion.entry_angle_rad
+    cosine = math.cos(down) - insertion.straight_m * math.sin(down) / setup.needle.radius_m
+    return down + math.acos(cosine) if cosine >= -1.0 else math.nan
+
+
+def bite_m(setup: SutureSetup) -> float:
+    """Return the distance along the surface from entry to exit; NaN if the tip never comes out."""
+    insertion, turn = setup.insertion, exit_turn_rad(setup)
+    down = insertion.entry_angle_rad
+    arc = setup.needle.radius_m * (math.sin(turn - down) + math.sin(down))
+    return insertion.straight_m * math.cos(down) + arc
+
+
+def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) -> SE3:
+    """Return the needle's poses (2, k) in the circle's frame at theta = 0, one row a direction of ``DIRECTIONS``.
+
+    The needle's frame has its origin in the centre of curvature, x along the motion of the tip, y from the tip to the
+    centre, z the normal of its plane.
+
+    Args:
+        setup: needle, circle, insertion.
+        advance_m: (k,) path of the straight penetration.
+        turn_rad: (k,) turn about the needle's centre after it.
+    """
+    advance, turn = np.broadcast_arrays(np.asarray(advance_m, float), np.asarray(turn_rad, float))
+    down = setup.insertion.entry_angle_rad
+    back = bite_m(setup) / 2 if setup.insertion.theta_is == "middle" else 0.0
+    rows = []
+    for direction in DIRECTIONS:
+        heading, normal = np.array([0.0, -direction, 0.0]), np.array([0.0, 0.0, 1.0])
+        t = math.cos(down) * heading - math.sin(down) * normal
+        u = math.sin(down) * heading + math.cos(down) * normal
+        entry = np.array([setup.circle.radius_m, 0.0, 0.0]) - back * heading
+        centers = entry + setup.needle.radius_m * u + advance[:, None] * t
+        attitude = SO3(np.column_stack([t, u, np.cross(t, u)])) @ SO3.axis("z", turn)
+        rows.append(SE3.from_parts(attitude, centers).matrix)
+    return SE3(np.stack(rows))
+
+
+def grasp_pose(setup: SutureSetup) -> SE3:
+    """Return the pose of the arm's tip in the needle's frame, before any regrasp."""
+    at_point = SO3.axis("z", -setup.grasp.behind_tip_rad)
+    point = at_point.apply([0.0, -setup.needle.radius_m, 0.0])
+    return SE3.from_parts(at_point @ setup.grasp.rotation, point)
+
+
+def tip_poses(setup: SutureSetup, advance_m: ArrayLike, jaws_rad: ArrayLike) -> SE3:
+    """Return the poses (2, k) of the arm's tip in the circle's frame at theta = 0; arguments as ``needle_poses``."""
+    return needle_poses(setup, advance_m, jaws_rad) @ grasp_pose(setup)
+
+
+def turned_to(T_circle: SE3, thetas_rad: ArrayLike) -> SE3:
+    """Return poses (2, k) at theta = 0 turned to every theta (n,): (2, n, k)."""
+    turn = SE3.from_parts(SO3.axis("z", np.asarray(thetas_rad, float)))
+    return SE3(turn.matrix[:, None] @ T_circle.matrix[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places along all that the jaws do, each once, in an order without leaps.
+
+    Attributes:
+        advance_m: (k,) path of the straight penetration.
+        jaws_rad: (k,) turn of the jaws about the needle's centre.
+        station: (k,) whether a movement starts or ends here: what the paper's margin looks at.
+    """
+
+    advance_m: NDArray[np.float64]
+    jaws_rad: NDArray[np.float64]
+    station: NDArray[np.bool_]
+
+
+def places(setup: SutureSetup, straight: int = 3, turning: int = 8) -> Places:
+    """Return places along the primitive, at least ``straight`` on the straight path and ``turning`` on the turn."""
+    insertion = setup.insertion
+    top = insertion.rotation_rad
+    again = top - insertion.regrasp_rad if insertion.pushes else top
+    turn = np.union1d(np.linspace(min(0.0, again), top, turning), again)
+    turn = turn[np.abs(turn) > 1e-12]  # the end of the straight path is there already
+    advance = np.linspace(0.0, insertion.straight_m, straight)
+    station = np.isin(turn, (top, again))
+    return Places(
+        np.append(advance, np.full(len(turn), insertion.straight_m)),
+        np.append(np.zeros(straight), turn),
+        np.append(np.isin(advance, (0.0, insertion.straight_m)), station),
+    )

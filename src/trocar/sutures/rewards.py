@@ -1,0 +1,197 @@
+"""What makes a suture good: distance to the joint limits, manipulability, and their weighted sum (paper, III-D)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, manipulability
+from trocar.errors import TrocarError
+from trocar.sutures.joints import SutureJoints, suture_joints
+from trocar.sutures.setup import DIRECTIONS, SutureSetup
+
+WRIST = slice(3, 6)
+SURROGATE = "surrogate: the needle primitive itself, both directions; no demonstrations were given"
+
+Margin = Callable[[ArmModel, NDArray[np.float64]], NDArray[np.float64]]
+
+
+def _from_limit(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return limit less largest |angle| of the wrist's joints, degrees; negative beyond the limit."""
+    return np.degrees(arm.upper[WRIST] - largest)
+
+
+def paper_margin(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``|| |q_max| - q_limit ||^2`` in square degrees, as printed: it rewards angles beyond a limit too."""
+    return (_from_limit(arm, largest) ** 2).sum(-1)
+
+
+def clipped_margin(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the same with differences below zero counted as zero."""
+    return (np.maximum(_from_limit(arm, largest), 0.0) ** 2).sum(-1)
+
+
+def normalised_margin(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sum of squares of the clipped differences, each divided by its limit."""
+    return (np.maximum(1.0 - largest / arm.upper[WRIST], 0.0) ** 2).sum(-1)
+
+
+def smallest_margin(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the smallest of the differences, each divided by its limit; negative outside the limits."""
+    return (1.0 - largest / arm.upper[WRIST]).min(-1)
+
+
+MARGINS: dict[str, Margin] = {
+    "smallest": smallest_margin,
+    "normalised": normalised_margin,
+    "clipped": clipped_margin,
+    "paper": paper_margin,
+}
+"""Formulas of the joint margin by name; each takes the arm and the largest |wrist angles| (..., 3) rad."""
+
+
+Scaling = Callable[[NDArray[np.float64]], tuple[float, float]]
+
+
+def by_most(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return what to subtract (nothing) and to divide by, so that the largest value becomes 1."""
+    most = float(values.max())
+    return 0.0, most if most > 0 else 1.0
+
+
+def by_range(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return what to subtract and to divide by, so that the values fill 0 to 1."""
+    low, high = float(values.min()), float(values.max())
+    return low, high - low if high > low else 1.0
+
+
+SCALINGS: dict[str, Scaling] = {"most": by_most, "range": by_range}
+"""How margin and manipulability come to "occupy the same range" (paper, III-D3), by name."""
+
+
+@dataclass(frozen=True)
+class Reward:
+    """How sutures are judged; the paper leaves the formula's units, clipping and scaling open.
+
+    Attributes:
+        margin: name in ``MARGINS``.
+        weight: lambda, the share of the margin; the rest is manipulability (paper: .75).
+        scaling: name in ``SCALINGS``.
+        at: ``stations``, where movements start and end, as in the paper, or ``path``, also in between.
+        feasible_first: a direction outside the limits is taken only where there is no other.
+    """
+
+    margin: str = "smallest"
+    weight: float = 0.75
+    scaling: str = "most"
+    at: str = "path"
+    feasible_first: bool = True
+
+    def __post_init__(self) -> None:
+        for what, value, choices in (
+            ("margin", self.margin, MARGINS),
+            ("scaling", self.scaling, SCALINGS),
+            ("place of the margin", self.at, ("stations", "path")),
+        ):
+            if value not in choices:
+                raise TrocarError(f"the {what} {value!r} is unknown; choose one of {', '.join(choices)}")
+        if not (math.isfinite(self.weight) and 0.0 <= self.weight <= 1.0):
+            raise TrocarError(f"the weight lambda is {self.weight:g}; give 0 to 1")
+
+
+@dataclass(frozen=True, eq=False)
+class DexterityMap:
+    """What sutures all round the circle are worth.
+
+    Attributes:
+        setup: of which.
+        reward: by what measure.
+        joints: configurations along the sutures.
+        margin: (2, n) joint margin Q before scaling, one row a direction of ``DIRECTIONS``.
+        manipulability: (n,) mean squared manipulability M before scaling; it does not depend on the direction.
+        source: where M comes from, in words.
+        values: (2, n) dexterity D of each direction.
+        choice: (n,) row of the better direction.
+    """
+
+    setup: SutureSetup
+    reward: Reward
+    joints: SutureJoints
+    margin: NDArray[np.float64]
+    manipulability: NDArray[np.float64]
+    source: str
+    values: NDArray[np.float64]
+    choice: NDArray[np.intp]
+
+    @property
+    def thetas_rad(self) -> NDArray[np.float64]:
+        """Return the positions (n,)."""
+        return self.joints.thetas_rad
+
+    @property
+    def best(self) -> NDArray[np.float64]:
+        """Return the dexterity (n,) in the better direction."""
+        return np.take_along_axis(self.values, self.choice[None], 0)[0]
+
+    @property
+    def directions(self) -> NDArray[np.intp]:
+        """Return the better direction (n,), as ``DIRECTIONS`` numbers them."""
+        return np.array(DIRECTIONS)[self.choice]
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Return whether the suture (n,) in the better direction can be done."""
+        return np.take_along_axis(self.joints.feasible, self.choice[None], 0)[0]
+
+    @property
+    def switches_rad(self) -> NDArray[np.float64]:
+        """Return the positions from which on the better direction is another than just before."""
+        return self.thetas_rad[self.choice != np.roll(self.choice, 1)]
+
+
+def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
+    """Return the mean squared manipulability (n,) over both directions' primitives, for want of demonstrations.
+
+    ``|J J^T|`` of the paper is the square of Yoshikawa's measure.
+    """
+    q = np.where(np.isfinite(joints.q), joints.q, 0.0)
+    return (manipulability(joints.arm, q) ** 2).mean((0, 2))
+
+
+def dexterity(
+    setup: SutureSetup,
+    reward: Reward | None = None,
+    positions: int = 360,
+    manipulability_at: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
+    source: str = "",
+) -> DexterityMap:
+    """Return what the sutures at evenly spaced positions are worth, in both directions.
+
+    Args:
+        setup: the geometry.
+        reward: the measure; default: smallest normalised margin, lambda .75.
+        positions: how many, from theta = 0 on.
+        manipulability_at: M at positions (n,) rad, from demonstrations; default: the surrogate.
+        source: where that M comes from, in words.
+    """
+    reward = reward or Reward()
+    if not 4 <= positions <= 100_000:
+        raise TrocarError(f"the number of positions is {positions}; give 4 to 100000")
+    joints = suture_joints(setup, np.arange(positions) * (2 * np.pi / positions))
+    q = joints.q[:, :, joints.station, WRIST] if reward.at == "stations" else joints.q[..., WRIST]
+    largest = np.abs(q).max(2)
+    margin = np.nan_to_num(MARGINS[reward.margin](setup.arm, largest), nan=-1e3)
+    given = manipulability_at(joints.thetas_rad) if manipulability_at else surrogate_manipulability(joints)
+    order = margin - 1e9 * ~joints.feasible if reward.feasible_first else margin
+    choice = np.argmax(order, axis=0)
+    scale = SCALINGS[reward.scaling]
+    best = np.take_along_axis(margin, choice[None], 0)[0]
+    (q_less, q_unit), (m_less, m_unit) = scale(best), scale(given)
+    values = reward.weight * (margin - q_less) / q_unit + (1.0 - reward.weight) * (given - m_less) / m_unit
+    return DexterityMap(
+        setup, reward, joints, margin, given, source if manipulability_at else SURROGATE, values, choice
+    )
