@@ -13,6 +13,7 @@ from trocar.arms import (
     fk,
     ik,
     ik_branches,
+    ik_unbounded,
     limit_violations,
 )
 from trocar.errors import TrocarError
@@ -36,6 +37,25 @@ def test_ik_inverts_fk_on_many_configurations(arm):
     # the same configuration, up to what the pose can tell of it near the remote centre
     np.testing.assert_allclose(found, q, rtol=0, atol=1e-8)
     assert np.all((found >= arm.lower) & (found <= arm.upper))
+
+
+@arms
+def test_without_bounds_the_tip_is_reached_though_a_joint_leaves_its_range(arm):
+    wide = replace(
+        arm,
+        joints=tuple(
+            joint if joint.prismatic else replace(joint, lower=joint.lower - 0.05, upper=joint.upper + 0.05)
+            for joint in arm.joints
+        ),
+    )
+    q = sample(wide, 5, (5000,))
+    T = fk(arm, q)
+    found = ik_unbounded(arm, T)
+    reached = np.isfinite(found).all(-1)
+    np.testing.assert_allclose(fk(arm, found[reached]).matrix, T.matrix[reached], rtol=0, atol=1e-11)
+    outside = ((q < arm.lower) | (q > arm.upper)).any(-1)
+    own = reached & (np.abs((found - q)[:, [1, 2, 4, 5]]) < 1e-8).all(-1)
+    assert (own & outside).sum() > 300
 
 
 @arms

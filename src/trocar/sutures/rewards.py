@@ -14,35 +14,35 @@ from trocar.errors import TrocarError
 from trocar.sutures.joints import SutureJoints, suture_joints
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
-WRIST = slice(3, 6)
 SURROGATE = "surrogate: the needle primitive itself, both directions; no demonstrations were given"
 
-Margin = Callable[[ArmModel, NDArray[np.float64]], NDArray[np.float64]]
+NO_SOLUTION = -1e3
+"""The margin of a suture that the arm has no configurations for."""
+
+JOINTS = {"wrist": slice(3, 6), "all": slice(0, 6)}
+"""Which joints a margin looks at, by name; the paper: the wrist's (III-C3)."""
+
+Margin = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 
 
-def _from_limit(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return limit less largest |angle| of the wrist's joints, degrees; negative beyond the limit."""
-    return np.degrees(arm.upper[WRIST] - largest)
-
-
-def paper_margin(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
+def paper_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ``|| |q_max| - q_limit ||^2`` in square degrees, as printed: it rewards angles beyond a limit too."""
-    return (_from_limit(arm, largest) ** 2).sum(-1)
+    return (np.degrees(limit - largest) ** 2).sum(-1)
 
 
-def clipped_margin(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
+def clipped_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the same with differences below zero counted as zero."""
-    return (np.maximum(_from_limit(arm, largest), 0.0) ** 2).sum(-1)
+    return (np.degrees(np.maximum(limit - largest, 0.0)) ** 2).sum(-1)
 
 
-def normalised_margin(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
+def normalised_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the sum of squares of the clipped differences, each divided by its limit."""
-    return (np.maximum(1.0 - largest / arm.upper[WRIST], 0.0) ** 2).sum(-1)
+    return (np.maximum(1.0 - largest / limit, 0.0) ** 2).sum(-1)
 
 
-def smallest_margin(arm: ArmModel, largest: NDArray[np.float64]) -> NDArray[np.float64]:
+def smallest_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the smallest of the differences, each divided by its limit; negative outside the limits."""
-    return (1.0 - largest / arm.upper[WRIST]).min(-1)
+    return (1.0 - largest / limit).min(-1)
 
 
 MARGINS: dict[str, Margin] = {
@@ -51,7 +51,7 @@ MARGINS: dict[str, Margin] = {
     "clipped": clipped_margin,
     "paper": paper_margin,
 }
-"""Formulas of the joint margin by name; each takes the arm and the largest |wrist angles| (..., 3) rad."""
+"""Formulas of the margin by name: of the joints' limits (j,) and their largest distances from the middle (..., j)."""
 
 
 Scaling = Callable[[NDArray[np.float64]], tuple[float, float]]
@@ -81,6 +81,7 @@ class Reward:
         margin: name in ``MARGINS``.
         weight: lambda, the share of the margin; the rest is manipulability (paper: .75).
         scaling: name in ``SCALINGS``.
+        joints: name in ``JOINTS``; the insertion has no degrees, so ``all`` needs a margin that is normalised.
         at: ``stations``, where movements start and end, as in the paper, or ``path``, also in between.
         feasible_first: a direction outside the limits is taken only where there is no other.
     """
@@ -88,6 +89,7 @@ class Reward:
     margin: str = "smallest"
     weight: float = 0.75
     scaling: str = "most"
+    joints: str = "wrist"
     at: str = "path"
     feasible_first: bool = True
 
@@ -95,10 +97,16 @@ class Reward:
         for what, value, choices in (
             ("margin", self.margin, MARGINS),
             ("scaling", self.scaling, SCALINGS),
+            ("set of joints", self.joints, JOINTS),
             ("place of the margin", self.at, ("stations", "path")),
         ):
             if value not in choices:
                 raise TrocarError(f"the {what} {value!r} is unknown; choose one of {', '.join(choices)}")
+        if self.joints == "all" and self.margin not in ("smallest", "normalised"):
+            raise TrocarError(
+                f"the margin {self.margin!r} counts degrees and the insertion has none; with all joints choose "
+                "smallest or normalised"
+            )
         if not (math.isfinite(self.weight) and 0.0 <= self.weight <= 1.0):
             raise TrocarError(f"the weight lambda is {self.weight:g}; give 0 to 1")
 
@@ -153,6 +161,15 @@ class DexterityMap:
         return self.thetas_rad[self.choice != np.roll(self.choice, 1)]
 
 
+def joint_margin(arm: ArmModel, joints: SutureJoints, reward: Reward) -> NDArray[np.float64]:
+    """Return Q (2, n) of both directions, before scaling; far below zero where the arm has no solution."""
+    which = JOINTS[reward.joints]
+    limit = ((arm.upper - arm.lower) / 2)[which]
+    q = joints.q[:, :, joints.station] if reward.at == "stations" else joints.q
+    largest = np.abs(q[..., which] - arm.middle[which]).max(2)
+    return np.nan_to_num(MARGINS[reward.margin](limit, largest), nan=NO_SOLUTION)
+
+
 def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
     """Return the mean squared manipulability (n,) over both directions' primitives, for want of demonstrations.
 
@@ -182,9 +199,7 @@ def dexterity(
     if not 4 <= positions <= 100_000:
         raise TrocarError(f"the number of positions is {positions}; give 4 to 100000")
     joints = suture_joints(setup, np.arange(positions) * (2 * np.pi / positions))
-    q = joints.q[:, :, joints.station, WRIST] if reward.at == "stations" else joints.q[..., WRIST]
-    largest = np.abs(q).max(2)
-    margin = np.nan_to_num(MARGINS[reward.margin](setup.arm, largest), nan=-1e3)
+    margin = joint_margin(setup.arm, joints, reward)
     given = manipulability_at(joints.thetas_rad) if manipulability_at else surrogate_manipulability(joints)
     order = margin - 1e9 * ~joints.feasible if reward.feasible_first else margin
     choice = np.argmax(order, axis=0)
