@@ -1,6 +1,8 @@
 """Where to place stay sutures round a circle, and in which direction to drive them (Thananjeyan et al.)."""
 
+from trocar.sutures.even import plan_even, plan_exhaustive
 from trocar.sutures.joints import SutureJoints, suture_joints
+from trocar.sutures.plan import Spacing, SuturePlan
 from trocar.sutures.presets import PRESETS, Preset
 from trocar.sutures.rewards import MARGINS, DexterityMap, Reward, dexterity
 from trocar.sutures.setup import (
@@ -28,9 +30,13 @@ __all__ = [
     "NeedleGrasp",
     "Preset",
     "Reward",
+    "Spacing",
     "SutureJoints",
+    "SuturePlan",
     "SutureSetup",
     "base_beside",
     "dexterity",
+    "plan_even",
+    "plan_exhaustive",
     "suture_joints",
 ]
