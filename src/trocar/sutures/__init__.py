@@ -1,6 +1,7 @@
 """Where to place stay sutures round a circle, and in which direction to drive them (Thananjeyan et al.)."""
 
 from trocar.sutures.even import plan_even, plan_exhaustive
+from trocar.sutures.gaps import plan_gaps
 from trocar.sutures.joints import SutureJoints, suture_joints
 from trocar.sutures.plan import Spacing, SuturePlan
 from trocar.sutures.presets import PRESETS, Preset
@@ -38,5 +39,6 @@ __all__ = [
     "dexterity",
     "plan_even",
     "plan_exhaustive",
+    "plan_gaps",
     "suture_joints",
 ]

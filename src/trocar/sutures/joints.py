@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, ik_unbounded, wrist_depth_m
-from trocar.sutures.primitive import places, tip_poses, turned_to
+from trocar.geometry import SE3
+from trocar.sutures.primitive import Places, places, tip_poses
 from trocar.sutures.setup import SutureSetup
 
 LIMIT_TOLERANCE = 1e-9
@@ -61,10 +62,25 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
     """Return the joints along the sutures at these positions (n,), both directions, in closed form."""
     thetas = np.atleast_1d(np.asarray(thetas_rad, dtype=np.float64))
     along = places(setup)
-    T_base_tip = setup.T_base_circle @ turned_to(tip_poses(setup, along.advance_m, along.jaws_rad), thetas)
-    q = ik_unbounded(setup.arm, T_base_tip)
+    harmonics = tip_harmonics(setup, along)
+    turns = np.stack([np.ones_like(thetas), np.cos(thetas), np.sin(thetas)], -1)
+    poses = turns @ harmonics.reshape(3, 2, -1).swapaxes(0, 1)
+    q = ik_unbounded(setup.arm, SE3(poses.reshape(2, len(thetas), *harmonics.shape[2:])))
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
     return SutureJoints(setup.arm, thetas, q, along.station)
+
+
+def tip_harmonics(setup: SutureSetup, along: Places) -> NDArray[np.float64]:
+    """Return (3, 2, k, 4, 4): the tip's pose in the base is ``h[0] + h[1] cos(theta) + h[2] sin(theta)``.
+
+    A suture at theta is the one at 0 turned about the circle's axis, ``T_base_circle Rz(theta) T_circle_tip``, and
+    ``Rz`` is linear in 1, cos and sin: one sum of products in place of two products of matrices.
+    """
+    turns = np.zeros((3, 4, 4))
+    turns[0, 2, 2] = turns[0, 3, 3] = turns[1, 0, 0] = turns[1, 1, 1] = turns[2, 1, 0] = 1.0
+    turns[2, 0, 1] = -1.0
+    at_zero = tip_poses(setup, along.advance_m, along.jaws_rad).matrix
+    return (setup.T_base_circle.matrix @ turns)[:, None, None] @ at_zero
 
 
 def unwound(roll: NDArray[np.float64], middle: float = 0.0) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, manipulability
 from trocar.errors import TrocarError
@@ -72,6 +72,9 @@ def by_range(values: NDArray[np.float64]) -> tuple[float, float]:
 SCALINGS: dict[str, Scaling] = {"most": by_most, "range": by_range}
 """How margin and manipulability come to "occupy the same range" (paper, III-D3), by name."""
 
+Scales = tuple[tuple[float, float], tuple[float, float]]
+ManipulabilityAt = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
 
 @dataclass(frozen=True)
 class Reward:
@@ -124,6 +127,8 @@ class DexterityMap:
         source: where M comes from, in words.
         values: (2, n) dexterity D of each direction.
         choice: (n,) row of the better direction.
+        scales: what margin, then manipulability, were scaled by: (subtracted, divided by) of each.
+        manipulability_at: M at positions (n,) rad; None for the surrogate.
     """
 
     setup: SutureSetup
@@ -134,6 +139,13 @@ class DexterityMap:
     source: str
     values: NDArray[np.float64]
     choice: NDArray[np.intp]
+    scales: Scales
+    manipulability_at: ManipulabilityAt | None = None
+
+    def at(self, thetas_rad: ArrayLike) -> DexterityMap:
+        """Return what sutures at other positions (n,) are worth, scaled as these are."""
+        joints = suture_joints(self.setup, thetas_rad)
+        return judged(self.setup, self.reward, joints, self.manipulability_at, self.source, self.scales)
 
     @property
     def thetas_rad(self) -> NDArray[np.float64]:
@@ -183,7 +195,7 @@ def dexterity(
     setup: SutureSetup,
     reward: Reward | None = None,
     positions: int = 360,
-    manipulability_at: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
+    manipulability_at: ManipulabilityAt | None = None,
     source: str = "",
 ) -> DexterityMap:
     """Return what the sutures at evenly spaced positions are worth, in both directions.
@@ -198,15 +210,25 @@ def dexterity(
     reward = reward or Reward()
     if not 4 <= positions <= 100_000:
         raise TrocarError(f"the number of positions is {positions}; give 4 to 100000")
-    joints = suture_joints(setup, np.arange(positions) * (2 * np.pi / positions))
+    thetas = np.arange(positions, dtype=np.float64) * (2 * math.pi / positions)
+    return judged(setup, reward, suture_joints(setup, thetas), manipulability_at, source)
+
+
+def judged(
+    setup: SutureSetup,
+    reward: Reward,
+    joints: SutureJoints,
+    manipulability_at: ManipulabilityAt | None = None,
+    source: str = "",
+    scales: Scales | None = None,
+) -> DexterityMap:
+    """Return what sutures with these joints are worth; scaled as they require unless ``scales`` are given."""
     margin = joint_margin(setup.arm, joints, reward)
     given = manipulability_at(joints.thetas_rad) if manipulability_at else surrogate_manipulability(joints)
-    order = margin - 1e9 * ~joints.feasible if reward.feasible_first else margin
-    choice = np.argmax(order, axis=0)
+    source = source if manipulability_at else SURROGATE
+    choice = np.argmax(margin - 1e9 * ~joints.feasible if reward.feasible_first else margin, axis=0)
     scale = SCALINGS[reward.scaling]
-    best = np.take_along_axis(margin, choice[None], 0)[0]
-    (q_less, q_unit), (m_less, m_unit) = scale(best), scale(given)
+    scales = scales or (scale(np.take_along_axis(margin, choice[None], 0)[0]), scale(given))
+    (q_less, q_unit), (m_less, m_unit) = scales
     values = reward.weight * (margin - q_less) / q_unit + (1.0 - reward.weight) * (given - m_less) / m_unit
-    return DexterityMap(
-        setup, reward, joints, margin, given, source if manipulability_at else SURROGATE, values, choice
-    )
+    return DexterityMap(setup, reward, joints, margin, given, source, values, choice, scales, manipulability_at)

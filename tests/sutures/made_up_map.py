@@ -1,0 +1,23 @@
+"""Maps with dexterities of the tester's choice."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from trocar.arms import PSM_CLASSIC
+from trocar.sutures import DexterityMap, Reward, SutureJoints, SutureSetup
+
+
+def made_up_map(values, feasible=None, feasible_first=True):
+    """Return a map with these values (2, n); where not feasible (2, n) the insertion is beyond its range."""
+    values = np.asarray(values, dtype=float)
+    n = values.shape[1]
+    q = np.broadcast_to(PSM_CLASSIC.middle, (2, n, 1, 6)).copy()
+    feasible = np.ones((2, n), dtype=bool) if feasible is None else np.asarray(feasible)
+    q[~feasible, 0, 2] = PSM_CLASSIC.upper[2] + 0.01
+    joints = SutureJoints(PSM_CLASSIC, 2 * np.pi / n * np.arange(n), q, np.array([True]))
+    reward = replace(Reward(), feasible_first=feasible_first)
+    choice = np.argmax(values - 1e9 * ~feasible if feasible_first else values, axis=0)
+    return DexterityMap(
+        SutureSetup(), reward, joints, values, np.zeros(n), "made up", values, choice, ((0.0, 1.0), (0.0, 1.0))
+    )
