@@ -80,7 +80,7 @@ def test_of_infeasible_plans_the_worst_infeasible_suture_counts():
 
 def test_positions_that_cannot_be_divided_are_refused():
     found = dexterity(PRESETS["paper-demo"].setup, positions=90)
-    with pytest.raises(TrocarError, match="90 positions .* 4 sutures; give a multiple, such as 92"):
+    with pytest.raises(TrocarError, match=r"90 positions .* 4 sutures; give a multiple, such as 92"):
         plan_even(found, 4)
     for count in (0, -3, 2.5, 361):
         with pytest.raises(TrocarError, match="number of sutures"):
