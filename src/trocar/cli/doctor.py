@@ -12,7 +12,12 @@ from trocar import __version__
 from trocar.cli.extras import EXTRAS
 
 PACKAGES = {"cv2": "opencv-python-headless"}
-PURPOSE = {"sim": "simulator, cameras, perception", "learn": "training the network of `--model lstm`"}
+PURPOSE = {
+    "sim": "simulator, cameras, perception",
+    "learn": "training the network of `--model lstm`",
+    "view": "3D in the browser",
+    "parquet": "demonstrations recorded by LeRobot",
+}
 
 
 def doctor() -> None:

@@ -9,6 +9,8 @@ from trocar.errors import TrocarError
 EXTRAS = {
     "sim": ("mujoco", "trio", "cv2"),
     "learn": ("jax", "equinox", "optax"),
+    "view": ("viser",),
+    "parquet": ("pyarrow",),
 }
 """What each extra of the package installs, by module."""
 

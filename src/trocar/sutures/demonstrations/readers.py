@@ -1,0 +1,47 @@
+"""Files of recorded sutures: one reader a format, by the ending of the file's name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.sutures.demonstrations.arrays import read_array
+from trocar.sutures.demonstrations.convention import Convention
+from trocar.sutures.demonstrations.jigsaws import read_jigsaws
+from trocar.sutures.demonstrations.lerobot import read_parquet
+from trocar.sutures.demonstrations.table import read_table
+
+Reader = Callable[[Path, Convention, int | None], NDArray[np.float64] | SE3]
+"""Takes a file, how it is meant and which episode is wanted; returns joint values (n, 6 arms) as they stand in the
+file, or poses (n, arms) of the tips where the format has no joints."""
+
+READERS: dict[str, Reader] = {
+    ".npy": read_array,
+    ".npz": read_array,
+    ".csv": read_table,
+    ".txt": read_jigsaws,
+    ".parquet": read_parquet,
+}
+"""Readers by the ending of the file's name."""
+
+
+def read_recording(path: Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64] | SE3:
+    """Return what a file holds, by the reader for its ending.
+
+    Raises:
+        TrocarError: the file is missing, empty or broken, or its ending or content is none that is known.
+    """
+    if path.suffix not in READERS:
+        raise TrocarError(f"{str(path)!r} ends in {path.suffix!r}; recordings end in one of {', '.join(READERS)}")
+    if not path.is_file():
+        raise TrocarError(f"recording {str(path)!r} does not exist; correct its name in the manifest")
+    if path.stat().st_size == 0:
+        raise TrocarError(f"recording {str(path)!r} is empty; copy it again")
+    if episode is not None and path.suffix != ".parquet":
+        raise TrocarError(f"recording {str(path)!r} has no episodes, but {episode} is asked for; leave it out")
+    return READERS[path.suffix](path, convention, episode)

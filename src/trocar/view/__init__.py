@@ -1,0 +1,1 @@
+"""Plans in three dimensions, in the browser."""
