@@ -17,10 +17,16 @@ from rich.console import Console
 from rich.table import Table
 
 from trocar.arms import ARMS, MOTION_LIMITS
+from trocar.cli import plan_suture
+from trocar.cli.grouped import GroupedCommand
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS, PlanQuality, assess_transfer, plan_transfer
 
 app = typer.Typer(help="Plan motions and print their quality.", no_args_is_help=True, rich_markup_mode=None)
+
+app.command("suture", cls=GroupedCommand, epilog="Example: trocar plan suture --preset paper-demo --out out/plan")(
+    plan_suture.suture
+)
 
 T = TypeVar("T")
 

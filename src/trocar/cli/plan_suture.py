@@ -1,0 +1,208 @@
+"""``trocar plan suture``: the best places and directions of sutures round a circle."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from trocar.cli import suture_options as options
+from trocar.cli.suture_options import SPACING, metre, option, rad
+from trocar.errors import TrocarError
+from trocar.sutures import PRESETS, dexterity
+
+if TYPE_CHECKING:
+    from trocar.sutures.plan import Spacing, SuturePlan
+    from trocar.sutures.rewards import DexterityMap, ManipulabilityAt
+
+PAPER_PRESET = "paper-demo"
+
+
+def suture(
+    *,
+    preset: options.PresetName = "default",
+    count: Annotated[int, typer.Option(help="How many sutures.")] = 4,
+    positions: Annotated[int, typer.Option(help="Positions of the grid round the circle.")] = 360,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save plan.json and pictures here.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    least_gap: Annotated[float | None, option(SPACING, "Least gap between neighbours; default: even.", "DEG")] = None,
+    most_gap: Annotated[float | None, option(SPACING, "Largest gap between neighbours; default: even.", "DEG")] = None,
+    forbid: Annotated[
+        list[str] | None, option(SPACING, "Arc without sutures, counterclockwise; may be given again.", "FROM:TO")
+    ] = None,
+    fix: Annotated[list[float] | None, option(SPACING, "A suture must stand here; may be given again.", "DEG")] = None,
+    tension: Annotated[
+        float, option(SPACING, "Taken off the worst reward for each unit of uneven gaps, |gap - even| / even.")
+    ] = 0.0,
+    exhaustive: Annotated[
+        bool, option(SPACING, "Enumerate every plan, as the paper does; the result is the same.", name="--exhaustive")
+    ] = False,
+    demonstrations: Annotated[
+        str | None,
+        option(
+            REWARD, "Recorded sutures that give the manipulability (manifest or its folder), or `synthetic`.", "PATH"
+        ),
+    ] = None,
+    margin: options.Margin = None,
+    weight: options.Weight = None,
+    scaling: options.Scaling = None,
+    joints: options.Joints = None,
+    at: options.At = None,
+    feasible_first: options.FeasibleFirst = None,
+    arm: options.ArmName = None,
+    circle_radius_mm: options.CircleRadius = None,
+    center_mm: options.Center = None,
+    normal: options.Normal = None,
+    base_azimuth_deg: options.BaseAzimuth = None,
+    base_sideways_mm: options.BaseSideways = None,
+    base_up_mm: options.BaseUp = None,
+    base_tilt_deg: options.BaseTilt = None,
+    base_spin_deg: options.BaseSpin = None,
+    needle_radius_mm: options.NeedleRadius = None,
+    needle_arc_deg: options.NeedleArc = None,
+    behind_tip_deg: options.BehindTip = None,
+    approach_deg: options.Approach = None,
+    lean_deg: options.Lean = None,
+    skew_deg: options.Skew = None,
+    entry_angle_deg: options.EntryAngle = None,
+    straight_mm: options.Straight = None,
+    rotation_deg: options.Rotation = None,
+    regrasp_deg: options.Regrasp = None,
+    pushes: options.Pushes = None,
+    theta_is: options.ThetaIs = None,
+) -> None:
+    """Plan where to place sutures round a circle, and in which direction to drive each of them.
+
+    The plan maximises the worst suture's reward: lambda times the joint margin plus (1 - lambda) times the
+    manipulability. Exit code 1: no plan is feasible.
+    """
+    chosen = options.chosen(PRESETS, preset, "preset")
+    reward = options.changed_reward(
+        chosen, margin=margin, weight=weight, scaling=scaling, joints=joints, at=at, feasible_first=feasible_first
+    )
+    setup = options.changed_setup(
+        chosen,
+        arm=arm,
+        center_mm=center_mm,
+        normal=normal,
+        circle={"radius_m": metre(circle_radius_mm)},
+        base={
+            "azimuth_rad": rad(base_azimuth_deg),
+            "sideways_m": metre(base_sideways_mm),
+            "up_m": metre(base_up_mm),
+            "tilt_rad": rad(base_tilt_deg),
+            "spin_rad": rad(base_spin_deg),
+        },
+        needle={"radius_m": metre(needle_radius_mm), "arc_rad": rad(needle_arc_deg)},
+        grasp={
+            "behind_tip_rad": rad(behind_tip_deg),
+            "approach_rad": rad(approach_deg),
+            "lean_rad": rad(lean_deg),
+            "skew_rad": rad(skew_deg),
+        },
+        insertion={
+            "entry_angle_rad": rad(entry_angle_deg),
+            "straight_m": metre(straight_mm),
+            "rotation_rad": rad(rotation_deg),
+            "regrasp_rad": rad(regrasp_deg),
+            "pushes": pushes,
+            "theta_is": theta_is,
+        },
+    )
+    if out is not None and out.exists() and not out.is_dir():
+        raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
+    spacing = options.spacing_of(count, positions, least_gap, most_gap, forbid or (), fix or (), tension)
+    recorded = _recorded(demonstrations)
+    started = time.perf_counter()
+    found = dexterity(setup, reward, positions, *recorded)
+    plan = _plan(found, count, spacing, exhaustive)
+    compute_ms = 1e3 * (time.perf_counter() - started)
+    summary = _summary(found, plan, preset, compute_ms)
+    if out is not None:
+        summary["files"] = _save(out, found, plan, summary)
+    if as_json:
+        typer.echo(json.dumps(summary))
+    else:
+        _print(summary)
+    if not plan.feasible:
+        typer.echo(f"trocar: {summary['problem']}", err=True)
+        raise typer.Exit(1)
+
+
+def _recorded(demonstrations: str | None) -> tuple[ManipulabilityAt | None, str]:
+    """Return manipulability from demonstrations with its source; the surrogate if none are given."""
+    if demonstrations is None:
+        return None, ""
+    from trocar.sutures.demonstrations import load_demonstrations, synthetic_demonstrations  # noqa: PLC0415
+
+    given = synthetic_demonstrations() if demonstrations == "synthetic" else load_demonstrations(demonstrations)
+    return given.manipulability_at, given.source
+
+
+def _plan(found: DexterityMap, count: int, spacing: Spacing | None, exhaustive: bool) -> SuturePlan:
+    """Return the best plan by the search that was asked for."""
+    from trocar.sutures.even import plan_even, plan_exhaustive  # noqa: PLC0415
+    from trocar.sutures.gaps import plan_gaps  # noqa: PLC0415
+
+    if exhaustive and spacing is not None:
+        raise TrocarError("--exhaustive enumerates evenly spaced plans; leave the bounds on gaps and places out")
+    if spacing is not None:
+        return plan_gaps(found, count, spacing)
+    return plan_exhaustive(found, count) if exhaustive else plan_even(found, count)
+
+
+def _summary(found: DexterityMap, plan: SuturePlan, preset: str, compute_ms: float) -> dict[str, Any]:
+    """Return everything that is printed and saved."""
+    from trocar.report.sutures.summary import plan_summary  # noqa: PLC0415
+    from trocar.sutures.study import SUTURES, table_1  # noqa: PLC0415
+
+    summary = {"preset": preset, **plan_summary(found, plan), "compute_ms": compute_ms}
+    if preset == PAPER_PRESET and len(found.thetas_rad) % SUTURES == 0:
+        table = table_1(found).summary()
+        summary |= {"table": table["points"], "paper_table": table["paper_points"]}
+    return summary
+
+
+def _save(out: Path, found: DexterityMap, plan: SuturePlan, summary: dict[str, Any]) -> list[str]:
+    """Write the plan and its pictures; return where they are."""
+    from trocar.report.sutures.circle import draw_plan  # noqa: PLC0415
+    from trocar.report.sutures.panels import draw_reasons  # noqa: PLC0415
+
+    out.mkdir(parents=True, exist_ok=True)
+    files = [draw_plan(found, plan, out / "plan.png"), draw_reasons(found, plan, out / "reasons.png")]
+    names = [str(out / "plan.json"), *map(str, files)]
+    (out / "plan.json").write_text(json.dumps({**summary, "files": names}, indent=2) + "\n", encoding="utf-8")
+    return names
+
+
+def _print(summary: dict[str, Any]) -> None:
+    """Print the plan, what it rests on, and the files."""
+    from trocar.report.sutures.tables import plan_table, points_table  # noqa: PLC0415
+
+    console = Console()
+    console.print(plan_table(summary))
+    console.print(
+        f"worst suture {summary['reward']:.4f}; bound {summary['bound']:.4f}: {summary['certified']}; "
+        f"{summary['compute_ms']:.1f} ms"
+    )
+    switches = ", ".join(f"{angle:.4g}" for angle in summary["switches_deg"])
+    console.print(
+        f"the better direction changes at {switches} deg" if switches else "one direction is better everywhere"
+    )
+    for arc in summary["unreachable_deg"] if summary["feasible"] else ():
+        console.print(f"no suture at {arc['from']:.4g} to {arc['to']:.4g} deg: {arc['reason']}")
+    console.print(f"manipulability: {summary['manipulability_source']}")
+    if not summary["jaws_can_hold_needle"]:
+        console.print(
+            f"the wire leaves the plane of the jaws by {summary['wire_out_of_jaws_deg']:.0f} deg: "
+            "flat jaws could not hold the needle so"
+        )
+    if "table" in summary:
+        console.print(points_table(summary["table"], summary["paper_table"]))
+        console.print("Table I identifies neither the formula nor the setup: `trocar study suture` shows why")
+    if "files" in summary:
+        console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)

@@ -1,0 +1,1 @@
+"""Suture plans as pictures, tables and plain values."""

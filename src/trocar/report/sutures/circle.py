@@ -1,0 +1,200 @@
+"""The circle with its sutures, over rings that show what sutures all round it are worth."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.patches import Circle, FancyArrowPatch, Patch, Wedge
+from numpy.typing import NDArray
+
+from trocar.report import style
+from trocar.report.sutures.summary import NAMES
+from trocar.sutures.joints import suture_joints
+from trocar.sutures.plan import SuturePlan
+from trocar.sutures.primitive import bite_m
+from trocar.sutures.rewards import DexterityMap
+from trocar.sutures.setup import CLOCKWISE, DIRECTIONS, SutureSetup
+
+MESH, BLOCKED = "#F7F5EF", "#D9D9D9"
+RING, GAP = 0.17, 0.03  # width of a ring and what lies between them, of the rings' inner radius
+
+
+def draw_plan(map: DexterityMap, plan: SuturePlan, path: Path, title: str = "") -> Path:
+    """Draw a plan from above the tissue, in mm, and return the path.
+
+    The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise ones;
+    grey hatching marks what the arm cannot reach in that direction. Arrows are the sutures from entry to exit.
+
+    Args:
+        map: what the sutures are worth.
+        plan: which are chosen.
+        path: of the picture.
+        title: above it; default: what the plan is worth.
+    """
+    setup = map.setup
+    inner = _rings_from(setup)
+    seen = map.values[map.joints.feasible]
+    low = float(min(seen.min(initial=plan.reward), plan.reward))
+    norm = Normalize(low, float(max(seen.max(initial=plan.reward), plan.rewards.max())))
+    with style.figure(7.4, 6.6, path) as figure:
+        axes = figure.add_subplot()
+        axes.set_aspect("equal")
+        axes.axis("off")
+        _draw_tissue(axes, setup)
+        for row, radius in ((0, inner * (1 + RING + GAP)), (1, inner)):
+            _draw_ring(axes, map, row, radius, inner * RING, norm)
+        outer = inner * (1 + 2 * RING + GAP)
+        _draw_angles(axes, outer)
+        _draw_base(axes, setup, outer)
+        _draw_sutures(axes, setup, plan, inner, norm)
+        colours = ScalarMappable(norm, style.PATHS)
+        figure.colorbar(colours, ax=axes, shrink=0.62, pad=0.02, aspect=28).set_label("reward of a suture")
+        hatched = Patch(facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////", linewidth=0, label="beyond the limits")
+        axes.legend(handles=[hatched], loc="lower right", borderaxespad=0)
+        figure.suptitle(f"{title or _title(plan)}\n", x=0.01, ha="left", fontsize=10, fontweight="bold")
+        figure.text(0.01, 0.955, plan.certified, color=style.QUIET, fontsize=8, va="top")
+    return path
+
+
+def _title(plan: SuturePlan) -> str:
+    """Return what a plan is worth in words."""
+    worth = f"{len(plan.rewards)} sutures, the worst worth {plan.reward:.3f}"
+    return worth if plan.feasible else f"{worth}, out of reach"
+
+
+def _rings_from(setup: SutureSetup) -> float:
+    """Return the rings' inner radius, mm: all arrows stay within."""
+    radius, bite = 1e3 * setup.circle.radius_m, 1e3 * _shown_bite_m(setup)
+    return 1.1 * math.hypot(radius, bite)
+
+
+def _shown_bite_m(setup: SutureSetup) -> float:
+    """Return the length of the arrows: the bite, or a quarter of the circle's radius if the needle never comes out."""
+    bite = bite_m(setup)
+    return bite if math.isfinite(bite) else setup.circle.radius_m / 4
+
+
+def _draw_tissue(axes: Axes, setup: SutureSetup) -> None:
+    """Draw the mesh within the circle."""
+    radius = 1e3 * setup.circle.radius_m
+    mesh = Circle((0, 0), radius, facecolor=MESH, edgecolor=style.INK, linewidth=1.2, zorder=1)
+    axes.add_patch(mesh)
+    for offset in np.linspace(-radius, radius, 17)[1:-1]:
+        half = math.sqrt(radius**2 - offset**2)
+        axes.plot([-half, half], [offset, offset], color="#E6E1D3", linewidth=0.6, zorder=1.5)
+        axes.plot([offset, offset], [-half, half], color="#E6E1D3", linewidth=0.6, zorder=1.5)
+    axes.text(0, 0, f"mesh, radius {radius:.4g} mm", ha="center", va="center", color=style.QUIET, zorder=2)
+
+
+def _draw_ring(axes: Axes, map: DexterityMap, row: int, radius: float, width: float, norm: Normalize) -> None:
+    """Draw one ring, a cell centred at each position, and hatch what cannot be reached."""
+    n = len(map.thetas_rad)
+    edges = (np.arange(n + 1) - 0.5) * (2 * np.pi / n)
+    radii = np.array([radius, radius + width])[:, None]
+    feasible = map.joints.feasible[row]
+    shown = np.ma.masked_array(map.values[row], ~feasible)[None]
+    axes.pcolormesh(
+        radii * np.cos(edges), radii * np.sin(edges), shown, cmap=style.PATHS, norm=norm, rasterized=True, zorder=1
+    )
+    for start, end in _runs(~feasible):
+        arc = np.degrees(edges[[start, end]])
+        wedge = Wedge(
+            (0, 0), radius + width, arc[0], arc[1], width=width, facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////"
+        )
+        wedge.set_linewidth(0)
+        axes.add_patch(wedge)
+    for edge in (radius, radius + width):
+        axes.add_patch(Circle((0, 0), edge, fill=False, edgecolor="white", linewidth=0.8, zorder=2))
+
+
+def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return runs (from, to) of marked cells, ends excluded; a run over the end of the array is two."""
+    steps = np.diff(marked.astype(int), prepend=0, append=0)
+    return list(zip(np.flatnonzero(steps == 1).tolist(), np.flatnonzero(steps == -1).tolist(), strict=True))
+
+
+def _draw_angles(axes: Axes, outer: float) -> None:
+    """Draw ticks and angles outside the rings."""
+    for angle in range(0, 360, 30):
+        along = np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
+        x, y = np.outer(along, [outer, 1.03 * outer])
+        axes.plot(x, y, color=style.QUIET, linewidth=0.8)
+        x, y = 1.09 * outer * along
+        axes.text(x, y, f"{angle}°", ha="center", va="center", color=style.QUIET, fontsize=8)
+    axes.set_xlim(-1.3 * outer, 1.3 * outer)
+    axes.set_ylim(-1.2 * outer, 1.16 * outer)
+
+
+def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
+    """Draw in which direction the arm's base stands, if it stands beside the circle."""
+    place = 1e3 * setup.T_base_circle.inverse().translation_m
+    away = math.hypot(place[0], place[1])
+    if away < 1e-6:
+        return
+    along = place[:2] / away
+    axes.annotate(
+        "",
+        xy=tuple(1.14 * outer * along),
+        xytext=tuple(1.27 * outer * along),
+        arrowprops={"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 2.0, "mutation_scale": 16},
+    )
+    side = "left" if along[0] >= 0 else "right"
+    axes.annotate(
+        f"the arm's base:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above",
+        tuple(1.27 * outer * along),
+        xytext=(6 if along[0] >= 0 else -6, 0),
+        textcoords="offset points",
+        ha=side,
+        va="center",
+        fontsize=8,
+        color=style.VERMILION,
+    )
+
+
+def _draw_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan, inner: float, norm: Normalize) -> None:
+    """Draw the sutures as arrows from entry to exit, red-edged if out of reach, and their place in the ring."""
+    joints = suture_joints(setup, plan.positions_rad)
+    radius, bite = 1e3 * setup.circle.radius_m, 1e3 * _shown_bite_m(setup)
+    back = bite / 2 if setup.insertion.theta_is == "middle" else 0.0
+    colours = mpl.colormaps[style.PATHS]
+    for i, (theta, direction, reward) in enumerate(zip(plan.positions_rad, plan.directions, plan.rewards, strict=True)):
+        feasible = bool(joints.feasible[DIRECTIONS.index(int(direction)), i])
+        out = np.array([math.cos(theta), math.sin(theta)])
+        heading = -int(direction) * np.array([-out[1], out[0]])
+        entry = radius * out - back * heading
+        arrow = FancyArrowPatch(
+            tuple(entry),
+            tuple(entry + bite * heading),
+            arrowstyle="simple,head_length=9,head_width=11,tail_width=4",
+            shrinkA=0,
+            shrinkB=0,
+            facecolor=colours(norm(reward)),
+            edgecolor=style.INK if feasible else style.VERMILION,
+            linewidth=0.8 if feasible else 2.0,
+            zorder=4,
+        )
+        axes.add_patch(arrow)
+        axes.plot(*entry, "o", color="white", markeredgecolor=style.INK, markersize=4, zorder=5)
+        ring = inner * (1 + 1.5 * RING + GAP) if int(direction) == CLOCKWISE else inner * (1 + RING / 2)
+        x, y = np.outer(out, [radius, ring])
+        axes.plot(x, y, color=style.INK, linewidth=0.7, linestyle=":", zorder=3)
+        axes.plot(*(ring * out), "o", color="white", markeredgecolor=style.INK, markersize=6, zorder=5)
+        x, y = 0.70 * radius * out
+        axes.text(
+            x,
+            y,
+            f"{math.degrees(theta):.4g}°\n{reward:.3f}",
+            ha="center",
+            va="center",
+            fontsize=8,
+            color=style.INK,
+            zorder=6,
+        )
+    order = ", ".join(f"{where} ring {NAMES[d]}" for where, d in zip(("outer", "inner"), DIRECTIONS, strict=True))
+    axes.text(0, 0.02, order, transform=axes.transAxes, color=style.QUIET, fontsize=8)

@@ -1,0 +1,89 @@
+"""A suture plan as plain values: what the command prints and saves."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.sutures.joints import SutureJoints, suture_joints
+from trocar.sutures.plan import SuturePlan
+from trocar.sutures.reach import circle_out_of_reach, plan_out_of_reach, unreachable_arcs
+from trocar.sutures.rewards import DexterityMap
+from trocar.sutures.setup import DIRECTIONS
+
+NAMES = {1: "clockwise", -1: "counterclockwise"}
+
+
+def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
+    """Return a plan and what it rests on as plain values, angles in degrees.
+
+    Args:
+        map: what the sutures are worth.
+        plan: of this map's setup.
+    """
+    setup, reward = map.setup, map.reward
+    joints = suture_joints(setup, plan.positions_rad)
+    arcs = unreachable_arcs(map.joints)
+    problem = "" if plan.feasible else circle_out_of_reach(map.joints) or plan_out_of_reach(setup, plan)
+    return {
+        "positions_deg": _degrees(plan.positions_rad),
+        "directions": [int(direction) for direction in plan.directions],
+        "direction_names": [NAMES[int(direction)] for direction in plan.directions],
+        "rewards": [float(value) for value in plan.rewards],
+        "gaps_deg": _degrees(plan.gaps_rad),
+        "joint_room": [_by_name(room_names(joints), row) for row in room(joints, plan).tolist()],
+        "reward": plan.reward,
+        "bound": plan.bound,
+        "tension_cost": plan.tension_cost,
+        "certified": plan.certified,
+        "feasible": plan.feasible,
+        "problem": problem,
+        "arm": setup.arm.name,
+        "margin": reward.margin,
+        "weight": reward.weight,
+        "scaling": reward.scaling,
+        "joints": reward.joints,
+        "margin_at": reward.at,
+        "feasible_first": reward.feasible_first,
+        "grid_positions": len(map.thetas_rad),
+        "manipulability_source": map.source,
+        "switches_deg": _degrees(map.switches_rad),
+        "unreachable_deg": [
+            {"from": float(np.degrees(arc.from_rad)), "to": float(np.degrees(arc.to_rad)), "reason": arc.reason}
+            for arc in arcs
+        ],
+        "jaws_can_hold_needle": setup.grasp.holdable,
+        "wire_out_of_jaws_deg": float(np.degrees(setup.grasp.out_of_jaws_rad)),
+    }
+
+
+def room(joints: SutureJoints, plan: SuturePlan) -> NDArray[np.float64]:
+    """Return how far (n, 6) each joint stays from the nearer end of its range along each suture, deg or mm.
+
+    Args:
+        joints: at the plan's positions.
+        plan: whose directions count.
+    """
+    rows = np.array([DIRECTIONS.index(int(direction)) for direction in plan.directions])
+    q = joints.q[rows, np.arange(len(rows))]
+    arm = joints.arm
+    left = np.minimum(q - arm.lower, arm.upper - q).min(1)
+    return left * np.array([1e3 if joint.prismatic else np.degrees(1.0) for joint in arm.joints])
+
+
+def room_names(joints: SutureJoints) -> list[str]:
+    """Return a name with its unit for each column of ``room``."""
+    return [f"{joint.name}_{'mm' if joint.prismatic else 'deg'}" for joint in joints.arm.joints]
+
+
+def _by_name(names: list[str], values: list[float]) -> dict[str, float | None]:
+    """Return values by name, None where the arm has no configuration."""
+    return {name: value if math.isfinite(value) else None for name, value in zip(names, values, strict=True)}
+
+
+def _degrees(angles_rad: NDArray[np.float64]) -> list[float]:
+    """Return angles in degrees, rid of the last bits that the conversion leaves."""
+    return np.degrees(angles_rad).round(9).tolist()
