@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 
 from trocar.cli import suture_options as options
-from trocar.cli.suture_options import SPACING, metre, option, rad
+from trocar.cli.suture_options import REWARD, SPACING, metre, option, rad
 from trocar.errors import TrocarError
 from trocar.sutures import PRESETS, dexterity
 
@@ -43,9 +43,7 @@ def suture(
     ] = False,
     demonstrations: Annotated[
         str | None,
-        option(
-            REWARD, "Recorded sutures that give the manipulability (manifest or its folder), or `synthetic`.", "PATH"
-        ),
+        option(REWARD, "Recorded sutures for the manipulability (manifest, or its folder), or `synthetic`.", "PATH"),
     ] = None,
     margin: options.Margin = None,
     weight: options.Weight = None,
