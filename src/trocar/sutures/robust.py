@@ -1,0 +1,260 @@
+"""What becomes of a plan when joints or circle are not quite where they were planned, and the plan that stands it best.
+
+A scenario is one pair of errors. The joints' error is what the cable model leaves of roll, wrist pitch and wrist
+yaw: the joints stand that far from where the plan has them, all along every suture, and so nearer to a limit or
+farther. The circle's error is a rigid motion of the tissue: the places are marked on it, and the arm drives them
+where they are found. Errors that change from suture to suture are not modelled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.sutures.even import plan_even
+from trocar.sutures.joints import SutureJoints, suture_joints
+from trocar.sutures.plan import TURN, SuturePlan
+from trocar.sutures.rewards import DexterityMap, judged
+from trocar.sutures.setup import DIRECTIONS
+
+CABLES_RAD = (0.007, 0.020, 0.014)
+"""What the calibrated cables leave of q4 q5 q6, RMSE: ``play`` on the last fifth of ``psm1_grey_random``
+(``trocar study calibration``; the joints of ``trocar.calibration.plant.PSM1_GREY``)."""
+
+Planner = Callable[[DexterityMap], SuturePlan]
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Standard deviations of a scenario's errors, normal and independent.
+
+    Attributes:
+        joints_rad: of roll, wrist pitch and wrist yaw.
+        translation_m: of the circle, along each axis (assumed: as a phantom registered by touch or camera).
+        rotation_rad: of the circle, about each axis (assumed).
+    """
+
+    joints_rad: tuple[float, float, float] = CABLES_RAD
+    translation_m: float = 0.001
+    rotation_rad: float = math.radians(1.0)
+
+    def __post_init__(self) -> None:
+        values = (*self.joints_rad, self.translation_m, self.rotation_rad)
+        if len(values) != 5 or not all(math.isfinite(value) and 0 <= value <= 0.2 for value in values):
+            raise TrocarError(
+                f"the standard deviations are {self.joints_rad} rad of three wrist joints, {self.translation_m} m and "
+                f"{self.rotation_rad} rad of the circle; give each 0 to 0.2"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Scenarios:
+    """Errors that may be; the first scenario is without any.
+
+    Attributes:
+        joints_rad: (s, 3) added to roll, wrist pitch and wrist yaw.
+        T_planned_circle: (s,) where the circle is, seen from where it was planned.
+    """
+
+    joints_rad: NDArray[np.float64]
+    T_planned_circle: SE3
+
+    def __len__(self) -> int:
+        return len(self.joints_rad)
+
+    @staticmethod
+    def draw(rng: np.random.Generator, count: int = 100, uncertainty: Uncertainty | None = None) -> Scenarios:
+        """Return ``count`` scenarios, the first without error, the others at random."""
+        if not 1 <= count <= 10_000:
+            raise TrocarError(f"the number of scenarios is {count}; give 1 to 10000")
+        sd = uncertainty or Uncertainty()
+        noise = rng.standard_normal((count, 9))
+        noise[0] = 0.0
+        twists = noise[:, 3:] * np.repeat([sd.translation_m, sd.rotation_rad], 3)
+        return Scenarios(noise[:, :3] * sd.joints_rad, SE3.exp(twists))
+
+
+def maps(nominal: DexterityMap, scenarios: Scenarios) -> Iterator[DexterityMap]:
+    """Yield what the sutures are worth in each scenario, scaled as they are without errors."""
+    setup = nominal.setup
+    for error, T_planned_circle in zip(scenarios.joints_rad, scenarios.T_planned_circle.matrix, strict=True):
+        circle = replace(setup.circle, T_world_circle=setup.circle.T_world_circle @ SE3(T_planned_circle))
+        there = replace(setup, circle=circle)
+        joints = suture_joints(there, nominal.thetas_rad)
+        joints = replace(joints, q=joints.q + np.concatenate([np.zeros(3), error]))
+        yield judged(there, nominal.reward, joints, nominal.manipulability_at, nominal.source, nominal.scales)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """What becomes of one plan.
+
+    Attributes:
+        plan: made without errors.
+        rewards: (s,) its true reward in each scenario, in the directions that it names.
+        feasible: (s,) whether each of its sutures can be done.
+        best_rewards: (s,) of the plan that would have been made, had the scenario been known.
+        best_theta_rad: (s,) the first suture of that plan.
+    """
+
+    plan: SuturePlan
+    rewards: NDArray[np.float64]
+    feasible: NDArray[np.bool_]
+    best_rewards: NDArray[np.float64]
+    best_theta_rad: NDArray[np.float64]
+
+    @property
+    def regret(self) -> NDArray[np.float64]:
+        """Return what knowing the scenario would have gained (s,).
+
+        Below zero where this plan scores higher but cannot be done, and the measure puts what can be done first.
+        """
+        return self.best_rewards - self.rewards
+
+    @property
+    def shift_rad(self) -> NDArray[np.float64]:
+        """Return how far (s,) the best evenly spaced plan moves; plans repeat after the gap between sutures."""
+        gap = TURN / len(self.plan.positions_rad)
+        return np.abs((self.best_theta_rad - self.plan.positions_rad[0] + gap / 2) % gap - gap / 2)
+
+    def summary(self) -> dict[str, Any]:
+        """Return everything as plain values."""
+        return {
+            "scenarios": len(self.rewards),
+            "planned_reward": self.plan.reward,
+            "reward_worst_p5_p50": [float(self.rewards.min()), *np.percentile(self.rewards, [5, 50]).tolist()],
+            "infeasible_share": float((~self.feasible).mean()),
+            "regret_mean_p95_most": [float(self.regret.mean()), *np.percentile(self.regret, [95, 100]).tolist()],
+            "best_plan_shift_p50_p95_deg": np.degrees(np.percentile(self.shift_rad, [50, 95])).tolist(),
+        }
+
+
+def sensitivity(
+    nominal: DexterityMap,
+    scenarios: Scenarios,
+    planner: Planner = plan_even,
+    progress: Progress | None = None,
+) -> Sensitivity:
+    """Return what becomes of the best plan in these scenarios.
+
+    Args:
+        nominal: the sutures without errors.
+        scenarios: the errors.
+        planner: what makes a plan.
+        progress: called with how many scenarios are done and how many there are.
+    """
+    plan = planner(nominal)
+    choice, where = _on_grid(nominal, plan)
+    rows = []
+    for number, there in enumerate(maps(nominal, scenarios), start=1):
+        best = planner(there)
+        can = bool(there.joints.feasible[choice, where].all())
+        rows.append((there.values[choice, where].min(), can, best.reward, best.positions_rad[0]))
+        if progress:
+            progress(number, len(scenarios))
+    rewards, can, best_rewards, thetas = (np.array(column) for column in zip(*rows, strict=True))
+    return Sensitivity(plan, rewards, can, best_rewards, thetas)
+
+
+@dataclass(frozen=True, eq=False)
+class RobustPlan:
+    """The plan with the best worst case over scenarios, beside the one made without errors.
+
+    Attributes:
+        plan: the robust plan; its ``rewards`` are those of the worst scenario of each suture, and ``feasible`` means
+            in every scenario.
+        nominal: made without errors, rewards as planned.
+        nominal_worst: reward of the nominal plan in its worst scenario.
+        nominal_feasible: whether the nominal plan can be done in every scenario.
+        planned_reward: of the robust plan without errors: what robustness costs if nothing goes wrong.
+        scenarios: how many.
+    """
+
+    plan: SuturePlan
+    nominal: SuturePlan
+    nominal_worst: float
+    nominal_feasible: bool
+    planned_reward: float
+    scenarios: int
+
+    def summary(self) -> dict[str, Any]:
+        """Return everything as plain values."""
+        return {
+            "scenarios": self.scenarios,
+            "certified": self.plan.certified,
+            "positions_deg": np.degrees(self.plan.positions_rad).tolist(),
+            "directions": self.plan.directions.tolist(),
+            "worst_reward": self.plan.reward,
+            "planned_reward": self.planned_reward,
+            "feasible_in_every_scenario": self.plan.feasible,
+            "nominal_positions_deg": np.degrees(self.nominal.positions_rad).tolist(),
+            "nominal_worst_reward": self.nominal_worst,
+            "nominal_planned_reward": self.nominal.reward,
+            "nominal_feasible_in_every_scenario": self.nominal_feasible,
+        }
+
+
+def worst_map(nominal: DexterityMap, scenarios: Scenarios, progress: Progress | None = None) -> DexterityMap:
+    """Return what each suture is worth in the worst of the scenarios for it.
+
+    The worst case of a plan is that of its worst suture, so that any planner makes the best robust plan from this.
+    The joints are the least and the greatest value of each over all scenarios.
+    """
+    values, margin, ease = nominal.values, nominal.margin, nominal.manipulability
+    low, high = nominal.joints.q.min(2), nominal.joints.q.max(2)
+    for number, there in enumerate(maps(nominal, scenarios), start=1):
+        values, margin = np.minimum(values, there.values), np.minimum(margin, there.margin)
+        ease = np.minimum(ease, there.manipulability)
+        low, high = np.minimum(low, there.joints.q.min(2)), np.maximum(high, there.joints.q.max(2))
+        if progress:
+            progress(number, len(scenarios))
+    ends = np.stack([low, high], axis=2)
+    joints = SutureJoints(nominal.joints.arm, nominal.thetas_rad, ends, np.ones(2, dtype=bool))
+    order = values - 1e9 * ~joints.feasible if nominal.reward.feasible_first else values
+    choice = np.argmax(order, axis=0)
+    return replace(nominal, joints=joints, margin=margin, manipulability=ease, values=values, choice=choice)
+
+
+def plan_robust(
+    nominal: DexterityMap,
+    scenarios: Scenarios,
+    planner: Planner = plan_even,
+    progress: Progress | None = None,
+) -> RobustPlan:
+    """Return the plan with the best worst case over these scenarios: exact on the grid, and for these alone.
+
+    Args:
+        nominal: the sutures without errors.
+        scenarios: the errors to stand.
+        planner: what makes a plan, such as ``plan_even`` or ``lambda map: plan_gaps(map, 6, spacing)``.
+        progress: called with how many scenarios are done and how many there are.
+    """
+    worst = worst_map(nominal, scenarios, progress)
+    robust, usual = planner(worst), planner(nominal)
+    said = f"{robust.certified}, in the worst of {len(scenarios)} random scenarios; of other errors it says nothing"
+    usual_at, robust_at = _on_grid(nominal, usual), _on_grid(nominal, robust)
+    return RobustPlan(
+        replace(robust, certified=said),
+        usual,
+        float(worst.values[usual_at].min()),
+        bool(worst.joints.feasible[usual_at].all()),
+        float(nominal.values[robust_at].min()),
+        len(scenarios),
+    )
+
+
+def _on_grid(nominal: DexterityMap, plan: SuturePlan) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows of directions and positions (n,) of a plan on the map's grid."""
+    choice = np.array([DIRECTIONS.index(direction) for direction in plan.directions])
+    where = np.searchsorted(nominal.thetas_rad, plan.positions_rad - 1e-9)
+    if (where >= len(nominal.thetas_rad)).any() or not np.allclose(nominal.thetas_rad[where], plan.positions_rad):
+        raise TrocarError("robustness needs a plan on the map's grid; choose plan_even or plan_gaps")
+    return choice, where
