@@ -26,6 +26,10 @@ class Outcome(Enum):
     NOT_GRASPED = "the jaws closed but the block did not come up with them"
     DROPPED = "the block left the jaws before its target"
     NOT_PLACED = "the block was released but does not lie on its target peg"
+    JOINT_LIMIT = "the next step of the primitive leaves the range of a joint, and the arm stopped there"
+    NEEDLE_MISSED = "the jaws closed on nothing where the needle should have been"
+    NEEDLE_SLIPPED = "the needle moved in the closed jaws"
+    OFF_TARGET = "the needle went in or came out too far from where it was planned"
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,14 @@ class Camera(Protocol):
         ...
 
 
+class Assistant(Protocol):
+    """The person beside the robot."""
+
+    async def load(self, arm: str) -> None:
+        """Take the needle from where it is and hold it between the open jaws, in the agreed grasp, until they close."""
+        ...
+
+
 class Log(Protocol):
     """Where scripts note what they do; the time chart, the time table and the score come from it."""
 
@@ -117,8 +129,9 @@ class Cell:
         arms: model of each arm by name.
         T_world_base: each arm's base as the laboratory's registration knows it.
         T_world_camera: the camera's pose as the laboratory's registration knows it.
-        T_world_board: the board as fixed in the laboratory, nominally; perception refines it.
+        T_world_board: the board as fixed in the laboratory, nominally; perception refines it. For sutures, the circle.
         log: where scripts note what they do.
+        assistant: who hands out what the robot cannot fetch; None where nobody does.
     """
 
     robot: Robot
@@ -128,3 +141,4 @@ class Cell:
     T_world_camera: SE3
     T_world_board: SE3
     log: Log
+    assistant: Assistant | None = None

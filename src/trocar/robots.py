@@ -136,12 +136,17 @@ class Guarded:
 class Recorded:
     """A robot that keeps what was executed, for the trial's file.
 
+    Outermost it keeps what the script asked for, innermost what the cables were sent.
+
     Attributes:
         executions: (arm, execution) in the order in which they ended.
+        asked: (arm, time_s (n,), joints (n, 6)) of each motion in the same order: the trajectory as it was asked for,
+            at the times at which it was executed.
     """
 
     def __init__(self, robot: Robot):
         self._robot = robot
+        self.asked: list[tuple[str, NDArray[np.float64], NDArray[np.float64]]] = []
         self.executions: list[tuple[str, Execution]] = []
 
     def read(self, arm: str) -> JointReading:
@@ -152,6 +157,9 @@ class Recorded:
         """Run the trajectory and keep what was executed."""
         execution = await self._robot.move(arm, trajectory)
         self.executions.append((arm, execution))
+        share = np.arange(1, len(execution.times_s) + 1) / max(1, len(execution.times_s))
+        at = trajectory.times_s[0] + share * trajectory.duration_s
+        self.asked.append((arm, execution.times_s, trajectory(at)))
         return execution
 
     async def jaw(self, arm: str, angle_rad: float) -> Execution:

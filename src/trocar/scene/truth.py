@@ -48,3 +48,34 @@ class Truth:
     def blocks_at(self, time_s: float) -> SE3:
         """Return the blocks' poses at the last sample not after this time."""
         return self.T_board_blocks[max(0, int(np.searchsorted(self.times_s, time_s + 1e-9)) - 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class NeedleTruth:
+    """Where the needle and the arm that drives it really were.
+
+    Attributes:
+        times_s: (n,) trial clock.
+        T_circle_needle: (n,) poses in the circle's frame.
+        T_circle_tip: (n,) poses of the arm's true tip in the circle's frame.
+        q: (n, 6) its true joints.
+        p_needle_tip_m: (3,) the needle's tip in its own frame.
+        collisions: none are looked for: the phantom is not solid, and there is one arm.
+    """
+
+    times_s: NDArray[np.float64]
+    T_circle_needle: SE3
+    T_circle_tip: SE3
+    q: NDArray[np.float64]
+    p_needle_tip_m: NDArray[np.float64]
+    collisions: tuple[Collision, ...] = ()
+
+    @property
+    def p_circle_needle_tip_m(self) -> NDArray[np.float64]:
+        """Return the needle's tip (n, 3) in the circle's frame."""
+        return self.T_circle_needle.apply(self.p_needle_tip_m)
+
+    def rows(self, start_s: float, end_s: float) -> slice:
+        """Return the rows between two times, both included."""
+        first, last = np.searchsorted(self.times_s, [start_s - 1e-9, end_s + 1e-9])
+        return slice(int(first), int(last))

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from xml.etree.ElementTree import Element, SubElement, indent, tostring
+from typing import Any
+from xml.etree.ElementTree import Element, indent, tostring
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from trocar.arms import ArmModel, frames
 from trocar.geometry import SE3
-from trocar.scene import Scene
+from trocar.scene import Scene, SutureScene
+from trocar.sim.elements import SCENE_BIT, add, placed, text
 from trocar.sim.instrument import Instrument
+from trocar.sim.needle import add_phantom
+from trocar.sim.pegboard import add_pegboard
 
-SCENE_BIT = 1
 TIMESTEP_S = 1e-3
 
-FOOT_M = 0.05e-3
-"""By how much the blocks' prisms end above three feet: three contacts with the plate instead of thirty-six."""
+ADD_SCENE: dict[type, Callable[[Element, Element, Any], None]] = {Scene: add_pegboard, SutureScene: add_phantom}
+"""What puts a scene of this type into the world and its assets."""
 
-UNSEEN_GROUP = "4"
-"""Geoms that no camera needs to see: the feet lie within the prisms but for a twentieth of a millimetre."""
-
-ABS_RED = (0.83, 0.23, 0.07)
-ABS_RED_BLOCK = (0.80, 0.20, 0.07)
-BLACK_TABLE = (0.035, 0.035, 0.04)
 STEEL = (0.62, 0.63, 0.66)
 CARBON = (0.10, 0.11, 0.13)
 HOUSING = (0.55, 0.56, 0.60)
@@ -80,7 +76,7 @@ class CellModel:
     """What the MJCF is made of.
 
     Attributes:
-        scene: board and blocks, with their poses.
+        scene: what stands on the table.
         arms: model of each arm by name.
         T_world_base: true pose of each arm's base.
         instrument: shapes of the instruments.
@@ -88,7 +84,7 @@ class CellModel:
         surface: contact parameters.
     """
 
-    scene: Scene
+    scene: Scene | SutureScene
     arms: Mapping[str, ArmModel]
     T_world_base: Mapping[str, SE3]
     instrument: Instrument = field(default_factory=Instrument)
@@ -97,132 +93,44 @@ class CellModel:
 
 
 def build_mjcf(cell: CellModel) -> str:
-    """Return the cell as MJCF text: board, pegs, blocks (free bodies), arms on position servos."""
+    """Return the cell as MJCF text: the scene with its free bodies, and arms on position servos."""
     root = Element("mujoco", model="trocar")
-    _add(root, "compiler", angle="radian", autolimits="true")
-    option = _add(
+    add(root, "compiler", angle="radian", autolimits="true")
+    option = add(
         root,
         "option",
-        timestep=_text(TIMESTEP_S),
+        timestep=text(TIMESTEP_S),
         integrator="implicitfast",
         cone="elliptic",
         impratio="10",
         noslip_iterations="3",
         solver="Newton",
     )
-    _add(option, "flag", sleep="enable")
+    add(option, "flag", sleep="enable" if isinstance(cell.scene, Scene) else "disable")
     surface = cell.surface
-    default = _add(root, "default")
-    _add(
+    default = add(root, "default")
+    add(
         default,
         "geom",
-        solref=_text(surface.solref),
-        solimp=_text(surface.solimp),
-        friction=_text((surface.abs_friction, *surface.patch_m)),
+        solref=text(surface.solref),
+        solimp=text(surface.solimp),
+        friction=text((surface.abs_friction, *surface.patch_m)),
         condim="4",
         density="1000",
     )
-    assets = _add(root, "asset")
-    world = _add(root, "worldbody")
-    _add_board(world, cell.scene)
-    _add_blocks(world, assets, cell.scene)
-    sections = {name: _add(root, name) for name in ("equality", "actuator")}
+    assets = add(root, "asset")
+    world = add(root, "worldbody")
+    ADD_SCENE[type(cell.scene)](world, assets, cell.scene)
+    sections = {name: add(root, name) for name in ("equality", "actuator")}
     for index, (name, arm) in enumerate(cell.arms.items()):
         _add_arm(world, assets, sections, cell, name, arm, bit=SCENE_BIT << (index + 1))
     indent(root)
     return tostring(root, encoding="unicode")
 
 
-def _add(parent: Element, tag: str, **attributes: str) -> Element:
-    return SubElement(parent, tag, attributes)
-
-
-def _text(values: ArrayLike) -> str:
-    return " ".join(f"{v:.9g}" for v in np.atleast_1d(np.asarray(values, dtype=np.float64)).ravel())
-
-
-def _pose(T: SE3) -> dict[str, str]:
-    return {"pos": _text(T.translation_m), "quat": _text(T.rotation.as_quaternion())}
-
-
-def _scene_bits() -> dict[str, str]:
-    return {"contype": str(SCENE_BIT), "conaffinity": "15"}
-
-
 def _arm_bits(bit: int) -> dict[str, str]:
     """Collide with all but the same instrument, whose neighbouring links overlap at their joints."""
     return {"contype": str(bit), "conaffinity": str(15 & ~bit)}
-
-
-def _add_board(world: Element, scene: Scene) -> None:
-    board = _add(world, "body", name="board", **_pose(scene.T_world_board))
-    below = min(height for *_, height in scene.board.plates_m) - 0.005
-    for index, (width, depth, height) in enumerate(scene.board.plates_m):
-        half = 0.5 * (height - below)
-        _add(
-            board,
-            "geom",
-            name=f"plate{index}",
-            type="box",
-            size=_text((width / 2, depth / 2, half)),
-            pos=_text((0, 0, height - half)),
-            rgba=_text((*ABS_RED, 1)),
-            **_scene_bits(),
-        )
-    radius, height = scene.board.peg_radius_m, scene.board.peg_height_m
-    for index, (x, y, z) in enumerate(scene.board.pegs_m):
-        _add(
-            board,
-            "geom",
-            name=f"peg{index}",
-            type="capsule",
-            size=_text(radius),
-            fromto=_text((x, y, z, x, y, z + height - radius)),
-            rgba=_text((*ABS_RED, 1)),
-            **_scene_bits(),
-        )
-    _add(
-        world,
-        "geom",
-        name="table",
-        type="plane",
-        size="0.5 0.5 0.01",
-        pos=_text((0, 0, below)),
-        rgba=_text((*BLACK_TABLE, 1)),
-        **_scene_bits(),
-    )
-
-
-def _add_blocks(world: Element, assets: Element, scene: Scene) -> None:
-    pieces = [piece - [0, 0, FOOT_M] * (piece[:, 2:] > 0) for piece in scene.block.convex_pieces()]
-    for index, piece in enumerate(pieces):
-        _add(assets, "mesh", name=f"block_piece{index}", vertex=_text(piece))
-    for number, pose in enumerate(scene.T_world_blocks.matrix):
-        body = _add(world, "body", name=f"block{number}", **_pose(SE3(pose)))
-        _add(body, "freejoint", name=f"block{number}")
-        for index, corner in enumerate(scene.block.corners_m()):
-            _add(
-                body,
-                "geom",
-                name=f"block{number}_foot{index}",
-                type="sphere",
-                size=_text(FOOT_M * 10),
-                pos=_text(corner + [0, 0, scene.block.height_m - FOOT_M * 10]),
-                group=UNSEEN_GROUP,
-                rgba=_text((*ABS_RED_BLOCK, 1)),
-                **_scene_bits(),
-            )
-        for index in range(len(pieces)):
-            _add(
-                body,
-                "geom",
-                name=f"block{number}_{index}",
-                type="mesh",
-                mesh=f"block_piece{index}",
-                density=_text(scene.block.density_kg_m3),
-                rgba=_text((*ABS_RED_BLOCK, 1)),
-                **_scene_bits(),
-            )
 
 
 def _add_arm(
@@ -237,41 +145,41 @@ def _add_arm(
     shape, servo = cell.instrument, cell.servo
     bits = _arm_bits(bit)
     at_zero = frames(arm, np.zeros(6))
-    body = _add(world, "body", name=f"{name}_base", gravcomp="1", **_pose(cell.T_world_base[name]))
+    body = add(world, "body", name=f"{name}_base", gravcomp="1", **placed(cell.T_world_base[name]))
     links = []
     for index, joint in enumerate(arm.joints):
         pose = at_zero[index].inverse() @ at_zero[index + 1]
-        body = _add(body, "body", name=f"{name}_link{index + 1}", gravcomp="1", **_pose(pose))
-        _add(body, "inertial", pos="0 0 0", mass="0.01", diaginertia="1e-6 1e-6 1e-6")
-        _add(
+        body = add(body, "body", name=f"{name}_link{index + 1}", gravcomp="1", **placed(pose))
+        add(body, "inertial", pos="0 0 0", mass="0.01", diaginertia="1e-6 1e-6 1e-6")
+        add(
             body,
             "joint",
             name=f"{name}_{joint.name}",
             type="slide" if joint.prismatic else "hinge",
             axis="0 0 1",
-            range=_text((joint.lower, joint.upper)),
-            armature=_text(servo.inertia[index]),
+            range=text((joint.lower, joint.upper)),
+            armature=text(servo.inertia[index]),
         )
         links.append(body)
     _add_shaft(links[3], name, shape, bits)
     wrist = (at_zero[5].inverse() @ at_zero[6]).translation_m
-    _add(
+    add(
         links[4],
         "geom",
         name=f"{name}_wrist",
         type="capsule",
-        size=_text(shape.wrist_radius_m),
-        fromto=_text((0, 0, 0, *(0.75 * wrist))),
-        rgba=_text((*STEEL, 1)),
+        size=text(shape.wrist_radius_m),
+        fromto=text((0, 0, 0, *(0.75 * wrist))),
+        rgba=text((*STEEL, 1)),
         **bits,
     )
-    _add(
+    add(
         links[5],
         "geom",
         name=f"{name}_knuckle",
         type="cylinder",
-        size=_text((shape.knuckle_radius_m, 0.45 * shape.finger_width_m)),
-        rgba=_text((*STEEL, 1)),
+        size=text((shape.knuckle_radius_m, 0.45 * shape.finger_width_m)),
+        rgba=text((*STEEL, 1)),
         **bits,
     )
     _add_fingers(links[5], assets, cell, name, (at_zero[6].inverse() @ at_zero[7]).translation_m, bits)
@@ -284,24 +192,24 @@ def _add_shaft(roll: Element, name: str, shape: Instrument, bits: Mapping[str, s
         ("sleeve", shape.shaft_radius_m * 0.95, -0.003, -0.018, STEEL),
         ("shaft", shape.shaft_radius_m, -0.019, -shape.shaft_length_m, CARBON),
     ):
-        _add(
+        add(
             roll,
             "geom",
             name=f"{name}_{part}",
             type="cylinder",
-            size=_text(radius),
-            fromto=_text((0, 0, start, 0, 0, end)),
-            rgba=_text((*colour, 1)),
+            size=text(radius),
+            fromto=text((0, 0, start, 0, 0, end)),
+            rgba=text((*colour, 1)),
             **bits,
         )
-    _add(
+    add(
         roll,
         "geom",
         name=f"{name}_drive",
         type="box",
         size="0.03 0.045 0.04",
-        pos=_text((0, 0, -shape.shaft_length_m - 0.04)),
-        rgba=_text((*HOUSING, 1)),
+        pos=text((0, 0, -shape.shaft_length_m - 0.04)),
+        rgba=text((*HOUSING, 1)),
         **bits,
     )
 
@@ -315,27 +223,27 @@ def _add_fingers(
     orientation = np.column_stack([x, np.cross(z, x), z])
     T = SE3(np.block([[orientation, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
     for finger, side in (("left", 1), ("right", -1)):
-        _add(assets, "mesh", name=f"{name}_finger_{finger}", vertex=_text(shape.finger_m(side)))
-        body = _add(yaw, "body", name=f"{name}_finger_{finger}", gravcomp="1", **_pose(T))
-        _add(body, "inertial", pos="0.005 0 0", mass="0.001", diaginertia="1e-8 1e-8 1e-8")
-        _add(
+        add(assets, "mesh", name=f"{name}_finger_{finger}", vertex=text(shape.finger_m(side)))
+        body = add(yaw, "body", name=f"{name}_finger_{finger}", gravcomp="1", **placed(T))
+        add(body, "inertial", pos="0.005 0 0", mass="0.001", diaginertia="1e-8 1e-8 1e-8")
+        add(
             body,
             "joint",
             name=f"{name}_jaw_{finger}",
             type="hinge",
             axis="0 0 1",
             range="-0.2 0.8" if side > 0 else "-0.8 0.2",
-            armature=_text(servo.jaw_inertia),
+            armature=text(servo.jaw_inertia),
         )
-        _add(
+        add(
             body,
             "geom",
             name=f"{name}_finger_{finger}",
             type="mesh",
             mesh=f"{name}_finger_{finger}",
-            friction=_text((cell.surface.jaw_friction, *cell.surface.patch_m)),
+            friction=text((cell.surface.jaw_friction, *cell.surface.patch_m)),
             condim="6",
-            rgba=_text((*STEEL, 1)),
+            rgba=text((*STEEL, 1)),
             **bits,
         )
 
@@ -345,22 +253,22 @@ def _add_drives(sections: Mapping[str, Element], servo: Servo, name: str, arm: A
     actuators = sections["actuator"]
     for joint, stiffness, damping in zip(arm.joints, servo.stiffness, servo.damping, strict=True):
         label = f"{name}_{joint.name}"
-        _add(actuators, "position", name=label, joint=label, kp=_text(stiffness), kv=_text(damping))
+        add(actuators, "position", name=label, joint=label, kp=text(stiffness), kv=text(damping))
     for joint in arm.joints:
         label = f"{name}_{joint.name}"
-        _add(actuators, "motor", name=f"{label}_feed", joint=label)
+        add(actuators, "motor", name=f"{label}_feed", joint=label)
     jaw = f"{name}_jaw_left"
     stiffness = 1.5
-    _add(
+    add(
         actuators,
         "position",
         name=f"{name}_jaw",
         joint=jaw,
-        kp=_text(stiffness),
-        kv=_text(2 * np.sqrt(stiffness * 2 * servo.jaw_inertia)),
-        forcerange=_text((-2 * servo.jaw_torque_nm, 2 * servo.jaw_torque_nm)),
+        kp=text(stiffness),
+        kv=text(2 * np.sqrt(stiffness * 2 * servo.jaw_inertia)),
+        forcerange=text((-2 * servo.jaw_torque_nm, 2 * servo.jaw_torque_nm)),
     )
-    _add(
+    add(
         sections["equality"],
         "joint",
         joint1=jaw,

@@ -11,14 +11,18 @@ from numpy.typing import NDArray
 
 from trocar.geometry import SE3, SO3
 from trocar.perception.image import Intrinsics
+from trocar.scene import Scene, SutureScene
 from trocar.sim.camera import RayCamera
 from trocar.sim.sensor import Light
 from trocar.sim.sensor_flaws import SensorFlaws
 from trocar.sim.world import World
 
 LENS = Intrinsics(640, 480, 1520.0, 1520.0, 319.5, 239.5)
-EYE_M = (0.13, -0.46, 0.33)
-TARGET_M = (0.004, 0.0, 0.030)
+VIEWS = {
+    Scene: ((0.13, -0.46, 0.33), (0.004, 0.0, 0.030)),
+    SutureScene: ((0.20, 0.36, 0.26), (0.0, 0.0, 0.010)),
+}
+"""Where the eye stands and where it looks, in the world, by type of scene."""
 LIGHT = Light(ambient=0.42, gain=0.95)
 TABLE_RGB = (0.30, 0.33, 0.36)
 BLOCK_RGB = (0.86, 0.55, 0.13)
@@ -38,9 +42,10 @@ class Photographer:
                 model.geom_rgba[g, :3] = BLOCK_RGB
             elif name.endswith("_shaft"):
                 model.geom_rgba[g, :3] = SHAFT_RGB
+        eye_m, target_m = VIEWS[type(world.cell.scene)]
         flaws = replace(SensorFlaws.none(), shadow=True)
         self._data = mujoco.MjData(model)
-        self._camera = RayCamera(model, LENS, look_at(np.array(EYE_M), np.array(TARGET_M)), flaws, LIGHT)
+        self._camera = RayCamera(model, LENS, look_at(np.array(eye_m), np.array(target_m)), flaws, LIGHT)
 
     def picture(self, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Return a colour picture (height, width, 3) of the world with these positions (nq,)."""

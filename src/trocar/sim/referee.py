@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import fk
+from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.scene import Scene
 from trocar.scene.truth import Collision, Truth
 from trocar.sim.world import World
 
@@ -29,11 +31,14 @@ class _Touch:
 
 
 class Referee:
-    """Watches a world tick by tick."""
+    """Watches a world with a pegboard tick by tick."""
 
     def __init__(self, world: World):
         self._world = world
-        self._T_board_world = world.cell.scene.T_world_board.inverse()
+        scene = world.cell.scene
+        if not isinstance(scene, Scene):
+            raise TrocarError(f"a referee of pegs cannot judge a {type(scene).__name__}")
+        self._T_board_world = scene.T_world_board.inverse()
         self._ticks = 0
         self._times: list[float] = []
         self._blocks: list[NDArray[np.float64]] = []
@@ -116,6 +121,16 @@ class Referee:
 
     def _close(self, key: tuple[str, str, str], touch: _Touch) -> None:
         self._collisions.append(Collision(round(touch.first_s, 6), *key, round(touch.force_n, 3)))
+
+    def arrays(self) -> dict[str, NDArray]:
+        """Return what a trial keeps of what was seen."""
+        truth = self.truth()
+        return {
+            "times_s": truth.times_s,
+            "blocks": truth.T_board_blocks.matrix.astype(np.float32),
+            "qpos": self.states().astype(np.float32),
+            **{f"tip_{arm}": tips.astype(np.float32) for arm, tips in truth.p_board_tips.items()},
+        }
 
     def states(self) -> NDArray[np.float64]:
         """Return the whole world's positions (n, nq) at the truth's times, to draw or replay them."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trocar.arms import ARMS, ArmModel
-from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX, WAKE_RAD, random_smooth_path
+from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX, WAKE_RAD, MotionBox, random_smooth_path
 from trocar.calibration.plant import PLANTS, CablePlant
 from trocar.calibration.recording import Recording
 from trocar.geometry import SE3, SO3
@@ -60,24 +60,39 @@ class Session:
         return replace(self, plants=plants)
 
 
-def draw_session(rng: np.random.Generator) -> Session:
-    """Return a cell with the paper's two arms, this session's offsets and a registration with its errors."""
-    arms = {name: ARMS["psm-classic"] for name in ARM_NAMES}
-    plants = {name: _drifted(PLANTS[INSTRUMENTS[name]], rng) for name in ARM_NAMES}
-    found = {name: _register(T, rng) for name, T in T_WORLD_BASE.items()}
-    return Session(arms, plants, T_WORLD_BASE, found)
+def draw_session(rng: np.random.Generator, T_world_base: Mapping[str, SE3] | None = None) -> Session:
+    """Return a cell with this session's offsets and a registration with its errors.
+
+    Args:
+        rng: of offsets and errors.
+        T_world_base: which of the paper's two arms stand where; default: both at the pegboard.
+    """
+    T_world_base = T_WORLD_BASE if T_world_base is None else T_world_base
+    arms = {name: ARMS["psm-classic"] for name in T_world_base}
+    plants = {name: _drifted(PLANTS[INSTRUMENTS[name]], rng) for name in T_world_base}
+    found = {name: _register(T, rng) for name, T in T_world_base.items()}
+    return Session(arms, plants, T_world_base, found)
 
 
-def record_motion(session: Session, arm: str, rng: np.random.Generator, samples: int | None = None) -> Recording:
+def record_motion(
+    session: Session, arm: str, rng: np.random.Generator, samples: int | None = None, box: MotionBox | None = None
+) -> Recording:
     """Return a calibration recording of this arm: the paper's random smooth motion, seen by noisy fiducials.
 
     The joints are those of the cell's cable transmission at rest after each step of .8 s; the servos' error at rest
     is below a thousandth of the cables' and left out (tested). Tracking the fiducials in images is not simulated:
     their noise is the recordings'. Before its first sample the wrist swings to and fro, which takes up the slack;
     those rows are commands without a measurement.
+
+    Args:
+        session: whose cables.
+        arm: which arm.
+        rng: of the motion and the noise.
+        samples: only so many of the recording.
+        box: where the motion goes; default: where the recorded arms went over a pegboard.
     """
     model = session.arms[arm]
-    box = PSM1_BOX if arm == "psm1" else PSM2_BOX
+    box = box or (PSM1_BOX if arm == "psm1" else PSM2_BOX)
     path = random_smooth_path(model, rng, box=box)[:samples]
     swing = np.append(np.zeros(3), WAKE_RAD)
     wake = np.clip([path[0] + swing, path[0] - swing], model.lower, model.upper)

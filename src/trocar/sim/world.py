@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
+from trocar.scene import Scene
 from trocar.sim.mjcf import TIMESTEP_S, CellModel, build_mjcf
 
 
@@ -30,14 +32,19 @@ class ArmIndex:
 
 
 class World:
-    """Bodies, contacts and drives of the simulated cell. Only the simulator and the referee may look inside."""
+    """Bodies, contacts and drives of the simulated cell. Only the simulator and the referee may look inside.
+
+    Attributes:
+        effects: called before the physics advances: what MuJoCo does not know of.
+    """
 
     def __init__(self, cell: CellModel):
         self.cell = cell
         self.model = mujoco.MjModel.from_xml_string(build_mjcf(cell))
         self.data = mujoco.MjData(self.model)
         self.arms = {name: self._index(name, arm) for name, arm in cell.arms.items()}
-        self.block_count = len(cell.scene.T_world_blocks.matrix)
+        self.effects: list[Callable[[], None]] = []
+        self.block_count = len(cell.scene.T_world_blocks.matrix) if isinstance(cell.scene, Scene) else 0
         self._block_qpos = np.array(
             [self.model.joint(f"block{k}").qposadr[0] for k in range(self.block_count)], dtype=np.intp
         )
@@ -89,6 +96,8 @@ class World:
 
     def step(self, count: int) -> None:
         """Advance the physics by ``count`` steps."""
+        for effect in self.effects:
+            effect()
         mujoco.mj_step(self.model, self.data, count)
         if self.data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
             raise TrocarError(

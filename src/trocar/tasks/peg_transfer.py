@@ -68,6 +68,14 @@ class PegTransfer:
 
     name = "peg-transfer"
     variants = ("unilateral",)
+    T_world_base = None
+    """The arms stand where the cell has them."""
+    T_world_board = SE3.identity()
+    """Where the board is, nominally."""
+    excitation = None
+    """A calibration moves as the recorded arms did."""
+    compares_joints = False
+    """No joint is compared with what it was asked for."""
 
     def __post_init__(self) -> None:
         if self.variant not in self.variants:
@@ -79,6 +87,11 @@ class PegTransfer:
     def transfers(self) -> tuple[tuple[int, int], ...]:
         """Return all twelve (source, target) pairs in order."""
         return THERE + tuple((target, source) for source, target in THERE)
+
+    @property
+    def work(self) -> tuple[tuple[int, int], ...]:
+        """Return what a script is asked to do."""
+        return self.transfers
 
     def scene(self, rng: np.random.Generator) -> Scene:
         """Return a board moved by millimetres with a block lying loosely on each of its left six pegs."""

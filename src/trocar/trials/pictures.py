@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from trocar.trials.log import Span
@@ -10,8 +10,26 @@ from trocar.trials.log import Span
 MOST_FAILURES = 3
 
 
-def moments(transfers: Sequence[Mapping[str, Any]], spans: Sequence[Span]) -> list[tuple[str, float]]:
+Notes = Sequence[Mapping[str, Any]]
+Moments = Callable[[Notes, Sequence[Span], Notes], list[tuple[str, float]]]
+
+
+def suture_moments(sutures: Notes, spans: Sequence[Span], events: Notes) -> list[tuple[str, float]]:
+    """Return (caption, time in s): the first suture step by step, then the end of each."""
+    del spans
+    steps = [e for e in events if e["name"] == "step" and e["suture"] == 0]
+    ends = [e["time_s"] for e in steps[1:]] + [s["end_s"] for s in sutures[:1]]
+    found = [(f"after: {step['step']}", end) for step, end in zip(steps, ends, strict=False)]
+    for number, suture in enumerate(sutures, start=1):
+        how = suture["failure"].lower().replace("_", " ") or "driven"
+        if number > 1 or suture["failure"]:
+            found.append((f"suture {number} at {suture['theta_deg']:.0f} deg: {how}", suture["end_s"]))
+    return sorted(found, key=lambda item: item[1])
+
+
+def transfer_moments(transfers: Notes, spans: Sequence[Span], events: Notes) -> list[tuple[str, float]]:
     """Return (caption, time in s): the first transfer step by step, halves of the trial, failures, the end."""
+    del events
     found: list[tuple[str, float]] = [("start", 0.0)]
     if transfers:
         found += _first_transfer(transfers[0], spans)
@@ -40,3 +58,7 @@ def _first_transfer(transfer: Mapping[str, Any], spans: Sequence[Span]) -> list[
         ]
         steps.append((f"released on peg {transfer['target']}", transfer["end_s"]))
     return steps
+
+
+MOMENTS: dict[str, Moments] = {"peg-transfer": transfer_moments, "suture": suture_moments}
+"""Of each task: from its scores, its spans and its events."""

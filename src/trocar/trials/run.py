@@ -8,27 +8,27 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import trio
 
-from trocar.agents import AGENTS, Settings
+from trocar.agents import AGENTS, SETTINGS
 from trocar.arms import MOTION_LIMITS
 from trocar.calibration.compensation import Compensator
 from trocar.calibration.models import MODELS, CableModel, load_model, save_model
 from trocar.calibration.session import refit_offset
 from trocar.cell import Cell, Robot
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
 from trocar.robots import Calibrated, Guarded, Recorded
 from trocar.sim.cell import SimulatedCell
 from trocar.sim.photograph import Photographer
 from trocar.sim.sensor_flaws import SensorFlaws
 from trocar.sim.session import Session, draw_session, record_motion
-from trocar.tasks import TASKS
+from trocar.tasks import TASKS, CircleSutures, PegTransfer
 from trocar.trials.log import TrialLog
-from trocar.trials.pictures import moments
+from trocar.trials.pictures import MOMENTS
 from trocar.trials.trial import Trial, trial_file
 
 METHODS = ("uncalibrated", "calibrated")
@@ -39,6 +39,10 @@ PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headles
 _SESSION, _CALIBRATION, _NEXT_SESSION, _REFIT, _TRIALS = range(5)
 """Streams of randomness under a run's seed: changing one leaves the others alone."""
 
+OPTIONS = ("preset", "direction", "sutures")
+"""Options of a plan that not every task has."""
+
+Task = PegTransfer | CircleSutures
 Listener = Callable[[Mapping[str, object]], None]
 
 
@@ -48,7 +52,7 @@ class Plan:
 
     Attributes:
         task: name in ``TASKS``.
-        variant: of the task.
+        variant: of the task; empty: its first.
         method: uncalibrated (encoders are believed) or calibrated (cables are compensated).
         model: cable model of the method calibrated.
         trials: how many.
@@ -56,10 +60,13 @@ class Plan:
         new_session: draw new offsets between calibration and trials, as when the instrument is mounted again.
         refit_offsets: refit the model's offsets from 30 samples in the session of the trials.
         flawless_camera: switch the sensor's flaws off.
+        preset: setup of the task suture; None for tasks without presets.
+        direction: of all its sutures.
+        sutures: how many a trial.
     """
 
     task: str = "peg-transfer"
-    variant: str = "unilateral"
+    variant: str = ""
     method: str = "calibrated"
     model: str = "play"
     trials: int = 1
@@ -67,6 +74,9 @@ class Plan:
     new_session: bool = False
     refit_offsets: bool = False
     flawless_camera: bool = False
+    preset: str | None = None
+    direction: str | None = None
+    sutures: int | None = None
 
     def __post_init__(self) -> None:
         for what, value, choices in (
@@ -76,13 +86,37 @@ class Plan:
         ):
             if value not in choices:
                 raise TrocarError(f"{what} {value!r} is unknown; choose one of {', '.join(choices)}")
-        TASKS[self.task](self.variant)
+        if not self.variant:
+            object.__setattr__(self, "variant", TASKS[self.task].variants[0])
+        built = self.built()
+        for option in OPTIONS:
+            object.__setattr__(self, option, getattr(built, option, None))
         if self.trials < 1:
             raise TrocarError(f"the number of trials is {self.trials}; give 1 or more with --trials")
         if self.seed < 0:
             raise TrocarError(f"the seed is {self.seed}; give 0 or more with --seed")
         if self.refit_offsets and self.method != "calibrated":
             raise TrocarError("there is no model to refit with --method uncalibrated; drop --refit-offsets")
+
+    def built(self) -> Task:
+        """Return the task.
+
+        Raises:
+            TrocarError: it does not know its variant or an option.
+        """
+        options = {name: getattr(self, name) for name in OPTIONS if getattr(self, name) is not None}
+        unknown = [name for name in options if not hasattr(TASKS[self.task], name)]
+        if unknown:
+            raise TrocarError(f"task {self.task!r} has no option {unknown[0]!r}; drop --{unknown[0]}")
+        return TASKS[self.task](self.variant, **options)
+
+    def about(self) -> dict[str, object]:
+        """Return what tells this run from others: everything but the number of trials."""
+        return {
+            key: value
+            for key, value in {**asdict(self), "trials": None}.items()
+            if value is not None or key == "trials"
+        }
 
     def rng(self, *stream: int) -> np.random.Generator:
         """Return the generator of one of the run's streams."""
@@ -96,7 +130,7 @@ def open_folder(plan: Plan, folder: Path) -> list[int]:
         TrocarError: the folder holds another run, or cannot be written.
     """
     record = folder / "run.json"
-    wanted = {**asdict(plan), "trials": None}
+    wanted = plan.about()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if record.is_file():
@@ -104,7 +138,7 @@ def open_folder(plan: Plan, folder: Path) -> list[int]:
             if found != wanted:
                 other = ", ".join(f"{k} {found.get(k)!r}" for k in wanted if found.get(k) != wanted[k])
                 raise TrocarError(f"{str(folder)!r} holds another run ({other}); choose another folder with --out")
-        record.write_text(json.dumps(asdict(plan)))
+        record.write_text(json.dumps({**wanted, "trials": plan.trials}))
     except (OSError, json.JSONDecodeError, TypeError) as error:
         raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
     return [k for k in range(plan.trials) if not trial_file(folder, k).is_file()]
@@ -115,22 +149,23 @@ def prepare(plan: Plan, folder: Path) -> tuple[Session, dict[str, CableModel]]:
 
     A fitted model is kept in the folder, so that an interrupted run does not fit it again.
     """
-    session = draw_session(plan.rng(_SESSION))
+    task = plan.built()
+    session = draw_session(plan.rng(_SESSION), task.T_world_base)
     models: dict[str, CableModel] = {}
     if plan.method == "calibrated":
-        arm = Settings().arm
+        arm = SETTINGS[plan.task, plan.variant]().arm
         path = folder / f"cables_{arm}.npz"
         if path.is_file():
             models[arm] = load_model(path)
         else:
             rng = plan.rng(_CALIBRATION)
-            models[arm] = MODELS[plan.model].fit(record_motion(session, arm, rng), rng)
+            models[arm] = MODELS[plan.model].fit(record_motion(session, arm, rng, box=task.excitation), rng)
             save_model(models[arm], path)
     if plan.new_session:
         session = session.redrawn(plan.rng(_NEXT_SESSION))
     if plan.refit_offsets:
         for arm, model in models.items():
-            recording = record_motion(session, arm, plan.rng(_REFIT), samples=REFIT_SAMPLES)
+            recording = record_motion(session, arm, plan.rng(_REFIT), REFIT_SAMPLES, task.excitation)
             models[arm] = refit_offset(model, recording)
     return session, models
 
@@ -147,13 +182,14 @@ def run_trial(
     began = time.perf_counter()
     seeds = np.random.SeedSequence([plan.seed, _TRIALS, index])
     scene_rng, noise_rng, _agent_rng = map(np.random.default_rng, seeds.spawn(3))
-    task = TASKS[plan.task](plan.variant)
+    task = plan.built()
     flaws = SensorFlaws.none() if plan.flawless_camera else SensorFlaws()
     simulated = SimulatedCell(session, task.scene(scene_rng), noise_rng, flaws)
     recorded = Recorded(Guarded(simulated.robot, session.arms, dict.fromkeys(session.arms, MOTION_LIMITS["paper"])))
-    robot: Robot = recorded
+    sent: Robot = recorded
     if plan.method == "calibrated":
-        robot = Calibrated(recorded, session.arms, {arm: Compensator(model) for arm, model in models.items()})
+        sent = Calibrated(recorded, session.arms, {arm: Compensator(model) for arm, model in models.items()})
+    robot = Recorded(sent)
     log = TrialLog(trio.current_time, listener=listener)
     cell = Cell(
         robot,
@@ -161,44 +197,43 @@ def run_trial(
         session.arms,
         session.T_world_base_found,
         simulated.T_world_camera,
-        SE3.identity(),
+        task.T_world_board,
         log,
+        simulated.assistant,
     )
-    settings = Settings()
+    settings = SETTINGS[plan.task, plan.variant]()
     agent = AGENTS[plan.task, plan.variant](cell, settings)
-    finished = simulated.run(lambda: agent.run(task.transfers), task.budget_s)
+    finished = simulated.run(lambda: agent.run(task.work), task.budget_s)
     wall_s = time.perf_counter() - began
-    truth = simulated.referee.truth()
-    transfers = [asdict(score) for score in task.score(log.events, truth)]
+    truth: Any = simulated.referee.truth()  # of the kind that this task's scene has
+    scores = [asdict(score) for score in task.score(log.events, truth)]
     states = simulated.referee.states()
-    arrays = {
-        "times_s": truth.times_s,
-        "blocks": truth.T_board_blocks.matrix.astype(np.float32),
-        "qpos": states.astype(np.float32),
-        **{f"tip_{arm}": tips.astype(np.float32) for arm, tips in truth.p_board_tips.items()},
-    }
+    arrays = simulated.referee.arrays()
     for arm in sorted({name for name, _ in recorded.executions}):
         rows = [execution for name, execution in recorded.executions if name == arm]
         arrays[f"executed_s_{arm}"] = np.concatenate([row.times_s for row in rows])
         arrays[f"commanded_{arm}"] = np.concatenate([row.commanded for row in rows]).astype(np.float32)
         arrays[f"measured_{arm}"] = np.concatenate([row.measured for row in rows]).astype(np.float32)
+        if task.compares_joints:
+            arrays[f"asked_s_{arm}"] = np.concatenate([times for name, times, _ in robot.asked if name == arm])
+            arrays[f"asked_{arm}"] = np.concatenate([q for name, _, q in robot.asked if name == arm])
     captions = []
     photographer = Photographer(simulated.world)
-    for number, (caption, time_s) in enumerate(moments(transfers, log.spans) if pictures else []):
-        row = int(np.argmin(np.abs(truth.times_s - time_s)))
+    shown = MOMENTS[plan.task](scores, log.spans, log.events) if pictures else []
+    for number, (caption, time_s) in enumerate(shown):
+        row = int(np.argmin(np.abs(arrays["times_s"] - time_s)))
         image = photographer.picture(states[row])
         arrays[f"picture_{number}"] = cv2.imencode(".png", image[..., ::-1])[1].ravel()
         captions.append(caption)
     return Trial(
         about={
-            **asdict(plan),
-            "trials": None,
+            **plan.about(),
             "index": index,
             "settings": _plain(settings),
             "cables": {arm: plant.source for arm, plant in session.plants.items()},
             "versions": versions(),
         },
-        transfers=transfers,
+        transfers=scores,
         spans=log.spans,
         events=log.events,
         collisions=[asdict(c) for c in truth.collisions],
@@ -216,7 +251,7 @@ def versions() -> dict[str, str]:
     return {name: version(name) for name in PACKAGES}
 
 
-def _plain(settings: Settings) -> dict[str, object]:
+def _plain(settings: Any) -> dict[str, object]:
     """Return settings as JSON's values."""
     values = {**asdict(settings)}
     limits = settings.limits

@@ -1,0 +1,210 @@
+"""One arm drives sutures along the needle primitive (paper, III-C2 and section IV)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+import trio
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from trocar.arms import MOTION_LIMITS, MotionLimits
+from trocar.calibration.excitation import WAKE_RAD
+from trocar.cell import Cell, Outcome
+from trocar.errors import TrocarError
+from trocar.motion import rest_to_rest
+from trocar.sutures.drive import Stretch, Suture, drive
+from trocar.trajectory import Trajectory
+
+Result = TypeVar("Result")
+
+KNOT_S = 0.020
+"""Spacing of a motion's knots: two control periods."""
+
+
+def _gentle() -> MotionLimits:
+    limits = MOTION_LIMITS["paper"]
+    return MotionLimits(0.2 * limits.velocity, 0.2 * limits.acceleration)
+
+
+@dataclass(frozen=True)
+class SutureSettings:
+    """How the agent works; lengths in m, angles in rad, times on the cell's clock in s.
+
+    Attributes:
+        arm: which arm does it.
+        planning_budget_s: declared for the joint paths of a suture.
+        settle_s: rest after a motion before the jaws act.
+        driving_speed: mean speed of the jaws along the primitive, m/s.
+        travel_speed: mean speed on the way in and out, m/s.
+        jaw_open: opening that clears the wire.
+        jaw_closed: target that lets the drive press.
+        jaw_empty: jaws that close further than this hold nothing; a wire of .9 mm keeps them open by .09.
+        limits: of velocity and acceleration on the way from suture to suture.
+    """
+
+    arm: str = "psm1"
+    planning_budget_s: float = 0.05
+    settle_s: float = 0.1
+    driving_speed: float = 0.008
+    travel_speed: float = 0.020
+    jaw_open: float = 0.40
+    jaw_closed: float = -0.17
+    jaw_empty: float = 0.04
+    limits: MotionLimits = field(default_factory=_gentle)
+
+
+class CircleSuturing:
+    """One arm drives one suture after the other; a person loads the needle before each."""
+
+    def __init__(self, cell: Cell, settings: SutureSettings):
+        if settings.arm not in cell.arms:
+            raise TrocarError(f"arm {settings.arm!r} is not in this cell; choose one of {', '.join(cell.arms)}")
+        if cell.assistant is None:
+            raise TrocarError("nobody in this cell loads the needle; give the cell an assistant")
+        self.cell, self.settings, self.assistant = cell, settings, cell.assistant
+        self.arm = cell.arms[settings.arm]
+        self.home = cell.robot.read(settings.arm).q
+
+    async def run(self, sutures: Sequence[Suture]) -> None:
+        """Drive the sutures one after the other; where a joint's limit is hit, stop there and do no more."""
+        await self._wake()
+        for number, suture in enumerate(sutures):
+            start_s = trio.current_time()
+            outcome, reason = await self._suture(number, suture)
+            self.cell.log.event(
+                "suture",
+                suture=number,
+                theta_rad=suture.theta_rad,
+                direction=suture.direction,
+                start_s=round(start_s, 6),
+                outcome=outcome.name,
+                reason=reason,
+            )
+            if outcome is Outcome.JOINT_LIMIT:
+                return
+            await self._go_home()
+
+    async def _suture(self, number: int, suture: Suture) -> tuple[Outcome, str]:
+        """Load, drive, let go; return how it ended, and a sentence where it went wrong."""
+        stretches = await self._compute("planning", lambda: drive(self._here(suture)))
+        await self._jaw(self.settings.jaw_open)
+        with self.cell.log.span(self.settings.arm, "loading"):
+            await self.assistant.load(self.settings.arm)
+        if not await self._grip():
+            return Outcome.NEEDLE_MISSED, f"suture {number + 1}: the jaws did not hold the needle that they were given"
+        for index, stretch in enumerate(stretches):
+            self.cell.log.event("step", suture=number, step=stretch.name)
+            if stretch.regrasps or stretch.name == "withdraw":
+                await self._jaw(self.settings.jaw_open)
+            reason = await self._follow(number, stretch, first=index == 0)
+            if reason:
+                return Outcome.JOINT_LIMIT, reason
+            if stretch.regrasps and not await self._grip():
+                await self._jaw(self.settings.jaw_open)
+                await self._leave(number, stretches)
+                return Outcome.NEEDLE_MISSED, f"suture {number + 1}: the jaws closed on nothing after {stretch.name}"
+        return Outcome.DONE, ""
+
+    def _here(self, suture: Suture) -> Suture:
+        """Return the suture as this laboratory's registration places arm and circle."""
+        setup = suture.setup
+        circle = replace(setup.circle, T_world_circle=self.cell.T_world_board)
+        base = self.cell.T_world_base[self.settings.arm]
+        return replace(suture, setup=replace(setup, arm=self.arm, T_world_base=base, circle=circle))
+
+    async def _follow(self, number: int, stretch: Stretch, first: bool) -> str:
+        """Move along a stretch, as far as the joints' ranges allow; return a sentence where they do not."""
+        outside = stretch.first_outside(self.arm)
+        q = stretch.q if outside is None else stretch.q[: outside[0]]
+        reason = "" if outside is None else self._limit(number, stretch, *outside)
+        slow = stretch.name in ("lower", "withdraw", "rise")
+        speed = self.settings.travel_speed if slow else self.settings.driving_speed
+        seconds = stretch.length_m / speed * len(q) / len(stretch.q)
+        try:
+            if first and len(q):
+                await self._move(rest_to_rest(self._q(), q[0], self.settings.limits))
+            if len(q) > 1:
+                await self._move(along(np.concatenate([self._q()[None], q[1:]]), seconds))
+        except TrocarError as error:
+            return reason or f"suture {number + 1}, {stretch.name}: {error}"
+        return reason
+
+    def _limit(self, number: int, stretch: Stretch, place: int, joint: int) -> str:
+        """Return what a path asks of a joint that the joint cannot do."""
+        where = f"suture {number + 1}, {stretch.name}"
+        if joint < 0:
+            return f"{where}: no configuration of {self.arm.name} reaches the pose {place} of {len(stretch.q)}"
+        limits, values = self.arm.joints[joint], stretch.q[place:, joint]
+        lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
+        wanted = lowest if limits.lower - lowest > highest - limits.upper else highest
+        scale, unit = (1e3, "mm") if limits.prismatic else (180 / math.pi, "deg")
+        return (
+            f"{where}: joint '{limits.name}' would go to {scale * wanted:.1f} {unit}, outside "
+            f"[{scale * limits.lower:.1f}, {scale * limits.upper:.1f}] {unit}; stopped there"
+        )
+
+    async def _leave(self, number: int, stretches: Sequence[Stretch]) -> None:
+        """Rise straight from wherever a suture was given up."""
+        for stretch in stretches[-2:]:
+            shift = stretch.q - stretch.q[0]
+            path = np.clip(self._q() + shift, self.arm.lower, self.arm.upper)
+            self.cell.log.event("step", suture=number, step=stretch.name)
+            await self._move(along(path, stretch.length_m / self.settings.travel_speed))
+
+    async def _grip(self) -> bool:
+        """Close the jaws; return whether they stalled on a wire."""
+        await self._settle()
+        await self._jaw(self.settings.jaw_closed)
+        await self._settle()
+        return self.cell.robot.read(self.settings.arm).jaw_rad > self.settings.jaw_empty
+
+    async def _go_home(self) -> None:
+        await self._move(rest_to_rest(self._q(), self.home, self.settings.limits))
+
+    async def _wake(self) -> None:
+        """Turn the wrist to and fro: afterwards the slack in the cables is known, whatever it was before."""
+        swing = np.array([0.0, 0.0, 0.0, *WAKE_RAD])
+        for q in (self.home + swing, self.home - swing, self.home):
+            await self._move(rest_to_rest(self._q(), q, self.settings.limits))
+
+    def _q(self) -> NDArray[np.float64]:
+        return self.cell.robot.read(self.settings.arm).q
+
+    async def _compute(self, name: str, compute: Callable[[], Result]) -> Result:
+        """Compute while the cell's clock counts the declared budget; the real time is noted beside it."""
+        budget_s = self.settings.planning_budget_s
+        with self.cell.log.span(self.settings.arm, name):
+            begin = time.perf_counter()
+            result = compute()
+            self.cell.log.compute(name, time.perf_counter() - begin, budget_s)
+            await trio.sleep(budget_s)
+        return result
+
+    async def _move(self, trajectory: Trajectory) -> None:
+        with self.cell.log.span(self.settings.arm, "motion"):
+            await self.cell.robot.move(self.settings.arm, trajectory)
+
+    async def _jaw(self, angle_rad: float) -> None:
+        with self.cell.log.span(self.settings.arm, "jaw"):
+            await self.cell.robot.jaw(self.settings.arm, angle_rad)
+
+    async def _settle(self) -> None:
+        with self.cell.log.span(self.settings.arm, "settling"):
+            await trio.sleep(self.settings.settle_s)
+
+
+def along(q: NDArray[np.float64], seconds: float) -> Trajectory:
+    """Return the motion through a dense joint path (k, 6), k > 1, from rest to rest with the least jerk."""
+    count = max(2, math.ceil(seconds / KNOT_S))
+    times = np.linspace(0.0, max(seconds, count * 1e-3), count + 1)
+    tau = times / times[-1]
+    share = tau**3 * (10 - 15 * tau + 6 * tau**2)
+    rate = 30 * tau**2 * (1 - tau) ** 2 / times[-1]
+    path = CubicSpline(np.linspace(0.0, 1.0, len(q)), q)
+    return Trajectory.hermite(times, path(share), rate[:, None] * path(share, 1))

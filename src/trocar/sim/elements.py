@@ -1,0 +1,32 @@
+"""Elements of an MJCF text, and what collides with what."""
+
+from __future__ import annotations
+
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trocar.geometry import SE3
+
+SCENE_BIT = 1
+
+
+def add(parent: Element, tag: str, **attributes: str) -> Element:
+    """Return a new child."""
+    return SubElement(parent, tag, attributes)
+
+
+def text(values: ArrayLike) -> str:
+    """Return numbers as an attribute."""
+    return " ".join(f"{v:.9g}" for v in np.atleast_1d(np.asarray(values, dtype=np.float64)).ravel())
+
+
+def placed(T: SE3) -> dict[str, str]:
+    """Return the attributes of a body at this pose in its parent."""
+    return {"pos": text(T.translation_m), "quat": text(T.rotation.as_quaternion())}
+
+
+def scene_bits() -> dict[str, str]:
+    """Collide with the scene and every arm."""
+    return {"contype": str(SCENE_BIT), "conaffinity": "15"}

@@ -1,0 +1,162 @@
+"""A suture needle: its body in MJCF, and what holds it when the jaws do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+
+from trocar.geometry import SE3, SO3
+from trocar.scene import SutureScene
+from trocar.sim.elements import add, placed, scene_bits, text
+
+if TYPE_CHECKING:
+    from trocar.sim.world import World
+
+PHANTOM_RGB = (0.86, 0.64, 0.55)
+NEEDLE_RGB = (0.75, 0.77, 0.80)
+MARK_RGB = (0.20, 0.25, 0.55)
+TABLE_RGB = (0.30, 0.33, 0.36)
+MARKS = 72
+"""Dashes that the circle on the phantom is drawn with."""
+
+STEEL_KG_M3 = 7900.0
+ASIDE_M = (0.075, 0.060, 0.010)
+"""Where a person keeps the needle until the jaws ask for it, in the circle's frame."""
+
+
+@dataclass(frozen=True)
+class Tissue:
+    """How the phantom holds a needle: by viscous drag and by nothing else (assumed; there are no tissue mechanics).
+
+    Attributes:
+        drag: N s/m on the needle's centre while a part of it is below the surface: .2 N at 10 mm/s.
+        apparent_kg: inertia added to the needle in every direction, so that the contacts of a thing of .2 g are as
+            stiff as those of the jaws; driving a needle is quasi-static.
+        let_go_n: a person lets go of the needle when each finger of the jaws presses with this.
+    """
+
+    drag: float = 20.0
+    apparent_kg: float = 0.1
+    let_go_n: float = 1.0
+
+
+def add_phantom(world: Element, assets: Element, scene: SutureScene) -> None:
+    """Add the phantom, which is seen but solid to nothing, the circle's marks, and the needle as a free body."""
+    del assets
+    width, depth, thickness = scene.phantom_m
+    phantom = add(world, "body", name="phantom", **placed(scene.T_world_circle))
+    ghost = {"contype": "0", "conaffinity": "0"}
+    half = (width / 2, depth / 2, thickness / 2)
+    add(
+        phantom,
+        "geom",
+        name="phantom",
+        type="box",
+        size=text(half),
+        pos=text((0, 0, -half[2])),
+        rgba=text((*PHANTOM_RGB, 1)),
+        **ghost,
+    )
+    below = scene.T_world_circle.apply([0.0, 0.0, -thickness])[2] - 0.002
+    add(world, "geom", name="table", type="plane", size="0.5 0.5 0.01", pos=text((0, 0, below)), **ghost)
+    for index, angle in enumerate(np.linspace(0.0, 2 * np.pi, MARKS, endpoint=False)):
+        at = SE3.from_parts(SO3.axis("z", angle)) @ SE3.from_parts(translation_m=[scene.circle_radius_m, 0.0, 0.0])
+        add(
+            phantom,
+            "geom",
+            name=f"mark{index}",
+            type="box",
+            size="0.0003 0.0008 0.00005",
+            rgba=text((*MARK_RGB, 1)),
+            **placed(at),
+            **ghost,
+        )
+    needle = add(world, "body", name="needle", **placed(scene.T_world_circle @ SE3.from_parts(translation_m=ASIDE_M)))
+    add(needle, "freejoint", name="needle")
+    for index, (start, end) in enumerate(pairwise(scene.wire_points_m)):
+        add(
+            needle,
+            "geom",
+            name=f"needle_{index}",
+            type="capsule",
+            size=text(scene.wire_m / 2),
+            fromto=text((*start, *end)),
+            density=text(STEEL_KG_M3),
+            rgba=text((*NEEDLE_RGB, 1)),
+            **scene_bits(),
+        )
+
+
+class HeldNeedle:
+    """What holds the needle beside the jaws: a person's hand, or the phantom.
+
+    Attributes:
+        in_hand: whether a person holds it.
+    """
+
+    def __init__(self, world: World, scene: SutureScene, tissue: Tissue | None = None):
+        self._world, self._scene = world, scene
+        self._tissue = tissue or Tissue()
+        joint = world.model.joint("needle")
+        self._qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
+        self._dof = slice(joint.dofadr[0], joint.dofadr[0] + 6)
+        turning = scene.needle_radius_m**2
+        share = np.array([1.0, 1.0, 1.0, turning, turning, turning])
+        world.model.dof_armature[self._dof] = self._tissue.apparent_kg * share
+        mujoco.mj_setConst(world.model, world.data)
+        self._drag = self._tissue.drag * share
+        self._geoms = np.array(
+            [g for g in range(world.model.ngeom) if world.model.geom(g).name.startswith("needle_")], dtype=np.intp
+        )
+        self.in_hand = True
+        self._hand = world.data.qpos[self._qpos].copy()
+
+    @property
+    def T_world_needle(self) -> SE3:
+        """Return the needle's true pose."""
+        qpos = self._world.data.qpos[self._qpos]
+        return SE3.from_parts(SO3.from_quaternion(qpos[3:]), qpos[:3])
+
+    @property
+    def inserted(self) -> bool:
+        """Return whether a part of the wire is below the phantom's surface."""
+        T_circle_needle = self._scene.T_world_circle.inverse() @ self.T_world_needle
+        return bool((T_circle_needle.apply(self._scene.wire_points_m)[:, 2] < 0.0).any())
+
+    def give(self, T_world_needle: SE3) -> None:
+        """Have a person take the needle from where it is and hold it here until both fingers press."""
+        self._hand = np.append(T_world_needle.translation_m, T_world_needle.rotation.as_quaternion())
+        self.in_hand = True
+
+    def act(self) -> None:
+        """Hold the needle for the next steps of the physics."""
+        data = self._world.data
+        if self.in_hand and self._gripped():
+            self.in_hand = False
+        if self.in_hand:
+            data.qpos[self._qpos] = self._hand
+            data.qvel[self._dof] = 0.0
+        self._world.model.dof_damping[self._dof] = self._drag if self.in_hand or self.inserted else 0.0
+
+    def _gripped(self) -> bool:
+        """Return whether both fingers of an arm press on the needle."""
+        data, world = self._world.data, self._world
+        pairs = data.contact.geom[: data.ncon]
+        needle = np.isin(pairs, self._geoms).any(1)
+        for index in world.arms.values():
+            presses = []
+            for finger in index.fingers:
+                total = 0.0
+                for contact in np.flatnonzero(needle & (pairs == finger).any(1)):
+                    force = np.zeros(6)
+                    mujoco.mj_contactForce(world.model, data, int(contact), force)
+                    total += force[0]
+                presses.append(total)
+            if min(presses) > self._tissue.let_go_n:
+                return True
+        return False
