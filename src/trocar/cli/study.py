@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from trocar.cli import study_suture
 from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
+
+
+app.command("suture", epilog="Example: trocar study suture --setups 300 --out out/study")(study_suture.suture)
 
 
 @app.callback()

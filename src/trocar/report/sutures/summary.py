@@ -28,13 +28,13 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
     joints = suture_joints(setup, plan.positions_rad)
     arcs = unreachable_arcs(map.joints)
     problem = "" if plan.feasible else circle_out_of_reach(map.joints) or plan_out_of_reach(setup, plan)
-    return {
+    found = {
         "positions_deg": _degrees(plan.positions_rad),
         "directions": [int(direction) for direction in plan.directions],
         "direction_names": [NAMES[int(direction)] for direction in plan.directions],
         "rewards": [float(value) for value in plan.rewards],
         "gaps_deg": _degrees(plan.gaps_rad),
-        "joint_room": [_by_name(room_names(joints), row) for row in room(joints, plan).tolist()],
+        "joint_room": [dict(zip(room_names(joints), row, strict=True)) for row in room(joints, plan).tolist()],
         "reward": plan.reward,
         "bound": plan.bound,
         "tension_cost": plan.tension_cost,
@@ -58,6 +58,16 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
         "jaws_can_hold_needle": setup.grasp.holdable,
         "wire_out_of_jaws_deg": float(np.degrees(setup.grasp.out_of_jaws_rad)),
     }
+    return finite(found)
+
+
+def finite(value: Any) -> Any:
+    """Return plain values with None for numbers that are not finite, which JSON does not know."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def room(joints: SutureJoints, plan: SuturePlan) -> NDArray[np.float64]:
@@ -77,11 +87,6 @@ def room(joints: SutureJoints, plan: SuturePlan) -> NDArray[np.float64]:
 def room_names(joints: SutureJoints) -> list[str]:
     """Return a name with its unit for each column of ``room``."""
     return [f"{joint.name}_{'mm' if joint.prismatic else 'deg'}" for joint in joints.arm.joints]
-
-
-def _by_name(names: list[str], values: list[float]) -> dict[str, float | None]:
-    """Return values by name, None where the arm has no configuration."""
-    return {name: value if math.isfinite(value) else None for name, value in zip(names, values, strict=True)}
 
 
 def _degrees(angles_rad: NDArray[np.float64]) -> list[float]:

@@ -59,3 +59,69 @@ def points_table(points: Mapping[str, Mapping[str, float]], paper: Mapping[str, 
             printed = paper[location][allowed]
             table.add_row(location, allowed, f"{value:.1f}", f"{printed:.1f}", f"{value - printed:+.1f}")
     return table
+
+
+def gains_table(gains: Mapping[str, Mapping[str, float]], paper: Mapping[str, Mapping[str, float]]) -> Table:
+    """Return what the best plan gains over baselines, in points and as ratio, ours and from the paper's table.
+
+    Args:
+        gains: by baseline: ``points``, ``ratio_percent``.
+        paper: the same of the paper's Table I; its text calls the points percent.
+    """
+    table = Table(title="Gain of the best plan")
+    table.add_column("over")
+    for column in ("points", "paper", "ratio", "paper"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, gain in gains.items():
+        theirs = paper[name]
+        points = (f"{value['points']:.1f}" for value in (gain, theirs))
+        ratios = (
+            "-" if value["ratio_percent"] is None else f"{value['ratio_percent']:.1f} %" for value in (gain, theirs)
+        )
+        table.add_row(name, *points, *ratios)
+    return table
+
+
+def choices_table(random: Mapping[str, Any]) -> Table:
+    """Return how well each formula of the margin chooses directions in random setups.
+
+    Args:
+        random: ``SetupStatistics.summary()``.
+    """
+    table = Table(title=f"Directions in {random['setups']} random setups")
+    table.add_column("margin", no_wrap=True)
+    for column in ("two changes", "two changes where none is wrong", "wrong", "nearest, points"):
+        table.add_column(column, justify="right")
+    for name, measure in random["measures"].items():
+        table.add_row(
+            name,
+            _percent(measure["two_switches"]),
+            _percent(measure["two_switches_where_no_choice_is_wrong"]),
+            _percent(measure["wrong_choice_share"]),
+            f"{measure['nearest_setup_off_paper_points']:.1f}",
+        )
+    return table
+
+
+def spread_table(random: Mapping[str, Any]) -> Table:
+    """Return the 10th, 50th and 90th percentile of Table I over random setups, by formula of the margin.
+
+    Args:
+        random: ``SetupStatistics.summary()``.
+    """
+    entries = next(iter(random["measures"].values()))["table_1"]
+    table = Table(title=f"Table I of {random['setups']} random setups: 10th, 50th, 90th percentile")
+    table.add_column("margin", no_wrap=True)
+    for key in entries:
+        table.add_column(" ".join(part.split()[0] for part in key.split(", ")).replace("wise", "w."), justify="right")
+    for name, measure in random["measures"].items():
+        rows = (measure["table_1"][key] for key in entries)
+        table.add_row(name, *(f"{row['p10']:.0f} {row['p50']:.0f} {row['p90']:.0f}" for row in rows))
+    table.add_section()
+    table.add_row("the paper", *(f"{entry['paper']:.1f}" for entry in entries.values()))
+    return table
+
+
+def _percent(share: float | None) -> str:
+    """Return a share as text, a dash where there is none."""
+    return "-" if share is None else f"{100 * share:.1f} %"

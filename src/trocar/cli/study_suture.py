@@ -1,0 +1,127 @@
+"""``trocar study suture``: the paper's Table I and Figs. 3 to 7, and what random setups say about them."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from trocar.cli import suture_options as options
+from trocar.errors import TrocarError
+from trocar.sutures import PRESETS
+
+if TYPE_CHECKING:
+    from trocar.sutures.random_setups import SetupStatistics
+
+
+def suture(
+    *,
+    preset: options.PresetName = "paper-demo",
+    setups: Annotated[int, typer.Option(help="How many random setups; 0 leaves them out.")] = 300,
+    positions: Annotated[int, typer.Option(help="Positions of the grid for the preset, a multiple of four.")] = 360,
+    seed: Annotated[int, typer.Option(help="Of the random setups.")] = 0,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save summary.json and Figs. 3 to 7 here.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Print Table I of the circle-suture paper beside ours, the changes of direction, and random setups."""
+    from trocar.report.sutures.summary import finite  # noqa: PLC0415
+    from trocar.sutures.study import study  # noqa: PLC0415
+
+    chosen = options.chosen(PRESETS, preset, "preset")
+    if out is not None and out.exists() and not out.is_dir():
+        raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
+    if seed < 0 or setups < 0:
+        what, value = ("seed", seed) if seed < 0 else ("number of setups", setups)
+        raise TrocarError(f"the {what} is {value}; give 0 or more")
+    found = study(chosen.setup, chosen.reward, positions)
+    started = time.perf_counter()
+    statistics = _random(setups, seed) if setups else None
+    summary: dict[str, Any] = {"study": "suture", "preset": preset, **found.summary()}
+    if statistics is not None:
+        summary["random_setups"] = {"seed": seed, **statistics.summary()}
+        summary["random_setups"]["compute_s"] = time.perf_counter() - started
+    summary = finite(summary)
+    if out is not None:
+        from trocar.report.sutures.panels import draw_study  # noqa: PLC0415
+
+        out.mkdir(parents=True, exist_ok=True)
+        summary["files"] = [str(out / "summary.json"), *map(str, draw_study(found, out))]
+        (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    if as_json:
+        typer.echo(json.dumps(summary))
+    else:
+        _print(summary)
+
+
+def _random(setups: int, seed: int) -> SetupStatistics:
+    """Return statistics over random setups, with a progress bar."""
+    from trocar.sutures.random_setups import random_statistics  # noqa: PLC0415
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        bar = progress.add_task("feasible random setups", total=setups)
+
+        def listen(done: int, total: int) -> None:
+            progress.update(bar, completed=done, total=total)
+
+        return random_statistics(np.random.default_rng(seed), setups, progress=listen)
+
+
+def _print(summary: dict[str, Any]) -> None:
+    """Print the tables, with what they say and do not say."""
+    from trocar.report.sutures.tables import choices_table, gains_table, points_table, spread_table  # noqa: PLC0415
+
+    console = Console()
+    table = summary["table_1"]
+    console.print(points_table(table["points"], table["paper_points"]))
+    console.print(gains_table(table["gains"], table["paper_gains"]))
+    switches, paper = (", ".join(f"{a:.4g}" for a in summary[key]) for key in ("switches_deg", "paper_switches_deg"))
+    console.print(f"the better direction changes at {switches} deg (paper {paper})")
+    angles = " / ".join(f"{angle:.0f}" for angle in summary["largest_wrist_deg"])
+    limits = " / ".join(f"{angle:.0f}" for angle in summary["wrist_limits_deg"])
+    console.print(f"largest roll / wrist pitch / wrist yaw: {angles} deg, limits {limits} deg")
+    console.print(
+        f"positions where the chosen direction is beyond a limit: {summary['infeasible_positions']} "
+        f"of {summary['positions']}"
+    )
+    sweep = summary["lambda_sweep"]
+    first, last = sweep["best_theta_deg"][0], sweep["best_theta_deg"][-1]
+    weights, theirs = sweep["weights"], sweep["paper_best_theta_deg"]
+    console.print(
+        f"best theta of the first suture at lambda {weights[0]:g} and {weights[-1]:g}: {first:.4g} and {last:.4g} deg "
+        f"(paper, lambda not named: {theirs[0]:.4g} to {theirs[1]:.4g})"
+    )
+    console.print(f"manipulability, arm 1: {summary['manipulability_source']}; arm 2: {summary['assistant_source']}")
+    if "random_setups" in summary:
+        random = summary["random_setups"]
+        console.print(choices_table(random))
+        console.print(
+            f"{random['setups']} feasible setups of {random['drawn']} drawn in {random['compute_s']:.1f} s; feasible: "
+            f"{random['feasible_means']}. wrong: beyond a limit, of {random['one_way_positions']} positions where "
+            "exactly one direction is within. nearest: the largest difference of Table I from the paper's, in the "
+            "setup that comes nearest to it."
+        )
+        console.print(spread_table(random))
+    console.print(_identified(summary))
+    if "files" in summary:
+        console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)
+
+
+def _identified(summary: dict[str, Any]) -> str:
+    """Return what Table I does not tell, with the figures that show it."""
+    said = "Table I identifies neither the setup nor the formula"
+    if "random_setups" not in summary:
+        return f"{said}: --setups shows why"
+    measures = summary["random_setups"]["measures"]
+    within = {name: measure["paper_entries_within_p10_p90"] for name, measure in measures.items() if name != "default"}
+    shown = ", ".join(f"{name} {count}" for name, count in within.items())
+    return (
+        f"{said}: of its five free entries so many lie between the 10th and the 90th percentile of random setups, "
+        f"formula by formula: {shown}"
+    )
