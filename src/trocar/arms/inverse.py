@@ -80,7 +80,7 @@ def ik_floats(arm: ArmModel, matrix: list[list[float]], reference: ArrayLike | N
 def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) -> list[float]:
     if arm.branch_is_unique:
         try:
-            q = _solve(matrix, _Floats, arm.solver_constants)
+            q = closed_form(matrix, _Floats, arm.solver_constants)
         except (ValueError, ZeroDivisionError):  # outside the cone, or the wrist on the remote centre
             return _search(arm, np.ravel(matrix), np.array(near)).tolist()
         for i, low, high in arm.turn_targets:
@@ -127,7 +127,7 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
     real = np.empty((*matrix.shape[:-2], 8), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         for b, branch in enumerate(BRANCHES):
-            *joints, cosine = _solve(m, _ClippedArrays, arm.constants(branch, arm.offsets))
+            *joints, cosine = closed_form(m, _ClippedArrays, arm.constants(branch, arm.offsets))
             q[..., b, :] = np.stack(joints, -1)
             real[..., b] = np.abs(cosine) <= 1 + CONE_TOLERANCE
     q -= arm.turns * np.rint((q - arm.middle) / TAU)
@@ -156,7 +156,7 @@ def _solve_chunks(arm: ArmModel, poses: NDArray, near: NDArray | None, q: NDArra
         part = slice(start, start + CHUNK)
         n = len(poses[part])
         m[:3, :, :n] = poses[part, :12].reshape(n, 3, 4).transpose(1, 2, 0)
-        *joints, _ = _solve(m[..., :n], _Arrays, arm.solver_constants)
+        *joints, _ = closed_form(m[..., :n], _Arrays, arm.solver_constants)
         for i, low, high in arm.turn_targets:
             target = arm.middle_floats[i] if near is None else np.clip(near[part, i], low, high)
             turns = target - joints[i]
@@ -213,13 +213,13 @@ def _excess(arm: ArmModel, q: NDArray) -> NDArray[np.float64]:
 
 
 class _Floats:
-    """What ``_solve`` needs, for floats."""
+    """What ``closed_form`` needs, for floats."""
 
     copysign, sqrt, root, atan2, atan2_right = math.copysign, math.sqrt, math.sqrt, math.atan2, math.atan2
 
 
 class _Arrays:
-    """What ``_solve`` needs, for arrays; NaN outside the cone."""
+    """What ``closed_form`` needs, for arrays; NaN outside the cone."""
 
     copysign, sqrt, root = np.copysign, np.sqrt, np.sqrt
 
@@ -243,12 +243,12 @@ class _ClippedArrays(_Arrays):
         return np.sqrt(np.maximum(x, 0.0))
 
 
-def _solve(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
+def closed_form(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
     """Return q1..q6 of one branch, whole turns still free, and cos t2, which is beyond 1 outside the cone.
 
     Args:
-        m: the rows of ``T_base_tip``, four (the last is not read); of floats or of arrays.
-        xp: ``_Floats`` or ``_Arrays``.
+        m: the rows of ``T_base_tip``, four (the last is not read); of floats, of arrays, or of intervals.
+        xp: ``_Floats``, ``_Arrays`` or what does for intervals as they do.
         constants: of the arm and the branch.
     """
     (r00, r01, r02, px), (r10, r11, r12, py), (r20, r21, r22, pz), _ = m

@@ -1,5 +1,7 @@
 """Where to place stay sutures round a circle, and in which direction to drive them (Thananjeyan et al.)."""
 
+from trocar.sutures.continuous import plan_continuous
+from trocar.sutures.enclosure import DexterityEnclosure, interpolated_bounds
 from trocar.sutures.even import plan_even, plan_exhaustive
 from trocar.sutures.gaps import plan_gaps
 from trocar.sutures.joints import SutureJoints, suture_joints
@@ -25,6 +27,7 @@ __all__ = [
     "MARGINS",
     "PRESETS",
     "Circle",
+    "DexterityEnclosure",
     "DexterityMap",
     "Insertion",
     "Needle",
@@ -37,6 +40,8 @@ __all__ = [
     "SutureSetup",
     "base_beside",
     "dexterity",
+    "interpolated_bounds",
+    "plan_continuous",
     "plan_even",
     "plan_exhaustive",
     "plan_gaps",

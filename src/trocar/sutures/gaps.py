@@ -17,7 +17,7 @@ from trocar.errors import TrocarError
 from trocar.sutures.plan import TURN, Spacing, SuturePlan, check_count, plan_on_grid, ranks
 from trocar.sutures.rewards import DexterityMap
 
-ON_GRID = 1e-6
+ON_GRID = 1e-9
 """A fixed position may miss the grid by this share of a step, a gap's bound by as much: rounding."""
 
 
@@ -63,7 +63,7 @@ class Walks:
         if not len(starts) or not self.steps * self.least <= self.positions <= self.steps * self.most:
             return starts[:0]
         n, p = self.steps, self.positions
-        ahead = allowed[(starts[:, None] + np.arange(p + 1)) % p]
+        ahead = self._ahead(allowed, starts)
         first, past = self.sources()
         before = np.zeros((len(starts), p + 2), dtype=np.int32)  # how many are reached before each position
         before[:, 1:] = 1
@@ -74,6 +74,11 @@ class Walks:
             np.cumsum(reached, axis=1, out=before[:, low + 1 : high + 1])
             before[:, high + 1 :] = before[:, high, None]
         return starts[before[:, p + 1] > before[:, p]]
+
+    def _ahead(self, around: NDArray, starts: NDArray[np.intp]) -> NDArray:
+        """Return what there is round the circle (p,) from each start on to itself again (s, p + 1)."""
+        twice = np.concatenate([around, around, around[:1]])
+        return np.lib.stride_tricks.sliding_window_view(twice, self.positions + 1)[starts]
 
     def sources(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return from where one step leads to each position (p + 1,) after the start: the first, and one past the last.
@@ -93,8 +98,7 @@ class Walks:
         There must be one. Of several, the one from the first start, with the shortest last steps.
         """
         starts = self.closing(allowed)
-        around = (starts[:, None] + np.arange(self.positions + 1)) % self.positions
-        gain = np.where(allowed, values, -np.inf)[around]
+        gain = self._ahead(np.where(allowed, values, -np.inf), starts)
         first, past = self.sources()
         sums = [np.full(gain.shape, -np.inf)]
         sums[0][:, 0] = gain[:, 0]
