@@ -1,1 +1,5 @@
-"""Plans in three dimensions, in the browser."""
+"""Plans in three dimensions, in the browser (extra ``view``)."""
+
+from trocar.view.suture import SutureView, show_plan
+
+__all__ = ["SutureView", "show_plan"]

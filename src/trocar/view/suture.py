@@ -1,0 +1,250 @@
+"""A suture plan in the browser: arm, needle, tissue and plan in three dimensions, with a slider along the primitive."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from contextlib import redirect_stdout
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import frames
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.sutures.drive import Suture
+from trocar.sutures.plan import SuturePlan
+from trocar.sutures.rewards import DexterityMap
+from trocar.sutures.setup import CLOCKWISE, SutureSetup
+from trocar.view import shapes
+from trocar.view.motion import SutureMotion, suture_motion
+from trocar.view.shapes import Mesh, tube
+
+STEEL, DARK, GOLD, TISSUE, INK = (170, 176, 184), (92, 98, 106), (214, 150, 30), (222, 150, 135), (60, 60, 60)
+COLOURS = "viridis"  # as in the figures of reports
+FRAMES_PER_S = 12.0
+
+
+class SutureView:
+    """A plan drawn in a browser, with a menu of its sutures and a slider along the needle primitive.
+
+    Everything is in metres, in the world's frame, z up. Nodes of the scene: ``/circle`` (tissue, rim, arrows; in the
+    circle's frame), ``/needle``, and ``/arm/shaft``, ``/arm/wrist``, ``/arm/jaws`` in frames 4, 5 and 7 of the arm.
+
+    Attributes:
+        server: viser's server; ``server.stop()`` ends it.
+        sutures: what the menu offers, in words.
+        motions: the sutures frame by frame.
+    """
+
+    def __init__(self, setup: SutureSetup, plan: SuturePlan, map: DexterityMap | None = None, port: int = 8080) -> None:
+        """Draw a plan and serve it.
+
+        Args:
+            setup: of which.
+            plan: what is drawn.
+            map: what sutures elsewhere are worth, for a coloured ring round the circle; None: no ring.
+            port: of the server; if it is taken, the next that is free.
+
+        Raises:
+            TrocarError: viser is not installed, or the arm cannot point its instrument at a suture.
+        """
+        self.setup, self.plan, self.map = setup, plan, map
+        planned = zip(plan.positions_rad.tolist(), plan.directions.tolist(), strict=True)
+        self._planned = [Suture(setup, theta, direction) for theta, direction in planned]
+        self.motions = [suture_motion(suture) for suture in self._planned]
+        self.sutures = tuple(_named(i, plan) for i in range(len(self.motions)))
+        self._number = 0
+        self.server = _server(port)
+        self._draw_circle()
+        self._draw_arm()
+        self._add_controls()
+        self.show(0, 0)
+
+        @self.server.on_client_connect
+        def look(client: Any) -> None:
+            client.camera.position, client.camera.look_at = (tuple(point.tolist()) for point in self._eye)
+
+    @property
+    def motion(self) -> SutureMotion:
+        """Return the suture that is shown."""
+        return self.motions[self._number]
+
+    @property
+    def port(self) -> int:
+        """Return the port that the server got."""
+        return self.server.get_port()
+
+    @property
+    def _eye(self) -> NDArray[np.float64]:
+        """Return where (2, 3) one looks from and to: from beside the arm, so that it hides little."""
+        circle = self.setup.circle
+        x, y, _ = (self.setup.T_base_circle.inverse()).translation_m
+        beside = SO3.axis("z", math.atan2(y, x) + math.radians(115.0)).apply([2.9 * circle.radius_m, 0.0, 0.0])
+        high, aim = 1.9 * circle.radius_m, 0.35 * circle.radius_m
+        return circle.T_world_circle.apply(np.stack([beside + [0.0, 0.0, high], [0.0, 0.0, aim]]))
+
+    def show(self, number: int, place: int) -> None:
+        """Show one suture of the plan, counted from 0, at one of its frames; menu and slider follow.
+
+        Raises:
+            TrocarError: there is no such suture or frame.
+        """
+        for what, value, count in (("suture", number, len(self.motions)), ("frame", place, len(self.motion.q))):
+            if not 0 <= value < count:
+                raise TrocarError(f"there is no {what} {value}; give 0 to {count - 1}")
+        self._menu.value, self._slider.value = self.sutures[number], place
+        self._draw(number, place)
+
+    def _draw(self, number: int, place: int) -> None:
+        """Put needle, arm and text where they belong."""
+        self._number = number
+        motion = self.motion
+        T_world_frame = self.setup.T_world_base @ frames(self.setup.arm, motion.q[place])
+        with self.server.atomic():
+            _move(self._needle, motion.T_world_needle[place])
+            for node, frame in ((self._shaft, 4), (self._wrist, 5), (self._jaws, 7)):
+                _move(node, T_world_frame[frame])
+            for finger, side in zip(self._fingers, (0.5, -0.5), strict=True):
+                turn = SO3.axis("y", -side * motion.opening_rad[place])
+                half = SO3.identity() if side > 0 else SO3.axis("z", math.pi)
+                _move(finger, SE3.from_parts(turn @ half, [0.0, 0.0, self.setup.arm.tip_length_m]))
+            self._text.content = f"**{motion.step[place]}**\n\n{motion.joint_table(place)}"
+
+    def play(self) -> None:
+        """Show the frames one after another while the box is ticked; ends with Ctrl-C."""
+        while True:
+            time.sleep(1.0 / FRAMES_PER_S)
+            if self._play.value:
+                self._slider.value = (self._slider.value + 1) % len(self.motion.q)
+
+    def _draw_circle(self) -> None:
+        """Draw tissue, rim and, as arrows from entry to exit, the sutures coloured by what they are worth."""
+        circle = self.setup.circle
+        T = circle.T_world_circle
+        add = self.server.scene.add_frame
+        add("/circle", show_axes=False, wxyz=T.rotation.as_quaternion(), position=T.translation_m)
+        self._add("/circle/tissue", tube([[0, 0, -1e-3], [0, 0, 0]], 1.9 * circle.radius_m, 64), TISSUE, opacity=0.8)
+        turn = np.linspace(0.0, 2 * math.pi, 181)
+        rim = circle.radius_m * np.stack([np.cos(turn), np.sin(turn), 0 * turn], -1) + [0.0, 0.0, 2e-4]
+        self._add("/circle/rim", tube(rim, 3e-4, 8), INK)
+        shade = self._shades()
+        if self.map is not None:
+            best = np.append(self.map.best, self.map.best[0])
+            thetas = np.append(self.map.thetas_rad, 2 * math.pi)
+            colours = np.array([shade(float(value)) for value in best]) / 255.0
+            ring = 1.55 * circle.radius_m * np.stack([np.cos(thetas), np.sin(thetas), 0 * thetas], -1)
+            points = np.stack([ring[:-1], ring[1:]], 1) + [0.0, 0.0, 5e-4]
+            self.server.scene.add_line_segments(
+                "/circle/worth", points, np.stack([colours[:-1], colours[1:]], 1), line_width=8.0
+            )
+        for i, suture in enumerate(self._planned):
+            start, end = suture.entry_m, suture.exit_m
+            heading = SO3.axis("z", suture.theta_rad).apply([0.0, -float(suture.direction), 0.0])
+            end = start + 0.5 * circle.radius_m * heading if end is None else end
+            lifted = np.array([0.0, 0.0, 1e-3])
+            colour = shade(float(self.plan.rewards[i]))
+            self._add(f"/circle/suture_{i + 1}", shapes.arrow(start + lifted, end + lifted, 7e-4), colour)
+            outward = SO3.axis("z", suture.theta_rad).apply([1.25 * circle.radius_m, 0.0, 0.0])
+            self.server.scene.add_label(f"/circle/label_{i + 1}", f"{i + 1}", position=outward)
+
+    def _draw_arm(self) -> None:
+        """Draw remote centre, shaft, wrist, jaws and needle; ``show`` puts them in their places."""
+        base = self.setup.T_world_base
+        self.server.scene.add_icosphere(
+            "/remote_centre", radius=0.004, color=GOLD, position=tuple(base.translation_m.tolist())
+        )
+        self.server.scene.add_label("/remote_centre/label", "remote centre")
+        self._shaft = self._add("/arm/shaft", shapes.shaft(self.setup.arm), DARK)
+        self._wrist = self._add("/arm/wrist", shapes.wrist_link(self.setup.arm), STEEL)
+        self._jaws = self.server.scene.add_frame("/arm/jaws", show_axes=False)
+        self._fingers = [
+            self._add(f"/arm/jaws/{side}", shapes.finger(), STEEL, flat_shading=True) for side in ("left", "right")
+        ]
+        self._needle = self._add("/needle", shapes.wire(self.setup.needle), GOLD)
+
+    def _add_controls(self) -> None:
+        """Add the menu, the slider and the text."""
+        gui = self.server.gui
+        gui.add_markdown(f"{self.plan.certified}; the worst suture is worth **{self.plan.reward:.3f}**")
+        self._menu = gui.add_dropdown("suture", self.sutures)
+        self._slider = gui.add_slider("along it", 0, len(self.motion.q) - 1, 1, 0)
+        self._play = gui.add_checkbox("play", False)
+        self._text = gui.add_markdown("")
+
+        @self._menu.on_update
+        def chosen(_: Any) -> None:
+            self._draw(self.sutures.index(self._menu.value), self._slider.value)
+
+        @self._slider.on_update
+        def moved(_: Any) -> None:
+            self._draw(self.sutures.index(self._menu.value), self._slider.value)
+
+    def _shades(self) -> Any:
+        """Return a function from worth to a colour (3,), over what is feasible in the plan and the map."""
+        seen = self.plan.rewards
+        if self.map is not None:
+            seen = np.append(seen, self.map.best[self.map.feasible])
+        low, high = float(seen.min()), float(seen.max())
+        colours = mpl.colormaps[COLOURS]
+
+        def shade(value: float) -> tuple[int, int, int]:
+            share = (value - low) / (high - low) if high > low else 1.0
+            red, green, blue, _ = colours(min(max(share, 0.0), 1.0), bytes=True)
+            return int(red), int(green), int(blue)
+
+        return shade
+
+    def _add(self, name: str, mesh: Mesh, colour: tuple[int, int, int], **how: Any) -> Any:
+        """Add a mesh to the scene."""
+        return self.server.scene.add_mesh_simple(name, mesh.vertices_m, mesh.faces, color=colour, **how)
+
+
+def show_plan(
+    setup: SutureSetup, plan: SuturePlan, map: DexterityMap | None = None, port: int = 8080, block: bool = True
+) -> SutureView:
+    """Serve a plan to the browser and return the view; its ``port`` says where.
+
+    Args:
+        setup: of which.
+        plan: what is drawn.
+        map: what sutures elsewhere are worth, for a coloured ring; None: no ring.
+        port: of the server; if it is taken, the next that is free.
+        block: stay until Ctrl-C.
+
+    Raises:
+        TrocarError: as ``SutureView``.
+    """
+    view = SutureView(setup, plan, map, port)
+    if block:
+        try:
+            view.play()
+        except KeyboardInterrupt:
+            view.server.stop()
+    return view
+
+
+def _named(i: int, plan: SuturePlan) -> str:
+    """Return one suture of a plan in words."""
+    way = "clockwise" if plan.directions[i] == CLOCKWISE else "counterclockwise"
+    return f"{i + 1}: {math.degrees(plan.positions_rad[i]):.0f} deg {way}, worth {plan.rewards[i]:.3f}"
+
+
+def _move(node: Any, T: SE3) -> None:
+    """Put a node of the scene into a pose in its parent."""
+    node.wxyz, node.position = T.rotation.as_quaternion(), T.translation_m
+
+
+def _server(port: int) -> Any:
+    """Return a server of viser's."""
+    if not 1 <= port <= 65535:
+        raise TrocarError(f"the port is {port}; give 1 to 65535")
+    try:
+        from viser import ViserServer  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise TrocarError("3D in the browser needs viser; install the extra with: pip install 'trocar[view]'") from None
+    with redirect_stdout(sys.stderr):  # its banner says where to look; stdout is for results
+        return ViserServer(port=port, verbose=False)
