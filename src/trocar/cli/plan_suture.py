@@ -12,12 +12,14 @@ from rich.console import Console
 
 from trocar.cli import suture_options as options
 from trocar.cli.suture_options import REWARD, SPACING, metre, option, rad
+from trocar.cli.suture_search import Search
 from trocar.errors import TrocarError
 from trocar.sutures import PRESETS, dexterity
 
 if TYPE_CHECKING:
-    from trocar.sutures.plan import Spacing, SuturePlan
-    from trocar.sutures.rewards import DexterityMap, ManipulabilityAt
+    from trocar.sutures.demonstrations import Demonstrations
+    from trocar.sutures.plan import SuturePlan
+    from trocar.sutures.rewards import DexterityMap
 
 PAPER_PRESET = "paper-demo"
 
@@ -41,10 +43,18 @@ def suture(
     exhaustive: Annotated[
         bool, option(SPACING, "Enumerate every plan, as the paper does; the result is the same.", name="--exhaustive")
     ] = False,
+    continuous: Annotated[
+        bool, option(SPACING, "Any angles, not whole steps, with a proven bound on what is left.", name="--continuous")
+    ] = False,
     demonstrations: Annotated[
         str | None,
         option(REWARD, "Recorded sutures for the manipulability (manifest, or its folder), or `synthetic`.", "PATH"),
     ] = None,
+    robust: Annotated[
+        bool, option(REWARD, "Maximise the worst case over random errors of wrist joints and circle.", name="--robust")
+    ] = False,
+    scenarios: Annotated[int, option(REWARD, "How many errors --robust looks at.")] = 100,
+    seed: Annotated[int, option(REWARD, "Of the errors that --robust looks at.")] = 0,
     margin: options.Margin = None,
     weight: options.Weight = None,
     scaling: options.Scaling = None,
@@ -114,12 +124,26 @@ def suture(
     if out is not None and out.exists() and not out.is_dir():
         raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
     spacing = options.spacing_of(count, positions, least_gap, most_gap, forbid or (), fix or (), tension)
+    search = Search(count, spacing, exhaustive, continuous, scenarios if robust else None, seed)
     recorded = _recorded(demonstrations)
     started = time.perf_counter()
-    found = dexterity(setup, reward, positions, *recorded)
-    plan = _plan(found, count, spacing, exhaustive)
+    found = dexterity(
+        setup,
+        reward,
+        positions,
+        recorded.manipulability_at if recorded else None,
+        recorded.source if recorded else "",
+    )
+    plan, stands = search.plan(found, recorded)
     compute_ms = 1e3 * (time.perf_counter() - started)
     summary = _summary(found, plan, preset, compute_ms)
+    if stands is not None:
+        summary |= {"robust": stands.summary(), "sensitivity": search.sensitivity(found)}
+        if not plan.feasible and not summary["problem"]:
+            summary["problem"] = (
+                f"no plan keeps the limits in each of {scenarios} random errors; move the base, turn the grasp, leave "
+                "--robust out or look at fewer --scenarios"
+            )
     if out is not None:
         summary["files"] = _save(out, found, plan, summary)
     if as_json:
@@ -131,26 +155,13 @@ def suture(
         raise typer.Exit(1)
 
 
-def _recorded(demonstrations: str | None) -> tuple[ManipulabilityAt | None, str]:
-    """Return manipulability from demonstrations with its source; the surrogate if none are given."""
+def _recorded(demonstrations: str | None) -> Demonstrations | None:
+    """Return the demonstrations that were given."""
     if demonstrations is None:
-        return None, ""
+        return None
     from trocar.sutures.demonstrations import load_demonstrations, synthetic_demonstrations  # noqa: PLC0415
 
-    given = synthetic_demonstrations() if demonstrations == "synthetic" else load_demonstrations(demonstrations)
-    return given.manipulability_at, given.source
-
-
-def _plan(found: DexterityMap, count: int, spacing: Spacing | None, exhaustive: bool) -> SuturePlan:
-    """Return the best plan by the search that was asked for."""
-    from trocar.sutures.even import plan_even, plan_exhaustive  # noqa: PLC0415
-    from trocar.sutures.gaps import plan_gaps  # noqa: PLC0415
-
-    if exhaustive and spacing is not None:
-        raise TrocarError("--exhaustive enumerates evenly spaced plans; leave the bounds on gaps and places out")
-    if spacing is not None:
-        return plan_gaps(found, count, spacing)
-    return plan_exhaustive(found, count) if exhaustive else plan_even(found, count)
+    return synthetic_demonstrations() if demonstrations == "synthetic" else load_demonstrations(demonstrations)
 
 
 def _summary(found: DexterityMap, plan: SuturePlan, preset: str, compute_ms: float) -> dict[str, Any]:
@@ -194,6 +205,8 @@ def _print(summary: dict[str, Any]) -> None:
     for arc in summary["unreachable_deg"] if summary["feasible"] else ():
         console.print(f"no suture at {arc['from']:.4g} to {arc['to']:.4g} deg: {arc['reason']}")
     console.print(f"manipulability: {summary['manipulability_source']}")
+    if "robust" in summary:
+        _print_robust(console, summary["robust"], summary["sensitivity"])
     if not summary["jaws_can_hold_needle"]:
         console.print(
             f"the wire leaves the plane of the jaws by {summary['wire_out_of_jaws_deg']:.0f} deg: "
@@ -204,3 +217,16 @@ def _print(summary: dict[str, Any]) -> None:
         console.print("Table I identifies neither the formula nor the setup: `trocar study suture` shows why")
     if "files" in summary:
         console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)
+
+
+def _print_robust(console: Console, robust: dict[str, Any], sensitivity: dict[str, Any]) -> None:
+    """Print what the robust plan gains in the worst case, and what it costs otherwise."""
+    cannot = "" if robust["nominal_feasible_in_every_scenario"] else ", and it leaves the limits there"
+    console.print(
+        f"rewards are those of the worst of {robust['scenarios']} random errors; without error this plan is worth "
+        f"{robust['planned_reward']:.4f}. The best plan without error is worth {robust['nominal_planned_reward']:.4f}, "
+        f"in the worst case {robust['nominal_worst_reward']:.4f}{cannot}; it is infeasible in "
+        f"{100 * sensitivity['infeasible_share']:.0f} % of the errors"
+    )
+    middle, most = sensitivity["best_plan_shift_p50_p95_deg"]
+    console.print(f"errors move the best plan by {middle:.3g} deg (median), {most:.3g} deg (95 of 100)")

@@ -113,7 +113,12 @@ def spread_table(random: Mapping[str, Any]) -> Table:
     table = Table(title=f"Table I of {random['setups']} random setups: 10th, 50th, 90th percentile")
     table.add_column("margin", no_wrap=True)
     for key in entries:
-        table.add_column(" ".join(part.split()[0] for part in key.split(", ")).replace("wise", "w."), justify="right")
+        table.add_column(
+            " ".join(part.split()[0] for part in key.split(", "))
+            .replace("clockwise", "clockw.")
+            .replace("counterclockw.", "counter-clockw."),
+            justify="right",
+        )
     for name, measure in random["measures"].items():
         rows = (measure["table_1"][key] for key in entries)
         table.add_row(name, *(f"{row['p10']:.0f} {row['p50']:.0f} {row['p90']:.0f}" for row in rows))
