@@ -37,7 +37,7 @@ def test_they_agree_where_many_sutures_tie_and_some_are_infeasible(seed):
 
 def test_directions_are_those_of_the_map_whatever_the_weight():
     for weight in (0.0, 0.75, 1.0):
-        found = dexterity(PRESETS["paper-demo"].setup, Reward("clipped", weight, feasible_first=False))
+        found = dexterity(PRESETS["paper-demo"].setup, Reward("clipped", weight=weight, feasible_first=False))
         plan = plan_even(found)
         where = np.rint(np.degrees(plan.positions_rad)).astype(int)
         np.testing.assert_array_equal(plan.directions, found.directions[where])
