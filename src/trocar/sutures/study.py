@@ -216,7 +216,7 @@ class SutureStudy:
             "table_1": self.table.summary(),
             "switches_deg": switches.tolist(),
             "paper_switches_deg": list(PAPER_SWITCHES_DEG),
-            "switches_off_paper_deg": [float(_turn_between(switches, at)) for at in PAPER_SWITCHES_DEG],
+            "switches_off_paper_deg": switches_off_deg(switches),
             "infeasible_positions": int((~found.feasible).sum()),
             "positions": len(found.thetas_rad),
             "largest_wrist_deg": np.degrees(self.wrist_rad.max(0)).tolist(),
@@ -228,10 +228,10 @@ class SutureStudy:
         }
 
 
-def _turn_between(switches_deg: NDArray[np.float64], at_deg: float) -> float:
-    """Return the angle from ``at_deg`` to the nearest switch; infinite without one."""
-    off = np.abs((switches_deg - at_deg + 180) % 360 - 180)
-    return float(off.min(initial=np.inf))
+def switches_off_deg(switches_deg: NDArray[np.float64]) -> list[float]:
+    """Return how far the nearest switch is from each of the paper's; infinite without any."""
+    off = [np.abs((switches_deg - at + 180) % 360 - 180) for at in PAPER_SWITCHES_DEG]
+    return [float(turns.min(initial=np.inf)) for turns in off]
 
 
 def study(
