@@ -20,9 +20,14 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object an
 
 
 def run(
-    task: Annotated[str, typer.Argument(metavar="TASK", help="peg-transfer.")],
+    task: Annotated[str, typer.Argument(metavar="TASK", help="peg-transfer or suture.")],
     *,
-    variant: Annotated[str, typer.Option(help="unilateral: one arm does all twelve transfers.")] = "unilateral",
+    variant: Annotated[
+        str,
+        typer.Option(
+            help="peg-transfer: unilateral, one arm does all; suture: single-arm.", show_default="the task's first"
+        ),
+    ] = "",
     method: Annotated[
         str,
         typer.Option(help="calibrated: cables compensated by a fitted model; uncalibrated: encoders believed."),
@@ -31,7 +36,7 @@ def run(
         str,
         typer.Option(help="Cable model of the method calibrated: play, lstm (the paper's), ridge, offset."),
     ] = "play",
-    trials: Annotated[int, typer.Option(help="How many trials of twelve transfers.")] = 1,
+    trials: Annotated[int, typer.Option(help="How many trials: of twelve transfers, or of all sutures.")] = 1,
     seed: Annotated[int, typer.Option(help="Of everything random; the same seed gives the same trials.")] = 0,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED.")
@@ -46,6 +51,17 @@ def run(
     flawless_camera: Annotated[
         bool, typer.Option("--flawless-camera", help="Switch the sensor's flaws off; the run says so.")
     ] = False,
+    preset: Annotated[
+        str | None, typer.Option(help="suture: setup and reward of the plan.", show_default="default")
+    ] = None,
+    direction: Annotated[
+        str | None,
+        typer.Option(
+            help="suture: best, or clockwise or counterclockwise for all, even where a joint cannot.",
+            show_default="best",
+        ),
+    ] = None,
+    sutures: Annotated[int | None, typer.Option(help="suture: how many, evenly spaced.", show_default="4")] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Run trials of a task in the simulated cell, score them, and keep files and pictures.
@@ -57,7 +73,20 @@ def run(
 
     if method == "calibrated" and model == "lstm":
         need("learn", "jax", "equinox", "optax")
-    plan = Plan(task, variant, method, model, trials, seed, new_session, refit_offsets, flawless_camera)
+    plan = Plan(
+        task,
+        variant,
+        method,
+        model,
+        trials,
+        seed,
+        new_session,
+        refit_offsets,
+        flawless_camera,
+        preset,
+        direction,
+        sutures,
+    )
     folder = out or Path("out") / f"{task}-{method}-{seed}"
     todo = open_folder(plan, folder)
     console = Console(stderr=True)
@@ -87,23 +116,30 @@ def _play(plan: Plan, folder: Path, todo: Sequence[int], console: Console) -> No
     if not todo:
         console.print(f"all {plan.trials} trials are in {folder}; nothing to run")
         return
+    pieces = len(plan.built().work)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         bar = progress.add_task(
             f"calibrating ({plan.model})" if plan.method == "calibrated" else "setting up",
-            total=12 * len(todo),
+            total=pieces * len(todo),
         )
         session, models = prepare(plan, folder)
         for number, index in enumerate(todo):
 
             def listen(event: Mapping[str, object], number: int = number, index: int = index) -> None:
-                if event["name"] == "transfer":
-                    what = f"trial {index + 1} of {plan.trials}: peg {event['source']} to {event['target']}"
-                    progress.update(bar, advance=1, description=what)
+                if event["name"] in ("transfer", "suture"):
+                    progress.update(bar, advance=1, description=f"trial {index + 1} of {plan.trials}: {_done(event)}")
 
             trial = run_trial(plan, session, models, index, listen, pictures=index == 0)
             trial.save(trial_file(folder, index))
-            progress.update(bar, completed=12 * (number + 1))
+            progress.update(bar, completed=pieces * (number + 1))
+
+
+def _done(event: Mapping[str, Any]) -> str:
+    """Return what a script has just done."""
+    if event["name"] == "transfer":
+        return f"peg {event['source']} to {event['target']}"
+    return f"suture {event['suture'] + 1}"
 
 
 def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> None:
@@ -121,17 +157,20 @@ def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) ->
 
 
 def _show(summary: Mapping[str, Any], trials: Sequence[Trial], files: Sequence[Path], interrupted: bool) -> None:
-    from trocar.report import parts_table, run_table  # noqa: PLC0415
+    from trocar.report import driven_table, parts_table, run_table  # noqa: PLC0415
     from trocar.report.summary import MISSED_WARNING  # noqa: PLC0415
 
     console = Console()
     console.print(run_table(summary))
+    if "joint_error_deg" in summary:
+        console.print(driven_table(summary))
     console.print(parts_table(summary))
     if summary["failures"]:
         console.print("failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items()))
     compute = ", ".join(f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items())
     console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
-    console.print(f"collisions a trial: {summary['collisions_per_trial']:.2f}")
+    if summary["collisions_per_trial"] is not None:
+        console.print(f"collisions a trial: {summary['collisions_per_trial']:.2f}")
     if summary["missed_budgets"] > MISSED_WARNING:
         console.print(
             f"warning: {100 * summary['missed_budgets']:.1f} % of computations took longer than the trial's clock "
@@ -139,6 +178,8 @@ def _show(summary: Mapping[str, Any], trials: Sequence[Trial], files: Sequence[P
         )
     cables = "; ".join(f"{arm}: {source}" for arm, source in summary["cables"].items())
     console.print(f"simulated cables: {cables}")
+    for sentence in [*summary.get("stopped", ()), *summary.get("modelled", ())]:
+        console.print(sentence)
     if trials[0].about["flawless_camera"]:
         console.print("the camera's flaws were switched off")
     if interrupted:

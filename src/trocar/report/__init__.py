@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from trocar.report.statistics import Spread, wilson_interval
     from trocar.report.storyboard import draw_storyboard
     from trocar.report.summary import summarise
-    from trocar.report.tables import parts_table, run_table
+    from trocar.report.tables import driven_table, parts_table, run_table
     from trocar.report.timechart import draw_timechart
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "draw_paths",
     "draw_storyboard",
     "draw_timechart",
+    "driven_table",
     "load_trials",
     "parts_table",
     "run_table",
@@ -32,6 +33,7 @@ _MODULES = {
     "draw_paths": "paths",
     "draw_storyboard": "storyboard",
     "draw_timechart": "timechart",
+    "driven_table": "tables",
     "load_trials": "run_files",
     "parts_table": "tables",
     "run_table": "tables",

@@ -13,9 +13,11 @@ import cv2
 import numpy as np
 
 from trocar.errors import TrocarError
+from trocar.report.driven_figures import draw_joints, draw_needle
 from trocar.report.paths import draw_paths
 from trocar.report.storyboard import draw_storyboard
 from trocar.report.summary import summarise
+from trocar.report.tables import NAMES
 from trocar.report.timechart import draw_timechart
 from trocar.scene import Pegboard
 from trocar.trials.trial import Trial
@@ -55,19 +57,8 @@ def _pictures(folder: Path, trials: Sequence[Trial]) -> list[Path]:
         ]
         title = f"{what}, trial {shown.about['index']} of seed {shown.about['seed']} (simulated)"
         files.append(draw_storyboard(frames, folder / "storyboard.png", title, columns=3 if len(frames) <= 9 else 4))
-    working = str(first.spans[0].arm) if first.spans else None
-    if working is not None:
-        times, tips = first.arrays["times_s"], first.arrays[f"tip_{working}"]
-        files.append(
-            draw_paths(
-                times,
-                tips,
-                _transfer_at(first, times),
-                Pegboard().pegs_m,
-                folder / "paths.png",
-                title=f"Path of {working}'s tip over the board, {what}",
-            )
-        )
+    if first.spans:
+        files += DRAW[str(first.about["task"])](folder, first, what)
         spans = [
             {**vars(span), "transfer": int(index)}
             for span, index in zip(
@@ -76,8 +67,27 @@ def _pictures(folder: Path, trials: Sequence[Trial]) -> list[Path]:
                 strict=True,
             )
         ]
-        files.append(draw_timechart(spans, folder / "timechart.png", title=f"Time chart, {what}"))
+        piece = NAMES[str(first.about["task"])]
+        files.append(draw_timechart(spans, folder / "timechart.png", title=f"Time chart, {what}", piece=piece))
     return files
+
+
+def _pegboard_pictures(folder: Path, trial: Trial, what: str) -> list[Path]:
+    working, times = trial.spans[0].arm, trial.arrays["times_s"]
+    title = f"Path of {working}'s tip over the board, {what}"
+    tips, pegs = trial.arrays[f"tip_{working}"], Pegboard().pegs_m
+    return [draw_paths(times, tips, _transfer_at(trial, times), pegs, folder / "paths.png", title=title)]
+
+
+def _suture_pictures(folder: Path, trial: Trial, what: str) -> list[Path]:
+    return [
+        draw_joints(trial, folder / "joints.png", f"Joints of {trial.spans[0].arm} driven and planned, {what}"),
+        draw_needle(trial, folder / "needle.png", f"Path of the needle's tip, {what}"),
+    ]
+
+
+DRAW = {"peg-transfer": _pegboard_pictures, "suture": _suture_pictures}
+"""The pictures that are a task's own."""
 
 
 def _decode(png: np.ndarray) -> np.ndarray:

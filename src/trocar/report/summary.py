@@ -9,11 +9,21 @@ from typing import Any
 import numpy as np
 
 from trocar.errors import TrocarError
+from trocar.report.driven import driven_summary
 from trocar.report.statistics import Spread, wilson_interval
 from trocar.trials.trial import Trial
 
-PARTS = ("capture", "perception", "planning", "motion", "jaw", "settling")
-"""Spans that a transfer's time is made of; what is left is ``other``."""
+PARTS = {
+    "peg-transfer": ("capture", "perception", "planning", "motion", "jaw", "settling"),
+    "suture": ("planning", "loading", "motion", "jaw", "settling"),
+}
+"""Spans that the time of a transfer or suture is made of, by task; what is left is ``other``."""
+
+COLLIDES = ("peg-transfer",)
+"""Tasks whose referee looks for collisions; the phantom of sutures is solid to nothing."""
+
+MORE = {"suture": driven_summary}
+"""What tasks add to the summary."""
 
 MISSED_WARNING = 0.01
 """A run says so when more than this share of computations took longer than the trial's clock counted."""
@@ -28,6 +38,7 @@ def summarise(trials: Sequence[Trial]) -> dict[str, Any]:
     if not trials:
         raise TrocarError("there are no finished trials to summarise; run some with `trocar run`")
     about = trials[0].about
+    more = MORE.get(str(about["task"]))
     transfers = [transfer for trial in trials for transfer in trial.transfers]
     attempted = [transfer for transfer in transfers if transfer["attempted"]]
     succeeded = sum(bool(transfer["succeeded"]) for transfer in attempted)
@@ -53,26 +64,35 @@ def summarise(trials: Sequence[Trial]) -> dict[str, Any]:
             "sd": Spread.of([trial.duration_s for trial in trials]).sd if len(trials) > 1 else None,
         },
         "parts_s": _parts(trials, count),
-        "collisions_per_trial": sum(len(trial.collisions) for trial in trials) / len(trials),
+        "collisions_per_trial": _collisions(trials),
         "failures": dict(Counter(str(transfer["failure"]) for transfer in attempted if transfer["failure"])),
         "compute_ms": compute,
         "missed_budgets": missed,
         "realtime_factor": total_s / wall_s if wall_s else None,
         "cables": about["cables"],
         "versions": about["versions"],
+        **(more(trials) if more else {}),
     }
 
 
+def _collisions(trials: Sequence[Trial]) -> float | None:
+    """Return the mean number; None for a task whose referee looks for none."""
+    if trials[0].about["task"] not in COLLIDES:
+        return None
+    return sum(len(trial.collisions) for trial in trials) / len(trials)
+
+
 def _complete(trial: Trial) -> bool:
-    """Return whether all twelve transfers succeeded, the paper's successful trial."""
-    return len(trial.transfers) == 12 and all(transfer["succeeded"] for transfer in trial.transfers)
+    """Return whether all succeeded: twelve transfers, which is the paper's successful trial, or all sutures."""
+    pieces = trial.about.get("sutures", 12)
+    return len(trial.transfers) == pieces and all(transfer["succeeded"] for transfer in trial.transfers)
 
 
 def _parts(trials: Sequence[Trial], transfers: int) -> dict[str, float]:
     """Return the mean time a transfer of each part; they add up to the mean transfer time."""
     if not transfers:
         return {}
-    seconds: dict[str, float] = {name: 0.0 for name in PARTS}
+    seconds: dict[str, float] = {name: 0.0 for name in PARTS[str(trials[0].about["task"])]}
     for trial in trials:
         for span in trial.spans:
             seconds[span.name] = seconds.get(span.name, 0.0) + span.end_s - span.start_s

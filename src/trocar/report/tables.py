@@ -40,6 +40,10 @@ PAPER: dict[str, tuple[PaperFigure, ...]] = {
 """Hwang et al. 2022, Table II, by variant."""
 
 
+NAMES = {"peg-transfer": "transfer", "suture": "suture"}
+"""What a task is made of, by task."""
+
+
 def run_table(summary: Mapping[str, Any]) -> Table:
     """Return the table of a run, with the paper's rows of the same variant under it.
 
@@ -50,7 +54,7 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     trials = f"{summary['trials']} trial{'s' if summary['trials'] != 1 else ''}"
     table = Table(title=f"{summary['task']}, {summary['variant']}, {trials}, simulated")
     table.add_column("who")
-    for column in ("transfers", "success", "95 % interval", "mean time s"):
+    for column in (NAMES[summary["task"]] + "s", "success", "95 % interval", "mean time s"):
         table.add_column(column, justify="right")
     model = f" ({summary['model']})" if summary.get("model") else ""
     table.add_row(
@@ -81,7 +85,7 @@ def _successes(succeeded: int, attempted: int) -> tuple[str, str, str]:
 
 def parts_table(summary: Mapping[str, Any]) -> Table:
     """Return where a transfer's time went, part by part."""
-    table = Table(title="Mean transfer, part by part")
+    table = Table(title=f"Mean {NAMES[summary['task']]}, part by part")
     table.add_column("part")
     table.add_column("s", justify="right")
     table.add_column("share", justify="right")
@@ -90,6 +94,28 @@ def parts_table(summary: Mapping[str, Any]) -> Table:
     for name, seconds in sorted(parts.items(), key=lambda item: -item[1]):
         table.add_row(name, f"{seconds:z.2f}", _percent(seconds / total))
     return table
+
+
+def driven_table(summary: Mapping[str, Any]) -> Table:
+    """Return how far driven joints and needle were from the plan (task suture)."""
+    table = Table(title=f"Driven against planned, {summary['method']}")
+    table.add_column("what")
+    table.add_column("RMS", justify="right")
+    table.add_column("largest", justify="right")
+    for joint, error in summary["joint_error_deg"].items():
+        table.add_row(f"{joint.replace('_', ' ')}, deg", _figure(error["rms"]), _figure(error["max"]))
+    insertion, tip = summary["insertion_error_mm"], summary["tip_error_mm"]
+    table.add_row("insertion, mm", _figure(insertion["rms"]), _figure(insertion["max"]))
+    table.add_row("needle's tip off its path, mm", _figure(tip["rms"]), _figure(tip["max"]))
+    for end in ("entry", "exit"):
+        table.add_row(f"{end} off its point, mm", "", _figure(summary[f"{end}_error_mm"]["max"]))
+    table.add_row("slip in the jaws, mm", "", _figure(summary["slip_mm"]["max"]))
+    return table
+
+
+def _figure(value: float | None) -> str:
+    """Return a number as text, a dash where there is none."""
+    return "-" if value is None else f"{value:.2f}"
 
 
 def _percent(share: float | None) -> str:

@@ -19,13 +19,16 @@ COLOURS = {
     "motion": style.BLUE,
     "settling": style.FAINT,
     "jaw": style.ORANGE,
+    "loading": style.GREEN,
 }
 START, END = -1, sys.maxsize
 """In the place of a transfer: what an arm does before the first one, and after the last."""
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 
-def draw_timechart(spans: Sequence[Mapping[str, Any]], path: Path, title: str = "Time chart") -> Path:
+def draw_timechart(
+    spans: Sequence[Mapping[str, Any]], path: Path, title: str = "Time chart", piece: str = "transfer"
+) -> Path:
     """Draw one row per transfer and arm, coloured by what was done, and return the path.
 
     What belongs to no transfer is "start" before the last of them begins and "end" after it.
@@ -34,6 +37,7 @@ def draw_timechart(spans: Sequence[Mapping[str, Any]], path: Path, title: str = 
         spans: each with ``arm``, ``name``, ``start_s``, ``end_s`` and ``transfer`` (index; None or -1: none).
         path: of the picture.
         title: above the chart.
+        piece: what a row is called.
     """
     if not spans:
         raise TrocarError("a time chart needs at least one span; the trial's log has none")
@@ -62,7 +66,7 @@ def draw_timechart(spans: Sequence[Mapping[str, Any]], path: Path, title: str = 
             end = max(span["end_s"] for span in spans_of[key]) - start
             axes.text(end, row, f"  {end:.1f} s", va="center", fontsize=8, color=style.QUIET)
         labels = [
-            {START: "start", END: "end"}.get(transfer, f"transfer {transfer + 1}") + (f", {arm}" if several else "")
+            {START: "start", END: "end"}.get(transfer, f"{piece} {transfer + 1}") + (f", {arm}" if several else "")
             for transfer, arm in rows
         ]
         axes.set_yticks(range(len(rows)), labels)

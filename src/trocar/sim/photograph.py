@@ -20,13 +20,14 @@ from trocar.sim.world import World
 LENS = Intrinsics(640, 480, 1520.0, 1520.0, 319.5, 239.5)
 VIEWS = {
     Scene: ((0.13, -0.46, 0.33), (0.004, 0.0, 0.030)),
-    SutureScene: ((0.20, 0.36, 0.26), (0.0, 0.0, 0.010)),
+    SutureScene: ((0.12, 0.23, 0.17), (-0.002, 0.0, 0.008)),
 }
 """Where the eye stands and where it looks, in the world, by type of scene."""
 LIGHT = Light(ambient=0.42, gain=0.95)
 TABLE_RGB = (0.30, 0.33, 0.36)
 BLOCK_RGB = (0.86, 0.55, 0.13)
 SHAFT_RGB = (0.20, 0.21, 0.24)
+NEEDLE_RGB = (0.08, 0.10, 0.30)
 
 
 class Photographer:
@@ -40,6 +41,8 @@ class Photographer:
                 model.geom_rgba[g, :3] = TABLE_RGB
             elif name.startswith("block"):
                 model.geom_rgba[g, :3] = BLOCK_RGB
+            elif name.startswith("needle"):
+                model.geom_rgba[g, :3] = NEEDLE_RGB
             elif name.endswith("_shaft"):
                 model.geom_rgba[g, :3] = SHAFT_RGB
         eye_m, target_m = VIEWS[type(world.cell.scene)]

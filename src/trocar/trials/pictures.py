@@ -8,6 +8,8 @@ from typing import Any
 from trocar.trials.log import Span
 
 MOST_FAILURES = 3
+UNSHOWN = ("lower", "withdraw")
+"""Steps of a suture without a picture."""
 
 
 Notes = Sequence[Mapping[str, Any]]
@@ -15,11 +17,11 @@ Moments = Callable[[Notes, Sequence[Span], Notes], list[tuple[str, float]]]
 
 
 def suture_moments(sutures: Notes, spans: Sequence[Span], events: Notes) -> list[tuple[str, float]]:
-    """Return (caption, time in s): the first suture step by step, then the end of each."""
+    """Return (caption, time in s): the end of each step of the first suture, then of each suture."""
     del spans
     steps = [e for e in events if e["name"] == "step" and e["suture"] == 0]
     ends = [e["time_s"] for e in steps[1:]] + [s["end_s"] for s in sutures[:1]]
-    found = [(f"after: {step['step']}", end) for step, end in zip(steps, ends, strict=False)]
+    found = [(str(step["step"]), end) for step, end in zip(steps, ends, strict=False) if step["step"] not in UNSHOWN]
     for number, suture in enumerate(sutures, start=1):
         how = suture["failure"].lower().replace("_", " ") or "driven"
         if number > 1 or suture["failure"]:
