@@ -113,12 +113,8 @@ def fit_table_1(
         misfit, bounds, popsize=8, maxiter=generations, rng=seed, polish=False, init="sobol", callback=count
     )
     simplex = evolved.x + np.vstack([np.zeros(len(FREE)), np.diag(0.03 * (high - low))])
-    x = minimize(
-        misfit,
-        evolved.x,
-        method="Nelder-Mead",
-        options={"maxfev": 1500 * generations // GENERATIONS, "initial_simplex": simplex},
-    ).x
+    options = {"maxfev": 1500 * generations // GENERATIONS, "initial_simplex": simplex}
+    x = minimize(misfit, evolved.x, method="Nelder-Mead", options=options).x
     setup = with_parameters(SutureSetup(), dict(zip(FREE, x, strict=True)))
     return _fit(margin, _facing_the_switches(setup, margin))
 

@@ -1,0 +1,213 @@
+"""Where to put circle, port and grasp so that the best plan of sutures is best: a search round the planner.
+
+For each setup the plan is exact (on its grid); over setups the search is differential evolution, which proves nothing.
+For up to three numbers that move the circle alone, ``outer_bound.py`` proves how much more there could be.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import differential_evolution
+
+from trocar.errors import TrocarError
+from trocar.sutures.even import plan_even
+from trocar.sutures.joints import suture_joints
+from trocar.sutures.parameters import RANGES, check_names, parameters_of, with_parameters
+from trocar.sutures.plan import SuturePlan
+from trocar.sutures.primitive import places, tip_poses
+from trocar.sutures.rewards import DexterityMap, Reward, Scales, dexterity, judged
+from trocar.sutures.setup import HOLDABLE_RAD, SutureSetup
+
+HEURISTIC = "inner exact, outer heuristic: each setup's plan is the best on its grid; the setup is the best one found"
+
+PLACEMENT = ("center_x_m", "center_y_m", "circle_radius_m")
+PORT = ("base_azimuth_rad", "base_sideways_m", "base_up_m", "base_tilt_rad", "base_spin_rad")
+GRASP = ("grasp_behind_tip_rad", "grasp_approach_rad", "grasp_lean_rad")
+
+POPULATION = 48
+NOT_POSSIBLE = 10.0
+"""Added to the cost of a plan that cannot be done: more than any reward."""
+
+Planner = Callable[[DexterityMap], SuturePlan]
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class OuterSearch:
+    """What a search over setups found.
+
+    Attributes:
+        start: the map of the setup that it began with.
+        start_plan: the best plan there.
+        best: the map of the best setup found, scaled as ``start``, so that rewards compare.
+        plan: the best plan there.
+        free: names of the numbers that were searched over.
+        bounds: (f, 2) of them.
+        evaluations: how many setups were looked at.
+        seconds: how long that took.
+        certified: what is proven and what is not, in words.
+    """
+
+    start: DexterityMap
+    start_plan: SuturePlan
+    best: DexterityMap
+    plan: SuturePlan
+    free: tuple[str, ...]
+    bounds: NDArray[np.float64]
+    evaluations: int
+    seconds: float
+    certified: str
+
+    @property
+    def setups_per_s(self) -> float:
+        """Return how many setups were looked at in a second, planner included."""
+        return self.evaluations / self.seconds
+
+    def summary(self) -> dict[str, Any]:
+        """Return everything as plain values."""
+        was, is_now = parameters_of(self.start.setup), _chosen(self.start.setup, self.best.setup)
+        return {
+            "free": {
+                name: {"from": was[name], "to": is_now[name], "low": low, "high": high}
+                for name, (low, high) in zip(self.free, self.bounds.tolist(), strict=True)
+            },
+            "start_reward": self.start_plan.reward,
+            "start_feasible": self.start_plan.feasible,
+            "reward": self.plan.reward,
+            "feasible": self.plan.feasible,
+            "positions_deg": np.degrees(self.plan.positions_rad).tolist(),
+            "directions": self.plan.directions.tolist(),
+            "holdable": self.best.setup.grasp.holdable,
+            "evaluations": self.evaluations,
+            "seconds": self.seconds,
+            "setups_per_s": self.setups_per_s,
+            "certified": self.certified,
+        }
+
+
+def _chosen(start: SutureSetup, best: SutureSetup) -> dict[str, float]:
+    """Return the numbers of the best setup as seen from the starting circle, from which the base is measured."""
+    from_start = replace(best, circle=replace(best.circle, T_world_circle=start.circle.T_world_circle))
+    shift = (start.circle.T_world_circle.inverse() @ best.circle.T_world_circle).translation_m
+    return {**parameters_of(from_start), "center_x_m": float(shift[0]), "center_y_m": float(shift[1])}
+
+
+def outer_search(
+    setup: SutureSetup,
+    reward: Reward | None = None,
+    free: Sequence[str] = (*PLACEMENT, *PORT, *GRASP),
+    *,
+    rng: np.random.Generator,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    planner: Planner = plan_even,
+    positions: int = 360,
+    coarse: int = 72,
+    evaluations: int = 3000,
+    holdable: bool = True,
+    progress: Progress | None = None,
+) -> OuterSearch:
+    """Return the best setup found over some of its numbers; never worse than the one it began with.
+
+    The jaws stay above the tissue; whether arm or port fit beside the patient is not asked, other than by the bounds.
+    Margin and manipulability are scaled as at the start: scaled anew for each setup, rewards would not compare.
+
+    Args:
+        setup: where to begin; numbers that are not free stay.
+        reward: the measure.
+        free: names of ``RANGES``.
+        rng: randomness of the evolution.
+        bounds: of free numbers, in place of ``RANGES``.
+        planner: what makes a plan of a map.
+        positions: grid of the plans that are returned; a multiple of ``coarse``.
+        coarse: grid of the plans during the search.
+        evaluations: about how many setups to look at.
+        holdable: whether flat jaws must be able to hold the needle as grasped.
+        progress: called with how many setups were looked at and how many there will be.
+    """
+    start = dexterity(setup, reward, positions)
+    limits = free_bounds(free, bounds)
+    if positions % coarse or evaluations < 2 * POPULATION:
+        raise TrocarError(
+            f"a search with {evaluations} setups on {coarse} of {positions} positions cannot be made; give at least "
+            f"{2 * POPULATION} setups and a grid that is a multiple of the coarse one"
+        )
+    if holdable and not setup.grasp.holdable and not {"grasp_lean_rad", "grasp_skew_rad"} & set(free):
+        raise TrocarError(
+            f"the grasp holds the wire {np.degrees(setup.grasp.out_of_jaws_rad):.0f} deg out of the plane of flat "
+            "jaws; free the grasp's lean and skew, begin with skew 0, or ask for no holdable grasp"
+        )
+    thetas = start.thetas_rad[:: positions // coarse]
+    looked = 0
+
+    def cost(x: NDArray[np.float64]) -> float:
+        nonlocal looked
+        looked += 1
+        if progress and looked % POPULATION == 0:
+            progress(min(looked, evaluations), evaluations)
+        try:
+            there = with_parameters(setup, dict(zip(free, x.tolist(), strict=True)))
+        except TrocarError:  # a needle larger than the circle allows, a grasp beyond its tail
+            return 4 * NOT_POSSIBLE
+        if (height := jaws_above_m(there)) < 0:
+            return 3 * NOT_POSSIBLE + 1 - height
+        if holdable and not there.grasp.holdable:
+            return 3 * NOT_POSSIBLE + there.grasp.out_of_jaws_rad - HOLDABLE_RAD
+        return plan_cost(there, start.reward, thetas, start.scales, planner)
+
+    began = time.perf_counter()
+    generations = max(1, evaluations // POPULATION - 1)
+    first = rng.uniform(*limits.T, size=(POPULATION, len(free)))
+    here = parameters_of(setup)
+    first[0] = np.clip([here[name] for name in free], *limits.T)
+    options: dict[str, Any] = {"init": first, "polish": False, "tol": 0.0}
+    x = differential_evolution(cost, limits.tolist(), maxiter=generations, rng=rng, **options).x
+    seconds = time.perf_counter() - began
+    usual = planner(start)
+    found = with_parameters(setup, dict(zip(free, x.tolist(), strict=True)))
+    best = judged(found, start.reward, suture_joints(found, start.thetas_rad), scales=start.scales)
+    plan = planner(best)
+    allowed = jaws_above_m(found) >= 0 and (found.grasp.holdable or not holdable)
+    if not allowed or (plan.feasible, plan.reward) < (usual.feasible, usual.reward):
+        best, plan = start, usual
+    return OuterSearch(start, usual, best, plan, tuple(free), limits, looked, seconds, HEURISTIC)
+
+
+def plan_cost(
+    setup: SutureSetup, reward: Reward, thetas_rad: NDArray[np.float64], scales: Scales, planner: Planner
+) -> float:
+    """Return minus the reward of a setup's best plan; of one that cannot be done, how far it is outside the limits."""
+    found = judged(setup, reward, suture_joints(setup, thetas_rad), scales=scales)
+    plan = planner(found)
+    if plan.feasible or not reward.feasible_first:
+        return -plan.reward
+    outside = found.joints.excess.sum(-1) + found.joints.too_shallow_m
+    return NOT_POSSIBLE + min(float(outside.min(0).max()), NOT_POSSIBLE)
+
+
+def jaws_above_m(setup: SutureSetup) -> float:
+    """Return how far above the tissue's plane the jaws stay, from the held point back to their joint; the least."""
+    along = places(setup)
+    T_circle_tip = tip_poses(setup, along.advance_m, along.jaws_rad).matrix
+    held = T_circle_tip[..., 2, 3]
+    return float(np.minimum(held, held + setup.arm.tip_length_m * T_circle_tip[..., 2, 2]).min())
+
+
+def free_bounds(free: Sequence[str], bounds: Mapping[str, tuple[float, float]] | None = None) -> NDArray[np.float64]:
+    """Return the bounds (f, 2) of these numbers, or raise a sentence."""
+    if not free or len(set(free)) != len(free):
+        raise TrocarError(f"the free numbers are {', '.join(free) or 'none'}; name one or more of {', '.join(RANGES)}")
+    check_names(tuple(free))
+    given = dict(bounds or {})
+    if strange := [name for name in given if name not in free]:
+        raise TrocarError(f"bounds are given for {strange[0]!r}, which is not free; free it or drop its bounds")
+    limits = np.array([given.get(name, (RANGES[name].low, RANGES[name].high)) for name in free], dtype=np.float64)
+    for name, (low, high) in zip(free, limits, strict=True):
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise TrocarError(f"{name} is bounded by {low:g} and {high:g}; give two finite numbers, the lower first")
+    return limits
