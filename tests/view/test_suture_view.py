@@ -31,7 +31,7 @@ def view(request):
     map = dexterity(request.param, positions=72)
     view = show_plan(request.param, plan_even(map), map, port=PORT, block=False)
     yield view
-    view.server.stop()
+    view.close()
 
 
 def pose(node):
@@ -106,6 +106,20 @@ def test_an_open_finger_turns_to_its_own_side(view):
     for finger in view._fingers:
         tip, inner = pose(finger).apply([0, 0, -0.01]), pose(finger).rotation.apply([1.0, 0.0, 0.0])
         assert np.sign(tip[0]) == np.sign(inner[0])  # its body, at its own +x, lies outside the gap
+
+
+def test_colours_run_from_the_least_worth_to_the_largest_and_grey_is_out_of_reach():
+    setup = PRESETS["default"].setup
+    map = dexterity(setup, positions=72)
+    map.joints.feasible[:, 10] = False
+    view = show_plan(setup, plan_even(map), map, port=PORT + 1, block=False)
+    low, high = map.best[map.feasible].min(), map.best[map.feasible].max()
+    assert view._shade(low) == (68, 1, 84)  # the ends of viridis
+    assert view._shade(high) == (253, 231, 36)
+    drawn = np.asarray(view._ring.colors)
+    view.close()
+    assert_allclose(drawn[10, 0], 205, atol=1)
+    assert_allclose(drawn[11, 0], view._shade(map.best[11]), atol=1)
 
 
 def eventually(true):

@@ -24,6 +24,7 @@ from trocar.view.motion import SutureMotion, suture_motion
 from trocar.view.shapes import Mesh, tube
 
 STEEL, DARK, GOLD, TISSUE, INK = (170, 176, 184), (92, 98, 106), (214, 150, 30), (222, 150, 135), (60, 60, 60)
+BLOCKED = (205, 205, 205)
 COLOURS = "viridis"  # as in the figures of reports
 FRAMES_PER_S = 12.0
 
@@ -35,7 +36,7 @@ class SutureView:
     circle's frame), ``/needle``, and ``/arm/shaft``, ``/arm/wrist``, ``/arm/jaws`` in frames 4, 5 and 7 of the arm.
 
     Attributes:
-        server: viser's server; ``server.stop()`` ends it.
+        server: viser's server.
         sutures: what the menu offers, in words.
         motions: the sutures frame by frame.
     """
@@ -121,6 +122,11 @@ class SutureView:
             if self._play.value:
                 self._slider.value = (self._slider.value + 1) % len(self.motion.q)
 
+    def close(self) -> None:
+        """Stop serving."""
+        with redirect_stdout(sys.stderr):
+            self.server.stop()
+
     def _draw_circle(self) -> None:
         """Draw tissue, rim and, as arrows from entry to exit, the sutures coloured by what they are worth."""
         circle = self.setup.circle
@@ -131,25 +137,29 @@ class SutureView:
         turn = np.linspace(0.0, 2 * math.pi, 181)
         rim = circle.radius_m * np.stack([np.cos(turn), np.sin(turn), 0 * turn], -1) + [0.0, 0.0, 2e-4]
         self._add("/circle/rim", tube(rim, 3e-4, 8), INK)
-        shade = self._shades()
         if self.map is not None:
-            best = np.append(self.map.best, self.map.best[0])
-            thetas = np.append(self.map.thetas_rad, 2 * math.pi)
-            colours = np.array([shade(float(value)) for value in best]) / 255.0
-            ring = 1.55 * circle.radius_m * np.stack([np.cos(thetas), np.sin(thetas), 0 * thetas], -1)
-            points = np.stack([ring[:-1], ring[1:]], 1) + [0.0, 0.0, 5e-4]
-            self.server.scene.add_line_segments(
-                "/circle/worth", points, np.stack([colours[:-1], colours[1:]], 1), line_width=8.0
-            )
+            self._draw_ring(self.map)
         for i, suture in enumerate(self._planned):
             start, end = suture.entry_m, suture.exit_m
             heading = SO3.axis("z", suture.theta_rad).apply([0.0, -float(suture.direction), 0.0])
             end = start + 0.5 * circle.radius_m * heading if end is None else end
             lifted = np.array([0.0, 0.0, 1e-3])
-            colour = shade(float(self.plan.rewards[i]))
+            colour = self._shade(float(self.plan.rewards[i]))
             self._add(f"/circle/suture_{i + 1}", shapes.arrow(start + lifted, end + lifted, 7e-4), colour)
             outward = SO3.axis("z", suture.theta_rad).apply([1.25 * circle.radius_m, 0.0, 0.0])
             self.server.scene.add_label(f"/circle/label_{i + 1}", f"{i + 1}", position=outward)
+
+    def _draw_ring(self, map: DexterityMap) -> None:
+        """Draw what a suture at each position is worth in its better direction; grey: out of reach."""
+        shades = [
+            self._shade(worth) if can else BLOCKED for worth, can in zip(map.best.tolist(), map.feasible, strict=True)
+        ]
+        colours = np.array([*shades, shades[0]]) / 255.0
+        thetas = np.append(map.thetas_rad, 2 * math.pi)
+        ring = 1.55 * self.setup.circle.radius_m * np.stack([np.cos(thetas), np.sin(thetas), 0 * thetas], -1)
+        ring[:, 2] = 5e-4  # above the tissue, to be seen
+        points, ends = np.stack([ring[:-1], ring[1:]], 1), np.stack([colours[:-1], colours[1:]], 1)
+        self._ring = self.server.scene.add_line_segments("/circle/worth", points, ends, line_width=8.0)
 
     def _draw_arm(self) -> None:
         """Draw remote centre, shaft, wrist, jaws and needle; ``show`` puts them in their places."""
@@ -169,7 +179,12 @@ class SutureView:
     def _add_controls(self) -> None:
         """Add the menu, the slider and the text."""
         gui = self.server.gui
-        gui.add_markdown(f"{self.plan.certified}; the worst suture is worth **{self.plan.reward:.3f}**")
+        gui.configure_theme(show_share_button=False)  # it would send the scene to a relay
+        low, high = self._worths
+        gui.add_markdown(
+            f"The worst suture is worth **{self.plan.reward:.3f}**; {self.plan.certified}. "
+            f"Colours: {low:.2f} dark, {high:.2f} bright."
+        )
         self._menu = gui.add_dropdown("suture", self.sutures)
         self._slider = gui.add_slider("along it", 0, len(self.motion.q) - 1, 1, 0)
         self._play = gui.add_checkbox("play", False)
@@ -183,20 +198,20 @@ class SutureView:
         def moved(_: Any) -> None:
             self._draw(self.sutures.index(self._menu.value), self._slider.value)
 
-    def _shades(self) -> Any:
-        """Return a function from worth to a colour (3,), over what is feasible in the plan and the map."""
+    @property
+    def _worths(self) -> tuple[float, float]:
+        """Return the least and the largest worth in the plan and in what is feasible on the map."""
         seen = self.plan.rewards
         if self.map is not None:
             seen = np.append(seen, self.map.best[self.map.feasible])
-        low, high = float(seen.min()), float(seen.max())
-        colours = mpl.colormaps[COLOURS]
+        return float(seen.min()), float(seen.max())
 
-        def shade(value: float) -> tuple[int, int, int]:
-            share = (value - low) / (high - low) if high > low else 1.0
-            red, green, blue, _ = colours(min(max(share, 0.0), 1.0), bytes=True)
-            return int(red), int(green), int(blue)
-
-        return shade
+    def _shade(self, worth: float) -> tuple[int, int, int]:
+        """Return the colour of a worth."""
+        low, high = self._worths
+        share = (worth - low) / (high - low) if high > low else 1.0
+        red, green, blue, _ = mpl.colormaps[COLOURS](min(max(share, 0.0), 1.0), bytes=True)
+        return int(red), int(green), int(blue)
 
     def _add(self, name: str, mesh: Mesh, colour: tuple[int, int, int], **how: Any) -> Any:
         """Add a mesh to the scene."""
@@ -223,7 +238,7 @@ def show_plan(
         try:
             view.play()
         except KeyboardInterrupt:
-            view.server.stop()
+            view.close()
     return view
 
 
