@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from trocar.cli import suture_options as options
+from trocar.cli.extras import need
 from trocar.cli.suture_options import REWARD, SPACING, metre, option, rad
 from trocar.cli.suture_search import Search
 from trocar.errors import TrocarError
@@ -30,6 +31,9 @@ def suture(
     count: Annotated[int, typer.Option(help="How many sutures.")] = 4,
     positions: Annotated[int, typer.Option(help="Positions of the grid round the circle.")] = 360,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save plan.json and pictures here.")] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show arm and needle along the sutures in the browser, until Ctrl-C.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     least_gap: Annotated[float | None, option(SPACING, "Least gap between neighbours; default: even.", "DEG")] = None,
     most_gap: Annotated[float | None, option(SPACING, "Largest gap between neighbours; default: even.", "DEG")] = None,
@@ -124,6 +128,8 @@ def suture(
     if out is not None and out.exists() and not out.is_dir():
         raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
     spacing = options.spacing_of(count, positions, least_gap, most_gap, forbid or (), fix or (), tension)
+    if view:
+        need("view", "viser")
     search = Search(count, spacing, exhaustive, continuous, scenarios if robust else None, seed)
     recorded = _recorded(demonstrations)
     started = time.perf_counter()
@@ -153,6 +159,8 @@ def suture(
     if not plan.feasible:
         typer.echo(f"trocar: {summary['problem']}", err=True)
         raise typer.Exit(1)
+    if view:
+        _view(found, plan)
 
 
 def _recorded(demonstrations: str | None) -> Demonstrations | None:
@@ -186,6 +194,18 @@ def _save(out: Path, found: DexterityMap, plan: SuturePlan, summary: dict[str, A
     names = [str(out / "plan.json"), *map(str, files)]
     (out / "plan.json").write_text(json.dumps({**summary, "files": names}, indent=2) + "\n", encoding="utf-8")
     return names
+
+
+def _view(found: DexterityMap, plan: SuturePlan) -> None:
+    """Serve the plan to the browser until Ctrl-C."""
+    from trocar.view import show_plan  # noqa: PLC0415
+
+    shown = show_plan(found.setup, plan, found, block=False)
+    typer.echo(f"open http://localhost:{shown.port} in a browser; Ctrl-C ends", err=True)
+    try:
+        shown.play()
+    except KeyboardInterrupt:
+        shown.server.stop()
 
 
 def _print(summary: dict[str, Any]) -> None:

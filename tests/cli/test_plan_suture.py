@@ -1,0 +1,182 @@
+import json
+import sys
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from trocar.cli import main
+from trocar.cli.suture_options import base_numbers, changed_setup
+from trocar.sutures import PRESETS, base_beside
+
+NONE = {part: {} for part in ("circle", "base", "needle", "grasp", "insertion")}
+
+
+@pytest.fixture
+def plan(monkeypatch, capsys):
+    def command(line=""):
+        monkeypatch.setattr(sys, "argv", ["trocar", "plan", "suture", *line.split()])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out = capsys.readouterr()
+        return stop.value.code or 0, out.out, out.err
+
+    return command
+
+
+@pytest.fixture
+def answer(plan):
+    def ask(line=""):
+        code, out, err = plan(f"{line} --json")
+        assert err == ""
+        assert code == 0
+        assert out.count("\n") == 1
+        return json.loads(out)
+
+    return ask
+
+
+def test_json_has_the_promised_keys_and_they_agree(answer):
+    found = answer()
+    assert np.diff(found["positions_deg"]) == pytest.approx([90, 90, 90])
+    assert set(found["directions"]) <= {1, -1}
+    assert found["reward"] == min(found["rewards"]) == found["bound"]
+    assert found["feasible"] is True
+    assert 0 < found["compute_ms"] < 5000
+    assert "surrogate" in found["manipulability_source"]
+    assert "table" not in found
+    for name, direction in zip(found["direction_names"], found["directions"], strict=True):
+        assert name == {1: "clockwise", -1: "counterclockwise"}[direction]
+    assert all(left > 0 for row in found["joint_room"] for left in row.values())
+
+
+def test_the_paper_demo_has_its_table_near_the_papers(answer):
+    found = answer("--preset paper-demo")
+    for location, row in found["paper_table"].items():
+        for allowed, printed in row.items():
+            assert found["table"][location][allowed] == pytest.approx(printed, abs=4)
+    assert found["switches_deg"] == pytest.approx([67, 228], abs=5)
+
+
+def test_enumerating_every_plan_finds_the_same(answer):
+    fast, full = answer("--preset paper-demo"), answer("--preset paper-demo --exhaustive")
+    for key in ("positions_deg", "directions", "rewards"):
+        assert fast[key] == full[key]
+
+
+def test_wider_gaps_are_never_worse_and_any_angles_neither(answer):
+    even, gaps = answer(), answer("--least-gap 75 --most-gap 105")
+    anywhere = answer("--least-gap 75 --most-gap 105 --continuous")
+    assert all(75 <= gap <= 105 for gap in gaps["gaps_deg"])
+    assert even["reward"] < gaps["reward"] <= anywhere["reward"] <= anywhere["bound"] < anywhere["reward"] + 2e-3
+
+
+def test_fixed_and_forbidden_places_are_kept(answer):
+    found = answer("--fix 90 --forbid 170:190 --forbid 350:10 --least-gap 60 --most-gap 120 --count 5")
+    assert 90 in found["positions_deg"]
+    assert not [theta for theta in found["positions_deg"] if 170 < theta < 190 or theta > 350 or theta < 10]
+    assert len(found["positions_deg"]) == 5
+
+
+def test_demonstrations_change_the_manipulability_and_are_named(answer):
+    found = answer("--demonstrations synthetic")
+    assert "surrogate" not in found["manipulability_source"]
+    assert "synthetic" in found["manipulability_source"]
+    assert found["rewards"] != answer()["rewards"]
+
+
+def test_the_robust_plan_stands_the_worst_case_best(answer):
+    robust = answer("--robust --scenarios 5 --seed 3")["robust"]
+    assert robust["worst_reward"] >= robust["nominal_worst_reward"]
+    assert robust["planned_reward"] <= robust["nominal_planned_reward"]
+    assert robust["scenarios"] == 5
+
+
+def test_options_change_what_they_name(answer):
+    assert answer("--margin clipped --weight 0.5 --at stations")["weight"] == 0.5
+    nearer, farther = answer("--circle-radius-mm 20"), answer("--circle-radius-mm 45")
+    assert nearer["reward"] != farther["reward"]
+    turned = answer("--preset paper-demo --base-azimuth-deg 226")
+    plain = answer("--preset paper-demo")
+    shift = np.subtract(turned["switches_deg"], plain["switches_deg"])
+    assert shift == pytest.approx([1, 1]), "base and circle's centre turned by 1 deg: all plans turn with it"
+
+
+def test_a_base_is_taken_apart_into_the_numbers_that_make_it():
+    given = {"azimuth_rad": 2.1, "sideways_m": 0.06, "up_m": 0.09, "tilt_rad": -0.5, "spin_rad": 2.8}
+    assert base_numbers(base_beside(**given)) == pytest.approx(given)
+
+
+def test_nothing_given_leaves_the_preset_alone():
+    preset = PRESETS["default"]
+    same = changed_setup(preset, **NONE)
+    assert np.array_equal(same.T_base_circle.matrix, preset.setup.T_base_circle.matrix)
+    assert (same.needle, same.grasp, same.insertion) == (
+        preset.setup.needle,
+        preset.setup.grasp,
+        preset.setup.insertion,
+    )
+
+
+def test_the_circle_goes_and_leans_where_it_is_told():
+    leaning = changed_setup(PRESETS["default"], normal=(1, 0, 1), center_mm=(5, 0, 2), **NONE).circle.T_world_circle
+    assert leaning.apply([0, 0, 1]) == pytest.approx(np.array([0.005, 0, 0.002]) + np.array([1, 0, 1]) / np.sqrt(2))
+    under = changed_setup(PRESETS["default"], normal=(0, 0, -1), **NONE).circle.T_world_circle
+    assert under.apply([0, 0, 1]) == pytest.approx([0, 0, -1])
+
+
+@pytest.mark.parametrize(
+    "line, words",
+    [
+        ("--circle-radius-mm 90 --count 12", ["168 to 211 deg", "joint 'pitch'", "-61.5 deg", "8.5 deg beyond"]),
+        ("--base-up-mm 20 --base-sideways-mm 20", ["mm less than the 45 mm that are safe"]),
+        ("--base-up-mm 400", ["all positions", "joint 'insertion'", "mm beyond its limit of 240 mm"]),
+    ],
+)
+def test_a_circle_out_of_reach_is_code_1_and_says_where_which_joint_and_by_how_much(plan, line, words):
+    code, out, err = plan(f"{line} --json")
+    assert code == 1
+    found = json.loads(out, parse_constant=lambda text: pytest.fail(f"{text} is not JSON"))
+    assert found["feasible"] is False
+    assert err == f"trocar: {found['problem']}\n"
+    for part in words:
+        assert part in err
+
+
+@pytest.mark.parametrize(
+    "line, words",
+    [
+        ("--preset magic", "default, paper-demo"),
+        ("--count 7", "multiple"),
+        ("--count 6 --least-gap 70", "add up to"),
+        ("--forbid 10", "FROM:TO"),
+        ("--forbid 0:350 --least-gap 30", "no "),
+        ("--needle-radius-mm 20", "too large for a circle"),
+        ("--normal 0 0 0", "normal"),
+        ("--center-mm nan 0 0", "centre"),
+        ("--margin best", "smallest, normalised, clipped, paper"),
+        ("--weight 2", "lambda"),
+        ("--robust --continuous", "choose one"),
+        ("--exhaustive --fix 90", "--exhaustive"),
+        ("--robust --seed -1", "seed -1"),
+        ("--demonstrations nowhere", "nowhere"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_code_2(plan, line, words):
+    code, out, err = plan(f"{line} --json")
+    assert (code, out) == (2, "")
+    assert err.startswith("trocar: ")
+    assert err.count("\n") == 1
+    assert words in err
+
+
+def test_the_table_names_the_surrogate_and_the_pictures_are_written(plan, tmp_path):
+    code, out, _ = plan(f"--preset paper-demo --out {tmp_path}/new")
+    assert code == 0
+    text = " ".join(out.split())
+    for words in ("surrogate", "flat jaws could not hold", "identifies neither the formula nor the setup", "65.6"):
+        assert words in text
+    for name in ("plan.png", "reasons.png"):
+        assert matplotlib.image.imread(tmp_path / "new" / name)[..., :3].std() > 0.05
+    saved = json.loads((tmp_path / "new" / "plan.json").read_text())
+    assert saved["files"] == [str(tmp_path / "new" / name) for name in ("plan.json", "plan.png", "reasons.png")]
