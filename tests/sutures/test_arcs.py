@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -88,4 +90,4 @@ def test_pieces_are_cut_and_merged_as_sets(seed):
     np.testing.assert_array_equal(inside(cut(one, other), x), inside(one, x) & inside(other, x))
     both = merged(sorted(one + other))
     np.testing.assert_array_equal(inside(both, x), inside(one, x) | inside(other, x))
-    assert all(a[1] < b[0] for a, b in zip(both, both[1:], strict=False))
+    assert all(a[1] < b[0] for a, b in itertools.pairwise(both))

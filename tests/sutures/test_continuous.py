@@ -9,6 +9,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.sutures import (
     PRESETS,
+    DexterityEnclosure,
     Reward,
     Spacing,
     SutureSetup,
@@ -18,6 +19,7 @@ from trocar.sutures import (
     plan_even,
     plan_gaps,
 )
+from trocar.sutures.continuous import Cells
 from trocar.sutures.gaps import walks_on_grid
 
 TURN = 2 * np.pi
@@ -56,6 +58,18 @@ def test_the_bound_holds_a_grid_a_hundred_times_finer_and_is_tight(name, problem
     again = found.at(plan.positions_rad)
     np.testing.assert_allclose(plan.rewards, again.best, rtol=0, atol=1e-12)
     assert plan.feasible and again.feasible.all() and "intervals" in plan.certified
+
+
+@pytest.mark.parametrize("finest", [0.02, 1e-4])
+def test_arcs_hold_every_position_that_is_worth_a_value(finest):
+    found, fine = maps("default")
+    forbidden = Spacing(1, 2, ((0.5, 1.2),))
+    for value in (0.5, 0.65, 0.8):
+        arcs = Cells(DexterityEnclosure(found), forbidden).worth(value, finest)
+        inside = np.array([[low <= theta <= high for low, high in arcs] for theta in fine.thetas_rad]).any(1)
+        worth = worth_more(fine, value) & forbidden.allows(fine.thetas_rad)
+        assert np.all(inside | ~worth) and not np.any(inside & (fine.thetas_rad > 0.51) & (fine.thetas_rad < 1.19))
+        assert inside.mean() < worth.mean() + (0.2 if finest > 1e-3 else 1e-3)
 
 
 def test_a_finer_tolerance_brings_plan_and_bound_together():

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms import ArmModel, manipulability
+from trocar.arms import ArmModel
 from trocar.arms.inverse import closed_form
 from trocar.errors import TrocarError
 from trocar.sutures.interval import Interval, IntervalMath
@@ -139,8 +139,9 @@ class DexterityEnclosure:
             found = margin if found is None else found.hull(margin)
         assert found is not None
         none = Interval(*np.broadcast_arrays(NO_SOLUTION, NO_SOLUTION, found.low)[:2])
-        found = found.where(ranges.real[:, looked_at].all(1), found.hull(none))
-        return none.where(ranges.unreal[:, looked_at].any(1), found)
+        # one place without a solution is enough: the roll's course is unknown then
+        found = found.where(ranges.real.all(1), found.hull(none))
+        return none.where(ranges.unreal.any(1), found)
 
     def _manipulability(self, ranges: JointRanges, start: NDArray, end: NDArray) -> Interval:
         """Return M (c,) before scaling: of the surrogate, or as given."""
@@ -150,10 +151,9 @@ class DexterityEnclosure:
         (_, s1), (_, s2) = arm.twist_cosines[1:]
         _, pitch, insertion, _, wrist, _ = (value + offset for value, offset in zip(ranges.q, arm.offsets, strict=True))
         depth = -arm.wrist_sign * insertion
+        none = Interval.around(*np.broadcast_arrays(arm.offsets[1], arm.offsets[1], pitch.low)[:2])
+        pitch = none.where(ranges.unreal, pitch.where(ranges.real, pitch.hull(none)))  # 0 where it has no solution
         found = ((s1 * s2 * pitch.sin()) * (depth * (depth * wrist.cos() + arm.wrist_length_m))).square()
-        unknown = manipulability(arm, np.zeros(6)) ** 2  # what the surrogate takes where there is no solution
-        none = Interval(*np.broadcast_arrays(unknown, unknown, found.low)[:2])
-        found = none.where(ranges.unreal, found.where(ranges.real, found.hull(none)))
         count = found.low.shape[0] * found.low.shape[1]
         low, high = found.low.sum((0, 1)) / count, found.high.sum((0, 1)) / count
         return Interval.around(low - 1e-14 * np.abs(low), high + 1e-14 * np.abs(high))
