@@ -32,6 +32,7 @@ def suture(
     """Print Table I of the circle-suture paper beside ours, the changes of direction, and random setups."""
     from trocar.report.sutures.summary import finite  # noqa: PLC0415
     from trocar.sutures.study import study  # noqa: PLC0415
+    from trocar.sutures.table_fits import table_fits  # noqa: PLC0415
 
     chosen = options.chosen(PRESETS, preset, "preset")
     if out is not None and out.exists() and not out.is_dir():
@@ -42,7 +43,8 @@ def suture(
     found = study(chosen.setup, chosen.reward, positions)
     started = time.perf_counter()
     statistics = _random(setups, seed) if setups else None
-    summary: dict[str, Any] = {"study": "suture", "preset": preset, **found.summary()}
+    fits = [fit.summary() for fit in table_fits()]
+    summary: dict[str, Any] = {"study": "suture", "preset": preset, **found.summary(), "table_fits": fits}
     if statistics is not None:
         summary["random_setups"] = {"seed": seed, **statistics.summary()}
         summary["random_setups"]["compute_s"] = time.perf_counter() - started
@@ -75,7 +77,13 @@ def _random(setups: int, seed: int) -> SetupStatistics:
 
 def _print(summary: dict[str, Any]) -> None:
     """Print the tables, with what they say and do not say."""
-    from trocar.report.sutures.tables import choices_table, gains_table, points_table, spread_table  # noqa: PLC0415
+    from trocar.report.sutures.tables import (  # noqa: PLC0415
+        choices_table,
+        fits_table,
+        gains_table,
+        points_table,
+        spread_table,
+    )
 
     console = Console()
     table = summary["table_1"]
@@ -108,6 +116,7 @@ def _print(summary: dict[str, Any]) -> None:
             "setup that comes nearest to it."
         )
         console.print(spread_table(random))
+    console.print(fits_table(summary["table_fits"]))
     console.print(_identified(summary))
     if "files" in summary:
         console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)
@@ -115,13 +124,15 @@ def _print(summary: dict[str, Any]) -> None:
 
 def _identified(summary: dict[str, Any]) -> str:
     """Return what Table I does not tell, with the figures that show it."""
-    said = "Table I identifies neither the setup nor the formula"
+    fits = summary["table_fits"]
+    most = max(fit["largest_difference_points"] for fit in fits)
+    said = (
+        f"Table I identifies neither the setup nor the formula: {len(fits)} setups with other bases, needles and grasps, "
+        f"one for each formula of the margin, come within {most:.1f} points of each entry"
+    )
     if "random_setups" not in summary:
-        return f"{said}: --setups shows why"
+        return said
     measures = summary["random_setups"]["measures"]
     within = {name: measure["paper_entries_within_p10_p90"] for name, measure in measures.items() if name != "default"}
     shown = ", ".join(f"{name} {count}" for name, count in within.items())
-    return (
-        f"{said}: of its five free entries so many lie between the 10th and the 90th percentile of random setups, "
-        f"formula by formula: {shown}"
-    )
+    return f"{said}; between the 10th and the 90th percentile of random setups lie, of its five free entries: {shown}"

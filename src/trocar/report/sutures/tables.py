@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
@@ -124,6 +124,27 @@ def spread_table(random: Mapping[str, Any]) -> Table:
         table.add_row(name, *(f"{row['p10']:.0f} {row['p50']:.0f} {row['p90']:.0f}" for row in rows))
     table.add_section()
     table.add_row("the paper", *(f"{entry['paper']:.1f}" for entry in entries.values()))
+    return table
+
+
+def fits_table(fits: Sequence[Mapping[str, Any]]) -> Table:
+    """Return setups that reproduce Table I, one for each formula of the margin.
+
+    Args:
+        fits: ``TableFit.summary()`` of each.
+    """
+    table = Table(title="Table I from four setups, one for each formula of the margin")
+    for column in ("margin", "random cw ccw best", "optimal cw ccw", "off", "changes deg"):
+        table.add_column(column, justify="left" if column == "margin" else "right", no_wrap=True)
+    for fit in fits:
+        random, optimal = fit["points"]
+        table.add_row(
+            fit["margin"],
+            " ".join(f"{value:.1f}" for value in random),
+            " ".join(f"{value:.1f}" for value in optimal[:2]),
+            f"{fit['largest_difference_points']:.1f}",
+            ", ".join(f"{angle:.0f}" for angle in fit["switches_deg"]),
+        )
     return table
 
 
