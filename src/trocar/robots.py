@@ -20,6 +20,9 @@ KNOT_S = 0.020
 SMOOTHING = 3
 """Knots over which a correction is averaged: the play's kinks would ask for endless acceleration."""
 
+CLIPPED = 5e-3
+"""A correction may lack this much (rad, m) at the end of a joint's range before the range counts as left."""
+
 RANGE_GUARD = 5e-3
 """Corrected commands keep this far (rad, m) inside the joints' ranges."""
 
@@ -28,9 +31,22 @@ class Calibrated:
     """A robot whose cables are compensated: scripts speak of true joints, the robot gets commands.
 
     Innermost it should wear :class:`Guarded`, which then sees the corrected command.
+
+    Args:
+        robot: what it wraps.
+        arms: models by name.
+        compensators: of the arms whose cables are compensated.
+        stop_at_limits: refuse a motion whose correction would leave a joint's range, instead of leaving it uncorrected.
     """
 
-    def __init__(self, robot: Robot, arms: Mapping[str, ArmModel], compensators: Mapping[str, Compensator]):
+    def __init__(
+        self,
+        robot: Robot,
+        arms: Mapping[str, ArmModel],
+        compensators: Mapping[str, Compensator],
+        stop_at_limits: bool = False,
+    ):
+        self._stop_at_limits = stop_at_limits
         self._robot = robot
         self._arms = dict(arms)
         self._compensators = dict(compensators)
@@ -54,7 +70,11 @@ class Calibrated:
         """Run a trajectory of the true joints."""
         if arm not in self._compensators:
             return await self._robot.move(arm, trajectory)
-        corrected = self.corrected(arm, trajectory)
+        try:
+            corrected = self.corrected(arm, trajectory)
+        except TrocarError:
+            self._rest(arm)
+            raise
         self._desired[arm] = trajectory(trajectory.times_s[-1])
         try:
             return await self._robot.move(arm, corrected)
@@ -66,6 +86,9 @@ class Calibrated:
         """Return the commands that bring the joints along this trajectory; the model's memory moves on.
 
         A command never leaves its joint's range: what would be needed beyond it stays uncorrected.
+
+        Raises:
+            TrocarError: it is to stop at limits, and more than ``CLIPPED`` would stay uncorrected.
         """
         compensator = self._compensators[arm]
         times, desired = trajectory.sample(KNOT_S)
@@ -84,6 +107,8 @@ class Calibrated:
         wanted = desired + correction
         lower, upper = self._arms[arm].lower + RANGE_GUARD, self._arms[arm].upper - RANGE_GUARD
         commands = np.where((desired > lower) & (desired < upper), np.clip(wanted, lower, upper), wanted)
+        if self._stop_at_limits:
+            _require_inside(self._arms[arm], wanted, commands)
         velocity = np.gradient(commands, times, axis=0)
         velocity[[0, -1]] = 0.0
         velocity[commands != wanted] = 0.0
@@ -98,6 +123,20 @@ class Calibrated:
         self._robot.hold(arm)
         if arm in self._compensators:
             self._rest(arm)
+
+
+def _require_inside(arm: ArmModel, wanted: NDArray[np.float64], commands: NDArray[np.float64]) -> None:
+    """Raise a sentence unless the wanted commands (n, 6) are the ones within the joints' ranges."""
+    lacking = np.abs(wanted - commands).max(axis=0)
+    index = int(np.argmax(lacking))
+    if lacking[index] <= CLIPPED:
+        return
+    joint = arm.joints[index]
+    row = int(np.argmax(np.abs(wanted - commands)[:, index]))
+    raise TrocarError(
+        f"joint {joint.name!r} would need the command {wanted[row, index]:.4f} {joint.unit} to make up for its cables, "
+        f"outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}"
+    )
 
 
 class Guarded:

@@ -107,7 +107,7 @@ class CircleSuturing:
                 return Outcome.JOINT_LIMIT, reason
             if stretch.regrasps and not await self._grip():
                 await self._jaw(self.settings.jaw_open)
-                await self._leave(number, stretches)
+                await self._leave(number, stretches[-1])
                 return Outcome.NEEDLE_MISSED, f"suture {number + 1}: the jaws closed on nothing after {stretch.name}"
         return Outcome.DONE, ""
 
@@ -123,16 +123,16 @@ class CircleSuturing:
         outside = stretch.first_outside(self.arm)
         q = stretch.q if outside is None else stretch.q[: outside[0]]
         reason = "" if outside is None else self._limit(number, stretch, *outside)
-        slow = stretch.name in ("lower", "withdraw", "rise")
-        speed = self.settings.travel_speed if slow else self.settings.driving_speed
-        seconds = stretch.length_m / speed * len(q) / len(stretch.q)
+        travels = stretch.name in ("approach", "withdraw")
+        speed = self.settings.travel_speed if travels else self.settings.driving_speed
+        seconds = stretch.length_m / speed * len(q) / max(1, len(stretch.q))
         try:
             if first and len(q):
                 await self._move(rest_to_rest(self._q(), q[0], self.settings.limits))
             if len(q) > 1:
                 await self._move(along(np.concatenate([self._q()[None], q[1:]]), seconds))
         except TrocarError as error:
-            return reason or f"suture {number + 1}, {stretch.name}: {error}"
+            return f"suture {number + 1}, {stretch.name}: {error}; stopped before it"
         return reason
 
     def _limit(self, number: int, stretch: Stretch, place: int, joint: int) -> str:
@@ -149,13 +149,12 @@ class CircleSuturing:
             f"[{scale * limits.lower:.1f}, {scale * limits.upper:.1f}] {unit}; stopped there"
         )
 
-    async def _leave(self, number: int, stretches: Sequence[Stretch]) -> None:
-        """Rise straight from wherever a suture was given up."""
-        for stretch in stretches[-2:]:
-            shift = stretch.q - stretch.q[0]
-            path = np.clip(self._q() + shift, self.arm.lower, self.arm.upper)
-            self.cell.log.event("step", suture=number, step=stretch.name)
-            await self._move(along(path, stretch.length_m / self.settings.travel_speed))
+    async def _leave(self, number: int, way_out: Stretch) -> None:
+        """Go from where a suture was given up as one goes from its end: back along the jaws, then up."""
+        self.cell.log.event("step", suture=number, step=way_out.name)
+        if len(way_out.q) > 1:
+            path = np.clip(self._q() + way_out.q - way_out.q[0], self.arm.lower, self.arm.upper)
+            await self._move(along(path, way_out.length_m / self.settings.travel_speed))
 
     async def _grip(self) -> bool:
         """Close the jaws; return whether they stalled on a wire."""

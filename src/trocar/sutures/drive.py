@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from trocar.sutures.setup import DIRECTIONS, SutureSetup
 ROLL = 3
 SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
 """Between two places of a path."""
+UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Stretch:
     """A piece of the path between two things that the jaws do.
 
     Attributes:
-        name: lower, approach, the primitive's steps, withdraw, rise.
+        name: approach, the primitive's steps, withdraw.
         q: (k, 6) joints; NaN where the arm has no solution. The roll runs on without jumps over all pieces.
         length_m: of the path of the jaws.
     """
@@ -106,9 +107,10 @@ class Stretch:
 def drive(
     suture: Suture, lift_m: float = 0.025, approach_m: float = 0.006, withdraw_m: float = 0.010
 ) -> tuple[Stretch, ...]:
-    """Return the pieces of one suture in order.
+    """Return the pieces of one suture in order: ``approach``, the primitive's steps, ``withdraw``.
 
-    The winding of the roll is that of the plan: it looks at the primitive alone.
+    The winding of the roll is that of the plan: it looks at the primitive alone. Way in and way out are cut
+    to what the joints' ranges allow; the primitive is not.
 
     Args:
         suture: which; its setup holds the base as the laboratory knows it.
@@ -117,36 +119,37 @@ def drive(
         withdraw_m: by how much the open jaws go back along themselves in the end.
     """
     setup = suture.setup
-    radius = setup.needle.radius_m
-    names, poses, lengths = [], [], []
-
-    def piece(name: str, T_circle_tip: SE3, length_m: float) -> None:
-        names.append(name)
-        poses.append(T_circle_tip.matrix)
-        lengths.append(length_m)
-
     into = suture.turned(tip_poses(setup, _spread(-approach_m, 0.0, SPACING_M), 0.0))
-    piece("lower", _shifted(into[0], np.array([0.0, 0.0, 1.0]), lift_m, 0.0), lift_m)
-    piece("approach", into, approach_m)
+    above = _shifted(into[0], UP, lift_m, 0.0)
+    names, lengths = ["approach"], [lift_m + approach_m]
+    poses = [np.concatenate([above.matrix[:-1], into.matrix])]
     for step in steps(setup):
-        advance = _spread(*step.advance_m, SPACING_M)
-        jaws = _spread(*step.jaws_rad, SPACING_RAD)
-        count = max(len(advance), len(jaws), 2)
+        count = max(len(_spread(*step.advance_m, SPACING_M)), len(_spread(*step.jaws_rad, SPACING_RAD)))
         advance, jaws = np.linspace(*step.advance_m, count), np.linspace(*step.jaws_rad, count)
-        length = abs(advance[-1] - advance[0]) + radius * abs(jaws[-1] - jaws[0])
-        piece(step.name, suture.turned(tip_poses(setup, advance, jaws)), length)
+        names.append(step.name)
+        lengths.append(float(abs(advance[-1] - advance[0]) + setup.needle.radius_m * abs(jaws[-1] - jaws[0])))
+        poses.append(suture.turned(tip_poses(setup, advance, jaws)).matrix)
     last = SE3(poses[-1][-1])
-    back = last.matrix[:3, 2]
-    piece("withdraw", _shifted(last, back, 0.0, withdraw_m), withdraw_m)
-    piece("rise", _shifted(SE3(poses[-1][-1]), np.array([0.0, 0.0, 1.0]), 0.0, lift_m), lift_m)
-    counts = [len(matrices) for matrices in poses]
+    back = _shifted(last, last.matrix[:3, 2], 0.0, withdraw_m)
+    out = _shifted(back[-1], UP, 0.0, lift_m)
+    names.append("withdraw")
+    lengths.append(withdraw_m + lift_m)
+    poses.append(np.concatenate([back.matrix, out.matrix[1:]]))
+    ends = np.cumsum([len(matrices) for matrices in poses])
     q = ik_unbounded(setup.arm, setup.T_base_circle @ SE3(np.concatenate(poses)))
-    starts = np.cumsum([0, *counts])
-    q[:, ROLL] = _unwound(q[:, ROLL], slice(int(starts[2]), int(starts[-3])), setup.arm.middle_floats[ROLL])
-    return tuple(
-        Stretch(name, q[start : start + count], length)
-        for name, start, count, length in zip(names, starts, counts, lengths, strict=False)
-    )
+    q[:, ROLL] = _unwound(q[:, ROLL], slice(int(ends[0]), int(ends[-2])), setup.arm.middle_floats[ROLL])
+    pieces = np.split(q, ends[:-1])
+    found = [Stretch(*parts) for parts in zip(names, pieces, lengths, strict=True)]
+    return (_cut(found[0], setup.arm, -1), *found[1:-1], _cut(found[-1], setup.arm, 1))
+
+
+def _cut(stretch: Stretch, arm: ArmModel, order: int) -> Stretch:
+    """Return what the joints allow of a stretch from its start (order 1) or back from its end (order -1)."""
+    outside = replace(stretch, q=stretch.q[::order]).first_outside(arm)
+    if outside is None:
+        return stretch
+    kept = stretch.q[::order][: outside[0]][::order]
+    return replace(stretch, q=kept, length_m=stretch.length_m * len(kept) / len(stretch.q))
 
 
 def _spread(start: float, end: float, spacing: float) -> NDArray[np.float64]:

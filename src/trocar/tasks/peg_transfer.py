@@ -74,6 +74,8 @@ class PegTransfer:
     """Where the board is, nominally."""
     excitation = None
     """A calibration moves as the recorded arms did."""
+    stop_at_limits = False
+    """What cannot be corrected within a joint's range stays uncorrected."""
     compares_joints = False
     """No joint is compared with what it was asked for."""
 

@@ -92,6 +92,7 @@ class CircleSutures:
     name = "suture"
     variants = ("single-arm",)
     arm = "psm1"
+    stop_at_limits = True
     compares_joints = True
 
     def __post_init__(self) -> None:
@@ -215,7 +216,7 @@ def held(spans: Sequence[tuple[str, float, float]]) -> list[tuple[float, float]]
     found: list[tuple[float, float]] = []
     open_before = True
     for step, start_s, end_s in spans:
-        opens = step.startswith(("regrasp", "withdraw", "rise"))
+        opens = step.startswith(("regrasp", "withdraw"))
         if not opens:
             found = [*found, (start_s, end_s)] if open_before else [*found[:-1], (found[-1][0], end_s)]
         open_before = opens

@@ -188,7 +188,8 @@ def run_trial(
     recorded = Recorded(Guarded(simulated.robot, session.arms, dict.fromkeys(session.arms, MOTION_LIMITS["paper"])))
     sent: Robot = recorded
     if plan.method == "calibrated":
-        sent = Calibrated(recorded, session.arms, {arm: Compensator(model) for arm, model in models.items()})
+        compensators = {arm: Compensator(model) for arm, model in models.items()}
+        sent = Calibrated(recorded, session.arms, compensators, task.stop_at_limits)
     robot = Recorded(sent)
     log = TrialLog(trio.current_time, listener=listener)
     cell = Cell(
