@@ -127,7 +127,7 @@ def _identified(summary: dict[str, Any]) -> str:
     fits = summary["table_fits"]
     most = max(fit["largest_difference_points"] for fit in fits)
     said = (
-        f"Table I identifies neither the setup nor the formula: {len(fits)} setups with other bases, needles and grasps, "
+        f"Table I identifies neither the setup nor the formula: {len(fits)} setups with other bases, needles, grasps, "
         f"one for each formula of the margin, come within {most:.1f} points of each entry"
     )
     if "random_setups" not in summary:
