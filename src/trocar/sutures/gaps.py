@@ -98,24 +98,37 @@ class Walks:
         There must be one. Of several, the one from the first start, with the shortest last steps.
         """
         starts = self.closing(allowed)
-        gain = self._ahead(np.where(allowed, values, -np.inf), starts)
+        gain = self._ahead(np.where(allowed, values, -np.inf), starts).T
         first, past = self.sources()
         sums = [np.full(gain.shape, -np.inf)]
-        sums[0][:, 0] = gain[:, 0]
-        here = np.arange(self.positions + 1)
+        sums[0][0] = gain[0]
         for _ in range(self.steps):
-            best = np.full(gain.shape, -np.inf)
-            for step in range(self.least, self.most + 1):
-                can = here[(here - step >= first) & (here - step < past)]
-                best[:, can] = np.maximum(best[:, can], sums[-1][:, can - step])
-            sums.append(best + gain)
-        start = int(np.argmax(sums[-1][:, -1]))
+            sums.append(largest_in(sums[-1], first, past) + gain)
+        start = int(np.argmax(sums[-1][-1]))
         place, walk = self.positions, []
         for layer in reversed(sums[:-1]):
             came_from = np.arange(past[place] - 1, first[place] - 1, -1)
-            place = int(came_from[np.argmax(layer[start, came_from])])
+            place = int(came_from[np.argmax(layer[came_from, start])])
             walk.append((starts[start] + place) % self.positions)
         return np.sort(np.array(walk))
+
+
+def largest_in(values: NDArray[np.float64], first: NDArray[np.intp], past: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the largest of rows ``first[i]`` to ``past[i]`` (not included) of values (m, s), for each i; (i, s).
+
+    Any window is covered by two whose length is a power of two; minus infinity where it is empty.
+    """
+    length = np.maximum(past - first, 1)
+    power = np.log2(length).astype(np.intp)
+    table = [values]
+    for half in 2 ** np.arange(power.max()):
+        longer = table[-1].copy()
+        np.maximum(longer[:-half], table[-1][half:], out=longer[:-half])
+        table.append(longer)
+    every = np.stack(table)
+    found = np.maximum(every[power, first], every[power, np.maximum(past - 2**power, 0)])
+    found[past <= first] = -np.inf
+    return found
 
 
 def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
