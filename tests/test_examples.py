@@ -6,7 +6,11 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-SAYS = {"first_trial.py": "peg  1 to  7: ", "own_planner.py": "stop-and-go: "}
+SAYS = {
+    "first_trial.py": "peg  1 to  7: ",
+    "own_planner.py": "stop-and-go: ",
+    "plan_sutures.py": "with gaps of 75 to 105 deg: ",
+}
 
 
 def test_every_example_is_tested():
