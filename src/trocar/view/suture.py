@@ -113,7 +113,8 @@ class SutureView:
                 turn = SO3.axis("y", -side * motion.opening_rad[place])
                 half = SO3.identity() if side > 0 else SO3.axis("z", math.pi)
                 _move(finger, SE3.from_parts(turn @ half, [0.0, 0.0, self.setup.arm.tip_length_m]))
-            self._text.content = f"**{motion.step[place]}**\n\n{motion.joint_table(place)}"
+            worth = self.plan.rewards[number]
+            self._text.content = f"Worth {worth:.3f}. Now: **{motion.step[place]}**\n\n{motion.joint_table(place)}"
 
     def play(self) -> None:
         """Show the frames one after another while the box is ticked; ends with Ctrl-C."""
@@ -179,7 +180,6 @@ class SutureView:
     def _add_controls(self) -> None:
         """Add the menu, the slider and the text."""
         gui = self.server.gui
-        gui.configure_theme(show_share_button=False)  # it would send the scene to a relay
         low, high = self._worths
         gui.add_markdown(
             f"The worst suture is worth **{self.plan.reward:.3f}**; {self.plan.certified}. "
@@ -245,7 +245,7 @@ def show_plan(
 def _named(i: int, plan: SuturePlan) -> str:
     """Return one suture of a plan in words."""
     way = "clockwise" if plan.directions[i] == CLOCKWISE else "counterclockwise"
-    return f"{i + 1}: {math.degrees(plan.positions_rad[i]):.0f} deg {way}, worth {plan.rewards[i]:.3f}"
+    return f"{i + 1}: {math.degrees(plan.positions_rad[i]):.0f} deg {way}"
 
 
 def _move(node: Any, T: SE3) -> None:
