@@ -8,7 +8,7 @@ exists, its real dexterity is a plan's, perhaps a new best one's. Bisection on t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ def plan_continuous(
     Args:
         map: setup, reward, scales, and the grid to begin with.
         count: of sutures.
-        spacing: of their places; tension must be zero.
+        spacing: of their places, and what uneven gaps cost.
         tolerance: of the bound, in units of dexterity.
         manipulability_bounds: where M was given to the map, its least and largest values over arcs.
 
@@ -50,8 +50,6 @@ def plan_continuous(
         TrocarError: no plan can meet the spacing, or none that does was found feasible.
     """
     check_closes(count, spacing)
-    if spacing.tension:
-        raise TrocarError(f"the tension weight is {spacing.tension:g}; in the continuum it must be 0: plan on the grid")
     if not 1e-9 <= tolerance <= 1.0:
         raise TrocarError(f"the tolerance of the bound is {tolerance:g}; give 1e-9 to 1")
     cells = Cells(DexterityEnclosure(map, manipulability_bounds), spacing)
@@ -75,20 +73,20 @@ class _Search:
     bound: float
 
     @property
-    def reward(self) -> float:
+    def worth(self) -> float:
         """Return what the best plan so far is worth; minus infinity without one."""
-        return self.best.reward if self.best else -math.inf
+        return self.best.worth if self.best else -math.inf
 
     def run(self, tolerance: float) -> None:
         """Bring bound and plan together."""
         finest, step = tolerance / 20, 0.9 * tolerance
-        tried = self.reward if self.best else self.cells.floor - tolerance  # below it nothing is asked any more
+        tried = self.worth if self.best else self.cells.floor - tolerance  # below it nothing is asked any more
         proven = False
         for _ in range(MOST_ROUNDS):
-            if self.bound - self.reward <= tolerance or self.bound == -math.inf or self.cells.full:
+            if self.bound - self.worth <= tolerance or self.bound == -math.inf or self.cells.full:
                 break
             if self.bound - tried <= tolerance / 20:
-                tried, finest = max(self.reward, self.cells.floor - tolerance), finest / FINER
+                tried, finest = max(self.worth, self.cells.floor - tolerance), finest / FINER
             value = (tried + self.bound) / 2
             if not proven:
                 value, step = min(value, tried + step), 2 * step
@@ -96,7 +94,7 @@ class _Search:
             if found is None:
                 self.bound, proven = value, True
             else:
-                tried = max(value, self.reward)
+                tried = max(value, self.worth)
 
     def certified(self) -> SuturePlan:
         """Return the best plan with its bound."""
@@ -106,18 +104,36 @@ class _Search:
             f"no {'feasible ' if self.map.reward.feasible_first else ''}plan at any angles is worth more: "
             f"dexterity enclosed by intervals on {number} arcs"
         )
-        return SuturePlan(plan.positions_rad, plan.directions, plan.rewards, plan.feasible, self.bound, said)
+        return replace(plan, bound=self.bound, certified=said)
 
     def _ask(self, value: float, finest: float) -> list[float] | str | None:
-        """Return a walk over what may be worth a value, ``UNDECIDED``, or None: no plan is worth as much."""
-        arcs = self.cells.worth(value, finest)
-        spacing = self.spacing
-        least, most = spacing.least_gap_rad - GAP_SLACK, spacing.most_gap_rad + GAP_SLACK
-        walks = ArcWalks(tuple(arcs), self.count, least, most, spacing.fixed_rad)
-        found = walks.find(finest)
+        """Return a walk over what may be worth a value, ``UNDECIDED``, or None: no plan is worth as much.
+
+        Plans are asked for by how uneven their gaps are, from ``even`` to ``uneven``: their gaps lie within the latter,
+        their dexterities must make up for what the former costs. Without tension there is one such question.
+        """
+        tension = self.spacing.tension
+        pending = [(0.0, self.spacing.most_uneven(self.count))]
+        while pending:
+            even, uneven = pending.pop()
+            found = self._walk(value + tension * even, uneven, finest)
+            if found is None:
+                continue
+            if self.worth >= value or tension * (uneven - even) <= finest:
+                return found
+            middle = (even + uneven) / 2
+            pending += [(even, middle), (middle, uneven)]
+        return None
+
+    def _walk(self, dexterity: float, uneven: float, finest: float) -> list[float] | str | None:
+        """Return a walk over what may have a dexterity, with gaps that uneven at most, as ``ArcWalks.find`` does."""
+        arcs, spacing, even = self.cells.worth(dexterity, finest), self.spacing, TURN / self.count
+        least = max(spacing.least_gap_rad, even * (1 - uneven)) - GAP_SLACK
+        most = min(spacing.most_gap_rad, even * (1 + uneven)) + GAP_SLACK
+        found = ArcWalks(tuple(arcs), self.count, least, most, spacing.fixed_rad).find(finest)
         if found is not None and found != UNDECIDED:
-            plan = plan_at(self.map, np.array(found, dtype=np.float64))
-            if plan.reward > self.reward and (plan.feasible or not self.map.reward.feasible_first):
+            plan = plan_at(self.map, np.array(found, dtype=np.float64), spacing.tension)
+            if plan.worth > self.worth and (plan.feasible or not self.map.reward.feasible_first):
                 self.best = plan
         return found
 
@@ -193,11 +209,12 @@ class Cells:
         return most, np.where(bounds.must, bounds.least, -np.inf).max(0)
 
 
-def plan_at(map: DexterityMap, thetas_rad: NDArray[np.float64]) -> SuturePlan:
+def plan_at(map: DexterityMap, thetas_rad: NDArray[np.float64], tension: float = 0.0) -> SuturePlan:
     """Return the plan with sutures at these angles, each in its better direction; bounded by nothing."""
     thetas = np.sort(np.mod(thetas_rad, TURN))
     here = map.at(thetas)
-    return SuturePlan(thetas, here.directions, here.best, bool(here.feasible.all()), math.inf, "nothing is proven")
+    plan = SuturePlan(thetas, here.directions, here.best, bool(here.feasible.all()), math.inf, "nothing is proven")
+    return replace(plan, tension_cost=tension * plan.uneven)
 
 
 def _on_grid(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan | None:

@@ -54,6 +54,12 @@ class SuturePlan:
         """Return the gap (n,) from each suture on to the next; they add up to a whole turn."""
         return np.diff(self.positions_rad, append=self.positions_rad[0] + TURN)
 
+    @property
+    def uneven(self) -> float:
+        """Return the largest departure of a gap from the even one, as a share of it."""
+        even = TURN / len(self.positions_rad)
+        return float(np.abs(self.gaps_rad - even).max()) / even
+
 
 @dataclass(frozen=True)
 class Spacing:
@@ -91,6 +97,11 @@ class Spacing:
     def even(count: int) -> Spacing:
         """Return the paper's: every gap alike."""
         return Spacing(TURN / count, TURN / count)
+
+    def most_uneven(self, count: int) -> float:
+        """Return the largest departure of a gap from the even one that the bounds allow, as a share of it."""
+        even = TURN / count
+        return max(self.most_gap_rad - even, even - self.least_gap_rad, 0.0) / even
 
     def allows(self, thetas_rad: ArrayLike) -> NDArray[np.bool_]:
         """Return which of these positions (n,) lie outside every forbidden arc."""
