@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,9 +36,11 @@ STIFF_CABLES = CablePlant(
 ARM_MODELS = {name: ARMS["psm-classic"] for name in ARM_NAMES}
 
 
-def ideal_session() -> Session:
+def ideal_session(T_world_base: Mapping[str, SE3] | None = None) -> Session:
     """Return a cell whose joints follow their encoders and whose registration is exact."""
-    return Session(ARM_MODELS, dict.fromkeys(ARM_NAMES, STIFF_CABLES), T_WORLD_BASE, T_WORLD_BASE)
+    bases = T_world_base or T_WORLD_BASE
+    arms = {name: ARM_MODELS[name] for name in bases}
+    return Session(arms, dict.fromkeys(arms, STIFF_CABLES), bases, bases)
 
 
 def standing(peg: int, offset_m=(0.0, 0.0), yaw_rad: float = 0.0, height_m: float = 0.0) -> SE3:

@@ -281,3 +281,33 @@ def test_recorded_keeps_everything_in_order():
     executions = trio.run(script)
     assert [name for name, _ in robot.executions] == ["psm1"] * 3
     assert all(kept is made for (_, kept), made in zip(robot.executions, executions, strict=True))
+
+
+def test_recorded_keeps_what_was_asked_for_at_the_times_at_which_it_was_done():
+    robot = Recorded(CableArm(HOME))
+    motion = rest_to_rest(HOME, GOALS[0], PAPER)
+    execution = trio.run(robot.move, "psm1", motion)
+    ((name, times, q),) = robot.asked
+    assert name == "psm1" and times is execution.times_s
+    np.testing.assert_allclose(q[-1], GOALS[0], atol=1e-12)
+    np.testing.assert_allclose(q, execution.commanded[:, :6], atol=STEP_S * PAPER.velocity.max())
+
+
+@pytest.mark.parametrize("stops", [True, False])
+def test_a_correction_beyond_a_range_is_refused_only_where_it_is_to_stop(models, stops):
+    arm = CableArm(HOME)
+    robot = Calibrated(arm, ARMS_OF_THE_CELL, {"psm1": Compensator(models["play"])}, stop_at_limits=stops)
+    beyond = GOALS[0].copy()
+    beyond[4] = ARM.upper[4] - 0.01  # these cables ask for .1 rad more
+    motion = rest_to_rest(robot.read("psm1").q, beyond, PAPER)
+    if not stops:
+        trio.run(robot.move, "psm1", motion)
+        return
+    with pytest.raises(
+        TrocarError, match=r"joint 'wrist_pitch' would need the command 1\.\d+ rad .* outside \[-1.3963"
+    ):
+        trio.run(robot.move, "psm1", motion)
+    assert arm.moves == []
+    inside = rest_to_rest(robot.read("psm1").q, GOALS[0], PAPER)
+    trio.run(robot.move, "psm1", inside)  # and it knows where it is
+    assert len(arm.moves) == 1

@@ -10,9 +10,8 @@ import pytest
 
 import trocar.agents
 from simulated import ideal_session
-from trocar.agents import AGENTS, Settings
-from trocar.cell import Camera, Cell, Log, Robot
-from trocar.geometry import SE3
+from trocar.agents import AGENTS, SETTINGS
+from trocar.cell import Assistant, Camera, Cell, Log, Robot
 from trocar.sim.cell import SimulatedCell
 from trocar.sim.sensor_flaws import SensorFlaws
 from trocar.tasks import TASKS
@@ -54,7 +53,7 @@ class Only:
 
 def poisoned_cell(task, seed: int) -> tuple[SimulatedCell, Cell, TrialLog]:
     """Return a simulated cell, what an agent may see of it, and the log."""
-    session = ideal_session()
+    session = ideal_session(task.T_world_base)
     simulated = SimulatedCell(
         session, task.scene(np.random.default_rng(seed)), np.random.default_rng(seed), SensorFlaws.none()
     )
@@ -65,8 +64,9 @@ def poisoned_cell(task, seed: int) -> tuple[SimulatedCell, Cell, TrialLog]:
         arms=session.arms,
         T_world_base=session.T_world_base_found,
         T_world_camera=simulated.T_world_camera,
-        T_world_board=SE3.identity(),
+        T_world_board=task.T_world_board,
         log=Only(log, Log),
+        assistant=simulated.assistant and Only(simulated.assistant, Assistant),
     )
     return simulated, cell, log
 
@@ -75,8 +75,8 @@ def poisoned_cell(task, seed: int) -> tuple[SimulatedCell, Cell, TrialLog]:
 def test_an_agent_works_with_every_other_name_poisoned(task_name, variant):
     task = TASKS[task_name](variant)
     simulated, cell, log = poisoned_cell(task, seed=1)
-    agent = AGENTS[task_name, variant](cell, Settings())
-    assert simulated.run(lambda: agent.run(task.transfers[:1]), task.budget_s)
+    agent = AGENTS[task_name, variant](cell, SETTINGS[task_name, variant]())
+    assert simulated.run(lambda: agent.run(task.work[:1]), task.budget_s)
     (score,) = task.score(log.events, simulated.referee.truth())
     assert score.attempted
     assert score.succeeded, score.failure

@@ -134,7 +134,7 @@ def test_another_agent_meets_the_same_scene_cables_and_noise(prepared, monkeypat
     monkeypatch.setitem(module.AGENTS, ("peg-transfer", "unilateral"), Looker)
     starts = []
     for settle_s in (0.05, 0.45):
-        monkeypatch.setattr(module, "Settings", partial(Settings, settle_s=settle_s))
+        monkeypatch.setitem(module.SETTINGS, ("peg-transfer", "unilateral"), partial(Settings, settle_s=settle_s))
         trial = run_trial(plan, session, models, 5)
         starts.append(trial.arrays["qpos"][0])
     assert_array_equal(*starts)

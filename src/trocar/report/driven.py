@@ -14,7 +14,7 @@ from trocar.sutures.drive import Suture
 from trocar.trials.trial import Trial
 
 MODELLED = (
-    "no tissue mechanics: the phantom holds the needle by viscous drag alone, and is solid to nothing",
+    "no tissue mechanics: the phantom bears the needle and drags on it (viscous), and is solid to nothing",
     "the jaws hold the needle by friction; a person pulls it out and loads it again, exactly, before each suture",
 )
 """What a reader of the figures must know; printed with them."""
@@ -39,7 +39,7 @@ def steps_of(trial: Trial, number: int) -> list[tuple[str, float, float]]:
     """Return (name, start, end in s) of the steps that a suture came to."""
     steps = [event for event in trial.events if event["name"] == "step" and event["suture"] == number]
     begins = [float(event["time_s"]) for event in steps]  # type: ignore[arg-type]
-    ends = [*begins[1:], float(trial.transfers[number]["end_s"])]  # type: ignore[arg-type]
+    ends = [*begins, float(trial.transfers[number]["end_s"])][1:]  # type: ignore[arg-type]
     return [(str(event["step"]), a, b) for event, a, b in zip(steps, begins, ends, strict=True)]
 
 

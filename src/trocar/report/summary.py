@@ -84,7 +84,7 @@ def _collisions(trials: Sequence[Trial]) -> float | None:
 
 def _complete(trial: Trial) -> bool:
     """Return whether all succeeded: twelve transfers, which is the paper's successful trial, or all sutures."""
-    pieces = trial.about.get("sutures", 12)
+    pieces = trial.about.get("sutures") or 12
     return len(trial.transfers) == pieces and all(transfer["succeeded"] for transfer in trial.transfers)
 
 

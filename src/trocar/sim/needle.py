@@ -31,7 +31,7 @@ ASIDE_M = (0.075, 0.060, 0.010)
 
 @dataclass(frozen=True)
 class Tissue:
-    """How the phantom holds a needle: by viscous drag and by nothing else (assumed; there are no tissue mechanics).
+    """How the phantom holds a needle: it bears its weight and drags on it (assumed; there are no tissue mechanics).
 
     Attributes:
         drag: N s/m on the needle's centre while a part of it is below the surface: .2 N at 10 mm/s.
@@ -103,6 +103,7 @@ class HeldNeedle:
         self._world, self._scene = world, scene
         self._tissue = tissue or Tissue()
         joint = world.model.joint("needle")
+        self._body = world.model.body("needle").id
         self._qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
         self._dof = slice(joint.dofadr[0], joint.dofadr[0] + 6)
         turning = scene.needle_radius_m**2
@@ -141,7 +142,9 @@ class HeldNeedle:
         if self.in_hand:
             data.qpos[self._qpos] = self._hand
             data.qvel[self._dof] = 0.0
-        self._world.model.dof_damping[self._dof] = self._drag if self.in_hand or self.inserted else 0.0
+        held = self.in_hand or self.inserted
+        self._world.model.dof_damping[self._dof] = self._drag if held else 0.0
+        self._world.model.body_gravcomp[self._body] = float(held)
 
     def _gripped(self) -> bool:
         """Return whether both fingers of an arm press on the needle."""

@@ -19,15 +19,15 @@ from trocar.sim.world import World
 
 LENS = Intrinsics(640, 480, 1520.0, 1520.0, 319.5, 239.5)
 VIEWS = {
-    Scene: ((0.13, -0.46, 0.33), (0.004, 0.0, 0.030)),
-    SutureScene: ((0.12, 0.23, 0.17), (-0.002, 0.0, 0.008)),
+    Scene: ((0.13, -0.46, 0.33), (0.004, 0.0, 0.030), 0.95),
+    SutureScene: ((0.12, 0.23, 0.17), (-0.002, 0.0, 0.008), 0.37),
 }
-"""Where the eye stands and where it looks, in the world, by type of scene."""
-LIGHT = Light(ambient=0.42, gain=0.95)
+"""Where the eye stands and where it looks, in the world, and the light's gain: nearer is brighter; by type of scene."""
+AMBIENT = 0.42
 TABLE_RGB = (0.30, 0.33, 0.36)
 BLOCK_RGB = (0.86, 0.55, 0.13)
 SHAFT_RGB = (0.20, 0.21, 0.24)
-NEEDLE_RGB = (0.08, 0.10, 0.30)
+NEEDLE_RGB = (0.05, 0.25, 0.85)
 
 
 class Photographer:
@@ -45,10 +45,11 @@ class Photographer:
                 model.geom_rgba[g, :3] = NEEDLE_RGB
             elif name.endswith("_shaft"):
                 model.geom_rgba[g, :3] = SHAFT_RGB
-        eye_m, target_m = VIEWS[type(world.cell.scene)]
+        eye_m, target_m, gain = VIEWS[type(world.cell.scene)]
+        light = Light(ambient=AMBIENT, gain=gain)
         flaws = replace(SensorFlaws.none(), shadow=True)
         self._data = mujoco.MjData(model)
-        self._camera = RayCamera(model, LENS, look_at(np.array(eye_m), np.array(target_m)), flaws, LIGHT)
+        self._camera = RayCamera(model, LENS, look_at(np.array(eye_m), np.array(target_m)), flaws, light)
 
     def picture(self, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Return a colour picture (height, width, 3) of the world with these positions (nq,)."""

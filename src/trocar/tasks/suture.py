@@ -18,6 +18,7 @@ from trocar.scene import SutureScene
 from trocar.scene.truth import NeedleTruth
 from trocar.sutures import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, SuturePlan, SutureSetup, dexterity, plan_even
 from trocar.sutures.drive import Suture, drive
+from trocar.sutures.plan import check_count
 from trocar.sutures.primitive import grasp_pose
 
 ON_TARGET_M = 1.0e-3
@@ -103,6 +104,7 @@ class CircleSutures:
         ):
             if value not in choices:
                 raise TrocarError(f"{what} {value!r} of suture is unknown; choose one of {', '.join(choices)}")
+        check_count(self.sutures)
         if not self.setup.grasp.holdable:
             can = ", ".join(name for name, preset in PRESETS.items() if preset.setup.grasp.holdable)
             raise TrocarError(
@@ -174,7 +176,7 @@ def _score(
     start_s, end_s = float(event["start_s"]), float(event["time_s"])  # type: ignore[arg-type]
     steps = [e for e in events if e["name"] == "step" and e["suture"] == event["suture"]]
     begins = [float(e["time_s"]) for e in steps]  # type: ignore[arg-type]
-    spans = list(zip([str(e["step"]) for e in steps], begins, [*begins[1:], end_s], strict=True))
+    spans = list(zip([str(e["step"]) for e in steps], begins, [*begins, end_s][1:], strict=True))
     tips = truth.p_circle_needle_tip_m
     driven = [truth.rows(a, b) for step, a, b in spans if drives(step)]
     off = [path_distance_m(tips[rows], suture.needle_path_m) for rows in driven]

@@ -1,0 +1,86 @@
+"""The path that the arm drives is the primitive, with a way in and a way out."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trocar.arms import fk
+from trocar.errors import TrocarError
+from trocar.sutures import DIRECTIONS, PRESETS, Insertion, suture_joints
+from trocar.sutures.drive import Suture, drive
+from trocar.sutures.primitive import bite_m, grasp_pose, steps
+
+SETUP = PRESETS["default"].setup
+ANGLES = st.floats(0.0, 2 * math.pi)
+
+
+@given(ANGLES, st.sampled_from(DIRECTIONS))
+@settings(max_examples=40, deadline=None)
+def test_the_pieces_join_and_end_at_the_primitives_stations(theta, direction):
+    pieces = drive(Suture(SETUP, theta, direction))
+    assert [p.name for p in pieces] == ["approach", *(step.name for step in steps(SETUP)), "withdraw"]
+    inner = [p for p in pieces if len(p.q)]
+    for before, after in pairwise(inner):
+        np.testing.assert_allclose(before.q[-1], after.q[0], atol=1e-6)
+    planned = suture_joints(SETUP, [theta])
+    row = DIRECTIONS.index(direction)
+    primitive = np.concatenate([p.q for p in pieces[1:-1]])
+    for q in planned.q[row, 0][planned.station]:
+        assert np.abs(primitive - q).max(axis=1).min() < 1e-6
+
+
+@given(ANGLES, st.sampled_from(DIRECTIONS))
+@settings(max_examples=40, deadline=None)
+def test_driven_joints_carry_the_needle_along_its_path(theta, direction):
+    """Forward kinematics of the joints, with the needle in the jaws, must give the needle's path back."""
+    suture = Suture(SETUP, theta, direction)
+    T_tip_needle = grasp_pose(SETUP).inverse()
+    T_circle_base = SETUP.T_base_circle.inverse()
+    path = suture.needle_path_m
+    for piece in drive(suture)[1:3]:  # penetrate, rotate: before any regrasp
+        T_circle_needle = T_circle_base @ fk(SETUP.arm, piece.q) @ T_tip_needle
+        tips = T_circle_needle.apply([0.0, -SETUP.needle.radius_m, 0.0])
+        nearest = np.linalg.norm(tips[:, None] - path, axis=-1).min(axis=1)
+        assert nearest.max() < 0.2e-3  # the path's points lie .25 mm and 1 deg apart
+        assert np.linalg.norm(np.diff(tips, axis=0), axis=1).max() < 0.4e-3
+
+
+@given(ANGLES, st.sampled_from(DIRECTIONS))
+def test_it_goes_in_at_theta_and_comes_out_a_bite_further_in_its_direction(theta, direction):
+    suture = Suture(SETUP, theta, direction)
+    radius = SETUP.circle.radius_m
+    np.testing.assert_allclose(suture.entry_m, [radius * math.cos(theta), radius * math.sin(theta), 0.0], atol=1e-12)
+    out = suture.exit_m
+    assert out is not None and abs(out[2]) < 1e-9
+    assert np.linalg.norm(out - suture.entry_m) == pytest.approx(bite_m(SETUP))
+    clockwise = np.cross(suture.entry_m, out - suture.entry_m)[2] < 0
+    assert clockwise == (direction == 1)
+
+
+def test_a_primitive_that_ends_below_the_surface_has_no_exit():
+    short = replace(SETUP, insertion=Insertion(pushes=0))
+    assert Suture(short, 0.0, 1).exit_m is None
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_ways_in_and_out_keep_to_the_ranges_and_the_primitive_says_where_it_does_not(direction):
+    feasible = suture_joints(SETUP, np.radians(np.arange(0.0, 360.0, 6.0))).feasible
+    row = DIRECTIONS.index(direction)
+    for degrees, can in zip(np.arange(0.0, 360.0, 6.0), feasible[row], strict=True):
+        first, *primitive, last = drive(Suture(SETUP, math.radians(degrees), direction))
+        assert first.first_outside(SETUP.arm) is None and last.first_outside(SETUP.arm) is None
+        inside = all(piece.first_outside(SETUP.arm) is None for piece in primitive)
+        assert inside == can
+    assert feasible[row].any() and not feasible[row].all()
+
+
+def test_nonsense_is_refused_in_a_sentence():
+    with pytest.raises(TrocarError, match="direction of a suture is 2"):
+        Suture(SETUP, 0.0, 2)
+    with pytest.raises(TrocarError, match="finite angle"):
+        Suture(SETUP, math.nan, 1)
