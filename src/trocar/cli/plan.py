@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from trocar.arms import ARMS, MOTION_LIMITS
-from trocar.cli import plan_suture
+from trocar.cli import plan_setup, plan_suture
 from trocar.cli.grouped import GroupedCommand
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS, PlanQuality, assess_transfer, plan_transfer
@@ -27,6 +27,8 @@ app = typer.Typer(help="Plan motions and print their quality.", no_args_is_help=
 app.command("suture", cls=GroupedCommand, epilog="Example: trocar plan suture --preset paper-demo --out out/plan")(
     plan_suture.suture
 )
+
+app.command("setup", epilog="Example: trocar plan setup --free circle --free port --evaluations 1000")(plan_setup.setup)
 
 T = TypeVar("T")
 

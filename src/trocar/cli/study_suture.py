@@ -66,7 +66,8 @@ def _random(setups: int, seed: int) -> SetupStatistics:
     from trocar.sutures.random_setups import random_statistics  # noqa: PLC0415
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         bar = progress.add_task("feasible random setups", total=setups)
 
         def listen(done: int, total: int) -> None:

@@ -138,6 +138,34 @@ def base_numbers(T_world_base: SE3) -> dict[str, float]:
     }
 
 
+def written(setup: SutureSetup, preset: SutureSetup) -> list[str]:
+    """Return the options that make this setup from a preset's, so far as circle, base, needle and grasp differ."""
+    was, now = _numbers(preset), _numbers(setup)
+    texts = [f"{name} {value:.9g}" for name, value in now.items() if abs(value - was[name]) > 1e-9]
+    was_at, at = (1e3 * one.circle.T_world_circle.translation_m for one in (preset, setup))
+    if np.abs(at - was_at).max() > 1e-9:
+        texts.append("--center-mm " + " ".join(f"{value:.9g}" for value in at))
+    return texts
+
+
+def _numbers(setup: SutureSetup) -> dict[str, float]:
+    """Return options with their values in mm and deg."""
+    base = base_numbers(setup.T_world_base)
+    found = {
+        "--circle-radius-mm": 1e3 * setup.circle.radius_m,
+        "--base-azimuth-deg": math.degrees(base["azimuth_rad"]),
+        "--base-sideways-mm": 1e3 * base["sideways_m"],
+        "--base-up-mm": 1e3 * base["up_m"],
+        "--base-tilt-deg": math.degrees(base["tilt_rad"]),
+        "--base-spin-deg": math.degrees(base["spin_rad"]),
+        "--needle-radius-mm": 1e3 * setup.needle.radius_m,
+        "--grasp-behind-tip-deg": math.degrees(setup.grasp.behind_tip_rad),
+    }
+    for name in ("approach", "lean", "skew"):
+        found[f"--grasp-{name}-deg"] = math.degrees(getattr(setup.grasp, f"{name}_rad"))
+    return found
+
+
 def spacing_of(
     count: int,
     positions: int,

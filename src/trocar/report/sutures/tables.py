@@ -148,6 +148,22 @@ def fits_table(fits: Sequence[Mapping[str, Any]]) -> Table:
     return table
 
 
+def setup_table(free: Sequence[Mapping[str, Any]]) -> Table:
+    """Return the numbers of a setup that were searched over.
+
+    Args:
+        free: of each: ``name`` with its unit, ``from``, ``to``, ``low``, ``high``.
+    """
+    table = Table(title="The best setup found")
+    table.add_column("number", no_wrap=True)
+    for column in ("preset", "found", "from", "to"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for number in free:
+        shown = (f"{number[key]:.1f}" for key in ("from", "to", "low", "high"))
+        table.add_row(number["name"].replace("_", " "), *shown)
+    return table
+
+
 def _percent(share: float | None) -> str:
     """Return a share as text, a dash where there is none."""
     return "-" if share is None else f"{100 * share:.1f} %"
