@@ -110,12 +110,12 @@ def test_arcs_and_fixed_positions_off_the_grid_are_met():
 @pytest.mark.parametrize("weight", [0.05, 0.5])
 def test_tension_is_bounded_too(weight):
     found, _ = maps("paper-demo")
-    fine = found.at(TURN / 3600 * np.arange(3600))
+    fine = found.at(TURN / 1080 * np.arange(1080))
     asked = spacing(60, 120, tension=weight)
     plan = plan_continuous(found, 4, asked)
     assert plan.tension_cost == pytest.approx(weight * np.abs(plan.gaps_rad / (TURN / 4) - 1).max())
     assert plan_gaps(found, 4, asked).worth <= plan.worth <= plan.bound <= plan.worth + 1e-3
-    assert plan.worth - 1e-3 < plan_gaps(fine, 4, asked).worth <= plan.bound
+    assert plan.worth - 2e-3 < plan_gaps(fine, 4, asked).worth <= plan.bound
 
 
 def test_given_manipulability_is_bounded_by_its_pieces():

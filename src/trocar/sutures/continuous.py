@@ -3,6 +3,13 @@
 For a value t, the positions whose dexterity may reach t are enclosed by arcs (``enclosure``), bisected where t is
 crossed. If no closed walk over these arcs exists (``arcs``, exact), no plan is worth t: t bounds every plan. If one
 exists, its real dexterity is a plan's, perhaps a new best one's. Bisection on t brings the two together.
+
+Why the bound holds: (1) every position worth t lies in an arc whose upper bound is at least t, as intervals enclose the
+closed form of the joints, rounding included. (2) Every plan worth t is thus a closed walk over these arcs with gaps
+within their bounds. (3) Each such walk has a place in the arc of starts that is searched: no gap is longer than it.
+(4) What k gaps reach from an interval of starts is computed as a set, never too small. So if it misses the starts one
+turn ahead, for all pieces of the arc of starts, there is no walk, hence no plan. Sampling enters the plan, not the
+bound.
 """
 
 from __future__ import annotations

@@ -104,8 +104,9 @@ class DexterityEnclosure:
     def joints(self, theta: Interval) -> JointRanges:
         """Return where the joints can be on arcs (c,)."""
         arm = self._arm
-        pose = [[_harmonic(self._harmonics[..., i, j], theta) for j in range(4)] for i in range(3)]
-        *q, cosine = closed_form([*pose, []], IntervalMath, arm.solver_constants)
+        pose = _turned(self._harmonics, theta)
+        rows = [[pose[i, j] for j in range(4)] for i in range(3)]
+        *q, cosine = closed_form([*rows, []], IntervalMath, arm.solver_constants)
         middle = arm.middle_floats
         q[YAW] = _turned_to(q[YAW], middle[YAW])
         q[ROLL], other = _unwound(q[ROLL], middle[ROLL])
@@ -118,7 +119,7 @@ class DexterityEnclosure:
 
     @cached_property
     def _harmonics(self) -> NDArray[np.float64]:
-        return tip_harmonics(self.map.setup, self._along)
+        return np.moveaxis(tip_harmonics(self.map.setup, self._along), (-2, -1), (1, 2))[:, :3]
 
     @property
     def _arm(self) -> ArmModel:
@@ -194,12 +195,23 @@ def interpolated_bounds(places_rad: ArrayLike, values: ArrayLike) -> Manipulabil
     return bounds
 
 
-def _harmonic(parts: NDArray[np.float64], theta: Interval) -> Interval:
-    """Return ``h0 + h1 cos(theta) + h2 sin(theta)`` (2, k, c) of parts (3, 2, k) on arcs (c,)."""
+def _turned(parts: NDArray[np.float64], theta: Interval) -> Interval:
+    """Return ``h0 + h1 cos(theta) + h2 sin(theta)`` (..., c) of parts (3, ...) on arcs (c,).
+
+    On less than half a turn this has at most one crest or trough; its slopes at the ends tell. Rounding is below
+    four units in the last place of the largest term.
+    """
     constant, cosine, sine = parts[..., None]
-    phase = np.arctan2(sine, cosine)
-    swing = np.hypot(sine, cosine) * (1 + 1e-15 * np.array([-1.0, 1.0])).reshape(2, 1, 1, 1)
-    return Interval(swing[0], swing[1]) * (theta - phase).cos() + constant
+    swing = np.hypot(cosine, sine)
+    (at_low, up_low), (at_high, up_high) = (
+        (cosine * np.cos(end) + sine * np.sin(end), sine * np.cos(end) - cosine * np.sin(end))
+        for end in (theta.low, theta.high)
+    )
+    slack, long = 1e-14 * swing, theta.width > 3.0
+    low = np.where((up_low <= slack) & (up_high >= -slack) | long, -swing, np.minimum(at_low, at_high))
+    high = np.where((up_low >= -slack) & (up_high <= slack) | long, swing, np.maximum(at_low, at_high))
+    rounding = 1e-15 * (2 * swing + np.abs(constant))
+    return Interval.around(constant + low - rounding, constant + high + rounding)
 
 
 def _turned_to(angle: Interval, middle: float) -> Interval:

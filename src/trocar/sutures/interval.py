@@ -31,9 +31,8 @@ class Interval:
     def around(low: ArrayLike, high: ArrayLike) -> Interval:
         """Return the intervals between these floats, widened for the rounding with which they were computed."""
         low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-        low = low - (WIDER * np.abs(low) + TINY)
-        high = high + (WIDER * np.abs(high) + TINY)
-        return Interval(np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high))
+        below, above = low - (WIDER * np.abs(low) + TINY), high + (WIDER * np.abs(high) + TINY)
+        return Interval(np.fmax(below, -np.inf), np.fmin(above, np.inf))  # NaN, as of inf - inf: unbounded
 
     def __neg__(self) -> Interval:
         return Interval(-self.high, -self.low)
@@ -105,7 +104,7 @@ class Interval:
         at_low, at_high = np.cos(here.low), np.cos(here.high)
         first = np.ceil(here.low / math.pi - 1e-12)  # of the multiples of pi within, even ones are crests
         many = here.high / math.pi + 1e-12 - first
-        even = np.mod(first, 2.0) == 0.0
+        even = np.floor(first / 2) * 2 == first
         crest, trough = (many >= 1) | ((many >= 0) & even), (many >= 1) | ((many >= 0) & ~even)
         unbounded = ~np.isfinite(here.width)
         return Interval.around(
@@ -151,8 +150,8 @@ class IntervalMath:
     def atan2(y: Interval, x: Interval) -> Interval:
         """Return the angles of (x, y), up to whole turns; unbounded where (x, y) may lie on any side of the origin."""
         angle = np.arctan2(np.nan_to_num(y.middle), np.nan_to_num(x.middle))
-        at = Interval.around(angle, angle)
-        cosine, sine = at.cos(), at.sin()
+        at, c, s = Interval.around(angle, angle), np.cos(angle), np.sin(angle)
+        cosine, sine = Interval.around(c, c), Interval.around(s, s)
         ahead, aside = cosine * x + sine * y, cosine * y - sine * x
         return at.where(ahead.low > 0, Interval(*np.broadcast_arrays(-np.inf, np.inf))) + (aside / ahead).arctan()
 
