@@ -49,6 +49,19 @@ def test_no_circle_on_the_ball_does_better_than_its_bound(seed, exponent, margin
         assert np.all(bound.joints.feasible | ~there.joints.feasible)
 
 
+def test_the_bound_holds_where_the_roll_may_be_wound_the_other_way():
+    shift, changed = 2e-3, 0
+    for spin in np.radians(np.arange(0, 360, 10)):
+        setup = with_parameters(PRESETS["paper-demo"].setup, {"base_spin_rad": spin})
+        here = dexterity(setup, Reward(margin="clipped", at="stations", weight=1.0), 36)
+        bound = bound_of_ball(here, shift)
+        for angle in (0.0, 2.1, 4.2):
+            there = shifted(here, shift * np.cos(angle), shift * np.sin(angle), 0.0)
+            assert np.all(there.margin <= bound.margin + 1e-9)
+            changed += int((np.abs(there.joints.q[..., 3] - here.joints.q[..., 3]).min(2) > np.pi).sum())
+    assert changed > 0
+
+
 def test_the_bound_is_tight_to_first_order():
     here = dexterity(SETUP, positions=24)
     shift = 1e-5
