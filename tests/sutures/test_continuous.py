@@ -24,7 +24,7 @@ from trocar.sutures.gaps import walks_on_grid
 
 TURN = 2 * np.pi
 FINER = 100
-PROBLEMS = [(4, 90, 90), (6, 40, 80), (12, 20, 40)]
+PROBLEMS = [(4, 90, 90), (12, 20, 40)]
 
 
 @cache
@@ -107,7 +107,7 @@ def test_arcs_and_fixed_positions_off_the_grid_are_met():
     assert len(walks.closing(allowed)) == 0
 
 
-@pytest.mark.parametrize("weight", [0.05, 0.5])
+@pytest.mark.parametrize("weight", [0.05, 0.2])
 def test_tension_is_bounded_too(weight):
     found, _ = maps("paper-demo")
     fine = found.at(TURN / 1080 * np.arange(1080))
