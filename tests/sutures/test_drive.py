@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trocar.arms import fk
+from trocar.arms import ARMS, fk, wrist_depth_m
 from trocar.errors import TrocarError
 from trocar.sutures import DIRECTIONS, PRESETS, Insertion, suture_joints
-from trocar.sutures.drive import Suture, drive
+from trocar.sutures.drive import Suture, drive, ranges
 from trocar.sutures.primitive import bite_m, grasp_pose, steps
 
 SETUP = PRESETS["default"].setup
@@ -77,6 +77,17 @@ def test_ways_in_and_out_keep_to_the_ranges_and_the_primitive_says_where_it_does
         inside = all(piece.first_outside(SETUP.arm) is None for piece in primitive)
         assert inside == can
     assert feasible[row].any() and not feasible[row].all()
+
+
+@pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
+@given(st.floats(-0.05, 0.3))
+def test_the_insertions_range_ends_where_the_wrist_is_at_its_safe_depth(arm, insertion):
+    lower, upper = ranges(arm)
+    q = np.array([0.0, 0.0, insertion, 0.0, 0.0, 0.0])
+    inside = arm.lower[2] <= insertion <= arm.upper[2] and wrist_depth_m(arm, q) >= arm.safe_depth_m
+    assert (lower[2] <= insertion <= upper[2]) == inside
+    others = [0, 1, 3, 4, 5]
+    assert (lower[others] == arm.lower[others]).all() and (upper[others] == arm.upper[others]).all()
 
 
 def test_nonsense_is_refused_in_a_sentence():

@@ -18,7 +18,7 @@ from trocar.calibration.excitation import WAKE_RAD
 from trocar.cell import Cell, Outcome
 from trocar.errors import TrocarError
 from trocar.motion import rest_to_rest
-from trocar.sutures.drive import Stretch, Suture, drive
+from trocar.sutures.drive import Stretch, Suture, drive, ranges
 from trocar.trajectory import Trajectory
 
 Result = TypeVar("Result")
@@ -141,12 +141,13 @@ class CircleSuturing:
         if joint < 0:
             return f"{where}: no configuration of {self.arm.name} reaches the pose {place} of {len(stretch.q)}"
         limits, values = self.arm.joints[joint], stretch.q[place:, joint]
+        lower, upper = (float(bound[joint]) for bound in ranges(self.arm))
         lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
-        wanted = lowest if limits.lower - lowest > highest - limits.upper else highest
+        wanted = lowest if lower - lowest > highest - upper else highest
         scale, unit = (1e3, "mm") if limits.prismatic else (180 / math.pi, "deg")
         return (
             f"{where}: joint '{limits.name}' would go to {scale * wanted:.1f} {unit}, outside "
-            f"[{scale * limits.lower:.1f}, {scale * limits.upper:.1f}] {unit}; stopped there"
+            f"[{scale * lower:.1f}, {scale * upper:.1f}] {unit}; stopped there"
         )
 
     async def _leave(self, number: int, way_out: Stretch) -> None:

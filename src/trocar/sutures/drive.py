@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, ik_unbounded
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.sutures.joints import LIMIT_TOLERANCE
 from trocar.sutures.primitive import exit_turn_rad, needle_poses, steps, tip_poses, turned_to
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
-ROLL = 3
+INSERTION, ROLL = 2, 3
 SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
 """Between two places of a path."""
 UP = np.array([0.0, 0.0, 1.0])
@@ -74,6 +75,16 @@ class Suture:
         return self.needle_tip_m(np.array([insertion.straight_m]), np.array([turn]))[0]
 
 
+def ranges(arm: ArmModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the joints' limits (6,), (6,), the insertion's cut to where the wrist is at its safe depth or below."""
+    lower, upper = arm.lower.copy(), arm.upper.copy()
+    sign = -arm.wrist_sign
+    nearest = sign * arm.safe_depth_m - arm.offsets[INSERTION]
+    ends = (lower, np.maximum) if sign > 0 else (upper, np.minimum)
+    ends[0][INSERTION] = ends[1](ends[0][INSERTION], nearest)
+    return lower, upper
+
+
 @dataclass(frozen=True, eq=False)
 class Stretch:
     """A piece of the path between two things that the jaws do.
@@ -95,11 +106,12 @@ class Stretch:
 
     def first_outside(self, arm: ArmModel) -> tuple[int, int] | None:
         """Return (place, joint) where the path first leaves a joint's range; joint -1 where there is no solution."""
+        lower, upper = ranges(arm)
         for place, q in enumerate(self.q):
             if not np.isfinite(q).all():
                 return place, -1
-            outside = np.maximum(arm.lower - q, q - arm.upper)
-            if outside.max() > 0:
+            outside = np.maximum(lower - q, q - upper)
+            if outside.max() > LIMIT_TOLERANCE:
                 return place, int(np.argmax(outside))
         return None
 

@@ -27,6 +27,9 @@ ON_TARGET_M = 1.0e-3
 SLIP_M, SLIP_RAD = 0.5e-3, math.radians(10.0)
 """A needle that moves more than this in closed jaws has slipped (assumed)."""
 
+SIMULATED_ARM = "psm-classic"
+"""The arm whose cables were identified."""
+
 DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
 
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
@@ -105,6 +108,10 @@ class CircleSutures:
             if value not in choices:
                 raise TrocarError(f"{what} {value!r} of suture is unknown; choose one of {', '.join(choices)}")
         check_count(self.sutures)
+        if self.setup.arm.name != SIMULATED_ARM:
+            raise TrocarError(
+                f"preset {self.preset!r} is for {self.setup.arm.name!r}; the simulated cell has {SIMULATED_ARM!r}"
+            )
         if not self.setup.grasp.holdable:
             can = ", ".join(name for name, preset in PRESETS.items() if preset.setup.grasp.holdable)
             raise TrocarError(
