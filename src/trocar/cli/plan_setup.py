@@ -63,11 +63,11 @@ def setup(
         raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
     names, bounds = _names(free or (["circle"] if proven else GROUPS)), dict(_bound(text) for text in bound or ())
     search = Search(count, options.spacing_of(count, POSITIONS, least_gap, most_gap, (), (), 0.0), seed=seed)
+    usual = search.on_grid(dexterity(chosen.setup, chosen.reward, POSITIONS))
     if proven:
         best, plan, answer = _certified(chosen, names, bounds, search, gap, evaluations)
     else:
         best, plan, answer = _heuristic(chosen, names, bounds, search, evaluations, not any_grasp)
-    usual = search.on_grid(dexterity(chosen.setup, chosen.reward, POSITIONS))
     written = [f"--preset {preset}", f"--count {count}", *options.written(best.setup, chosen.setup)]
     summary: dict[str, Any] = finite(
         {
