@@ -10,7 +10,7 @@ from trocar.sutures import PRESETS, Reward, dexterity
 from trocar.sutures.even import plan_even
 from trocar.sutures.gaps import plan_gaps
 from trocar.sutures.plan import Spacing
-from trocar.sutures.robust import Scenarios, Uncertainty, maps, plan_robust, sensitivity, worst_map
+from trocar.sutures.robust import CABLES_RAD, Scenarios, Uncertainty, maps, plan_robust, sensitivity, worst_map
 
 SETUP = PRESETS["default"].setup
 
@@ -65,7 +65,7 @@ def test_the_robust_plan_is_the_best_worst_case_by_brute_force(nominal, scenario
     assert found.plan.feasible
     assert found.nominal_worst <= found.plan.reward
     assert found.planned_reward <= found.nominal.reward
-    assert "worst of 40 random scenarios" in found.plan.certified
+    assert "worst of 40 scenarios (random)" in found.plan.certified
 
 
 def test_the_worst_case_of_the_nominal_plan_is_told_alike_by_both(nominal, scenarios):
@@ -74,6 +74,36 @@ def test_the_worst_case_of_the_nominal_plan_is_told_alike_by_both(nominal, scena
     assert told.rewards[0] == pytest.approx(told.plan.reward, abs=1e-12)
     assert np.all(told.regret[told.feasible] >= -1e-12)
     assert np.all(told.shift_rad <= np.pi / 4 + 1e-9)
+
+
+def test_a_given_plan_is_followed_in_place_of_the_best(nominal, scenarios):
+    robust = plan_robust(nominal, scenarios)
+    told = sensitivity(nominal, scenarios, plan=robust.plan)
+    assert told.plan is robust.plan
+    assert told.rewards.min() == pytest.approx(robust.plan.reward, abs=1e-12)
+    assert told.rewards[0] == pytest.approx(robust.planned_reward, abs=1e-12)
+
+
+def test_corners_are_balanced_and_lie_at_the_standard_deviations():
+    corners = Scenarios.corners(deviations=2.0)
+    joints, twists = corners.joints_rad / (2 * np.array(CABLES_RAD)), corners.T_planned_circle.log()
+    assert len(corners) == 33
+    assert not joints[0].any()
+    np.testing.assert_allclose(np.abs(joints[1:]), 1.0)
+    signs = np.hstack([joints[1:], np.sign(twists[1:])])
+    np.testing.assert_allclose(signs.T @ signs, 32 * np.eye(9), atol=1e-9)
+    np.testing.assert_allclose(np.abs(twists[1:]), np.repeat([0.002, np.radians(2.0)], [3, 3])[None].repeat(32, 0))
+
+
+def test_the_plan_for_the_corners_loses_next_to_nothing_in_random_errors():
+    nominal = dexterity(SETUP)
+    found = plan_robust(nominal, Scenarios.corners())
+    random = list(maps(nominal, Scenarios.draw(np.random.default_rng(11), 120)))
+    values = np.array([there.values[there.choice, np.arange(360)] for there in random])
+    low = np.percentile(values.reshape(120, 4, 90).min(1), 5, axis=0)
+    start = int(np.rint(np.degrees(found.plan.positions_rad[0])))
+    assert low[start] > low.max() - 0.01
+    assert np.median(low) < low.max() - 0.05
 
 
 def test_more_scenarios_never_make_the_worst_case_better(nominal, scenarios):
@@ -117,5 +147,7 @@ def test_a_plan_off_the_grid_and_errors_out_of_bounds_are_refused(nominal, scena
         plan_robust(nominal, scenarios, off_grid)
     with pytest.raises(TrocarError, match=r"give each 0 to 0\.2"):
         Uncertainty(translation_m=np.nan)
+    with pytest.raises(TrocarError, match="at 7 standard deviations"):
+        Scenarios.corners(deviations=7)
     with pytest.raises(TrocarError, match="number of scenarios is 0"):
         Scenarios.draw(np.random.default_rng(0), 0)

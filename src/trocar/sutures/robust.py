@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import hadamard
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
@@ -62,10 +63,12 @@ class Scenarios:
     Attributes:
         joints_rad: (s, 3) added to roll, wrist pitch and wrist yaw.
         T_planned_circle: (s,) where the circle is, seen from where it was planned.
+        about: what they are, in words.
     """
 
     joints_rad: NDArray[np.float64]
     T_planned_circle: SE3
+    about: str = "given"
 
     def __len__(self) -> int:
         return len(self.joints_rad)
@@ -75,11 +78,29 @@ class Scenarios:
         """Return ``count`` scenarios, the first without error, the others at random."""
         if not 1 <= count <= 10_000:
             raise TrocarError(f"the number of scenarios is {count}; give 1 to 10000")
-        sd = uncertainty or Uncertainty()
         noise = rng.standard_normal((count, 9))
         noise[0] = 0.0
+        return Scenarios._of(noise, uncertainty, "random")
+
+    @staticmethod
+    def corners(uncertainty: Uncertainty | None = None, deviations: float = 1.0) -> Scenarios:
+        """Return the scenario without error and 32 corners of the box of errors of so many standard deviations.
+
+        Signs are balanced and each corner comes with its opposite (Hadamard's matrix of order 16, folded over). A plan
+        that stands these stands random errors too; one that stands random draws fits the few largest of them.
+        """
+        if not (math.isfinite(deviations) and 0 <= deviations <= 5):
+            raise TrocarError(f"the corners lie at {deviations:g} standard deviations; give 0 to 5")
+        signs = deviations * hadamard(16)[:, 1:10]
+        noise = np.vstack([np.zeros(9), signs, -signs])
+        return Scenarios._of(noise, uncertainty, f"balanced corners at {deviations:g} standard deviations")
+
+    @staticmethod
+    def _of(noise: NDArray[np.float64], uncertainty: Uncertainty | None, about: str) -> Scenarios:
+        """Return scenarios from errors (s, 9) in standard deviations: three joints, translation, rotation."""
+        sd = uncertainty or Uncertainty()
         twists = noise[:, 3:] * np.repeat([sd.translation_m, sd.rotation_rad], 3)
-        return Scenarios(noise[:, :3] * sd.joints_rad, SE3.exp(twists))
+        return Scenarios(noise[:, :3] * sd.joints_rad, SE3.exp(twists), about)
 
 
 def maps(nominal: DexterityMap, scenarios: Scenarios) -> Iterator[DexterityMap]:
@@ -98,7 +119,7 @@ class Sensitivity:
     """What becomes of one plan.
 
     Attributes:
-        plan: made without errors.
+        plan: whose.
         rewards: (s,) its true reward in each scenario, in the directions that it names.
         feasible: (s,) whether each of its sutures can be done.
         best_rewards: (s,) of the plan that would have been made, had the scenario been known.
@@ -142,16 +163,18 @@ def sensitivity(
     scenarios: Scenarios,
     planner: Planner = plan_even,
     progress: Progress | None = None,
+    plan: SuturePlan | None = None,
 ) -> Sensitivity:
-    """Return what becomes of the best plan in these scenarios.
+    """Return what becomes of a plan in these scenarios, beside the best plan of each.
 
     Args:
         nominal: the sutures without errors.
-        scenarios: the errors.
+        scenarios: the errors; others than those that a robust plan was made for, if it is to be judged.
         planner: what makes a plan.
         progress: called with how many scenarios are done and how many there are.
+        plan: on the map's grid; default: the best without errors.
     """
-    plan = planner(nominal)
+    plan = plan or planner(nominal)
     choice, where = _on_grid(nominal, plan)
     rows = []
     for number, there in enumerate(maps(nominal, scenarios), start=1):
@@ -233,13 +256,16 @@ def plan_robust(
 
     Args:
         nominal: the sutures without errors.
-        scenarios: the errors to stand.
+        scenarios: the errors to stand; ``Scenarios.corners()`` for want of others.
         planner: what makes a plan, such as ``plan_even`` or ``lambda map: plan_gaps(map, 6, spacing)``.
         progress: called with how many scenarios are done and how many there are.
     """
     worst = worst_map(nominal, scenarios, progress)
     robust, usual = planner(worst), planner(nominal)
-    said = f"{robust.certified}, in the worst of {len(scenarios)} random scenarios; of other errors it says nothing"
+    said = (
+        f"{robust.certified}, in the worst of {len(scenarios)} scenarios ({scenarios.about}); of other errors it says "
+        "nothing"
+    )
     usual_at, robust_at = _on_grid(nominal, usual), _on_grid(nominal, robust)
     return RobustPlan(
         replace(robust, certified=said),
