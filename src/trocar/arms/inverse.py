@@ -30,6 +30,8 @@ CONE_TOLERANCE = 1e-12
 """A cosine this far beyond 1 counts as rounding."""
 CHUNK = 8192
 """Poses solved at a time: the intermediate arrays of a chunk stay in the cache."""
+SMALL_CHUNK = 2048
+"""The same for some thousand poses: so small, memory is kept between calls, not handed back and fetched anew."""
 
 
 class Unreachable(TrocarError):
@@ -111,7 +113,7 @@ def ik_unbounded(arm: ArmModel, T_base_tip: SE3) -> NDArray[np.float64]:
     poses = matrix.reshape(-1, 16)
     q, good = np.empty((len(poses), 6)), np.zeros(len(poses), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
-        _solve_chunks(arm, poses, None, q, good)
+        _solve_chunks(arm, poses, None, q, good, SMALL_CHUNK)
     return q.reshape(*matrix.shape[:-2], 6)
 
 
@@ -145,15 +147,17 @@ def _six_floats(arm: ArmModel, reference: ArrayLike | None) -> Sequence[float] |
         return None
 
 
-def _solve_chunks(arm: ArmModel, poses: NDArray, near: NDArray | None, q: NDArray, good: NDArray) -> None:
+def _solve_chunks(
+    arm: ArmModel, poses: NDArray, near: NDArray | None, q: NDArray, good: NDArray, chunk: int = CHUNK
+) -> None:
     """Fill ``q`` (n, 6) from ``poses`` (n, 16) by the one branch within limits, and ``good`` (n,): where it is.
 
     The arrays lie one quantity to a row, and the rows of a chunk stay in the cache.
     """
-    m, columns = np.empty((4, 4, CHUNK)), np.empty((6, CHUNK))
+    m, columns = np.empty((4, 4, chunk)), np.empty((6, chunk))
     lower, upper = arm.lower[:, None], arm.upper[:, None]
-    for start in range(0, len(poses), CHUNK):
-        part = slice(start, start + CHUNK)
+    for start in range(0, len(poses), chunk):
+        part = slice(start, start + chunk)
         n = len(poses[part])
         m[:3, :, :n] = poses[part, :12].reshape(n, 3, 4).transpose(1, 2, 0)
         *joints, _ = closed_form(m[..., :n], _Arrays, arm.solver_constants)

@@ -38,7 +38,7 @@ class SutureJoints:
     @cached_property
     def excess(self) -> NDArray[np.float64]:
         """Return how far each joint leaves its range at its worst (2, n, 6), rad or m; infinite where q is NaN."""
-        outside = np.maximum(self.arm.lower - self.q, self.q - self.arm.upper).max(2)
+        outside = np.maximum(self.arm.lower - self.q.min(2), self.q.max(2) - self.arm.upper)
         return np.where(np.isfinite(outside), np.maximum(outside, 0.0), np.inf)
 
     @cached_property
@@ -64,8 +64,9 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
     along = places(setup)
     harmonics = tip_harmonics(setup, along)
     turns = np.stack([np.ones_like(thetas), np.cos(thetas), np.sin(thetas)], -1)
-    poses = turns @ harmonics.reshape(3, 2, -1).swapaxes(0, 1)
-    q = ik_unbounded(setup.arm, SE3(poses.reshape(2, len(thetas), *harmonics.shape[2:])))
+    poses = turns @ np.moveaxis(harmonics.reshape(*harmonics.shape[:3], 16), 0, 2).swapaxes(0, 1)
+    # places lie outermost in memory: what is largest or least along a suture is then found row by row
+    q = np.moveaxis(ik_unbounded(setup.arm, SE3(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
     return SutureJoints(setup.arm, thetas, q, along.station)
 

@@ -178,7 +178,7 @@ def joint_margin(arm: ArmModel, joints: SutureJoints, reward: Reward) -> NDArray
     which = JOINTS[reward.joints]
     limit = ((arm.upper - arm.lower) / 2)[which]
     q = joints.q[:, :, joints.station] if reward.at == "stations" else joints.q
-    largest = np.abs(q[..., which] - arm.middle[which]).max(2)
+    largest = np.maximum(q.max(2) - arm.middle, arm.middle - q.min(2))[..., which]
     return np.nan_to_num(MARGINS[reward.margin](limit, largest), nan=NO_SOLUTION)
 
 
@@ -187,7 +187,8 @@ def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
 
     ``|J J^T|`` of the paper is the square of Yoshikawa's measure.
     """
-    q = np.where(np.isfinite(joints.q), joints.q, 0.0)
+    known = np.isfinite(joints.q)
+    q = joints.q if known.all() else np.where(known, joints.q, 0.0)
     return (manipulability(joints.arm, q) ** 2).mean((0, 2))
 
 
