@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -202,10 +203,8 @@ def _view(found: DexterityMap, plan: SuturePlan) -> None:
 
     shown = show_plan(found.setup, plan, found, block=False)
     typer.echo(f"open http://localhost:{shown.port} in a browser; Ctrl-C ends", err=True)
-    try:
+    with suppress(KeyboardInterrupt):  # the server ends with the process; stopped, it would write on stdout
         shown.play()
-    except KeyboardInterrupt:
-        shown.server.stop()
 
 
 def _print(summary: dict[str, Any]) -> None:

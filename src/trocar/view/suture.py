@@ -125,8 +125,7 @@ class SutureView:
 
     def close(self) -> None:
         """Stop serving."""
-        with redirect_stdout(sys.stderr):
-            self.server.stop()
+        self.server.stop()
 
     def _draw_circle(self) -> None:
         """Draw tissue, rim and, as arrows from entry to exit, the sutures coloured by what they are worth."""
