@@ -1,4 +1,5 @@
 import json
+import subprocess
 import sys
 
 import matplotlib.image
@@ -168,6 +169,25 @@ def test_bad_input_is_one_sentence_and_code_2(plan, line, words):
     assert err.startswith("trocar: ")
     assert err.count("\n") == 1
     assert words in err
+
+
+WITHOUT_EXTRAS = """
+import sys
+for name in ("mujoco", "cv2", "trio", "viser", "pyarrow", "jax"):
+    sys.modules[name] = None
+from trocar.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    "options, code, words", [("--demonstrations synthetic --out out", 0, "synthetic"), ("--view", 2, "trocar[view]")]
+)
+def test_no_extra_is_needed_but_for_the_browser(tmp_path, options, code, words):
+    line = [sys.executable, "-c", WITHOUT_EXTRAS, "plan", "suture", *options.split()]
+    result = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert result.returncode == code, result.stderr
+    assert words in (result.stdout if code == 0 else result.stderr)
 
 
 def test_the_table_names_the_surrogate_and_the_pictures_are_written(plan, tmp_path):

@@ -89,7 +89,7 @@ def _draw_tissue(axes: Axes, setup: SutureSetup) -> None:
         half = math.sqrt(radius**2 - offset**2)
         axes.plot([-half, half], [offset, offset], color="#E6E1D3", linewidth=0.6, zorder=1.5)
         axes.plot([offset, offset], [-half, half], color="#E6E1D3", linewidth=0.6, zorder=1.5)
-    axes.text(0, 0, f"mesh, radius {radius:.4g} mm", ha="center", va="center", color=style.QUIET, zorder=2)
+    axes.text(0, 0, f"mesh\nradius\n{radius:.4g} mm", ha="center", va="center", fontsize=8, color=style.QUIET, zorder=2)
 
 
 def _draw_ring(axes: Axes, map: DexterityMap, row: int, radius: float, width: float, norm: Normalize) -> None:
@@ -127,8 +127,8 @@ def _draw_angles(axes: Axes, outer: float) -> None:
         axes.plot(x, y, color=style.QUIET, linewidth=0.8)
         x, y = 1.09 * outer * along
         axes.text(x, y, f"{angle}°", ha="center", va="center", color=style.QUIET, fontsize=8)
-    axes.set_xlim(-1.3 * outer, 1.3 * outer)
-    axes.set_ylim(-1.2 * outer, 1.16 * outer)
+    axes.set_xlim(-1.36 * outer, 1.36 * outer)
+    axes.set_ylim(-1.27 * outer, 1.27 * outer)
 
 
 def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
@@ -140,20 +140,22 @@ def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
     along = place[:2] / away
     axes.annotate(
         "",
-        xy=tuple(1.14 * outer * along),
-        xytext=tuple(1.27 * outer * along),
+        xy=tuple(1.15 * outer * along),
+        xytext=tuple(1.26 * outer * along),
         arrowprops={"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 2.0, "mutation_scale": 16},
+        annotation_clip=False,
     )
-    side = "left" if along[0] >= 0 else "right"
+    side = 1 if along[0] > -1e-6 else -1
     axes.annotate(
         f"the arm's base:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above",
-        tuple(1.27 * outer * along),
-        xytext=(6 if along[0] >= 0 else -6, 0),
+        tuple(1.21 * outer * along),
+        xytext=(14 * side, 0),
         textcoords="offset points",
-        ha=side,
+        ha="left" if side > 0 else "right",
         va="center",
         fontsize=8,
         color=style.VERMILION,
+        annotation_clip=False,
     )
 
 

@@ -124,12 +124,12 @@ def wrist_angles(
         limits.setdefault(round(float(np.degrees(joint.upper)), 1), []).append(name)
         axes.plot(theta, curve, color=color, label=name)
     for limit, names in limits.items():
-        if limit < 1.5 * np.nanmax(largest):
+        if limit < 1.2 * np.nanmax(largest):
             axes.axhline(limit, color=style.INK, linestyle="--", linewidth=1, label=f"limit of {', '.join(names)}")
             axes.text(362, limit, f"{limit:.4g}°", va="center", fontsize=8)
     axes.set_ylabel("largest |angle|, deg")
     axes.set_ylim(0, None)
-    _legend_above(axes, 4)
+    _legend_above(axes, 5)
     _circle_axis(axes, title)
 
 
@@ -221,6 +221,7 @@ def _reward(axes: Axes, map: DexterityMap, plan: SuturePlan) -> None:
         ha="right",
         va="top",
         fontsize=8,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0},
     )
     axes.set_ylim(*_padded(map.values[map.values > -10]))
     axes.set_ylabel("reward D")
