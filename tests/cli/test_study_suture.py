@@ -61,6 +61,17 @@ def test_the_same_seed_gives_the_same_setups(study):
     assert first != other
 
 
+def test_demonstrations_give_the_manipulability_of_both_arms(study):
+    surrogate, recorded = (
+        json.loads(study(f"--setups 0 --json {option}")[1]) for option in ("", "--demonstrations synthetic")
+    )
+    assert "surrogate" in surrogate["manipulability_source"]
+    assert "synthetic" in recorded["manipulability_source"]
+    assert recorded["assistant_source"] == recorded["manipulability_source"]
+    assert recorded["lambda_sweep"]["best_theta_deg"] != surrogate["lambda_sweep"]["best_theta_deg"]
+    assert recorded["switches_deg"] == surrogate["switches_deg"], "the margin alone decides directions"
+
+
 @pytest.mark.parametrize(
     "line, words",
     [

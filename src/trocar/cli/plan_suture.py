@@ -19,7 +19,6 @@ from trocar.errors import TrocarError
 from trocar.sutures import PRESETS, dexterity
 
 if TYPE_CHECKING:
-    from trocar.sutures.demonstrations import Demonstrations
     from trocar.sutures.plan import SuturePlan
     from trocar.sutures.rewards import DexterityMap
 
@@ -51,10 +50,7 @@ def suture(
     continuous: Annotated[
         bool, option(SPACING, "Any angles, not whole steps, with a proven bound on what is left.", name="--continuous")
     ] = False,
-    demonstrations: Annotated[
-        str | None,
-        option(REWARD, "Recorded sutures for the manipulability (manifest, or its folder), or `synthetic`.", "PATH"),
-    ] = None,
+    demonstrations: options.DemonstrationsPath = None,
     robust: Annotated[
         bool, option(REWARD, "Maximise the worst case over random errors of wrist joints and circle.", name="--robust")
     ] = False,
@@ -132,7 +128,7 @@ def suture(
     if view:
         need("view", "viser")
     search = Search(count, spacing, exhaustive, continuous, scenarios if robust else None, seed)
-    recorded = _recorded(demonstrations)
+    recorded = options.recorded(demonstrations)
     started = time.perf_counter()
     found = dexterity(
         setup,
@@ -162,15 +158,6 @@ def suture(
         raise typer.Exit(1)
     if view:
         _view(found, plan)
-
-
-def _recorded(demonstrations: str | None) -> Demonstrations | None:
-    """Return the demonstrations that were given."""
-    if demonstrations is None:
-        return None
-    from trocar.sutures.demonstrations import load_demonstrations, synthetic_demonstrations  # noqa: PLC0415
-
-    return synthetic_demonstrations() if demonstrations == "synthetic" else load_demonstrations(demonstrations)
 
 
 def _summary(found: DexterityMap, plan: SuturePlan, preset: str, compute_ms: float) -> dict[str, Any]:

@@ -24,6 +24,7 @@ def suture(
     *,
     preset: options.PresetName = "paper-demo",
     setups: Annotated[int, typer.Option(help="How many random setups; 0 leaves them out.")] = 300,
+    demonstrations: options.DemonstrationsPath = None,
     positions: Annotated[int, typer.Option(help="Positions of the grid for the preset, a multiple of four.")] = 360,
     seed: Annotated[int, typer.Option(help="Of the random setups.")] = 0,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save summary.json and Figs. 3 to 7 here.")] = None,
@@ -40,11 +41,19 @@ def suture(
     if seed < 0 or setups < 0:
         what, value = ("seed", seed) if seed < 0 else ("number of setups", setups)
         raise TrocarError(f"the {what} is {value}; give 0 or more")
-    found = study(chosen.setup, chosen.reward, positions)
+    recorded = options.recorded(demonstrations)
+    given = {"manipulability_at": recorded.manipulability_at, "source": recorded.source} if recorded else {}
+    found = study(chosen.setup, chosen.reward, positions, **given)
     started = time.perf_counter()
     statistics = _random(setups, seed) if setups else None
     fits = [fit.summary() for fit in table_fits()]
     summary: dict[str, Any] = {"study": "suture", "preset": preset, **found.summary(), "table_fits": fits}
+    if recorded is not None:
+        best = recorded.per_arm_at(found.thetas_rad).argmax(1)
+        summary |= {
+            "manipulability_highest_at_deg": np.degrees(found.thetas_rad[best]).tolist(),
+            "assistant_source": recorded.source if len(best) > 1 else "no demonstrations of a second arm",
+        }
     if statistics is not None:
         summary["random_setups"] = {"seed": seed, **statistics.summary()}
         summary["random_setups"]["compute_s"] = time.perf_counter() - started
@@ -53,7 +62,7 @@ def suture(
         from trocar.report.sutures.panels import draw_study  # noqa: PLC0415
 
         out.mkdir(parents=True, exist_ok=True)
-        summary["files"] = [str(out / "summary.json"), *map(str, draw_study(found, out))]
+        summary["files"] = [str(out / "summary.json"), *map(str, draw_study(found, out, recorded))]
         (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     if as_json:
         typer.echo(json.dumps(summary))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
 import typer
@@ -16,6 +16,9 @@ from trocar.geometry import SE3, SO3
 from trocar.sutures import MARGINS, PRESETS, Circle, Preset, Reward, SutureSetup, base_beside
 from trocar.sutures.plan import Spacing
 from trocar.sutures.rewards import JOINTS, SCALINGS
+
+if TYPE_CHECKING:
+    from trocar.sutures.demonstrations import Demonstrations
 
 T = TypeVar("T")
 
@@ -28,6 +31,15 @@ def option(group: str, help: str, metavar: str | None = None, name: str | None =
 
 
 PresetName = Annotated[str, typer.Option("--preset", help=f"Setup and reward to start from: {', '.join(PRESETS)}.")]
+DemonstrationsPath = Annotated[
+    str | None,
+    option(
+        REWARD,
+        "Recorded sutures for the manipulability (manifest, or its folder), or `synthetic`.",
+        "PATH",
+        "--demonstrations",
+    ),
+]
 Margin = Annotated[str | None, option(REWARD, f"Formula of the joint margin: {', '.join(MARGINS)}.")]
 Weight = Annotated[float | None, option(REWARD, "lambda, the share of the margin; the rest is manipulability.")]
 Scaling = Annotated[
@@ -78,6 +90,15 @@ def chosen(table: Mapping[str, T], name: str, what: str) -> T:
     if name not in table:
         raise TrocarError(f"no {what} is called '{name}'; choose one of: {', '.join(table)}")
     return table[name]
+
+
+def recorded(demonstrations: str | None) -> Demonstrations | None:
+    """Return the demonstrations that were given."""
+    if demonstrations is None:
+        return None
+    from trocar.sutures.demonstrations import load_demonstrations, synthetic_demonstrations  # noqa: PLC0415
+
+    return synthetic_demonstrations() if demonstrations == "synthetic" else load_demonstrations(demonstrations)
 
 
 def changed_reward(preset: Preset, **given: Any) -> Reward:

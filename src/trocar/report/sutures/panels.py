@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
@@ -21,6 +22,9 @@ from trocar.sutures.plan import SuturePlan
 from trocar.sutures.rewards import SURROGATE, DexterityMap
 from trocar.sutures.setup import DIRECTIONS
 from trocar.sutures.study import ALLOWED, LOCATIONS, PAPER_SWITCHES_DEG, PAPER_TABLE_1, SutureStudy
+
+if TYPE_CHECKING:
+    from trocar.sutures.demonstrations import Demonstrations
 
 WAY = {1: style.BLUE, -1: style.ORANGE}
 PAPER_GREY = "#BBBBBB"
@@ -55,15 +59,26 @@ def draw_reasons(map: DexterityMap, plan: SuturePlan, path: Path) -> Path:
     return path
 
 
-def draw_study(study: SutureStudy, folder: Path) -> list[Path]:
-    """Draw the paper's Figs. 3 to 7 and Table I for a setup, each alone and all together; return the paths."""
+def draw_study(study: SutureStudy, folder: Path, recorded: Demonstrations | None = None) -> list[Path]:
+    """Draw the paper's Figs. 3 to 7 and Table I for a setup, each alone and all together; return the paths.
+
+    Args:
+        study: the data.
+        folder: of the pictures.
+        recorded: demonstrations that the study's manipulability comes from, whose arms Fig. 6 then shows.
+    """
     found = study.dexterity
-    arms = ("arm 1", "arm 2 (assumed)")
+    arms, by_arm = ("arm 1", "arm 2 (assumed)"), study.manipulability
+    if recorded is not None:
+        arms, by_arm = (
+            tuple(f"arm {number + 1}" for number in range(len(recorded.arms))),
+            recorded.per_arm_at(study.thetas_rad),
+        )
     panels: dict[str, Callable[[Axes], None]] = {
         "figure_3": lambda axes: directions(axes, found, "Fig. 3: better direction"),
         "figure_4": lambda axes: wrist_angles(axes, found, study.wrist_rad, "Fig. 4: wrist angles"),
         "figure_5": lambda axes: margins(axes, found, "Fig. 5: joint margin"),
-        "figure_6": lambda axes: manipulability(axes, found, study.manipulability, arms, "Fig. 6: manipulability"),
+        "figure_6": lambda axes: manipulability(axes, found, by_arm, arms, "Fig. 6: manipulability"),
         "figure_7": lambda axes: lambda_curves(axes, study, "Fig. 7: plans at several λ"),
         "table_1": lambda axes: table_bars(axes, study, "Table I"),
     }
