@@ -77,9 +77,8 @@ def test_sutures_are_driven_in_and_out_where_they_were_planned(two_sutures):
 def test_each_step_of_the_primitive_is_done_once_in_order(two_sutures):
     _, log, _ = two_sutures
     names = [event["step"] for event in log.events if event["name"] == "step" and event["suture"] == 1]
-    assert names == ["approach", "penetrate", "rotate", *(f"{w} {k}" for k in (1, 2) for w in ("regrasp", "push"))] + [
-        "withdraw"
-    ]
+    primitive = ["penetrate", "rotate", *(f"{w} {k}" for k in (1, 2) for w in ("regrasp", "push"))]
+    assert names == ["lower", "approach", *primitive, "withdraw", "rise"]
 
 
 def test_no_joint_is_ever_asked_out_of_its_range(two_sutures):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from trocar.arms import ARMS, fk, wrist_depth_m
 from trocar.errors import TrocarError
 from trocar.sutures import DIRECTIONS, PRESETS, Insertion, suture_joints
-from trocar.sutures.drive import Suture, drive, ranges
+from trocar.sutures.drive import ROOM_RAD, Suture, drive, ranges
 from trocar.sutures.primitive import bite_m, grasp_pose, steps
 
 SETUP = PRESETS["default"].setup
@@ -23,13 +23,13 @@ ANGLES = st.floats(0.0, 2 * math.pi)
 @settings(max_examples=40, deadline=None)
 def test_the_pieces_join_and_end_at_the_primitives_stations(theta, direction):
     pieces = drive(Suture(SETUP, theta, direction))
-    assert [p.name for p in pieces] == ["approach", *(step.name for step in steps(SETUP)), "withdraw"]
+    assert [p.name for p in pieces] == ["lower", "approach", *(step.name for step in steps(SETUP)), "withdraw", "rise"]
     inner = [p for p in pieces if len(p.q)]
     for before, after in pairwise(inner):
         np.testing.assert_allclose(before.q[-1], after.q[0], atol=1e-6)
     planned = suture_joints(SETUP, [theta])
     row = DIRECTIONS.index(direction)
-    primitive = np.concatenate([p.q for p in pieces[1:-1]])
+    primitive = np.concatenate([p.q for p in pieces[2:-2]])
     for q in planned.q[row, 0][planned.station]:
         assert np.abs(primitive - q).max(axis=1).min() < 1e-6
 
@@ -42,7 +42,7 @@ def test_driven_joints_carry_the_needle_along_its_path(theta, direction):
     T_tip_needle = grasp_pose(SETUP).inverse()
     T_circle_base = SETUP.T_base_circle.inverse()
     path = suture.needle_path_m
-    for piece in drive(suture)[1:3]:  # penetrate, rotate: before any regrasp
+    for piece in drive(suture)[2:4]:  # penetrate, rotate: before any regrasp
         T_circle_needle = T_circle_base @ fk(SETUP.arm, piece.q) @ T_tip_needle
         tips = T_circle_needle.apply([0.0, -SETUP.needle.radius_m, 0.0])
         nearest = np.linalg.norm(tips[:, None] - path, axis=-1).min(axis=1)
@@ -72,8 +72,10 @@ def test_ways_in_and_out_keep_to_the_ranges_and_the_primitive_says_where_it_does
     feasible = suture_joints(SETUP, np.radians(np.arange(0.0, 360.0, 6.0))).feasible
     row = DIRECTIONS.index(direction)
     for degrees, can in zip(np.arange(0.0, 360.0, 6.0), feasible[row], strict=True):
-        first, *primitive, last = drive(Suture(SETUP, math.radians(degrees), direction))
-        assert first.first_outside(SETUP.arm) is None and last.first_outside(SETUP.arm) is None
+        pieces = drive(Suture(SETUP, math.radians(degrees), direction))
+        primitive, ways = pieces[2:-2], (*pieces[:2], *pieces[-2:])
+        assert all(piece.first_outside(SETUP.arm) is None for piece in ways)
+        assert all(piece.first_outside(SETUP.arm, ROOM_RAD) is None for piece in ways[::3])
         inside = all(piece.first_outside(SETUP.arm) is None for piece in primitive)
         assert inside == can
     assert feasible[row].any() and not feasible[row].all()

@@ -26,6 +26,12 @@ Result = TypeVar("Result")
 KNOT_S = 0.020
 """Spacing of a motion's knots: two control periods."""
 
+TRAVELS = ("lower", "withdraw", "rise")
+"""Stretches on which nothing is near the needle's way: done at the speed of travel."""
+
+JOINED = 1e-3
+"""A stretch that starts no further (rad, m) from where the arm is goes on from there."""
+
 
 def _gentle() -> MotionLimits:
     limits = MOTION_LIMITS["paper"]
@@ -77,6 +83,8 @@ class CircleSuturing:
         for number, suture in enumerate(sutures):
             start_s = trio.current_time()
             outcome, reason = await self._suture(number, suture)
+            if outcome is not Outcome.JOINT_LIMIT:
+                await self._go_home()
             self.cell.log.event(
                 "suture",
                 suture=number,
@@ -88,7 +96,6 @@ class CircleSuturing:
             )
             if outcome is Outcome.JOINT_LIMIT:
                 return
-            await self._go_home()
 
     async def _suture(self, number: int, suture: Suture) -> tuple[Outcome, str]:
         """Load, drive, let go; return how it ended, and a sentence where it went wrong."""
@@ -98,16 +105,16 @@ class CircleSuturing:
             await self.assistant.load(self.settings.arm)
         if not await self._grip():
             return Outcome.NEEDLE_MISSED, f"suture {number + 1}: the jaws did not hold the needle that they were given"
-        for index, stretch in enumerate(stretches):
+        for stretch in stretches:
             self.cell.log.event("step", suture=number, step=stretch.name)
             if stretch.regrasps or stretch.name == "withdraw":
                 await self._jaw(self.settings.jaw_open)
-            reason = await self._follow(number, stretch, first=index == 0)
+            reason = await self._follow(number, stretch)
             if reason:
                 return Outcome.JOINT_LIMIT, reason
             if stretch.regrasps and not await self._grip():
                 await self._jaw(self.settings.jaw_open)
-                await self._leave(number, stretches[-1])
+                await self._leave(number, stretches[-2:])
                 return Outcome.NEEDLE_MISSED, f"suture {number + 1}: the jaws closed on nothing after {stretch.name}"
         return Outcome.DONE, ""
 
@@ -118,16 +125,16 @@ class CircleSuturing:
         base = self.cell.T_world_base[self.settings.arm]
         return replace(suture, setup=replace(setup, arm=self.arm, T_world_base=base, circle=circle))
 
-    async def _follow(self, number: int, stretch: Stretch, first: bool) -> str:
+    async def _follow(self, number: int, stretch: Stretch) -> str:
         """Move along a stretch, as far as the joints' ranges allow; return a sentence where they do not."""
         outside = stretch.first_outside(self.arm)
         q = stretch.q if outside is None else stretch.q[: outside[0]]
         reason = "" if outside is None else self._limit(number, stretch, *outside)
-        travels = stretch.name in ("approach", "withdraw")
+        travels = stretch.name in TRAVELS
         speed = self.settings.travel_speed if travels else self.settings.driving_speed
         seconds = stretch.length_m / speed * len(q) / max(1, len(stretch.q))
         try:
-            if first and len(q):
+            if len(q) and np.abs(q[0] - self._q()).max() > JOINED:
                 await self._move(rest_to_rest(self._q(), q[0], self.settings.limits))
             if len(q) > 1:
                 await self._move(along(np.concatenate([self._q()[None], q[1:]]), seconds))
@@ -150,12 +157,13 @@ class CircleSuturing:
             f"[{scale * lower:.1f}, {scale * upper:.1f}] {unit}; stopped there"
         )
 
-    async def _leave(self, number: int, way_out: Stretch) -> None:
+    async def _leave(self, number: int, way_out: Sequence[Stretch]) -> None:
         """Go from where a suture was given up as one goes from its end: back along the jaws, then up."""
-        self.cell.log.event("step", suture=number, step=way_out.name)
-        if len(way_out.q) > 1:
-            path = np.clip(self._q() + way_out.q - way_out.q[0], self.arm.lower, self.arm.upper)
-            await self._move(along(path, way_out.length_m / self.settings.travel_speed))
+        for stretch in way_out:
+            self.cell.log.event("step", suture=number, step=stretch.name)
+            if len(stretch.q) > 1:
+                path = np.clip(self._q() + stretch.q - stretch.q[0], self.arm.lower, self.arm.upper)
+                await self._move(along(path, stretch.length_m / self.settings.travel_speed))
 
     async def _grip(self) -> bool:
         """Close the jaws; return whether they stalled on a wire."""

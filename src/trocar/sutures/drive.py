@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from trocar.sutures.setup import DIRECTIONS, SutureSetup
 INSERTION, ROLL = 2, 3
 SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
 """Between two places of a path."""
+ROOM_RAD = math.radians(15.0)
+"""High over the tissue, where any other way will do, joints stay this far inside: cables may ask for as much more."""
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -90,7 +93,7 @@ class Stretch:
     """A piece of the path between two things that the jaws do.
 
     Attributes:
-        name: approach, the primitive's steps, withdraw.
+        name: lower, approach, the primitive's steps, withdraw, rise.
         q: (k, 6) joints; NaN where the arm has no solution. The roll runs on without jumps over all pieces.
         length_m: of the path of the jaws.
     """
@@ -104,9 +107,16 @@ class Stretch:
         """Return whether the jaws go back along the wire, open."""
         return self.name.startswith("regrasp")
 
-    def first_outside(self, arm: ArmModel) -> tuple[int, int] | None:
-        """Return (place, joint) where the path first leaves a joint's range; joint -1 where there is no solution."""
+    def first_outside(self, arm: ArmModel, room_rad: float = 0.0) -> tuple[int, int] | None:
+        """Return (place, joint) where the path first leaves a joint's range; joint -1 where there is no solution.
+
+        Args:
+            arm: whose joints.
+            room_rad: how far joints that turn shall stay inside.
+        """
         lower, upper = ranges(arm)
+        room = np.where(arm.turns > 0, room_rad, 0.0)
+        lower, upper = lower + room, upper - room
         for place, q in enumerate(self.q):
             if not np.isfinite(q).all():
                 return place, -1
@@ -119,7 +129,7 @@ class Stretch:
 def drive(
     suture: Suture, lift_m: float = 0.025, approach_m: float = 0.006, withdraw_m: float = 0.010
 ) -> tuple[Stretch, ...]:
-    """Return the pieces of one suture in order: ``approach``, the primitive's steps, ``withdraw``.
+    """Return the pieces of one suture in order: ``lower``, ``approach``, the primitive's steps, ``withdraw``, ``rise``.
 
     The winding of the roll is that of the plan: it looks at the primitive alone. Way in and way out are cut
     to what the joints' ranges allow; the primitive is not.
@@ -133,8 +143,8 @@ def drive(
     setup = suture.setup
     into = suture.turned(tip_poses(setup, _spread(-approach_m, 0.0, SPACING_M), 0.0))
     above = _shifted(into[0], UP, lift_m, 0.0)
-    names, lengths = ["approach"], [lift_m + approach_m]
-    poses = [np.concatenate([above.matrix[:-1], into.matrix])]
+    names, lengths = ["lower", "approach"], [lift_m, approach_m]
+    poses = [above.matrix, into.matrix]
     for step in steps(setup):
         count = max(len(_spread(*step.advance_m, SPACING_M)), len(_spread(*step.jaws_rad, SPACING_RAD)))
         advance, jaws = np.linspace(*step.advance_m, count), np.linspace(*step.jaws_rad, count)
@@ -144,24 +154,34 @@ def drive(
     last = SE3(poses[-1][-1])
     back = _shifted(last, last.matrix[:3, 2], 0.0, withdraw_m)
     out = _shifted(back[-1], UP, 0.0, lift_m)
-    names.append("withdraw")
-    lengths.append(withdraw_m + lift_m)
-    poses.append(np.concatenate([back.matrix, out.matrix[1:]]))
+    names += ["withdraw", "rise"]
+    lengths += [withdraw_m, lift_m]
+    poses += [back.matrix, out.matrix]
     ends = np.cumsum([len(matrices) for matrices in poses])
     q = ik_unbounded(setup.arm, setup.T_base_circle @ SE3(np.concatenate(poses)))
-    q[:, ROLL] = _unwound(q[:, ROLL], slice(int(ends[0]), int(ends[-2])), setup.arm.middle_floats[ROLL])
+    q[:, ROLL] = _unwound(q[:, ROLL], slice(int(ends[1]), int(ends[-3])), setup.arm.middle_floats[ROLL])
     pieces = np.split(q, ends[:-1])
     found = [Stretch(*parts) for parts in zip(names, pieces, lengths, strict=True)]
-    return (_cut(found[0], setup.arm, -1), *found[1:-1], _cut(found[-1], setup.arm, 1))
+    approach, lower = _cut(found[1::-1], setup.arm, -1)
+    return (lower, approach, *found[2:-2], *_cut(found[-2:], setup.arm, 1))
 
 
-def _cut(stretch: Stretch, arm: ArmModel, order: int) -> Stretch:
-    """Return what the joints allow of a stretch from its start (order 1) or back from its end (order -1)."""
-    outside = replace(stretch, q=stretch.q[::order]).first_outside(arm)
-    if outside is None:
-        return stretch
-    kept = stretch.q[::order][: outside[0]][::order]
-    return replace(stretch, q=kept, length_m=stretch.length_m * len(kept) / len(stretch.q))
+def _cut(stretches: Sequence[Stretch], arm: ArmModel, order: int) -> list[Stretch]:
+    """Return what the joints allow of stretches, from their starts on (order 1) or from their ends back (-1).
+
+    Behind a place that is out of range nothing is left of the stretches that follow.
+    """
+    kept: list[Stretch] = []
+    broken = False
+    for stretch in stretches:
+        room = ROOM_RAD if stretch.name in ("lower", "rise") else 0.0
+        outside = (0, 0) if broken else replace(stretch, q=stretch.q[::order]).first_outside(arm, room)
+        broken = outside is not None
+        if outside is not None:
+            q = stretch.q[::order][: outside[0]][::order]
+            stretch = replace(stretch, q=q, length_m=stretch.length_m * len(q) / len(stretch.q))  # noqa: PLW2901
+        kept.append(stretch)
+    return kept
 
 
 def _spread(start: float, end: float, spacing: float) -> NDArray[np.float64]:

@@ -225,7 +225,7 @@ def held(spans: Sequence[tuple[str, float, float]]) -> list[tuple[float, float]]
     found: list[tuple[float, float]] = []
     open_before = True
     for step, start_s, end_s in spans:
-        opens = step.startswith(("regrasp", "withdraw"))
+        opens = step.startswith(("regrasp", "withdraw", "rise"))
         if not opens:
             found = [*found, (start_s, end_s)] if open_before else [*found[:-1], (found[-1][0], end_s)]
         open_before = opens

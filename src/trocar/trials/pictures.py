@@ -8,6 +8,8 @@ from typing import Any
 from trocar.trials.log import Span
 
 MOST_FAILURES = 3
+UNSHOWN = ("lower", "withdraw")
+"""Steps of a suture without a picture."""
 
 
 Notes = Sequence[Mapping[str, Any]]
@@ -19,7 +21,7 @@ def suture_moments(sutures: Notes, spans: Sequence[Span], events: Notes) -> list
     del spans
     steps = [e for e in events if e["name"] == "step" and e["suture"] == 0]
     ends = [e["time_s"] for e in steps[1:]] + [s["end_s"] for s in sutures[:1]]
-    found = [(str(step["step"]), end) for step, end in zip(steps, ends, strict=False)]
+    found = [(str(step["step"]), end) for step, end in zip(steps, ends, strict=False) if step["step"] not in UNSHOWN]
     for number, suture in enumerate(sutures, start=1):
         how = suture["failure"].lower().replace("_", " ") or "driven"
         if number > 1 or suture["failure"]:
