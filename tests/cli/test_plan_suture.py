@@ -87,10 +87,13 @@ def test_demonstrations_change_the_manipulability_and_are_named(answer):
 
 
 def test_the_robust_plan_stands_the_worst_case_best(answer):
-    robust = answer("--robust --scenarios 5 --seed 3")["robust"]
-    assert robust["worst_reward"] >= robust["nominal_worst_reward"]
+    found = answer("--robust --scenarios 5 --seed 3")
+    robust, judged = found["robust"], found["sensitivity"]
+    assert robust["worst_reward"] > robust["nominal_worst_reward"]
     assert robust["planned_reward"] <= robust["nominal_planned_reward"]
-    assert robust["scenarios"] == 5
+    assert judged["robust"]["scenarios"] == judged["nominal"]["scenarios"] == 5
+    assert judged["robust"]["planned_reward"] == pytest.approx(robust["worst_reward"])
+    assert judged["nominal"]["reward_worst_p5_p50"] != judged["robust"]["reward_worst_p5_p50"]
 
 
 def test_options_change_what_they_name(answer):

@@ -52,10 +52,11 @@ def suture(
     ] = False,
     demonstrations: options.DemonstrationsPath = None,
     robust: Annotated[
-        bool, option(REWARD, "Maximise the worst case over random errors of wrist joints and circle.", name="--robust")
+        bool,
+        option(REWARD, "Maximise the worst case over balanced errors of wrist joints and circle.", name="--robust"),
     ] = False,
-    scenarios: Annotated[int, option(REWARD, "How many errors --robust looks at.")] = 100,
-    seed: Annotated[int, option(REWARD, "Of the errors that --robust looks at.")] = 0,
+    scenarios: Annotated[int, option(REWARD, "In how many random errors the robust plan is judged.")] = 100,
+    seed: Annotated[int, option(REWARD, "Of these random errors.")] = 0,
     margin: options.Margin = None,
     weight: options.Weight = None,
     scaling: options.Scaling = None,
@@ -127,7 +128,7 @@ def suture(
     spacing = options.spacing_of(count, positions, least_gap, most_gap, forbid or (), fix or (), tension)
     if view:
         need("view", "viser")
-    search = Search(count, spacing, exhaustive, continuous, scenarios if robust else None, seed)
+    search = Search(count, spacing, exhaustive, continuous, robust, scenarios, seed)
     recorded = options.recorded(demonstrations)
     started = time.perf_counter()
     found = dexterity(
@@ -141,11 +142,11 @@ def suture(
     compute_ms = 1e3 * (time.perf_counter() - started)
     summary = _summary(found, plan, preset, compute_ms)
     if stands is not None:
-        summary |= {"robust": stands.summary(), "sensitivity": search.sensitivity(found)}
+        summary |= {"robust": stands.summary(), "sensitivity": search.judged(found, stands)}
         if not plan.feasible and not summary["problem"]:
             summary["problem"] = (
-                f"no plan keeps the limits in each of {scenarios} random errors; move the base, turn the grasp, leave "
-                "--robust out or look at fewer --scenarios"
+                f"no plan keeps the limits in each of {stands.scenarios} errors; move the base, turn the grasp or "
+                "leave --robust out"
             )
     if out is not None:
         summary["files"] = _save(out, found, plan, summary)
@@ -228,12 +229,21 @@ def _print(summary: dict[str, Any]) -> None:
 
 def _print_robust(console: Console, robust: dict[str, Any], sensitivity: dict[str, Any]) -> None:
     """Print what the robust plan gains in the worst case, and what it costs otherwise."""
-    cannot = "" if robust["nominal_feasible_in_every_scenario"] else ", and it leaves the limits there"
-    console.print(
-        f"rewards are those of the worst of {robust['scenarios']} random errors; without error this plan is worth "
-        f"{robust['planned_reward']:.4f}. The best plan without error is worth {robust['nominal_planned_reward']:.4f}, "
-        f"in the worst case {robust['nominal_worst_reward']:.4f}{cannot}; it is infeasible in "
-        f"{100 * sensitivity['infeasible_share']:.0f} % of the errors"
+    cannot = "" if robust["nominal_feasible_in_every_scenario"] else ", where it leaves the limits"
+    planned, nominal, worst = (
+        f"{robust[name]:.4f}" for name in ("planned_reward", "nominal_planned_reward", "nominal_worst_reward")
     )
-    middle, most = sensitivity["best_plan_shift_p50_p95_deg"]
-    console.print(f"errors move the best plan by {middle:.3g} deg (median), {most:.3g} deg (95 of 100)")
+    console.print(
+        f"rewards are those of the worst of {robust['scenarios']} errors (balanced, one standard deviation); without "
+        f"error this plan is worth {planned}. The best plan without error is worth {nominal}, in the worst of these "
+        f"errors {worst}{cannot}"
+    )
+    both = [sensitivity[name] for name in ("robust", "nominal")]
+    low = ", the other ".join(
+        f"{one['reward_worst_p5_p50'][1]:.4f}, infeasible in {100 * one['infeasible_share']:.0f} %" for one in both
+    )
+    middle, most = both[1]["best_plan_shift_p50_p95_deg"]
+    console.print(
+        f"in {both[0]['scenarios']} random errors the 5th percentile of this plan is {low}; the best plan for each "
+        f"error lies {middle:.3g} deg from the other (median), {most:.3g} deg (95 of 100)"
+    )

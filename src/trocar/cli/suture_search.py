@@ -13,7 +13,7 @@ from trocar.sutures.rewards import DexterityMap
 
 if TYPE_CHECKING:
     from trocar.sutures.demonstrations import Demonstrations
-    from trocar.sutures.robust import RobustPlan, Scenarios
+    from trocar.sutures.robust import RobustPlan
 
 
 @dataclass(frozen=True)
@@ -25,21 +25,22 @@ class Search:
         spacing: of their places; None for the paper's even spacing.
         exhaustive: enumerate every evenly spaced plan.
         continuous: any angles, with a proven bound.
-        robust: over how many random errors the worst case is maximised; None: errors are left out.
-        seed: of these errors.
+        robust: maximise the worst case over balanced errors of joints and circle.
+        scenarios: in how many random errors, others than those, the robust plan is judged.
+        seed: of these.
     """
 
     count: int
     spacing: Spacing | None
     exhaustive: bool = False
     continuous: bool = False
-    robust: int | None = None
+    robust: bool = False
+    scenarios: int = 100
     seed: int = 0
 
     def __post_init__(self) -> None:
-        asked = [
-            name for name, on in (("--continuous", self.continuous), ("--robust", self.robust is not None)) if on
-        ] + ["--exhaustive"] * self.exhaustive
+        options = {"--continuous": self.continuous, "--robust": self.robust, "--exhaustive": self.exhaustive}
+        asked = [name for name, on in options.items() if on]
         if len(asked) > 1:
             raise TrocarError(f"{' and '.join(asked)} are different searches; choose one of them")
         if self.exhaustive and self.spacing is not None:
@@ -56,10 +57,10 @@ class Search:
         """
         if self.continuous:
             return self._continuous(map, recorded), None
-        if self.robust is not None:
-            from trocar.sutures.robust import plan_robust  # noqa: PLC0415
+        if self.robust:
+            from trocar.sutures.robust import Scenarios, plan_robust  # noqa: PLC0415
 
-            robust = plan_robust(map, self._scenarios(), self.on_grid)
+            robust = plan_robust(map, Scenarios.corners(), self.on_grid)
             return robust.plan, robust
         return self.on_grid(map), None
 
@@ -72,17 +73,15 @@ class Search:
             return plan_gaps(map, self.count, self.spacing)
         return plan_exhaustive(map, self.count) if self.exhaustive else plan_even(map, self.count)
 
-    def sensitivity(self, map: DexterityMap) -> dict[str, Any]:
-        """Return what becomes, in the same random errors, of the plan made without them, as plain values."""
-        from trocar.sutures.robust import sensitivity  # noqa: PLC0415
+    def judged(self, map: DexterityMap, robust: RobustPlan) -> dict[str, Any]:
+        """Return what becomes of the robust and of the usual plan in random errors, as plain values."""
+        from trocar.sutures.robust import Scenarios, sensitivity  # noqa: PLC0415
 
-        return sensitivity(map, self._scenarios(), self.on_grid).summary()
-
-    def _scenarios(self) -> Scenarios:
-        """Return the same errors each time."""
-        from trocar.sutures.robust import Scenarios  # noqa: PLC0415
-
-        return Scenarios.draw(np.random.default_rng(self.seed), self.robust or 0)
+        errors = Scenarios.draw(np.random.default_rng(self.seed), self.scenarios)
+        return {
+            name: sensitivity(map, errors, self.on_grid, plan=plan).summary()
+            for name, plan in (("robust", robust.plan), ("nominal", robust.nominal))
+        }
 
     def _continuous(self, map: DexterityMap, recorded: Demonstrations | None) -> SuturePlan:
         """Return the plan at any angles; if none is found and the circle is partly out of reach, that of the grid."""

@@ -195,7 +195,7 @@ def lambda_curves(axes: Axes, study: SutureStudy, title: str = "Plans at several
     axes.set_xlim(0, 90)
     axes.set_xticks(range(0, 91, 15))
     axes.set_xlabel("theta of the first suture, deg")
-    axes.set_ylabel("reward of the plan, most 10")
+    axes.set_ylabel("reward; 10: best by one part alone")
     axes.set_title(title)
 
 
