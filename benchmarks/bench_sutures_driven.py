@@ -11,8 +11,14 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
+
+from trocar.arms import ARMS
+from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
+from trocar.calibration.plant import PLANTS
 from trocar.report import summarise
 from trocar.report.statistics import wilson_interval
+from trocar.tasks import CircleSutures
 from trocar.trials import METHODS, Plan, prepare, run_trial
 
 
@@ -21,6 +27,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--direction", default="best")
     options = parser.parse_args()
+    coverage()
     print("| method | sutures | 95 % interval | roll, pitch, yaw RMS deg | tip RMS / max mm | entry, exit max mm |")
     print("|---|---|---|---|---|---|")
     for method in METHODS:
@@ -30,6 +37,16 @@ def main():
             with tempfile.TemporaryDirectory() as folder:
                 trials.append(run_trial(plan, *prepare(plan, Path(folder)), 0))
         row(method, summarise(trials))
+
+
+def coverage():
+    """Print how far the cables' errors over the sutures' joints differ from those over the recorded motion."""
+    plant, arm = PLANTS["psm1_grey"], ARMS["psm-classic"]
+    for name, box in (("recorded", PSM1_BOX), ("sutures", CircleSutures().excitation)):
+        q = random_smooth_path(arm, np.random.default_rng(0), box=box)
+        errors = np.degrees(np.sqrt(np.mean((plant.run(q) - q) ** 2, axis=0)))[3:].round(1)
+        ends = np.degrees([box.lower[3:], box.upper[3:]]).round()
+        print(f"{name}: roll, pitch, yaw from {ends[0]} to {ends[1]} deg, cables' error {errors} deg RMS")
 
 
 def row(method, summary):

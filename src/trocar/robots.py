@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -133,9 +134,10 @@ def _require_inside(arm: ArmModel, wanted: NDArray[np.float64], commands: NDArra
         return
     joint = arm.joints[index]
     row = int(np.argmax(np.abs(wanted - commands)[:, index]))
+    scale, unit = (1e3, "mm") if joint.prismatic else (180 / math.pi, "deg")
     raise TrocarError(
-        f"joint {joint.name!r} would need the command {wanted[row, index]:.4f} {joint.unit} to make up for its cables, "
-        f"outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}"
+        f"joint {joint.name!r} would need the command {scale * wanted[row, index]:.1f} {unit} to make up for its "
+        f"cables, outside [{scale * joint.lower:.1f}, {scale * joint.upper:.1f}] {unit}"
     )
 
 
