@@ -140,6 +140,14 @@ def test_crossings_are_the_first_way_in_and_the_next_way_out():
     assert crossings(tips[:300])[1] is None
 
 
+def test_a_tip_that_trembles_on_the_surface_has_not_gone_in_and_out():
+    height = np.concatenate([np.linspace(5e-3, 0.0, 50), 5e-5 * np.sin(np.arange(40)), np.linspace(0, -4e-3, 50)])
+    tips = np.column_stack([1e-4 * np.arange(len(height)), 0 * height, height])
+    entry, exit_ = crossings(tips)
+    assert entry[0] == pytest.approx(1e-4 * 90, abs=6e-4) and exit_ is None
+    assert crossings(tips[:90]) == (None, None)
+
+
 def test_jaws_are_closed_from_the_approach_and_from_each_push():
     spans = [(name, float(k), k + 1.0) for k, name in enumerate(NAMES)]
     assert held(spans) == [(0.0, 3.0), (4.0, 5.0), (6.0, 7.0)]

@@ -24,6 +24,9 @@ from trocar.sutures.primitive import grasp_pose
 ON_TARGET_M = 1.0e-3
 """Where the needle goes in and comes out may be off by this (assumed; FLS marks off the suture's dots by the mm)."""
 
+TOUCH_M = 0.5e-3
+"""The tip has gone in when it is deeper than this."""
+
 SLIP_M, SLIP_RAD = 0.5e-3, math.radians(10.0)
 """A needle that moves more than this in closed jaws has slipped (assumed)."""
 
@@ -247,14 +250,19 @@ def on_target(entry_error_m: float | None, exit_error_m: float | None, suture: S
 def crossings(
     tips_m: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return where (3,) the tip's path (n, 3) first goes below z = 0, and where it next comes up again."""
+    """Return where (3,) the tip's path (n, 3) first goes below z = 0, and where it next comes up again.
+
+    A dip shallower than ``TOUCH_M`` is no entry: between two steps the tip rests on the surface and trembles.
+    """
     below = tips_m[:, 2] < 0.0
     down = np.flatnonzero(~below[:-1] & below[1:])
-    if not len(down):
-        return None, None
     up = np.flatnonzero(below[:-1] & ~below[1:])
-    up = up[up > down[0]]
-    return _at_surface(tips_m, int(down[0])), (_at_surface(tips_m, int(up[0])) if len(up) else None)
+    for start in down:
+        later = up[up > start]
+        end = int(later[0]) if len(later) else len(tips_m) - 1
+        if tips_m[start : end + 1, 2].min() < -TOUCH_M:
+            return _at_surface(tips_m, int(start)), (_at_surface(tips_m, end) if len(later) else None)
+    return None, None
 
 
 def _at_surface(tips_m: NDArray[np.float64], row: int) -> NDArray[np.float64]:
