@@ -53,6 +53,28 @@ def test_the_text_says_that_the_table_identifies_nothing_and_draws_every_figure(
     assert saved["random_setups"]["setups"] == 3
 
 
+def test_the_text_shows_the_whole_sweep_and_that_fig_7_is_not_reproduced(study):
+    sweep = json.loads(study("--setups 0 --json")[1])["lambda_sweep"]
+    text = " ".join(study("--setups 0")[1].split())
+    cells = [f"{value:.4g}" for value in sweep["best_theta_deg"]]
+    assert "theta │ " + " │ ".join(cells) in " ".join(text.split())
+    assert "from 28 to 11, lambda not named: not reproduced" in text
+    assert "at lambda 0.75 the best plan starts at 5 deg (paper 11 to 28)" in text
+
+
+def test_the_text_tells_which_formulas_change_the_direction_twice(study):
+    line = "--setups 20 --seed 3"
+    text = " ".join(study(line)[1].split())
+    measures = json.loads(study(f"{line} --json")[1])["random_setups"]["measures"]
+    enough, few = text.split("two changes in at least 95 % with ")[1].split("; in less than 95 % with ")
+    few = few.split("; with the preset's, ")
+    for name, measure in measures.items():
+        assert (name in enough.split(", ")) == (measure["two_switches"] >= 0.95)
+        assert (name in few[0].split(", ")) == (measure["two_switches"] < 0.95)
+    assert few[1].startswith(f"clipped, in {100 * measures['clipped']['two_switches']:.1f} %, ")
+    assert "Other seeds draw other setups: the 95 % interval of the default" in few[1]
+
+
 def test_the_same_seed_gives_the_same_setups(study):
     first, again, other = (json.loads(study(f"--setups 3 --seed {seed} --json")[1]) for seed in (1, 1, 2))
     for found in (first, again, other):

@@ -4,10 +4,11 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 from trocar.report import style
 from trocar.report.sutures.circle import draw_plan
-from trocar.report.sutures.panels import draw_reasons, draw_study
+from trocar.report.sutures.panels import draw_reasons, draw_study, manipulability
 from trocar.report.sutures.summary import finite, plan_summary
 from trocar.report.sutures.tables import plan_table
 from trocar.sutures import PRESETS, Circle, dexterity
@@ -54,6 +55,13 @@ def test_reasons_and_the_papers_figures_are_written_with_both_directions(tmp_pat
     assert len(files) == 7
     bars = drawn(tmp_path / "study" / "figure_3.png")
     assert share(bars, style.BLUE) / share(bars, style.ORANGE) == pytest.approx(159 / 201, rel=0.1), "67 to 228 deg"
+
+
+def test_manipulability_is_in_metres_to_the_fourth(tmp_path):
+    found = dexterity(DEFAULT.setup)
+    axes = Figure().add_subplot()
+    manipulability(axes, found, found.manipulability[None], ("arm",))
+    assert axes.get_ylabel().endswith(" m⁴"), "the determinant has three rows in m/s and one column per m/s"
 
 
 def test_the_room_of_the_joints_is_that_of_the_chosen_direction():

@@ -1,12 +1,14 @@
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
-from trocar.sutures import PRESETS, Reward, SutureSetup, dexterity
+from trocar.sutures import PRESETS, Reward, SutureSetup, dexterity, plan_even
 from trocar.sutures.study import (
     PAPER_TABLE_1,
+    LambdaSweep,
     Table1,
     lambda_sweep,
     mirrored,
@@ -59,6 +61,33 @@ def test_the_sweep_scales_each_function_to_ten_and_agrees_with_plans_made_one_by
     margin, ease = 10 * margin / plan_values(margin).max(), 10 * ease / plan_values(ease).max()
     at = 37 + 90 * np.arange(4)
     assert sweep.rewards[3, 37] == pytest.approx(min(0.3 * margin[at] + 0.7 * ease[at]))
+
+
+def test_the_way_of_the_best_plan_with_lambda_is_the_shorter_one_mod_90_and_not_the_papers(demo):
+    starts = np.degrees(demo.sweep.best_theta_rad)
+    steps = [(after - before + 45) % 90 - 45 for before, after in pairwise(starts)]
+    assert (starts < 90).all()
+    assert np.degrees(demo.sweep.travel_rad) == pytest.approx(sum(steps))
+    assert sum(steps) > 45, "the paper's turns the other way, by 17 deg"
+    summary = demo.summary()["lambda_sweep"]
+    assert not summary["reproduces_paper"]
+    first, last, way = summary["off_paper_deg"]
+    assert (first, last, way) == pytest.approx((abs(starts[0] - 28), abs(starts[-1] - 11), sum(steps) + 17))
+
+
+def test_a_sweep_like_the_papers_is_told_as_reproduced():
+    thetas = np.radians(np.arange(90))
+    rewards = -np.abs(np.arange(90) - np.array([[29.0], [20.0], [10.0]]))
+    sweep = LambdaSweep(np.array([0.0, 0.5, 1.0]), thetas, rewards)
+    assert np.degrees(sweep.travel_rad) == pytest.approx(-19)
+    assert sweep.off_paper_deg == pytest.approx((1, 1, 2))
+    assert sweep.summary()["reproduces_paper"]
+
+
+def test_the_best_start_is_that_of_the_planner_at_the_papers_lambda(demo):
+    plan = plan_even(demo.dexterity)
+    assert demo.summary()["weight"] == 0.75
+    assert demo.summary()["best_theta_deg"] == pytest.approx(np.degrees(plan.positions_rad[0]), abs=1e-6)
 
 
 def test_the_second_arm_sees_the_circle_in_a_mirror(demo):

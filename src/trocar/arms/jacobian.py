@@ -32,7 +32,10 @@ def jacobian(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
 
 
 def manipulability(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
-    """Return Yoshikawa's measure ``|det J|`` (...,), in m^3/(rad^2 m): zero where the tip loses a direction.
+    """Return Yoshikawa's measure ``|det J|`` (...,), in m^2: zero where the tip loses a direction.
+
+    Three rows are in m/s and three in rad/s, five columns per rad/s and one per m/s, the insertion: together
+    m^3 rad^3 / (rad^5 m), and a radian counts as 1.
 
     Seen from the remote centre, the axes of yaw, pitch and roll only turn, so that the determinant falls apart::
 

@@ -13,11 +13,16 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from trocar.cli import suture_options as options
+from trocar.cli.out_folder import check_out_folder
 from trocar.errors import TrocarError
+from trocar.report.statistics import wilson_interval
 from trocar.sutures import PRESETS
 
 if TYPE_CHECKING:
     from trocar.sutures.random_setups import SetupStatistics
+
+MOSTLY = 0.95
+"""The share of random setups in which the direction is to change exactly twice."""
 
 
 def suture(
@@ -36,8 +41,7 @@ def suture(
     from trocar.sutures.table_fits import table_fits  # noqa: PLC0415
 
     chosen = options.chosen(PRESETS, preset, "preset")
-    if out is not None and out.exists() and not out.is_dir():
-        raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
+    check_out_folder(out, ("summary.json", *(f"figure_{number}.png" for number in range(3, 8))))
     if seed < 0 or setups < 0:
         what, value = ("seed", seed) if seed < 0 else ("number of setups", setups)
         raise TrocarError(f"the {what} is {value}; give 0 or more")
@@ -93,6 +97,7 @@ def _print(summary: dict[str, Any]) -> None:
         gains_table,
         points_table,
         spread_table,
+        sweep_table,
     )
 
     console = Console()
@@ -108,13 +113,8 @@ def _print(summary: dict[str, Any]) -> None:
         f"positions where the chosen direction is beyond a limit: {summary['infeasible_positions']} "
         f"of {summary['positions']}"
     )
-    sweep = summary["lambda_sweep"]
-    first, last = sweep["best_theta_deg"][0], sweep["best_theta_deg"][-1]
-    weights, theirs = sweep["weights"], sweep["paper_best_theta_deg"]
-    console.print(
-        f"best theta of the first suture at lambda {weights[0]:g} and {weights[-1]:g}: {first:.4g} and {last:.4g} deg "
-        f"(paper, lambda not named: {theirs[0]:.4g} to {theirs[1]:.4g})"
-    )
+    console.print(sweep_table(summary["lambda_sweep"]))
+    console.print(_swept(summary))
     console.print(f"manipulability, arm 1: {summary['manipulability_source']}; arm 2: {summary['assistant_source']}")
     if "random_setups" in summary:
         random = summary["random_setups"]
@@ -125,11 +125,48 @@ def _print(summary: dict[str, Any]) -> None:
             "exactly one direction is within. nearest: the largest difference of Table I from the paper's, in the "
             "setup that comes nearest to it."
         )
+        console.print(_switched(random, summary["margin"]))
         console.print(spread_table(random))
     console.print(fits_table(summary["table_fits"]))
     console.print(_identified(summary))
     if "files" in summary:
         console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)
+
+
+def _swept(summary: dict[str, Any]) -> str:
+    """Return how the best plan moves with lambda, and whether the paper's does so, too."""
+    sweep = summary["lambda_sweep"]
+    angles, (start, end) = sweep["best_theta_deg"], sweep["paper_best_theta_deg"]
+    return (
+        f"with lambda the best plan turns by {sweep['travel_deg']:+.4g} deg, from {angles[0]:.4g} to {angles[-1]:.4g} "
+        f"(plans 90 deg apart are the same), the paper's by {end - start:+.4g}, from {start:.4g} to {end:.4g}, lambda "
+        f"not named: {'reproduced' if sweep['reproduces_paper'] else 'not reproduced'}; at lambda "
+        f"{summary['weight']:g} the best plan starts at {summary['best_theta_deg']:.4g} deg (paper "
+        f"{min(start, end):.4g} to {max(start, end):.4g})"
+    )
+
+
+def _switched(random: dict[str, Any], margin: str) -> str:
+    """Return which formulas change the direction twice nearly always, the preset's, and how sure that is."""
+    shown = []
+    for enough, words in ((True, "at least"), (False, "less than")):
+        names = [name for name, of in random["measures"].items() if (of["two_switches"] >= MOSTLY) == enough]
+        if names:
+            shown.append(f"in {words} {100 * MOSTLY:.0f} % with {', '.join(names)}")
+    of, count = random["measures"][margin], random["setups"]
+    if kept := of["setups_where_no_choice_is_wrong"]:
+        share, right = _percent(of["two_switches"]), _percent(of["two_switches_where_no_choice_is_wrong"])
+        shown.append(f"with the preset's, {margin}, in {share}, {right} of the {kept} setups where none is wrong")
+    low, high = wilson_interval(round(random["measures"]["default"]["two_switches"] * count), count)
+    return (
+        f"two changes {'; '.join(shown)}. Other seeds draw other setups: the 95 % interval of the default is "
+        f"{100 * low:.1f} to {100 * high:.1f} %."
+    )
+
+
+def _percent(share: float) -> str:
+    """Return a share as text."""
+    return f"{100 * share:.1f} %"
 
 
 def _identified(summary: dict[str, Any]) -> str:

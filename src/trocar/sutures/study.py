@@ -28,6 +28,9 @@ PAPER_SWITCHES_DEG = (67.0, 228.0)
 PAPER_BEST_THETA_DEG = (28.0, 11.0)
 """Best theta_1 of the paper at its least and its greatest lambda (Fig. 7), which it does not name."""
 
+NEAR_DEG = 5.0
+"""How near to the paper's an angle counts as the same."""
+
 SWEEP = tuple(k / 10 for k in range(11))
 """Values of lambda for Fig. 7."""
 
@@ -127,13 +130,33 @@ class LambdaSweep:
         """Return theta_1 (k,) of the best plan at each lambda."""
         return self.thetas_rad[np.argmax(self.rewards, axis=1)]
 
+    @property
+    def travel_rad(self) -> float:
+        """Return how far the best plan turns from the first lambda to the last, each step the shorter way round.
+
+        Plans a quarter of a turn apart are the same, so theta_1 starts again at the gap between two sutures.
+        """
+        turned = np.unwrap(self.best_theta_rad, period=2 * np.pi / SUTURES)
+        return float(turned[-1] - turned[0])
+
+    @property
+    def off_paper_deg(self) -> tuple[float, float, float]:
+        """Return how far theta_1 at the first and at the last lambda, and the way between, are from the paper's."""
+        gap, (start, end) = 360 / SUTURES, PAPER_BEST_THETA_DEG
+        ends = np.degrees(self.best_theta_rad[[0, -1]]) - PAPER_BEST_THETA_DEG
+        first, last = np.abs((ends + gap / 2) % gap - gap / 2)
+        return float(first), float(last), float(abs(np.degrees(self.travel_rad) - (end - start)))
+
     def summary(self) -> dict[str, Any]:
         """Return everything but the curves as plain values."""
         return {
             "weights": self.weights.tolist(),
             "best_theta_deg": np.degrees(self.best_theta_rad).round(6).tolist(),
             "best_reward": self.rewards.max(1).tolist(),
+            "travel_deg": float(np.degrees(self.travel_rad)),
             "paper_best_theta_deg": list(PAPER_BEST_THETA_DEG),
+            "off_paper_deg": list(self.off_paper_deg),
+            "reproduces_paper": max(self.off_paper_deg) <= NEAR_DEG,
         }
 
 
@@ -204,6 +227,11 @@ class SutureStudy:
         return np.take_along_axis(self.dexterity.joints.largest_wrist_rad, choice, 0)[0]
 
     @property
+    def best_theta_rad(self) -> float:
+        """Return theta_1 of the best plan at the lambda of the reward."""
+        return float(self.thetas_rad[np.argmax(plan_values(self.dexterity.best))])
+
+    @property
     def wrist_limits_rad(self) -> NDArray[np.float64]:
         """Return the limits (3,) of the same joints."""
         return self.dexterity.setup.arm.upper[3:]
@@ -221,6 +249,9 @@ class SutureStudy:
             "positions": len(found.thetas_rad),
             "largest_wrist_deg": np.degrees(self.wrist_rad.max(0)).tolist(),
             "wrist_limits_deg": np.degrees(self.wrist_limits_rad).tolist(),
+            "margin": found.reward.margin,
+            "weight": found.reward.weight,
+            "best_theta_deg": float(np.degrees(self.best_theta_rad).round(6)),
             "lambda_sweep": self.sweep.summary(),
             "manipulability_highest_at_deg": np.degrees(self.thetas_rad[self.manipulability.argmax(1)]).tolist(),
             "manipulability_source": found.source,

@@ -153,8 +153,7 @@ def margins(axes: Axes, map: DexterityMap, title: str = "Joint margin") -> None:
     theta = np.degrees(map.thetas_rad)
     for row, direction in enumerate(DIRECTIONS):
         _thin_beyond(axes, theta, map.margin[row], map.joints.feasible[row], WAY[direction], NAMES[direction])
-    shown = map.margin[np.isfinite(map.margin) & (map.margin > -10)]
-    axes.set_ylim(*_padded(shown))
+    axes.set_ylim(*_padded(map.margin))
     axes.set_ylabel(f"margin Q\n{MARGIN_UNITS[map.reward.margin]}")
     _legend_above(axes, 2)
     _circle_axis(axes, title)
@@ -163,14 +162,14 @@ def margins(axes: Axes, map: DexterityMap, title: str = "Joint margin") -> None:
 def manipulability(
     axes: Axes, map: DexterityMap, values: NDArray[np.float64], names: tuple[str, ...], title: str = "Manipulability"
 ) -> None:
-    """Draw the mean squared manipulability of each arm over the circle (Fig. 6)."""
+    """Draw the mean squared manipulability of each arm over the circle (Fig. 6), in m^4 as ``det J`` is in m^2."""
     theta = np.degrees(map.thetas_rad)
     exponent = int(np.floor(np.log10(max(values.max(), 1e-300))))
     for curve, name, color in zip(values, names, (style.BLUE, style.VERMILION), strict=False):
         axes.plot(theta, curve / 10.0**exponent, color=color, label=name)
     axes.set_ylim(0, None)
     source = "surrogate" if map.source == SURROGATE else "demonstrations"
-    axes.set_ylabel(f"M ({source})\n1e{exponent} m⁶")
+    axes.set_ylabel(f"M ({source})\n1e{exponent} m⁴")
     if len(values) > 1:
         _legend_above(axes, 2)
     _circle_axis(axes, title)
@@ -238,7 +237,7 @@ def _reward(axes: Axes, map: DexterityMap, plan: SuturePlan) -> None:
         fontsize=8,
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0},
     )
-    axes.set_ylim(*_padded(map.values[map.values > -10]))
+    axes.set_ylim(*_padded(map.values))
     axes.set_ylabel("reward D")
     _legend_above(axes, 2)
     _circle_axis(axes, f"Reward, λ = {map.reward.weight:g} (dots: the plan; thin: beyond the limits)")
@@ -265,8 +264,11 @@ def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def _padded(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return limits of an axis with a little room."""
-    low, high = float(values.min()), float(values.max())
+    """Return limits of an axis with a little room; what lies far below, out of all reach, is left out if it can be."""
+    finite = values[np.isfinite(values)]
+    near = finite[finite > -10]
+    shown = near if len(near) else finite
+    low, high = (float(shown.min()), float(shown.max())) if len(shown) else (0.0, 0.0)
     room = 0.06 * (high - low or 1.0)
     return low - room, high + room
 

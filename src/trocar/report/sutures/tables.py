@@ -82,6 +82,19 @@ def gains_table(gains: Mapping[str, Mapping[str, float]], paper: Mapping[str, Ma
     return table
 
 
+def sweep_table(sweep: Mapping[str, Any]) -> Table:
+    """Return where the best plan starts at each lambda (Fig. 7).
+
+    Args:
+        sweep: ``LambdaSweep.summary()``.
+    """
+    table = Table(title="Fig. 7: theta of the first suture, deg, of the best plan at each lambda")
+    for weight in ("lambda", *(f"{weight:g}" for weight in sweep["weights"])):
+        table.add_column(weight, justify="right", no_wrap=True)
+    table.add_row("theta", *(f"{angle:.4g}" for angle in sweep["best_theta_deg"]))
+    return table
+
+
 def choices_table(random: Mapping[str, Any]) -> Table:
     """Return how well each formula of the margin chooses directions in random setups.
 

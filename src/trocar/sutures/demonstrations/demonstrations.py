@@ -26,7 +26,7 @@ class Demonstrations:
 
     Attributes:
         places_rad: (p,) ascending, in [0, 2 pi), counterclockwise from x of the circle as everywhere.
-        per_arm: (arms, p) mean of ``|J J^T|`` over a recording's rows, in (m^3/rad^2/m)^2.
+        per_arm: (arms, p) mean of ``|J J^T|`` over a recording's rows, in m^4.
         recordings: (p,) how many there are at each place.
         arms: names of the arms, one a row of ``per_arm``.
         source: where they come from, and what was assumed to read them, in words.
