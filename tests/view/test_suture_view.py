@@ -14,6 +14,7 @@ from trocar.sutures import PRESETS, Circle, SutureSetup, base_beside, dexterity,
 from trocar.sutures.drive import Suture
 from trocar.sutures.primitive import grasp_pose, needle_poses, tip_poses, turned_to
 from trocar.view.motion import suture_motion
+from trocar.view.worth import ring_radii_m
 
 pytest.importorskip("viser")
 from trocar.view import SutureView, show_plan
@@ -108,18 +109,50 @@ def test_an_open_finger_turns_to_its_own_side(view):
         assert np.sign(tip[0]) == np.sign(inner[0])  # its body, at its own +x, lies outside the gap
 
 
-def test_colours_run_from_the_least_worth_to_the_largest_and_grey_is_out_of_reach():
+def test_colours_run_over_both_directions_as_in_the_picture_of_the_plan():
     setup = PRESETS["default"].setup
     map = dexterity(setup, positions=72)
-    map.joints.feasible[:, 10] = False
-    view = show_plan(setup, plan_even(map), map, port=PORT + 1, block=False)
-    low, high = map.best[map.feasible].min(), map.best[map.feasible].max()
-    assert view._shade(low) == (68, 1, 84)  # the ends of viridis
-    assert view._shade(high) == (253, 231, 36)
-    drawn = np.asarray(view._ring.colors)
+    plan = plan_even(map)
+    view = show_plan(setup, plan, map, port=PORT + 1, block=False)
     view.close()
-    assert_allclose(drawn[10, 0], 205, atol=1)
-    assert_allclose(drawn[11, 0], view._shade(map.best[11]), atol=1)
+    can = map.joints.feasible
+    assert (view.scale.low, view.scale.high) == (map.values[can].min(), map.values[can].max())
+    assert view.scale.colour(view.scale.low) == (68, 1, 84)  # the ends of viridis
+    assert view.scale.colour(view.scale.high) == (253, 231, 36)
+    arrows = np.array([view._arrow_m(suture) for suture in view._planned])
+    rings = ring_radii_m(arrows)
+    assert (rings[0] > rings[1].max()).all(), "clockwise sutures are in the outer ring"
+    for row, radius in enumerate(rings.mean(1)):
+        for i, theta in enumerate(map.thetas_rad):
+            expected = view.scale.colour(map.values[row, i]) if can[row, i] else (205, 205, 205)
+            shown = view.painting.at(radius * np.cos(theta), radius * np.sin(theta))
+            assert_allclose(shown, [*expected, 255], atol=1)
+    for (start, end), worth in zip(arrows, plan.rewards, strict=True):
+        assert_allclose(view.painting.at(*(start + end) / 2), [*view.scale.colour(worth), 255], atol=1)
+    assert view.painting.at(0.0, 0.0)[3] == 0, "the mesh within stays visible"
+
+
+def test_an_arrow_points_from_entry_to_exit_and_its_number_stands_beside_it(view):
+    for i, (theta, direction) in enumerate(zip(view.plan.positions_rad, view.plan.directions, strict=True)):
+        start, end = arrow = view._arrow_m(view._planned[i])
+        assert_allclose(start, view.setup.circle.radius_m * np.array([np.cos(theta), np.sin(theta)]), atol=1e-12)
+        assert np.sign(start[0] * end[1] - start[1] * end[0]) == -direction, "clockwise turns to the right"
+        label = view.server.scene._handle_from_node_name[f"/circle/label_{i + 1}"]
+        assert np.hypot(*(label.position[:2] - arrow.mean(0))) == pytest.approx(0.004)
+        tail = start + 0.1 * (end - start)
+        across = np.array([start[1] - end[1], end[0] - start[0]]) / np.hypot(*(end - start))
+        painted = [view.painting.at(*(place + 0.002 * across))[3] for place in (tail, end - 0.2 * (end - start))]
+        assert painted == [0, 255], "wide at its head alone"
+
+
+def test_without_a_map_there_are_arrows_alone():
+    setup = PRESETS["default"].setup
+    plan = plan_even(dexterity(setup, positions=72))
+    view = show_plan(setup, plan, port=PORT + 2, block=False)
+    view.close()
+    assert (view.scale.low, view.scale.high) == (plan.rewards.min(), plan.rewards.max())
+    radius = ring_radii_m(np.array([view._arrow_m(suture) for suture in view._planned])).mean(1)[0]
+    assert view.painting.at(radius, 0.0)[3] == 0
 
 
 def eventually(true):

@@ -167,6 +167,11 @@ class DexterityMap:
         """Return whether the suture (n,) in the better direction can be done."""
         return np.take_along_axis(self.joints.feasible, self.choice[None], 0)[0]
 
+    def span(self, rewards: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the least and the largest of rewards (k,) and of all sutures that can be done, in either direction."""
+        seen = np.append(rewards, self.values[self.joints.feasible])
+        return float(seen.min()), float(seen.max())
+
     @property
     def switches_rad(self) -> NDArray[np.float64]:
         """Return the positions from which on the better direction is another than just before."""

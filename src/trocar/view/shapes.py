@@ -32,7 +32,7 @@ class Mesh:
 
 
 def tube(points_m: ArrayLike, radii_m: ArrayLike, sides: int = 24) -> Mesh:
-    """Return a closed tube along a path; with radii that change it is a cone, a disc or an arrow.
+    """Return a closed tube along a path; with radii that change it is a cone or a disc.
 
     Args:
         points_m: (k, 3) its middle line; neighbours may coincide where the radius leaps.
@@ -98,14 +98,6 @@ def wire(needle: Needle) -> Mesh:
     radii = np.full(len(line), needle.wire_m / 2)
     radii[:3] *= [0.05, 0.45, 0.85]
     return tube(line, radii, sides=12)
-
-
-def arrow(start_m: ArrayLike, end_m: ArrayLike, radius_m: float) -> Mesh:
-    """Return an arrow from one point (3,) to another."""
-    start, end = np.asarray(start_m, dtype=np.float64), np.asarray(end_m, dtype=np.float64)
-    length = float(np.linalg.norm(end - start))
-    neck = end - (end - start) * min(0.5, 5.0 * radius_m / length)
-    return tube([start, neck, neck, end], [radius_m, radius_m, 2.4 * radius_m, 0.0], sides=16)
 
 
 def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:

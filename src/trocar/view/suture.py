@@ -8,7 +8,6 @@ import time
 from contextlib import redirect_stdout
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,23 +21,27 @@ from trocar.sutures.setup import CLOCKWISE, SutureSetup
 from trocar.view import shapes
 from trocar.view.motion import SutureMotion, suture_motion
 from trocar.view.shapes import Mesh, tube
+from trocar.view.worth import Scale, paint
 
 STEEL, DARK, GOLD, TISSUE, INK = (170, 176, 184), (92, 98, 106), (214, 150, 30), (222, 150, 135), (60, 60, 60)
-BLOCKED = (205, 205, 205)
-COLOURS = "viridis"  # as in the figures of reports
+LABEL_M = 0.004  # how far outside the middle of an arrow its number stands
+RINGS = ". Outer ring: clockwise sutures, inner ring: counterclockwise ones, grey: beyond the limits"
 FRAMES_PER_S = 12.0
 
 
 class SutureView:
     """A plan drawn in a browser, with a menu of its sutures and a slider along the needle primitive.
 
-    Everything is in metres, in the world's frame, z up. Nodes of the scene: ``/circle`` (tissue, rim, arrows; in the
-    circle's frame), ``/needle``, and ``/arm/shaft``, ``/arm/wrist``, ``/arm/jaws`` in frames 4, 5 and 7 of the arm.
+    Everything is in metres, in the world's frame, z up. Nodes of the scene: ``/circle`` (tissue, rim, arrows and
+    rings; in the circle's frame), ``/needle``, and ``/arm/shaft``, ``/arm/wrist``, ``/arm/jaws`` in the arm's frames 4,
+    5 and 7.
 
     Attributes:
         server: viser's server.
         sutures: what the menu offers, in words.
         motions: the sutures frame by frame.
+        scale: of the colours, that of ``plan.png``.
+        painting: arrows and rings on the tissue.
     """
 
     def __init__(self, setup: SutureSetup, plan: SuturePlan, map: DexterityMap | None = None, port: int = 8080) -> None:
@@ -47,7 +50,7 @@ class SutureView:
         Args:
             setup: of which.
             plan: what is drawn.
-            map: what sutures elsewhere are worth, for a coloured ring round the circle; None: no ring.
+            map: what sutures elsewhere are worth, for two coloured rings round the circle; None: no rings.
             port: of the server; if it is taken, the next that is free.
 
         Raises:
@@ -58,6 +61,7 @@ class SutureView:
         self._planned = [Suture(setup, theta, direction) for theta, direction in planned]
         self.motions = [suture_motion(suture) for suture in self._planned]
         self.sutures = tuple(_named(i, plan) for i in range(len(self.motions)))
+        self.scale = Scale(*(map.span(plan.rewards) if map else (plan.rewards.min(), plan.rewards.max())))
         self._number = 0
         self.server = _server(port)
         self._draw_circle()
@@ -84,8 +88,8 @@ class SutureView:
         """Return where (2, 3) one looks from and to: from beside the arm, so that it hides little."""
         circle = self.setup.circle
         x, y, _ = (self.setup.T_base_circle.inverse()).translation_m
-        beside = SO3.axis("z", math.atan2(y, x) + math.radians(115.0)).apply([2.9 * circle.radius_m, 0.0, 0.0])
-        high, aim = 1.9 * circle.radius_m, 0.35 * circle.radius_m
+        beside = SO3.axis("z", math.atan2(y, x) + math.radians(115.0)).apply([3.3 * circle.radius_m, 0.0, 0.0])
+        high, aim = 2.2 * circle.radius_m, 0.35 * circle.radius_m
         return circle.T_world_circle.apply(np.stack([beside + [0.0, 0.0, high], [0.0, 0.0, aim]]))
 
     def show(self, number: int, place: int) -> None:
@@ -128,38 +132,36 @@ class SutureView:
         self.server.stop()
 
     def _draw_circle(self) -> None:
-        """Draw tissue, rim and, as arrows from entry to exit, the sutures coloured by what they are worth."""
+        """Draw tissue and rim, and on it arrows and rings in the colours of what sutures are worth."""
         circle = self.setup.circle
         T = circle.T_world_circle
         add = self.server.scene.add_frame
         add("/circle", show_axes=False, wxyz=T.rotation.as_quaternion(), position=T.translation_m)
-        self._add("/circle/tissue", tube([[0, 0, -1e-3], [0, 0, 0]], 1.9 * circle.radius_m, 64), TISSUE, opacity=0.8)
+        arrows = np.array([self._arrow_m(suture) for suture in self._planned])
+        self.painting = paint(arrows, self.plan.rewards.tolist(), self.scale, self.map)
+        wide = max(1.9 * circle.radius_m, 0.53 * self.painting.side_m)
+        self._add("/circle/tissue", tube([[0, 0, -1e-3], [0, 0, 0]], wide, 64), TISSUE, opacity=0.8)
         turn = np.linspace(0.0, 2 * math.pi, 181)
         rim = circle.radius_m * np.stack([np.cos(turn), np.sin(turn), 0 * turn], -1) + [0.0, 0.0, 2e-4]
         self._add("/circle/rim", tube(rim, 3e-4, 8), INK)
-        if self.map is not None:
-            self._draw_ring(self.map)
-        for i, suture in enumerate(self._planned):
-            start, end = suture.entry_m, suture.exit_m
-            heading = SO3.axis("z", suture.theta_rad).apply([0.0, -float(suture.direction), 0.0])
-            end = start + 0.5 * circle.radius_m * heading if end is None else end
-            lifted = np.array([0.0, 0.0, 1e-3])
-            colour = self._shade(float(self.plan.rewards[i]))
-            self._add(f"/circle/suture_{i + 1}", shapes.arrow(start + lifted, end + lifted, 7e-4), colour)
-            outward = SO3.axis("z", suture.theta_rad).apply([1.25 * circle.radius_m, 0.0, 0.0])
-            self.server.scene.add_label(f"/circle/label_{i + 1}", f"{i + 1}", position=outward)
+        self.server.scene.add_image(
+            "/circle/worth",
+            self.painting.rgba,
+            self.painting.side_m,
+            self.painting.side_m,
+            format="png",
+            position=(0.0, 0.0, 6e-4),  # above tissue and rim, to be seen
+        )
+        for i, (start, end) in enumerate(arrows):
+            middle = (start + end) / 2
+            beside = middle * (1 + LABEL_M / float(np.linalg.norm(middle)))
+            self.server.scene.add_label(f"/circle/label_{i + 1}", f"{i + 1}", position=(*beside.tolist(), 1e-3))
 
-    def _draw_ring(self, map: DexterityMap) -> None:
-        """Draw what a suture at each position is worth in its better direction; grey: out of reach."""
-        shades = [
-            self._shade(worth) if can else BLOCKED for worth, can in zip(map.best.tolist(), map.feasible, strict=True)
-        ]
-        colours = np.array([*shades, shades[0]]) / 255.0
-        thetas = np.append(map.thetas_rad, 2 * math.pi)
-        ring = 1.55 * self.setup.circle.radius_m * np.stack([np.cos(thetas), np.sin(thetas), 0 * thetas], -1)
-        ring[:, 2] = 5e-4  # above the tissue, to be seen
-        points, ends = np.stack([ring[:-1], ring[1:]], 1), np.stack([colours[:-1], colours[1:]], 1)
-        self._ring = self.server.scene.add_line_segments("/circle/worth", points, ends, line_width=8.0)
+    def _arrow_m(self, suture: Suture) -> NDArray[np.float64]:
+        """Return where (2, 2) a suture starts and ends; half the circle's radius long if the needle stays inside."""
+        start, end = suture.entry_m, suture.exit_m
+        heading = SO3.axis("z", suture.theta_rad).apply([0.0, -float(suture.direction), 0.0])
+        return np.stack([start, start + 0.5 * self.setup.circle.radius_m * heading if end is None else end])[:, :2]
 
     def _draw_arm(self) -> None:
         """Draw remote centre, shaft, wrist, jaws and needle; ``show`` puts them in their places."""
@@ -179,11 +181,11 @@ class SutureView:
     def _add_controls(self) -> None:
         """Add the menu, the slider and the text."""
         gui = self.server.gui
-        low, high = self._worths
         gui.add_markdown(
-            f"The worst suture is worth **{self.plan.reward:.3f}**; {self.plan.certified}. "
-            f"Colours: {low:.2f} dark, {high:.2f} bright."
+            f"The worst suture is worth **{self.plan.reward:.3f}**; {self.plan.certified}.\n\n"
+            f"Colours: {self.scale.low:.2f} to {self.scale.high:.2f}{RINGS if self.map else ''}"
         )
+        gui.add_image(self.scale.bar(), format="png")
         self._menu = gui.add_dropdown("suture", self.sutures)
         self._slider = gui.add_slider("along it", 0, len(self.motion.q) - 1, 1, 0)
         self._play = gui.add_checkbox("play", False)
@@ -196,21 +198,6 @@ class SutureView:
         @self._slider.on_update
         def moved(_: Any) -> None:
             self._draw(self.sutures.index(self._menu.value), self._slider.value)
-
-    @property
-    def _worths(self) -> tuple[float, float]:
-        """Return the least and the largest worth in the plan and in what is feasible on the map."""
-        seen = self.plan.rewards
-        if self.map is not None:
-            seen = np.append(seen, self.map.best[self.map.feasible])
-        return float(seen.min()), float(seen.max())
-
-    def _shade(self, worth: float) -> tuple[int, int, int]:
-        """Return the colour of a worth."""
-        low, high = self._worths
-        share = (worth - low) / (high - low) if high > low else 1.0
-        red, green, blue, _ = mpl.colormaps[COLOURS](min(max(share, 0.0), 1.0), bytes=True)
-        return int(red), int(green), int(blue)
 
     def _add(self, name: str, mesh: Mesh, colour: tuple[int, int, int], **how: Any) -> Any:
         """Add a mesh to the scene."""
@@ -225,7 +212,7 @@ def show_plan(
     Args:
         setup: of which.
         plan: what is drawn.
-        map: what sutures elsewhere are worth, for a coloured ring; None: no ring.
+        map: what sutures elsewhere are worth, for two coloured rings; None: no rings.
         port: of the server; if it is taken, the next that is free.
         block: stay until Ctrl-C.
 
