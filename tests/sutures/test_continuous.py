@@ -9,17 +9,19 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.sutures import (
     PRESETS,
+    Circle,
     DexterityEnclosure,
     Reward,
     Spacing,
     SutureSetup,
+    continuous,
     dexterity,
     interpolated_bounds,
     plan_continuous,
     plan_even,
     plan_gaps,
 )
-from trocar.sutures.continuous import Cells
+from trocar.sutures.continuous import Cells, NoPlan
 from trocar.sutures.gaps import walks_on_grid
 
 TURN = 2 * np.pi
@@ -140,3 +142,14 @@ def test_what_cannot_be_met_is_refused_in_a_sentence():
     far = dexterity(replace(SutureSetup(), T_world_base=SE3.from_parts(None, [0.0, 0.0, 0.5])))
     with pytest.raises(TrocarError, match="no 4 sutures within the joints' limits"):
         plan_continuous(far, 4, spacing(60, 120))
+
+
+def test_none_found_is_not_called_none_unless_proven(monkeypatch):
+    far = replace(PRESETS["default"].setup, circle=Circle(0.09))
+    with pytest.raises(NoPlan, match="no 12 sutures within the joints' limits have gaps") as refused:
+        plan_continuous(dexterity(far), 12, Spacing.even(12))
+    assert refused.value.proven
+    monkeypatch.setattr(continuous, "MOST_CELLS", 10)  # no bisection: arcs that may be feasible stay so
+    with pytest.raises(NoPlan, match="were found for this spacing, though it is not proven") as refused:
+        plan_continuous(dexterity(far, positions=16), 12, Spacing.even(12))
+    assert not refused.value.proven

@@ -11,6 +11,7 @@ from trocar.sutures.gaps import Walks
 
 TURN = 2 * np.pi
 CASES = 200
+TENSE_CASES = 36
 
 
 def random_case(seed):
@@ -28,6 +29,16 @@ def random_case(seed):
     tension = float(rng.choice([0.0, 0.0, 0.1, 1.0]))
     found = made_up_map(values, feasible, bool(rng.integers(2)))
     return found, count, Spacing(least, most, arcs, fixed, tension)
+
+
+def tense_case(seed, feasible_share, feasible_first):
+    """Return a small problem in which even gaps, dexterity and feasibility pull in different directions."""
+    rng = np.random.default_rng(seed)
+    positions, count = int(rng.integers(6, 12)), int(rng.integers(2, 5))
+    values = rng.normal(size=(2, positions)).round(int(rng.integers(0, 4)))
+    feasible = rng.random((2, positions)) < feasible_share
+    tension = float(rng.choice([0.1, 0.3, 1.0, 2.0]))
+    return made_up_map(values, feasible, feasible_first), count, Spacing(TURN / positions, TURN, tension=tension)
 
 
 def in_a_forbidden_arc(theta, arcs):
@@ -86,6 +97,22 @@ def test_agrees_with_brute_force_on_small_random_cases():
         for fixed in spacing.fixed_rad:
             assert np.abs(plan.positions_rad - fixed).min() < 1e-9
     assert solved > CASES / 2
+
+
+@pytest.mark.parametrize("feasible_first", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8, 1.0])
+def test_tension_agrees_with_brute_force_whatever_is_feasible_and_whether_that_counts(share, feasible_first):
+    for seed in range(TENSE_CASES):
+        found, count, spacing = tense_case(seed, share, feasible_first)
+        plan, (first, worth) = plan_gaps(found, count, spacing), brute_force(found, count, spacing)
+        case = f"case {seed}: {plan.positions_rad}, {plan.rewards}"
+        assert plan.bound == pytest.approx(worth, abs=1e-12), case
+        assert plan.worth <= plan.bound + 1e-12, case
+        if feasible_first:
+            assert plan.feasible == first, case
+        if plan.feasible or not feasible_first:
+            assert plan.worth == pytest.approx(worth, abs=1e-12), case
+        assert plan.tension_cost == pytest.approx(spacing.tension * plan.uneven, abs=1e-12), case
 
 
 def test_of_plans_with_the_same_worst_suture_the_largest_sum_is_taken():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,15 +84,18 @@ class Search:
         }
 
     def _continuous(self, map: DexterityMap, recorded: Demonstrations | None) -> SuturePlan:
-        """Return the plan at any angles; if none is found and the circle is partly out of reach, that of the grid."""
-        from trocar.sutures.continuous import plan_continuous  # noqa: PLC0415
+        """Return the plan at any angles; if none is feasible, the one on the grid, which shows what is out of reach."""
+        from trocar.sutures.continuous import NoPlan, plan_continuous  # noqa: PLC0415
         from trocar.sutures.enclosure import interpolated_bounds  # noqa: PLC0415
 
         bounds = interpolated_bounds(recorded.places_rad, recorded.at_places) if recorded else None
         try:
             spacing = self.spacing or Spacing.even(self.count)
             return plan_continuous(map, self.count, spacing, manipulability_bounds=bounds)
-        except TrocarError:
-            if map.joints.feasible.any(0).all():
-                raise
-            return self.on_grid(map)
+        except NoPlan as none:
+            try:
+                shown = self.on_grid(map)
+            except TrocarError:  # it has none either, whatever is within the limits
+                raise none from None
+            feasible = "no feasible plan exists" if none.proven else "no feasible plan was found, though one may exist"
+            return replace(shown, certified=f"at any angles {feasible}; on the grid, shown here: {shown.certified}")

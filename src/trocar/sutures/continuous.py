@@ -30,8 +30,22 @@ from trocar.sutures.rewards import DexterityMap
 MOST_CELLS = 100_000
 MOST_ROUNDS = 100
 FINER = 4.0
+WHATEVER = -1e300
+"""Every suture that counts is worth as much: asked for to find out whether there is any plan."""
 GAP_SLACK = 1e-10
 """Gaps may miss their bounds by this many rad, so that every plan on the grid is one of the continuum."""
+
+
+class NoPlan(TrocarError):
+    """No plan at any angles meets the spacing and is feasible, where the reward puts that first; or none was found.
+
+    Attributes:
+        proven: whether there is none.
+    """
+
+    def __init__(self, sentence: str, proven: bool) -> None:
+        super().__init__(sentence)
+        self.proven = proven
 
 
 def plan_continuous(
@@ -54,7 +68,8 @@ def plan_continuous(
         manipulability_bounds: where M was given to the map, its least and largest values over arcs.
 
     Raises:
-        TrocarError: no plan can meet the spacing, or none that does was found feasible.
+        NoPlan: there is none, or none was found; says which of the two.
+        TrocarError: the gaps cannot add up to a turn, or the fixed positions contradict the rest.
     """
     check_closes(count, spacing)
     if not 1e-9 <= tolerance <= 1.0:
@@ -63,8 +78,7 @@ def plan_continuous(
     search = _Search(map, count, spacing, cells, _on_grid(map, count, spacing), cells.ceiling)
     search.run(tolerance)
     if search.best is None:
-        way = no_way(count, spacing, "within the joints' limits" if map.reward.feasible_first else "at any angles")
-        raise TrocarError(way)
+        raise search.nothing()
     return search.certified()
 
 
@@ -87,6 +101,8 @@ class _Search:
     def run(self, tolerance: float) -> None:
         """Bring bound and plan together."""
         finest, step = tolerance / 20, 0.9 * tolerance
+        if self.best is None and self._ask(WHATEVER, finest) is None:
+            self.bound = -math.inf
         tried = self.worth if self.best else self.cells.floor - tolerance  # below it nothing is asked any more
         proven = False
         for _ in range(MOST_ROUNDS):
@@ -102,6 +118,17 @@ class _Search:
                 self.bound, proven = value, True
             else:
                 tried = max(value, self.worth)
+
+    def nothing(self) -> NoPlan:
+        """Return what to raise without a plan."""
+        where = "within the joints' limits" if self.map.reward.feasible_first else "at any angles"
+        if self.bound == -math.inf:
+            return NoPlan(no_way(self.count, self.spacing, where), proven=True)
+        return NoPlan(
+            f"no {self.count} sutures {where} were found for this spacing, though it is not proven that there are "
+            "none; widen the gaps' bounds, or move the circle or the base",
+            proven=False,
+        )
 
     def certified(self) -> SuturePlan:
         """Return the best plan with its bound."""

@@ -132,11 +132,18 @@ def largest_in(values: NDArray[np.float64], first: NDArray[np.intp], past: NDArr
 
 
 def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
-    """Return the best plan on the map's grid: its worst suture is as good as any plan's, less the cost of tension.
+    """Return the best plan on the map's grid. Proven, not sampled: no other is worth more.
 
-    Of such plans, the one with the largest sum of dexterities; without tension this is exact to the last bit, with
-    it the largest departure from even gaps is bounded by each value it can have in turn. Positions on the ends of
-    forbidden arcs are allowed; fixed positions must lie on the grid.
+    What is maximised, each time less the cost of tension:
+
+    - with a reward that puts feasibility first, if any plan is feasible: the worst dexterity, over feasible plans;
+    - with such a reward, if none is: the worst dexterity among the infeasible sutures alone, which are what is in the
+      way; the plan's ``bound`` is of these sutures;
+    - with other rewards: the worst dexterity, over all plans, feasible or not.
+
+    Without tension this is exact to the last bit, and of plans whose worst sutures are alike, the one with the largest
+    sum of dexterities is taken. With tension, ever more even gaps are asked for, as long as they could make up for what
+    they cost in dexterity. Positions on the ends of forbidden arcs are allowed; fixed positions must lie on the grid.
 
     Raises:
         TrocarError: no plan can meet the spacing; says which numbers are in the way.
@@ -148,11 +155,13 @@ def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
     best = tried = _best(map, walks, rank, choice, spacing.tension)
     if best is None:
         raise TrocarError(no_way(count, spacing, f"on the grid of {len(rank)} positions"))
-    while spacing.tension and tried and tried.reward > best.bound:  # one more even could still be worth more
-        uneven = tried.tension_cost / spacing.tension
-        walks = walks.within(len(rank) / count * (1 - uneven), len(rank) / count * (1 + uneven))
+    if best.feasible and map.reward.feasible_first:
+        rank[~map.joints.feasible.any(0)] = -1
+    while tried and tried.bound + tried.tension_cost > best.bound:  # one more even could still be worth more
+        even = len(rank) / count
+        walks = walks.within(even * (1 - tried.uneven), even * (1 + tried.uneven))
         tried = _best(map, walks, rank, choice, spacing.tension)
-        if tried and (tried.feasible, tried.bound) >= (best.feasible, best.bound):
+        if tried and tried.bound >= best.bound:
             best = tried
     return best
 
