@@ -202,8 +202,9 @@ def _print(summary: dict[str, Any]) -> None:
     console = Console()
     console.print(plan_table(summary))
     uneven = f" less {summary['tension_cost']:.4f} for uneven gaps" if summary["tension_cost"] else ""
+    among = "" if summary["feasible"] or not summary["feasible_first"] else " of worst infeasible sutures"
     console.print(
-        f"worst suture {summary['reward']:.4f}{uneven}; bound {summary['bound']:.4f}: {summary['certified']}; "
+        f"worst suture {summary['reward']:.4f}{uneven}; bound{among} {summary['bound']:.4f}: {summary['certified']}; "
         f"{summary['compute_ms']:.1f} ms"
     )
     switches = ", ".join(f"{angle:.4g}" for angle in summary["switches_deg"])

@@ -26,7 +26,8 @@ class SuturePlan:
         directions: (n,) of ``DIRECTIONS``.
         rewards: (n,) dexterity of each suture.
         feasible: whether every suture stays within the joints' limits and at the safe depth.
-        bound: no plan of this problem has a larger ``worth``; proven, not sampled.
+        bound: no plan of this problem has a larger ``worth``; proven, not sampled. If none is feasible, though the
+            reward puts that first, no plan's worst infeasible suture is better, less the cost of tension.
         certified: what ``bound`` holds for, in words.
         tension_cost: what uneven gaps cost (``Spacing.tension``).
     """
@@ -46,7 +47,7 @@ class SuturePlan:
 
     @property
     def worth(self) -> float:
-        """Return what the planner made as large as it can be: the reward less the cost of uneven gaps."""
+        """Return the reward less the cost of uneven gaps: what planners make large, if any plan is feasible."""
         return self.reward - self.tension_cost
 
     @property
