@@ -147,6 +147,21 @@ def test_a_circle_out_of_reach_is_code_1_and_says_where_which_joint_and_by_how_m
         assert part in err
 
 
+def test_what_no_arm_reaches_is_drawn_and_saved_nevertheless(plan, tmp_path):
+    code, _, err = plan(f"--arm raven2-left --out {tmp_path}/out")
+    assert code == 1 and "out of reach" in err
+    assert json.loads((tmp_path / "out" / "plan.json").read_text())["feasible"] is False
+
+
+def test_the_json_holds_the_setup_that_was_asked_for(answer):
+    setup = answer("--circle-radius-mm 28 --base-up-mm 95 --needle-arc-deg 230 --pushes 1")["setup"]
+    assert setup["arm"] == "psm-classic"
+    assert setup["circle"]["radius_m"] == pytest.approx(0.028)
+    assert setup["T_world_base"][2][3] == pytest.approx(0.095)
+    assert setup["needle"]["arc_rad"] == pytest.approx(np.radians(230))
+    assert setup["insertion"]["pushes"] == 1
+
+
 @pytest.mark.parametrize(
     "line, words",
     [

@@ -40,6 +40,84 @@ def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path):
     assert "collisions" not in shown
 
 
+@pytest.fixture
+def planned(trocar, tmp_path):
+    """Return where `trocar plan suture` with these words has saved its plan."""
+
+    def plan(name, *words):
+        code, _, err = trocar("plan", "suture", *words, "--out", tmp_path / name, "--json")
+        assert code == 0, err
+        return tmp_path / name / "plan.json"
+
+    return plan
+
+
+def test_any_plan_is_driven_and_kept_with_its_run(trocar, planned, tmp_path):
+    path, run = planned("plan", "--circle-radius-mm", 28, "--count", 1), tmp_path / "run"
+    words = ("--method", "uncalibrated", "--out", run)
+    code, printed, _ = trocar("run", "suture", "--plan", path, *words, "--json")
+    assert code == 0
+    summary, saved = json.loads(printed), json.loads(path.read_text())
+    assert (summary["attempted"], summary["preset"], summary["not_attempted"]) == (1, None, 0)
+    (driven,) = summary["sutures"]
+    assert [driven["theta_deg"]] == pytest.approx(saved["positions_deg"])
+    assert [driven["direction"]] == saved["directions"]
+    kept = json.loads((run / "run.json").read_text())
+    assert kept["planned"]["setup"] == saved["setup"]
+    assert str(tmp_path) not in json.dumps(kept)
+
+    path.rename(tmp_path / "moved.json")
+    code, _, err = trocar("run", "suture", "--plan", tmp_path / "moved.json", *words)
+    assert code == 0 and "nothing to run" in " ".join(err.split())
+    other = planned("other", "--circle-radius-mm", 29, "--count", 1)
+    code, _, err = trocar("run", "suture", "--plan", other, *words)
+    assert code == 2 and "another run (another plan)" in err and err.count("\n") == 1
+    code, out, _ = trocar("report", run, "--json")
+    assert code == 0 and json.loads(out)["tip_error_mm"] == summary["tip_error_mm"]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ((), "no file 'FILE'"),
+        (("--preset", "default"), "--preset default cannot be combined with --plan FILE"),
+        (("--direction", "clockwise"), "--direction clockwise cannot be combined with --plan FILE"),
+        (("--sutures", 4), "--sutures 4 cannot be combined with --plan FILE"),
+    ],
+)
+def test_a_plan_file_says_everything(trocar, tmp_path, words, sentence):
+    path = tmp_path / "plan.json"
+    code, out, err = trocar("run", "suture", "--plan", path, *words, "--out", tmp_path / "run", "--json")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1 and sentence.replace("FILE", str(path)) in err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "task", "sentence"),
+    [
+        (
+            {"arm": "psm-si"},
+            "suture",
+            "the plan is for 'psm-si'; the simulated cell has 'psm-classic': plan with --arm",
+        ),
+        ({"grasp": {"skew_rad": 1.5}}, "suture", "flat jaws meet; plan with --grasp-skew-deg 0"),
+        ({"T_world_base": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.4], [0, 0, 0, 1]]}, "suture", "is out of reach"),
+        ({}, "peg-transfer", "task 'peg-transfer' has no option 'plan'; drop --plan"),
+    ],
+)
+def test_a_plan_that_the_simulated_arm_cannot_drive_is_refused(trocar, planned, tmp_path, options, task, sentence):
+    path = planned("plan")
+    saved = json.loads(path.read_text())
+    for key, value in options.items():
+        saved["setup"][key] = saved["setup"][key] | value if isinstance(value, dict) else value
+    path.write_text(json.dumps(saved))
+    code, out, err = trocar("run", task, "--plan", path, "--out", tmp_path / "run", "--json")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1 and sentence in err
+    assert not (tmp_path / "run").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

@@ -1,17 +1,20 @@
 """How sutures are scored, on truths made up for it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trocar.arms import ARMS
 from trocar.cell import Outcome
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.scene.truth import NeedleTruth
-from trocar.sutures import CLOCKWISE
+from trocar.sutures import CLOCKWISE, DIRECTIONS, PRESETS, suture_joints
+from trocar.sutures.plan_file import PlannedSutures
 from trocar.sutures.primitive import grasp_pose, needle_poses, steps, tip_poses
 from trocar.tasks import CircleSutures
 from trocar.tasks.suture import ON_TARGET_M, SLIP_M, crossings, held, path_distance_m
@@ -20,6 +23,15 @@ TASK = CircleSutures(sutures=1)
 (SUTURE,) = TASK.work
 SETUP = TASK.setup
 PER_STEP = 100
+MOVED = SE3.from_parts(SO3.axis("z", 0.1), [0.002, -0.003, 0.001])
+
+
+def planned(**changes):
+    """Return a plan of one suture in a changed setup."""
+    return PlannedSutures(replace(SETUP, **changes), [1.0], [CLOCKWISE])
+
+
+ONE = planned()
 NAMES = ["approach", *(step.name for step in steps(SETUP)), "withdraw"]
 
 
@@ -161,6 +173,26 @@ def test_the_work_is_the_plan_or_a_forced_direction():
     assert [s.theta_rad for s in forced] == [s.theta_rad for s in task.work]
 
 
+def test_a_plan_of_ones_own_is_driven_in_its_setup():
+    setup = replace(SETUP, circle=replace(SETUP.circle, radius_m=0.025), T_world_base=MOVED @ SETUP.T_world_base)
+    task = CircleSutures(planned=PlannedSutures(setup, [4.0, 1.0, 1.5], [1, -1, -1]))
+    assert (task.preset, task.direction, task.sutures) == (None, None, 3)
+    assert [(s.theta_rad, s.direction) for s in task.work] == [(4.0, 1), (1.0, -1), (1.5, -1)]
+    assert all(s.setup is setup for s in task.work)
+    assert task.T_world_base["psm1"] is setup.T_world_base
+    assert task.scene(np.random.default_rng(0)).circle_radius_m == 0.025
+    joints = suture_joints(setup, task.plan.positions_rad)
+    for i, direction in enumerate(task.plan.directions):
+        q = joints.q[DIRECTIONS.index(direction), i]
+        assert (q >= task.excitation.lower).all() and (q <= task.excitation.upper).all()
+
+
+def test_the_presets_plan_given_is_the_preset():
+    task = CircleSutures()
+    given = CircleSutures(planned=PlannedSutures(task.setup, task.plan.positions_rad, task.plan.directions))
+    assert given.work == task.work
+
+
 def test_the_calibrations_motion_covers_the_plan():
     box = CircleSutures().excitation
     from trocar.sutures.drive import drive  # noqa: PLC0415
@@ -188,6 +220,14 @@ def test_the_needle_is_given_as_the_grasp_asks():
         ({"direction": "up"}, "direction 'up'.*clockwise"),
         ({"variant": "two-arms"}, "variant 'two-arms'.*single-arm"),
         ({"sutures": 0}, "number of sutures is 0"),
+        ({"planned": ONE, "preset": "default"}, "preset 'default' cannot be combined with a plan"),
+        ({"planned": ONE, "direction": "best"}, "direction 'best' cannot be combined with a plan"),
+        ({"planned": ONE, "sutures": 2}, "number of sutures is 2, but the plan has 1"),
+        (
+            {"planned": planned(arm=ARMS["psm-si"])},
+            "plan is for 'psm-si'.*plan with --arm psm-classic",
+        ),
+        ({"planned": planned(grasp=PRESETS["paper-demo"].setup.grasp)}, "cannot be driven.*--grasp-skew-deg 0"),
     ],
 )
 def test_nonsense_is_refused_in_a_sentence(options, words):

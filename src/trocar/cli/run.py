@@ -12,6 +12,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from trocar.cli.extras import need
+from trocar.errors import TrocarError
+from trocar.sutures.plan_file import load_plan
 
 if TYPE_CHECKING:
     from trocar.trials import Plan, Trial
@@ -62,6 +64,14 @@ def run(
         ),
     ] = None,
     sutures: Annotated[int | None, typer.Option(help="suture: how many, evenly spaced.", show_default="4")] = None,
+    plan_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--plan",
+            metavar="FILE",
+            help="suture: drive this plan.json of `trocar plan suture --out DIR`, which says all that a preset does.",
+        ),
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Run trials of a task in the simulated cell, score them, and keep files and pictures.
@@ -73,6 +83,12 @@ def run(
 
     if method == "calibrated" and model == "lstm":
         need("learn", "jax", "equinox", "optax")
+    for option, value in (("--preset", preset), ("--direction", direction), ("--sutures", sutures)):
+        if plan_file is not None and value is not None:
+            raise TrocarError(
+                f"{option} {value} cannot be combined with --plan {plan_file}: the plan says setup, places and "
+                "directions; drop one of both"
+            )
     plan = Plan(
         task,
         variant,
@@ -86,6 +102,7 @@ def run(
         preset,
         direction,
         sutures,
+        load_plan(plan_file) if plan_file else None,
     )
     folder = out or Path("out") / f"{task}-{method}-{seed}"
     todo = open_folder(plan, folder)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.sutures import PRESETS, SutureSetup
 from trocar.sutures.drive import Suture
+from trocar.sutures.plan_file import setup_from
 from trocar.trials.trial import Trial
 
 MODELLED = (
@@ -22,7 +23,8 @@ MODELLED = (
 
 def setup_of(trial: Trial) -> SutureSetup:
     """Return the geometry that a trial's sutures were planned for."""
-    return PRESETS[str(trial.about["preset"])].setup
+    planned: Any = trial.about.get("planned")
+    return setup_from(planned["setup"]) if planned else PRESETS[str(trial.about["preset"])].setup
 
 
 def arm_of(trial: Trial) -> str:
@@ -76,7 +78,7 @@ def driven_summary(trials: Sequence[Trial]) -> dict[str, Any]:
     most = max((trial.transfers for trial in trials), key=len)
     planned = int(trials[0].about["sutures"]) * len(trials)  # type: ignore[call-overload]
     return {
-        "preset": trials[0].about["preset"],
+        "preset": trials[0].about.get("preset"),
         "sutures": [{"theta_deg": s["theta_deg"], "direction": s["direction"]} for s in most],
         "not_attempted": planned - len(scores),
         "joint_error_deg": {

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.sutures.joints import SutureJoints, suture_joints
 from trocar.sutures.plan import SuturePlan
+from trocar.sutures.plan_file import PlannedSutures
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
 REMEDY = "move the base, turn the grasp or change the circle's radius"
@@ -62,7 +63,7 @@ def circle_out_of_reach(joints: SutureJoints) -> str:
     return f"circle out of reach: {'; '.join(parts)}{more}; {REMEDY}"
 
 
-def plan_out_of_reach(setup: SutureSetup, plan: SuturePlan) -> str:
+def plan_out_of_reach(setup: SutureSetup, plan: SuturePlan | PlannedSutures) -> str:
     """Return one sentence on the sutures of a plan that are not feasible; empty if all are."""
     joints = suture_joints(setup, plan.positions_rad)
     rows = [DIRECTIONS.index(int(direction)) for direction in plan.directions]

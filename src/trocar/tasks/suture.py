@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,10 +16,12 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.scene import SutureScene
 from trocar.scene.truth import NeedleTruth
-from trocar.sutures import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, SuturePlan, SutureSetup, dexterity, plan_even
+from trocar.sutures import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, SutureSetup, dexterity, plan_even
 from trocar.sutures.drive import Suture, drive
 from trocar.sutures.plan import check_count
+from trocar.sutures.plan_file import PlannedSutures
 from trocar.sutures.primitive import grasp_pose
+from trocar.sutures.reach import plan_out_of_reach
 
 ON_TARGET_M = 1.0e-3
 """Where the needle goes in and comes out may be off by this (assumed; FLS marks off the suture's dots by the mm)."""
@@ -34,6 +36,9 @@ SIMULATED_ARM = "psm-classic"
 """The arm whose cables were identified."""
 
 DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
+
+PRESET, DIRECTION, SUTURES = "default", "best", 4
+"""What is driven where nothing is said."""
 
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
 """How far the calibration's motion goes beyond the plan's joints, rad and m: room for the corrections."""
@@ -80,20 +85,22 @@ class SutureScore:
 
 @dataclass(frozen=True)
 class CircleSutures:
-    """The task, apart from how it is done.
+    """The task, apart from how it is done: the best even plan of a preset, or any plan that is given.
 
     Attributes:
         variant: so far ``single-arm``: one arm drives the needle; a person pulls it out and loads it again.
-        preset: name in ``PRESETS`` of setup and reward.
-        direction: ``best``, or one that all sutures must take, whether the joints allow it or not.
-        sutures: how many, evenly spaced.
+        preset: name in ``PRESETS`` of setup and reward; ``PRESET`` unless a plan is given.
+        direction: ``best``, or one that all sutures must take, whether the joints allow it or not; likewise.
+        sutures: how many, evenly spaced; ``SUTURES``, or those of the plan that is given.
+        planned: a plan of any setup.
         budget_s: a trial that takes longer is stopped.
     """
 
     variant: str = "single-arm"
-    preset: str = "default"
-    direction: str = "best"
-    sutures: int = 4
+    preset: str | None = None
+    direction: str | None = None
+    sutures: int | None = None
+    planned: PlannedSutures | None = None
     budget_s: float = 600.0
 
     name = "suture"
@@ -103,30 +110,49 @@ class CircleSutures:
     compares_joints = True
 
     def __post_init__(self) -> None:
+        if self.planned is None:
+            for name, usual in (("preset", PRESET), ("direction", DIRECTION), ("sutures", SUTURES)):
+                if getattr(self, name) is None:
+                    object.__setattr__(self, name, usual)
         for what, value, choices in (
             ("variant", self.variant, self.variants),
             ("preset", self.preset, tuple(PRESETS)),
             ("direction", self.direction, tuple(DIRECTIONS_BY_NAME)),
         ):
-            if value not in choices:
+            if value is not None and value not in choices:
                 raise TrocarError(f"{what} {value!r} of suture is unknown; choose one of {', '.join(choices)}")
-        check_count(self.sutures)
+        if self.sutures is not None:
+            check_count(self.sutures)
+        if self.planned is not None:
+            self._keep_to(self.planned)
+        what = f"preset {self.preset!r}" if self.preset else "the plan"
         if self.setup.arm.name != SIMULATED_ARM:
             raise TrocarError(
-                f"preset {self.preset!r} is for {self.setup.arm.name!r}; the simulated cell has {SIMULATED_ARM!r}"
+                f"{what} is for {self.setup.arm.name!r}; the simulated cell has {SIMULATED_ARM!r}"
+                + ("" if self.preset else f": plan with --arm {SIMULATED_ARM}")
             )
         if not self.setup.grasp.holdable:
             can = ", ".join(name for name, preset in PRESETS.items() if preset.setup.grasp.holdable)
             raise TrocarError(
-                f"preset {self.preset!r} cannot be driven: its wire stands "
+                f"{what} cannot be driven: its wire stands "
                 f"{math.degrees(self.setup.grasp.out_of_jaws_rad):.0f} deg out of the plane in which flat jaws meet; "
-                f"choose one of {can}"
+                + (f"choose one of {can}" if self.preset else "plan with --grasp-skew-deg 0")
             )
+
+    def _keep_to(self, planned: PlannedSutures) -> None:
+        """Raise a sentence if something else is asked for than what is planned; count its sutures."""
+        for what in ("preset", "direction"):
+            if getattr(self, what) is not None:
+                raise TrocarError(f"{what} {getattr(self, what)!r} cannot be combined with a plan; give one of both")
+        count = len(planned.sutures)
+        if self.sutures not in (None, count):
+            raise TrocarError(f"the number of sutures is {self.sutures}, but the plan has {count}; give one of both")
+        object.__setattr__(self, "sutures", count)
 
     @property
     def setup(self) -> SutureSetup:
-        """Return the preset's geometry."""
-        return PRESETS[self.preset].setup
+        """Return the geometry: the plan's or the preset's."""
+        return self.planned.setup if self.planned else PRESETS[self.preset or PRESET].setup
 
     @property
     def T_world_base(self) -> Mapping[str, SE3]:
@@ -139,28 +165,36 @@ class CircleSutures:
         return self.setup.circle.T_world_circle
 
     @cached_property
-    def plan(self) -> SuturePlan:
-        """Return the best even plan of the preset."""
-        positions = 360 - 360 % self.sutures
-        return plan_even(dexterity(self.setup, PRESETS[self.preset].reward, positions), self.sutures)
+    def plan(self) -> PlannedSutures:
+        """Return the plan that was given, or the best even plan of the preset."""
+        if self.planned:
+            return self.planned
+        count = self.sutures or SUTURES
+        best = plan_even(dexterity(self.setup, PRESETS[self.preset or PRESET].reward, 360 - 360 % count), count)
+        return PlannedSutures(self.setup, best.positions_rad, best.directions)
 
     @cached_property
     def work(self) -> tuple[Suture, ...]:
         """Return the sutures of the plan, in the forced direction where there is one."""
-        forced = DIRECTIONS_BY_NAME[self.direction]
-        return tuple(
-            Suture(self.setup, float(theta), int(forced or direction))
-            for theta, direction in zip(self.plan.positions_rad, self.plan.directions, strict=True)
-        )
+        forced = DIRECTIONS_BY_NAME[self.direction or DIRECTION]
+        return tuple(replace(suture, direction=forced or suture.direction) for suture in self.plan.sutures)
 
     @property
     def excitation(self) -> MotionBox:
-        """Return where a calibration's motion should go: everywhere that the plan goes, and a little beyond."""
+        """Return where a calibration's motion should go: everywhere that the plan goes, and a little beyond.
+
+        Raises:
+            TrocarError: the plan is out of reach, and leaves no room to move in.
+        """
         q = np.concatenate([stretch.q for suture in self.work for stretch in drive(suture)])
         arm = self.setup.arm
         inside = (arm.lower + 1e-3, arm.upper - 1e-3)
-        lower, upper = np.nanmin(q, axis=0) - ROOM, np.nanmax(q, axis=0) + ROOM
-        return MotionBox(np.clip(lower, *inside), np.clip(upper, *inside), PSM1_BOX.step)
+        q = q[np.isfinite(q).all(1)]
+        lower = np.clip(q.min(0, initial=np.inf) - ROOM, *inside)
+        upper = np.clip(q.max(0, initial=-np.inf) + ROOM, *inside)
+        if not (lower < upper).all():
+            raise TrocarError(plan_out_of_reach(self.setup, self.plan))
+        return MotionBox(lower, upper, PSM1_BOX.step)
 
     def scene(self, rng: np.random.Generator) -> SutureScene:
         """Return the phantom where the plan expects it; nothing is drawn from ``rng`` so far."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from trocar.sim.cell import SimulatedCell
 from trocar.sim.photograph import Photographer
 from trocar.sim.sensor_flaws import SensorFlaws
 from trocar.sim.session import Session, draw_session, record_motion
+from trocar.sutures.plan_file import PlannedSutures
 from trocar.tasks import TASKS, CircleSutures, PegTransfer
 from trocar.trials.log import TrialLog
 from trocar.trials.pictures import MOMENTS
@@ -39,8 +40,8 @@ PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headles
 _SESSION, _CALIBRATION, _NEXT_SESSION, _REFIT, _TRIALS = range(5)
 """Streams of randomness under a run's seed: changing one leaves the others alone."""
 
-OPTIONS = ("preset", "direction", "sutures")
-"""Options of a plan that not every task has."""
+OPTIONS = {"preset": "--preset", "direction": "--direction", "sutures": "--sutures", "planned": "--plan"}
+"""Options of a plan that not every task has, and how they are given."""
 
 Task = PegTransfer | CircleSutures
 Listener = Callable[[Mapping[str, object]], None]
@@ -63,6 +64,7 @@ class Plan:
         preset: setup of the task suture; None for tasks without presets.
         direction: of all its sutures.
         sutures: how many a trial.
+        planned: sutures of a plan of its own, in place of a preset's.
     """
 
     task: str = "peg-transfer"
@@ -77,6 +79,7 @@ class Plan:
     preset: str | None = None
     direction: str | None = None
     sutures: int | None = None
+    planned: PlannedSutures | None = None
 
     def __post_init__(self) -> None:
         for what, value, choices in (
@@ -95,6 +98,8 @@ class Plan:
             raise TrocarError(f"the number of trials is {self.trials}; give 1 or more with --trials")
         if self.seed < 0:
             raise TrocarError(f"the seed is {self.seed}; give 0 or more with --seed")
+        if self.planned and self.method == "calibrated":
+            _ = built.excitation  # a plan out of reach says so before anything is written
         if self.refit_offsets and self.method != "calibrated":
             raise TrocarError("there is no model to refit with --method uncalibrated; drop --refit-offsets")
 
@@ -107,16 +112,15 @@ class Plan:
         options = {name: getattr(self, name) for name in OPTIONS if getattr(self, name) is not None}
         unknown = [name for name in options if not hasattr(TASKS[self.task], name)]
         if unknown:
-            raise TrocarError(f"task {self.task!r} has no option {unknown[0]!r}; drop --{unknown[0]}")
+            flag = OPTIONS[unknown[0]]
+            raise TrocarError(f"task {self.task!r} has no option {flag.lstrip('-')!r}; drop {flag}")
         return TASKS[self.task](self.variant, **options)
 
     def about(self) -> dict[str, object]:
         """Return what tells this run from others: everything but the number of trials."""
-        return {
-            key: value
-            for key, value in {**asdict(self), "trials": None}.items()
-            if value is not None or key == "trials"
-        }
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values |= {"trials": None, "planned": self.planned.values() if self.planned else None}
+        return {key: value for key, value in values.items() if value is not None or key == "trials"}
 
     def rng(self, *stream: int) -> np.random.Generator:
         """Return the generator of one of the run's streams."""
@@ -136,12 +140,17 @@ def open_folder(plan: Plan, folder: Path) -> list[int]:
         if record.is_file():
             found = {**json.loads(record.read_text()), "trials": None}
             if found != wanted:
-                other = ", ".join(f"{k} {found.get(k)!r}" for k in wanted if found.get(k) != wanted[k])
+                other = ", ".join(_said(key, value) for key, value in found.items() if value != wanted.get(key))
                 raise TrocarError(f"{str(folder)!r} holds another run ({other}); choose another folder with --out")
         record.write_text(json.dumps({**wanted, "trials": plan.trials}))
     except (OSError, json.JSONDecodeError, TypeError) as error:
         raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
     return [k for k in range(plan.trials) if not trial_file(folder, k).is_file()]
+
+
+def _said(key: str, value: object) -> str:
+    """Return what a folder holds under a key in so many words; a whole plan of sutures would fill a page."""
+    return "another plan" if key == "planned" else f"{key} {value!r}"
 
 
 def prepare(plan: Plan, folder: Path) -> tuple[Session, dict[str, CableModel]]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.sutures.joints import SutureJoints, suture_joints
 from trocar.sutures.plan import SuturePlan
+from trocar.sutures.plan_file import setup_values
 from trocar.sutures.reach import circle_out_of_reach, plan_out_of_reach, unreachable_arcs
 from trocar.sutures.rewards import DexterityMap
 from trocar.sutures.setup import DIRECTIONS
@@ -43,6 +44,7 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
         "feasible": plan.feasible,
         "problem": problem,
         "arm": setup.arm.name,
+        "setup": setup_values(setup),
         "margin": reward.margin,
         "weight": reward.weight,
         "scaling": reward.scaling,
