@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from trocar.cli import main
 from trocar.cli.suture_options import changed_setup
 from trocar.cli.suture_search import Search
 from trocar.errors import TrocarError
@@ -46,3 +47,11 @@ def test_the_bound_of_infeasible_plans_is_of_their_worst_infeasible_suture(partl
     plan = Search(12, None, continuous=continuously).plan(partly_out_of_reach, None)[0]
     can = partly_out_of_reach.at(plan.positions_rad).feasible
     assert plan.bound == pytest.approx(plan.rewards[~can].min()) and plan.reward < plan.bound
+
+
+def test_the_bound_that_is_printed_is_said_to_be_of_infeasible_sutures(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["trocar", *"plan suture --circle-radius-mm 90 --count 12".split()])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 1
+    assert "; bound of worst infeasible sutures 0." in " ".join(capsys.readouterr().out.split())
