@@ -50,7 +50,7 @@ def test_the_bound_of_infeasible_plans_is_of_their_worst_infeasible_suture(partl
 
 
 def test_the_bound_that_is_printed_is_said_to_be_of_infeasible_sutures(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["trocar", *"plan suture --circle-radius-mm 90 --count 12".split()])
+    monkeypatch.setattr("sys.argv", ["trocar", "plan", "suture", "--circle-radius-mm", "90", "--count", "12"])
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 1
