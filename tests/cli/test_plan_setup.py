@@ -34,6 +34,20 @@ def test_the_search_is_never_worse_than_the_preset_and_says_that_it_proves_nothi
         assert number["name"].startswith("base_")
 
 
+def test_a_base_is_found_for_an_arm_that_does_not_reach_from_the_presets(trocar):
+    code, out, _ = trocar("plan setup --arm raven2-left --free port --evaluations 500 --json")
+    found = json.loads(out)
+    assert (code, found["start_feasible"], found["feasible"], found["crossing_deg"]) == (0, False, True, [])
+    code, out, _ = trocar(found["command"].removeprefix("trocar ") + " --json")
+    again = json.loads(out)
+    assert (code, again["arm"], again["feasible"]) == (0, "raven2-left", True)
+
+
+def test_the_printed_command_keeps_the_gaps_that_were_asked_for(trocar):
+    line = "plan setup --free center_x_mm --evaluations 96 --least-gap 80 --most-gap 100 --json"
+    assert "--least-gap 80" in json.loads(trocar(line)[1])["command"]
+
+
 def test_the_printed_command_plans_in_the_setup_that_was_found(trocar, tmp_path):
     _, out, _ = trocar(f"plan setup --free circle --free grasp --evaluations 100 --seed 5 --out {tmp_path}/new --json")
     found = json.loads(out)
@@ -100,7 +114,17 @@ def test_a_proven_search_prints_a_bound_that_holds_for_the_circles_tried(trocar)
         ("--bound circle_radius_mm=25", "NAME=LOW:HIGH"),
         ("--free circle --bound base_up_mm=80:90", "not free"),
         ("--free circle --bound circle_radius_mm=30:20", "lower first"),
-        ("--evaluations 3", "at least"),
+        ("--evaluations 3", "is 3; give at least"),
+        ("--bound circle_radius_mm=-5:20", "circle radius is -5 mm"),
+        ("--bound circle_radius_m:30", "NAME=LOW:HIGH"),
+        ("--bound base_up_mm=90:80", "base_up_mm is bounded by 90 and 80"),
+        ("--bound base_tilt_deg=0:nan", "base_tilt_deg is bounded by 0 and nan"),
+        ("--bound center_x_mm=-600:0", "-600 mm"),
+        ("--proven --seed 1", "leave --seed"),
+        ("--proven --arm psm-si", "--arm"),
+        ("--gap 0.1", "add --proven"),
+        ("--arm hand", "raven2-left"),
+        ("--out /dev/null/x", "cannot be made"),
         ("--proven --free base_tilt_deg", "alone"),
         ("--preset paper-demo --free circle", "no holdable grasp"),
         ("--seed -1", "seed -1"),

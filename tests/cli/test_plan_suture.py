@@ -179,6 +179,16 @@ def test_the_json_holds_the_setup_that_was_asked_for(answer):
         ("--exhaustive --fix 90", "--exhaustive"),
         ("--robust --seed -1", "seed -1"),
         ("--demonstrations nowhere", "nowhere"),
+        ("--fix nan", "nan deg; give finite"),
+        ("--forbid nan:3", "nan, 3 deg; give finite"),
+        ("--forbid 10:700", "from 10 to 700 deg"),
+        ("--scenarios 5", "add --robust"),
+        ("--seed 5", "add --robust"),
+        ("--base-azimuth-deg nan", "base azimuth is nan deg"),
+        ("--base-tilt-deg inf", "base tilt is inf deg"),
+        ("--base-spin-deg nan", "base spin is nan deg"),
+        ("--theta-is middle --straight-mm 50", "no middle"),
+        ("--out /dev/null/x", "cannot be made"),
     ],
 )
 def test_bad_input_is_one_sentence_and_code_2(plan, line, words):
@@ -187,6 +197,34 @@ def test_bad_input_is_one_sentence_and_code_2(plan, line, words):
     assert err.startswith("trocar: ")
     assert err.count("\n") == 1
     assert words in err
+
+
+def test_sutures_that_cross_are_reported(answer, plan):
+    assert answer()["crossing_deg"] == []
+    assert answer("--count 6")["crossing_deg"] == [[3, 63]]
+    text = " ".join(plan("--count 6")[1].split())
+    assert "sutures cross in the tissue, seen from above: 3 and 63 deg; ask for wider gaps" in text
+    assert "warning" not in plan()[1]
+
+
+@pytest.mark.parametrize(
+    "line, words",
+    [
+        ("--pushes 0", "turned 70.0 deg, its tip comes out at 104.7 deg"),
+        ("--rotation-deg 10 --pushes 0", "turned 10.0 deg"),
+        ("--straight-mm 50", "no turn brings its tip out"),
+    ],
+)
+def test_a_needle_that_never_comes_out_is_reported_with_its_turns(answer, plan, line, words):
+    assert answer()["needle_comes_out"] is True
+    assert answer(line)["needle_comes_out"] is False
+    assert words in " ".join(plan(line)[1].split())
+
+
+def test_another_arm_out_of_reach_is_told_how_a_base_is_found(plan):
+    code, _, err = plan("--arm raven2-left")
+    assert code == 1
+    assert "`trocar plan setup --arm raven2-left --free port`" in err
 
 
 WITHOUT_EXTRAS = """

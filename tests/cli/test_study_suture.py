@@ -102,6 +102,7 @@ def test_demonstrations_give_the_manipulability_of_both_arms(study):
         ("--seed -1", "seed is -1"),
         ("--positions 90", "multiple of 4"),
         ("--setups 0 --out {file}", "is a file"),
+        ("--setups 0 --out {file}/x", "cannot be made"),
     ],
 )
 def test_bad_input_is_one_sentence_and_code_2(study, tmp_path, line, words):

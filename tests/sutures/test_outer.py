@@ -77,9 +77,9 @@ def test_it_finds_the_best_radius_that_a_fine_scan_finds():
         (lambda: free_bounds(()), "name one or more of center_x_m"),
         (lambda: free_bounds(("circle_radius_m", "circle_radius_m")), "name one or more"),
         (lambda: free_bounds(("radius",)), "no parameter 'radius'"),
-        (lambda: free_bounds(("center_x_m",), {"center_y_m": (0, 1)}), "'center_y_m', which is not free"),
+        (lambda: free_bounds(("center_x_m",), {"center_y_m": (0, 1)}), "'center_y_mm', which is not free"),
         (lambda: free_bounds(("center_x_m",), {"center_x_m": (1, 0)}), "the lower first"),
-        (lambda: outer_search(SETUP, rng=np.random.default_rng(0), evaluations=10), "give at least 96 setups"),
+        (lambda: outer_search(SETUP, rng=np.random.default_rng(0), evaluations=10), "give at least 96"),
         (
             lambda: outer_search(PRESETS["paper-demo"].setup, free=PLACEMENT, rng=np.random.default_rng(0)),
             "out of the plane of flat jaws",

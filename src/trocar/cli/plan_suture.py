@@ -13,6 +13,7 @@ from rich.console import Console
 
 from trocar.cli import suture_options as options
 from trocar.cli.extras import need
+from trocar.cli.out_folder import check_out_folder
 from trocar.cli.suture_options import REWARD, SPACING, metre, option, rad
 from trocar.cli.suture_search import Search
 from trocar.errors import TrocarError
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from trocar.sutures.rewards import DexterityMap
 
 PAPER_PRESET = "paper-demo"
+FILES = ("plan.json", "plan.png", "reasons.png")
 
 
 def suture(
@@ -55,8 +57,10 @@ def suture(
         bool,
         option(REWARD, "Maximise the worst case over balanced errors of wrist joints and circle.", name="--robust"),
     ] = False,
-    scenarios: Annotated[int, option(REWARD, "In how many random errors the robust plan is judged.")] = 100,
-    seed: Annotated[int, option(REWARD, "Of these random errors.")] = 0,
+    scenarios: Annotated[
+        int | None, option(REWARD, "In how many random errors the robust plan is judged; default: 100.")
+    ] = None,
+    seed: Annotated[int | None, option(REWARD, "Of these random errors; default: 0.")] = None,
     margin: options.Margin = None,
     weight: options.Weight = None,
     scaling: options.Scaling = None,
@@ -123,12 +127,14 @@ def suture(
             "theta_is": theta_is,
         },
     )
-    if out is not None and out.exists() and not out.is_dir():
-        raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
+    check_out_folder(out, FILES)
     spacing = options.spacing_of(count, positions, least_gap, most_gap, forbid or (), fix or (), tension)
     if view:
         need("view", "viser")
-    search = Search(count, spacing, exhaustive, continuous, robust, scenarios, seed)
+    if not robust and (scenarios, seed) != (None, None):
+        raise TrocarError("--scenarios and --seed are those of a robust plan; add --robust or leave them out")
+    judged_in = {"scenarios": scenarios, "seed": seed}
+    search = Search(count, spacing, exhaustive, continuous, robust, **options.given(judged_in))
     recorded = options.recorded(demonstrations)
     started = time.perf_counter()
     found = dexterity(
@@ -148,6 +154,8 @@ def suture(
                 f"no plan keeps the limits in each of {stands.scenarios} errors; move the base, turn the grasp or "
                 "leave --robust out"
             )
+    if arm is not None and not plan.feasible and summary["problem"]:
+        summary["problem"] += f"; `trocar plan setup --arm {arm} --free port` searches a base from which it reaches"
     if out is not None:
         summary["files"] = _save(out, found, plan, summary)
     if as_json:
@@ -198,6 +206,7 @@ def _view(found: DexterityMap, plan: SuturePlan) -> None:
 def _print(summary: dict[str, Any]) -> None:
     """Print the plan, what it rests on, and the files."""
     from trocar.report.sutures.tables import plan_table, points_table  # noqa: PLC0415
+    from trocar.report.sutures.tissue import tissue_warnings  # noqa: PLC0415
 
     console = Console()
     console.print(plan_table(summary))
@@ -216,6 +225,8 @@ def _print(summary: dict[str, Any]) -> None:
     console.print(f"manipulability: {summary['manipulability_source']}")
     if "robust" in summary:
         _print_robust(console, summary["robust"], summary["sensitivity"])
+    for warning in tissue_warnings(summary):
+        console.print(warning)
     if not summary["jaws_can_hold_needle"]:
         console.print(
             f"the wire leaves the plane of the jaws by {summary['wire_out_of_jaws_deg']:.0f} deg: "

@@ -18,6 +18,8 @@ from trocar.errors import TrocarError
 from trocar.report.statistics import wilson_interval
 from trocar.sutures import PRESETS
 
+FILES = ("summary.json", "figures.png", "table_1.png", *(f"figure_{number}.png" for number in range(3, 8)))
+
 if TYPE_CHECKING:
     from trocar.sutures.random_setups import SetupStatistics
 
@@ -41,7 +43,7 @@ def suture(
     from trocar.sutures.table_fits import table_fits  # noqa: PLC0415
 
     chosen = options.chosen(PRESETS, preset, "preset")
-    check_out_folder(out, ("summary.json", *(f"figure_{number}.png" for number in range(3, 8))))
+    check_out_folder(out, FILES)
     if seed < 0 or setups < 0:
         what, value = ("seed", seed) if seed < 0 else ("number of setups", setups)
         raise TrocarError(f"the {what} is {value}; give 0 or more")

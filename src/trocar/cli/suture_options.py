@@ -101,9 +101,9 @@ def recorded(demonstrations: str | None) -> Demonstrations | None:
     return synthetic_demonstrations() if demonstrations == "synthetic" else load_demonstrations(demonstrations)
 
 
-def changed_reward(preset: Preset, **given: Any) -> Reward:
+def changed_reward(preset: Preset, **fields: Any) -> Reward:
     """Return the preset's reward with what was given on the command line; None is not given."""
-    return replace(preset.reward, **_given(given))
+    return replace(preset.reward, **given(fields))
 
 
 def changed_setup(
@@ -133,15 +133,15 @@ def changed_setup(
     """
     setup = preset.setup
     changes: dict[str, Any] = {
-        "needle": replace(setup.needle, **_given(needle)),
-        "grasp": replace(setup.grasp, **_given(grasp)),
-        "insertion": replace(setup.insertion, **_given(insertion)),
-        "circle": _circle(setup.circle, center_mm, normal, _given(circle)),
+        "needle": replace(setup.needle, **given(needle)),
+        "grasp": replace(setup.grasp, **given(grasp)),
+        "insertion": replace(setup.insertion, **given(insertion)),
+        "circle": _circle(setup.circle, center_mm, normal, given(circle)),
     }
     if arm is not None:
         changes["arm"] = chosen(ARMS, arm, "arm")
-    if _given(base):
-        changes["T_world_base"] = base_beside(**{**base_numbers(setup.T_world_base), **_given(base)})
+    if given(base):
+        changes["T_world_base"] = base_beside(**{**base_numbers(setup.T_world_base), **given(base)})
     return replace(setup, **changes)
 
 
@@ -221,12 +221,13 @@ def metre(value_mm: float | None) -> float | None:
     return None if value_mm is None else value_mm / 1e3
 
 
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+def given(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what was given on the command line; None is not given."""
     return {name: value for name, value in values.items() if value is not None}
 
 
 def _circle(
-    circle: Circle, center_mm: Sequence[float] | None, normal: Sequence[float] | None, given: Mapping[str, Any]
+    circle: Circle, center_mm: Sequence[float] | None, normal: Sequence[float] | None, changes: Mapping[str, Any]
 ) -> Circle:
     """Return the circle moved to a centre and turned to a normal."""
     T_world_circle = circle.T_world_circle
@@ -237,7 +238,7 @@ def _circle(
         center = np.asarray(center_mm) / 1e3
     if normal is not None:
         attitude = _turned_to(normal)
-    return replace(circle, T_world_circle=SE3.from_parts(attitude, center), **given)
+    return replace(circle, T_world_circle=SE3.from_parts(attitude, center), **changes)
 
 
 def _turned_to(normal: Sequence[float]) -> SO3:

@@ -18,7 +18,7 @@ from scipy.optimize import differential_evolution
 from trocar.errors import TrocarError
 from trocar.sutures.even import plan_even
 from trocar.sutures.joints import suture_joints
-from trocar.sutures.parameters import RANGES, check_names, parameters_of, with_parameters
+from trocar.sutures.parameters import RANGES, check_bounds, check_names, parameters_of, shown, with_parameters
 from trocar.sutures.plan import SuturePlan
 from trocar.sutures.primitive import places, tip_poses
 from trocar.sutures.rewards import DexterityMap, Reward, Scales, dexterity, judged
@@ -110,12 +110,13 @@ def outer_search(
     coarse: int = 72,
     evaluations: int = 3000,
     holdable: bool = True,
+    scales: Scales | None = None,
     progress: Progress | None = None,
 ) -> OuterSearch:
     """Return the best setup found over some of its numbers; never worse than the one it began with.
 
     The jaws stay above the tissue; whether arm or port fit beside the patient is not asked, other than by the bounds.
-    Margin and manipulability are scaled as at the start: scaled anew for each setup, rewards would not compare.
+    Margin and manipulability are scaled alike in all setups: scaled anew for each, rewards would not compare.
 
     Args:
         setup: where to begin; numbers that are not free stay.
@@ -128,14 +129,18 @@ def outer_search(
         coarse: grid of the plans during the search.
         evaluations: about how many setups to look at.
         holdable: whether flat jaws must be able to hold the needle as grasped.
+        scales: of margin and manipulability; default: those of the setup where the search begins.
         progress: called with how many setups were looked at and how many there will be.
     """
     start = dexterity(setup, reward, positions)
+    if scales is not None:
+        start = judged(setup, start.reward, start.joints, scales=scales)
     limits = free_bounds(free, bounds)
-    if positions % coarse or evaluations < 2 * POPULATION:
+    if evaluations < 2 * POPULATION:
+        raise TrocarError(f"the number of setups to look at is {evaluations}; give at least {2 * POPULATION}")
+    if positions % coarse:
         raise TrocarError(
-            f"a search with {evaluations} setups on {coarse} of {positions} positions cannot be made; give at least "
-            f"{2 * POPULATION} setups and a grid that is a multiple of the coarse one"
+            f"a grid of {positions} positions has no every {coarse}th part for the search; give a multiple of {coarse}"
         )
     if holdable and not setup.grasp.holdable and not {"grasp_lean_rad", "grasp_skew_rad"} & set(free):
         raise TrocarError(
@@ -205,9 +210,9 @@ def free_bounds(free: Sequence[str], bounds: Mapping[str, tuple[float, float]] |
     check_names(tuple(free))
     given = dict(bounds or {})
     if strange := [name for name in given if name not in free]:
-        raise TrocarError(f"bounds are given for {strange[0]!r}, which is not free; free it or drop its bounds")
+        name = shown(strange[0])[1]
+        raise TrocarError(f"bounds are given for {name!r}, which is not free; free it or drop its bounds")
     limits = np.array([given.get(name, (RANGES[name].low, RANGES[name].high)) for name in free], dtype=np.float64)
     for name, (low, high) in zip(free, limits, strict=True):
-        if not (np.isfinite([low, high]).all() and low < high):
-            raise TrocarError(f"{name} is bounded by {low:g} and {high:g}; give two finite numbers, the lower first")
+        check_bounds(name, low, high)
     return limits

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.sutures.setup import SutureSetup
+from trocar.sutures.setup import Circle, Needle, NeedleGrasp, SutureSetup, base_beside
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,9 @@ RANGES: dict[str, Range] = {
 
 TURNS = ("base_azimuth_rad", "base_spin_rad", "grasp_approach_rad", "grasp_skew_rad")
 """Those that come round after a whole turn."""
+
+MOST_SHIFT_M = 0.5
+"""Along an axis, of the circle's centre."""
 
 
 def parameters_of(setup: SutureSetup) -> dict[str, float]:
@@ -107,6 +111,42 @@ def check_names(names: Mapping[str, object] | tuple[str, ...]) -> None:
     for name in names:
         if name not in RANGES:
             raise TrocarError(f"a setup has no parameter {name!r}; choose of {', '.join(RANGES)}")
+
+
+def shown(name: str) -> tuple[float, str]:
+    """Return what a number is multiplied by to be shown in mm or deg, and its name then, as on the command line."""
+    stem, _, unit = name.rpartition("_")
+    return (1e3, f"{stem}_mm") if unit == "m" else (math.degrees(1.0), f"{stem}_deg")
+
+
+def check_bounds(name: str, low: float, high: float) -> None:
+    """Raise a sentence unless a number of a setup can be searched between these bounds."""
+    scale, said = shown(name)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise TrocarError(
+            f"{said} is bounded by {scale * low:g} and {scale * high:g}; give two finite numbers, the lower first"
+        )
+    for end in (low, high):
+        _check_value(name, end)
+
+
+def _check_value(name: str, value: float) -> None:
+    """Raise a sentence if no setup has this number."""
+    group, _, field = name.partition("_")
+    part: dict[str, Any] = {field: value}
+    if group == "circle":
+        Circle(**part)
+    elif group == "needle":
+        Needle(**part)
+    elif group == "grasp":
+        NeedleGrasp(**part)
+    elif group == "base":
+        base_beside(**{"azimuth_rad": 0.0, "sideways_m": 0.0, "up_m": 0.0, **part})
+    elif abs(value) > MOST_SHIFT_M:
+        raise TrocarError(
+            f"the shift of the circle's centre is {1e3 * value:g} mm; give {-1e3 * MOST_SHIFT_M:g} to "
+            f"{1e3 * MOST_SHIFT_M:g} mm"
+        )
 
 
 def _facing(rotation: SO3, azimuth_rad: float) -> tuple[float, float, float]:

@@ -91,7 +91,7 @@ class Spacing:
         if not (math.isfinite(self.tension) and self.tension >= 0):
             raise TrocarError(f"the tension weight is {self.tension:g}; give a finite number of at least 0")
         object.__setattr__(self, "forbidden_rad", tuple(_arc(arc) for arc in self.forbidden_rad))
-        fixed = _angles("fixed position", self.fixed_rad) % TURN
+        fixed = _angles("the fixed positions", self.fixed_rad) % TURN
         object.__setattr__(self, "fixed_rad", tuple(sorted(set(fixed.tolist()))))
 
     @staticmethod
@@ -174,18 +174,21 @@ def _angles(what: str, values: Sequence[float]) -> NDArray[np.float64]:
         angles = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         angles = np.array(np.nan)
-    if angles.ndim != 1 or not np.isfinite(angles).all():
-        raise TrocarError(f"the {what}s are {values!r}; give finite angles in rad, as in (0.0, 1.57)")
+    if angles.ndim != 1:
+        raise TrocarError(f"{what} are {values!r}; give finite angles in rad, as in (0.0, 1.57)")
+    if not np.isfinite(angles).all():
+        said = ", ".join(f"{math.degrees(angle):g}" for angle in angles)
+        raise TrocarError(f"{what} are {said} deg; give finite angles")
     return angles
 
 
 def _arc(arc: Sequence[float]) -> tuple[float, float]:
     """Return a forbidden arc with 0 <= from < 2 pi and from < to <= from + 2 pi, or raise a sentence."""
-    angles = _angles("end of a forbidden arc", arc)
+    angles = _angles("the ends of a forbidden arc", arc)
     if angles.shape != (2,):
         raise TrocarError(f"a forbidden arc is {arc!r}; give two angles in rad, from and to, counterclockwise")
     start, length = float(angles[0] % TURN), float((angles[1] - angles[0]) % TURN)
-    if length == 0.0:
+    if length == 0.0 or abs(angles[1] - angles[0]) > TURN:
         raise TrocarError(
             f"a forbidden arc goes from {math.degrees(angles[0]):g} to {math.degrees(angles[1]):g} deg; "
             "its ends must differ by less than a whole turn"

@@ -59,18 +59,35 @@ def steps(setup: SutureSetup) -> tuple[Step, ...]:
 
 def exit_turn_rad(setup: SutureSetup) -> float:
     """Return the needle's turn at which its tip comes out of the tissue's plane; NaN if it never would."""
-    insertion = setup.insertion
-    down = insertion.entry_angle_rad
-    cosine = math.cos(down) - insertion.straight_m * math.sin(down) / setup.needle.radius_m
-    return down + math.acos(cosine) if cosine >= -1.0 else math.nan
+    return setup.insertion.exit_turn_rad(setup.needle.radius_m)
+
+
+def comes_out(setup: SutureSetup) -> bool:
+    """Return whether the needle is turned far enough for its tip to come out of the tissue's plane."""
+    return setup.insertion.turn_rad >= exit_turn_rad(setup) - 1e-9
 
 
 def bite_m(setup: SutureSetup) -> float:
     """Return the distance along the surface from entry to exit; NaN if the tip never comes out."""
-    insertion, turn = setup.insertion, exit_turn_rad(setup)
-    down = insertion.entry_angle_rad
-    arc = setup.needle.radius_m * (math.sin(turn - down) + math.sin(down))
-    return insertion.straight_m * math.cos(down) + arc
+    return _along_m(setup, exit_turn_rad(setup))
+
+
+def tip_end_m(setup: SutureSetup) -> float:
+    """Return how far from its entry, seen from above, the tip comes out, or ends in the tissue if it does not."""
+    return bite_m(setup) if comes_out(setup) else _along_m(setup, setup.insertion.turn_rad)
+
+
+def tip_farthest_m(setup: SutureSetup) -> float:
+    """Return how far from its entry, seen from above, the tip comes on its way through the tissue."""
+    turn = exit_turn_rad(setup) if comes_out(setup) else setup.insertion.turn_rad
+    return _along_m(setup, min(turn, setup.insertion.entry_angle_rad + math.pi / 2))
+
+
+def _along_m(setup: SutureSetup, turn_rad: float) -> float:
+    """Return how far the tip has come along the surface from its entry, after the straight path and this turn."""
+    down = setup.insertion.entry_angle_rad
+    arc = setup.needle.radius_m * (math.sin(turn_rad - down) + math.sin(down))
+    return setup.insertion.straight_m * math.cos(down) + arc
 
 
 def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) -> SE3:

@@ -128,6 +128,16 @@ class Insertion:
         if self.theta_is not in ("entry", "middle"):
             raise TrocarError(f"theta is the {self.theta_is!r} of a suture; choose entry or middle")
 
+    @property
+    def turn_rad(self) -> float:
+        """Return how far the needle is turned in all about its centre."""
+        return self.rotation_rad + self.pushes * self.regrasp_rad
+
+    def exit_turn_rad(self, needle_radius_m: float) -> float:
+        """Return the turn at which a needle's tip comes out of the tissue's plane; NaN if it never would."""
+        cosine = math.cos(self.entry_angle_rad) - self.straight_m * math.sin(self.entry_angle_rad) / needle_radius_m
+        return self.entry_angle_rad + math.acos(cosine) if cosine >= -1.0 else math.nan
+
 
 @dataclass(frozen=True)
 class SutureSetup:
@@ -163,6 +173,13 @@ class SutureSetup:
                 f"{math.degrees(self.needle.arc_rad):.0f} deg; grasp nearer to the tip, regrasp less or take a "
                 "longer needle"
             )
+        insertion = self.insertion
+        if insertion.theta_is == "middle" and math.isnan(insertion.exit_turn_rad(self.needle.radius_m)):
+            raise TrocarError(
+                f"after {1e3 * insertion.straight_m:g} mm straight at {math.degrees(insertion.entry_angle_rad):g} deg "
+                f"a needle of radius {1e3 * self.needle.radius_m:g} mm never comes out: its suture has no middle; "
+                "let theta be the entry, go less far straight or less steeply"
+            )
 
     @property
     def T_base_circle(self) -> SE3:
@@ -184,6 +201,8 @@ def base_beside(
     """
     for name, value, bound in (("sideways", sideways_m, 0.5), ("up", up_m, 0.5)):
         _within(f"base {name}", value, -bound, bound)
+    for name, value in (("azimuth", azimuth_rad), ("tilt", tilt_rad), ("spin", spin_rad)):
+        _within(f"base {name}", value, -2 * math.pi, 2 * math.pi, "rad")
     place = [sideways_m * math.cos(azimuth_rad), sideways_m * math.sin(azimuth_rad), up_m]
     return SE3.from_parts(SO3.axis("z", azimuth_rad) @ SO3.axis("y", tilt_rad) @ SO3.axis("z", spin_rad), place)
 

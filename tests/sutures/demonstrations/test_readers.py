@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC, fk, manipulability
+from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.sutures.demonstrations import load_demonstrations
 from trocar.sutures.demonstrations.synthetic import SECOND_BASE, SETUP, synthetic_suture
@@ -152,6 +153,35 @@ def test_jigsaws_without_bases_says_what_it_assumed_wherever_the_frame_is(tmp_pa
         assert "assumed bases" in demos.source
         found.append(demos.per_arm)
     assert_allclose(*found, rtol=1e-4)  # nothing depends on where the recording's frame is
+
+
+@pytest.mark.parametrize(
+    "scale, said, words",
+    [(1e3, "m", r'slave spread over .* m, .*lengths = "mm"'), (1.0, "mm", r'mm only.*lengths = "m"')],
+)
+def test_jigsaws_in_another_unit_than_said_is_refused_with_the_right_one(tmp_path, sutures, scale, said, words):
+    for name, q in zip("ab", sutures, strict=True):
+        jigsaws_of(tmp_path / f"{name}.txt", q, BASES, digits=9)
+        scaled_places(tmp_path / f"{name}.txt", scale)
+    with pytest.raises(TrocarError, match=words):
+        load_demonstrations(write_set(tmp_path, f'{TWO}lengths = "{said}"\n', ("a.txt", "b.txt")))
+
+
+def test_jigsaws_in_mm_is_read_in_mm(tmp_path, sutures, expected):
+    for name, q in zip("ab", sutures, strict=True):
+        jigsaws_of(tmp_path / f"{name}.txt", q, BASES, digits=9)
+        scaled_places(tmp_path / f"{name}.txt", 1e3)
+    folder = write_set(tmp_path, f'{TWO}lengths = "mm"\n', ("a.txt", "b.txt"))
+    with (folder / "demonstrations.toml").open("a") as file:
+        file.write(bases_toml(BASES))
+    check(folder, expected, rtol=1e-4)
+
+
+def scaled_places(path, scale):
+    text = np.loadtxt(path)
+    for start in (38, 57):
+        text[:, start : start + 3] *= scale
+    np.savetxt(path, text, fmt="%.9f")
 
 
 def test_the_recorded_tips_frame_may_be_another(tmp_path, sutures, expected):

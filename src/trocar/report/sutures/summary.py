@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.report.sutures.tissue import tissue_summary
 from trocar.sutures.joints import SutureJoints, suture_joints
 from trocar.sutures.plan import SuturePlan
 from trocar.sutures.plan_file import setup_values
@@ -58,6 +59,7 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
             {"from": float(np.degrees(arc.from_rad)), "to": float(np.degrees(arc.to_rad)), "reason": arc.reason}
             for arc in arcs
         ],
+        **tissue_summary(setup, plan),
         "jaws_can_hold_needle": setup.grasp.holdable,
         "wire_out_of_jaws_deg": float(np.degrees(setup.grasp.out_of_jaws_rad)),
     }

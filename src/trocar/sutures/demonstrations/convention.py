@@ -34,7 +34,7 @@ class Convention:
     Attributes:
         arms: who was recorded, in the order of the columns; the paper records two.
         angles: unit of the joints that turn, a key of ``ANGLES``.
-        lengths: unit of the joint that slides, a key of ``LENGTHS``.
+        lengths: unit of the joint that slides, or of recorded places; a key of ``LENGTHS``.
         columns: six columns an arm, by number from 0 or by name; None: as the format says.
         state: the column of a parquet file that holds the joint states.
         T_frame_base: pose of each arm's base (remote centre) in the frame of recorded poses, for recordings without

@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.sutures.demonstrations.convention import Convention
+from trocar.sutures.demonstrations.convention import LENGTHS, SLIDE, Convention
 
 COLUMNS = 76
 SLAVES = (38, 57)
 """First column of the slave left, then right: position m (3), rotation row by row (9), velocity (3), angular velocity
 (3, unreliable), gripper (1); the masters come before (``facts/suture.md``)."""
+
+NAMES = ("left", "right")
+
+LEAST_SPREAD_M = 0.3e-3
+"""A suture's poses spread over more than this; metres taken for mm spread over less."""
 
 SKEWED = 0.2
 """A matrix farther than this from the nearest rotation, in the largest entry, is none."""
@@ -27,7 +32,8 @@ def read_jigsaws(path: Path, convention: Convention, episode: int | None = None)
     Printed rotations are rounded; each is replaced by the nearest rotation.
 
     Raises:
-        TrocarError: the file is no such text, or the manifest has not two arms.
+        TrocarError: the file is no such text, its lengths are in another unit than the manifest says, or the manifest
+            has not two arms.
     """
     if len(convention.arms) != len(SLAVES):
         raise TrocarError(
@@ -57,7 +63,27 @@ def read_jigsaws(path: Path, convention: Convention, episode: int | None = None)
             f"{str(path)!r}: the rotation of row {row} is {off.max():.2g} away from any rotation; the columns are not "
             "those of JIGSAWS"
         )
-    return SE3.from_parts(rotations, used[..., :3])
+    places_m = used[..., :3] * LENGTHS[convention.lengths]
+    _check_spread(places_m, convention, path)
+    return SE3.from_parts(rotations, places_m)
+
+
+def _check_spread(places_m: NDArray[np.float64], convention: Convention, path: Path) -> None:
+    """Raise if places (n, 2, 3) of the tips lie farther apart than an arm reaches, or so near that mm must be m."""
+    spread_m = np.linalg.norm(np.ptp(places_m, axis=0), axis=-1)
+    reach_m = 2 * np.array([arm.upper[SLIDE] + arm.tip_length_m for arm in convention.arms])
+    far = int(np.argmax(spread_m - reach_m))
+    if spread_m[far] > reach_m[far]:
+        unit = 'say lengths = "mm" in its manifest' if convention.lengths == "m" else "correct them"
+        raise TrocarError(
+            f"{str(path)!r}: the poses of the {NAMES[far]} slave spread over {spread_m[far]:.3g} m, more than the "
+            f"{reach_m[far]:.2g} m that {convention.arms[far].name} reaches; {unit}"
+        )
+    if convention.lengths == "mm" and spread_m.max() < LEAST_SPREAD_M:
+        raise TrocarError(
+            f"{str(path)!r}: the poses spread over {1e3 * spread_m.max():.2g} mm only, which is no suture: they seem "
+            'to be in m; say lengths = "m" in its manifest'
+        )
 
 
 def nearest_rotations(matrices: NDArray[np.float64]) -> tuple[SO3, NDArray[np.float64]]:
