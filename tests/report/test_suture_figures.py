@@ -3,11 +3,13 @@ from dataclasses import replace
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+from trocar.geometry import SE3
 from trocar.report import style
-from trocar.report.sutures.circle import draw_plan
+from trocar.report.sutures.circle import apart, draw_plan
 from trocar.report.sutures.panels import draw_reasons, draw_study, manipulability
 from trocar.report.sutures.summary import finite, plan_summary
 from trocar.report.sutures.tables import plan_table
@@ -36,6 +38,27 @@ def test_the_circle_shows_in_red_what_is_out_of_reach(tmp_path):
     beyond = drawn(draw_plan(wide, plan_even(wide, 12), tmp_path / "beyond.png"))
     assert not plan_even(wide, 12).feasible
     assert share(beyond, style.VERMILION) > share(reached, style.VERMILION) > 0
+
+
+@pytest.mark.parametrize(("count", "labelled"), [(1, 1), (4, 4), (12, 12), (24, 12), (90, 12)])
+def test_labels_of_many_sutures_are_thinned_but_the_worst_ones_stays(count, labelled):
+    plan = plan_even(dexterity(DEFAULT.setup), count)
+    chosen = apart(plan)
+    assert (len(chosen), len(set(chosen))) == (labelled, labelled)
+    assert np.argmin(plan.rewards) in chosen
+    places = np.sort(plan.positions_rad[chosen])
+    gaps = np.diff(np.append(places, places[0] + 2 * np.pi))
+    assert np.degrees(gaps.min()) > 25
+
+
+def test_the_base_is_told_as_seen_from_the_circles_centre(tmp_path, monkeypatch):
+    at = SE3.from_parts(translation_m=[0.020, -0.030, 0.010])
+    found = dexterity(replace(DEFAULT.setup, circle=replace(DEFAULT.setup.circle, T_world_circle=at)))
+    texts = []
+    monkeypatch.setattr(Axes, "annotate", lambda axes, text, *_, **__: texts.append(text))
+    draw_plan(found, plan_even(found), tmp_path / "plan.png")
+    base = 50 * np.array([np.cos(np.radians(225)), np.sin(np.radians(225))]) - [20, -30]
+    assert f"{np.hypot(*base):.0f} mm beside,\n90 mm above\nthe circle's centre" in "".join(texts)
 
 
 def test_twelve_sutures_without_an_exit_are_drawn_too(tmp_path):

@@ -135,6 +135,7 @@ def test_colours_run_over_both_directions_as_in_the_picture_of_the_plan():
 def test_an_arrow_points_from_entry_to_exit_and_its_number_stands_beside_it(view):
     for i, (theta, direction) in enumerate(zip(view.plan.positions_rad, view.plan.directions, strict=True)):
         start, end = arrow = view._arrow_m(view._planned[i])
+        assert_allclose(end, view._planned[i].exit_m[:2], atol=1e-12)
         assert_allclose(start, view.setup.circle.radius_m * np.array([np.cos(theta), np.sin(theta)]), atol=1e-12)
         assert np.sign(start[0] * end[1] - start[1] * end[0]) == -direction, "clockwise turns to the right"
         label = view.server.scene._handle_from_node_name[f"/circle/label_{i + 1}"]

@@ -16,6 +16,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.sutures.drive import Suture
 from trocar.sutures.plan import SuturePlan
+from trocar.sutures.primitive import tip_end_m
 from trocar.sutures.rewards import DexterityMap
 from trocar.sutures.setup import CLOCKWISE, SutureSetup
 from trocar.view import shapes
@@ -158,10 +159,9 @@ class SutureView:
             self.server.scene.add_label(f"/circle/label_{i + 1}", f"{i + 1}", position=(*beside.tolist(), 1e-3))
 
     def _arrow_m(self, suture: Suture) -> NDArray[np.float64]:
-        """Return where (2, 2) a suture starts and ends; half the circle's radius long if the needle stays inside."""
-        start, end = suture.entry_m, suture.exit_m
+        """Return where (2, 2) a suture starts and where its tip comes out, or ends in the tissue."""
         heading = SO3.axis("z", suture.theta_rad).apply([0.0, -float(suture.direction), 0.0])
-        return np.stack([start, start + 0.5 * self.setup.circle.radius_m * heading if end is None else end])[:, :2]
+        return (suture.entry_m + np.outer([0.0, tip_end_m(self.setup)], heading))[:, :2]
 
     def _draw_arm(self) -> None:
         """Draw remote centre, shaft, wrist, jaws and needle; ``show`` puts them in their places."""

@@ -17,19 +17,22 @@ from trocar.report import style
 from trocar.report.sutures.summary import NAMES
 from trocar.sutures.joints import suture_joints
 from trocar.sutures.plan import SuturePlan
-from trocar.sutures.primitive import bite_m
+from trocar.sutures.primitive import bite_m, comes_out, tip_end_m
 from trocar.sutures.rewards import DexterityMap
 from trocar.sutures.setup import CLOCKWISE, DIRECTIONS, SutureSetup
 
 MESH, BLOCKED = "#F7F5EF", "#D9D9D9"
 RING, GAP = 0.17, 0.03  # width of a ring and what lies between them, of the rings' inner radius
 
+LABEL_RAD = math.radians(25.0)  # so far apart labels do not overlap
+
 
 def draw_plan(map: DexterityMap, plan: SuturePlan, path: Path, title: str = "") -> Path:
     """Draw a plan from above the tissue, in mm, and return the path.
 
     The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise ones;
-    grey hatching marks what the arm cannot reach in that direction. Arrows are the sutures from entry to exit.
+    grey hatching marks what the arm cannot reach in that direction. Arrows are the sutures from entry to
+    exit, or to where the tip ends in the tissue.
 
     Args:
         map: what the sutures are worth.
@@ -39,9 +42,7 @@ def draw_plan(map: DexterityMap, plan: SuturePlan, path: Path, title: str = "") 
     """
     setup = map.setup
     inner = _rings_from(setup)
-    seen = map.values[map.joints.feasible]
-    low = float(min(seen.min(initial=plan.reward), plan.reward))
-    norm = Normalize(low, float(max(seen.max(initial=plan.reward), plan.rewards.max())))
+    norm = Normalize(*map.span(plan.rewards))
     with style.figure(7.4, 6.6, path) as figure:
         axes = figure.add_subplot()
         axes.set_aspect("equal")
@@ -70,14 +71,7 @@ def _title(plan: SuturePlan) -> str:
 
 def _rings_from(setup: SutureSetup) -> float:
     """Return the rings' inner radius, mm: all arrows stay within."""
-    radius, bite = 1e3 * setup.circle.radius_m, 1e3 * _shown_bite_m(setup)
-    return 1.1 * math.hypot(radius, bite)
-
-
-def _shown_bite_m(setup: SutureSetup) -> float:
-    """Return the length of the arrows: the bite, or a quarter of the circle's radius if the needle never comes out."""
-    bite = bite_m(setup)
-    return bite if math.isfinite(bite) else setup.circle.radius_m / 4
+    return 1.1e3 * math.hypot(setup.circle.radius_m, tip_end_m(setup))
 
 
 def _draw_tissue(axes: Axes, setup: SutureSetup) -> None:
@@ -147,7 +141,7 @@ def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
     )
     side = 1 if along[0] > -1e-6 else -1
     axes.annotate(
-        f"the arm's base:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above",
+        f"the arm's base:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above\nthe circle's centre",
         tuple(1.21 * outer * along),
         xytext=(14 * side, 0),
         textcoords="offset points",
@@ -160,10 +154,10 @@ def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
 
 
 def _draw_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan, inner: float, norm: Normalize) -> None:
-    """Draw the sutures as arrows from entry to exit, red-edged if out of reach, and their place in the ring."""
+    """Draw the sutures as arrows to where the tip ends, red-edged if out of reach, and their place in the ring."""
     joints = suture_joints(setup, plan.positions_rad)
-    radius, bite = 1e3 * setup.circle.radius_m, 1e3 * _shown_bite_m(setup)
-    back = bite / 2 if setup.insertion.theta_is == "middle" else 0.0
+    radius, length = 1e3 * setup.circle.radius_m, 1e3 * tip_end_m(setup)
+    back = 1e3 * bite_m(setup) / 2 if setup.insertion.theta_is == "middle" else 0.0
     colours = mpl.colormaps[style.PATHS]
     for i, (theta, direction, reward) in enumerate(zip(plan.positions_rad, plan.directions, plan.rewards, strict=True)):
         feasible = bool(joints.feasible[DIRECTIONS.index(int(direction)), i])
@@ -172,7 +166,7 @@ def _draw_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan, inner: float
         entry = radius * out - back * heading
         arrow = FancyArrowPatch(
             tuple(entry),
-            tuple(entry + bite * heading),
+            tuple(entry + length * heading),
             arrowstyle="simple,head_length=9,head_width=11,tail_width=4",
             shrinkA=0,
             shrinkB=0,
@@ -187,16 +181,26 @@ def _draw_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan, inner: float
         x, y = np.outer(out, [radius, ring])
         axes.plot(x, y, color=style.INK, linewidth=0.7, linestyle=":", zorder=3)
         axes.plot(*(ring * out), "o", color="white", markeredgecolor=style.INK, markersize=6, zorder=5)
-        x, y = 0.70 * radius * out
-        axes.text(
-            x,
-            y,
-            f"{math.degrees(theta):.4g}°\n{reward:.3f}",
-            ha="center",
-            va="center",
-            fontsize=8,
-            color=style.INK,
-            zorder=6,
-        )
+    for i in (labelled := apart(plan)):
+        x, y = 0.70 * radius * np.array([math.cos(plan.positions_rad[i]), math.sin(plan.positions_rad[i])])
+        text = f"{math.degrees(plan.positions_rad[i]):.4g}°\n{plan.rewards[i]:.3f}"
+        axes.text(x, y, text, ha="center", va="center", fontsize=8, color=style.INK, zorder=6)
     order = ", ".join(f"{where} ring {NAMES[d]}" for where, d in zip(("outer", "inner"), DIRECTIONS, strict=True))
-    axes.text(0, 0.02, order, transform=axes.transAxes, color=style.QUIET, fontsize=8)
+    notes = [order]
+    if len(labelled) < len(plan.rewards):
+        notes.append(f"{len(labelled)} of {len(plan.rewards)} sutures labelled, the worst among them")
+    if not comes_out(setup):
+        notes.append("the needle never comes out: arrows end where its tip ends in the tissue")
+    axes.text(0, 0.0, "\n".join(notes), transform=axes.transAxes, color=style.QUIET, fontsize=8, va="bottom")
+
+
+def apart(plan: SuturePlan) -> list[int]:
+    """Return which sutures have room for a label, ``LABEL_RAD`` from one to the next: from the worst one round."""
+    worst = int(np.argmin(plan.rewards))
+    chosen = [worst]
+    turn = 2 * math.pi
+    for i in (np.arange(1, len(plan.rewards)) + worst) % len(plan.rewards):
+        behind, ahead = (plan.positions_rad[[i, worst]] - plan.positions_rad[[chosen[-1], i]]) % turn
+        if min(behind, ahead) > LABEL_RAD:
+            chosen.append(int(i))
+    return chosen
