@@ -202,7 +202,8 @@ def base_beside(
     for name, value, bound in (("sideways", sideways_m, 0.5), ("up", up_m, 0.5)):
         _within(f"base {name}", value, -bound, bound)
     for name, value in (("azimuth", azimuth_rad), ("tilt", tilt_rad), ("spin", spin_rad)):
-        _within(f"base {name}", value, -2 * math.pi, 2 * math.pi, "rad")
+        if not math.isfinite(value):
+            raise TrocarError(f"the base {name} is {math.degrees(value):g} deg; give a finite angle")
     place = [sideways_m * math.cos(azimuth_rad), sideways_m * math.sin(azimuth_rad), up_m]
     return SE3.from_parts(SO3.axis("z", azimuth_rad) @ SO3.axis("y", tilt_rad) @ SO3.axis("z", spin_rad), place)
 
