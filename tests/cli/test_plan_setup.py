@@ -1,26 +1,17 @@
 import json
 import re
-import sys
 
 import numpy as np
 import pytest
 
-from trocar.cli import main
 from trocar.cli.suture_options import changed_setup, written
 from trocar.sutures import PRESETS
 from trocar.sutures.parameters import with_parameters
 
 
 @pytest.fixture
-def trocar(monkeypatch, capsys):
-    def command(line):
-        monkeypatch.setattr(sys, "argv", ["trocar", *line.split()])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out = capsys.readouterr()
-        return stop.value.code or 0, out.out, out.err
-
-    return command
+def trocar(trocar):
+    return lambda line: trocar(*line.split())
 
 
 def test_the_search_is_never_worse_than_the_preset_and_says_that_it_proves_nothing(trocar):

@@ -6,7 +6,6 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from trocar.cli import main
 from trocar.cli.suture_options import base_numbers, changed_setup
 from trocar.sutures import PRESETS, base_beside
 
@@ -14,15 +13,8 @@ NONE = {part: {} for part in ("circle", "base", "needle", "grasp", "insertion")}
 
 
 @pytest.fixture
-def plan(monkeypatch, capsys):
-    def command(line=""):
-        monkeypatch.setattr(sys, "argv", ["trocar", "plan", "suture", *line.split()])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out = capsys.readouterr()
-        return stop.value.code or 0, out.out, out.err
-
-    return command
+def plan(trocar):
+    return lambda line="": trocar("plan", "suture", *line.split())
 
 
 @pytest.fixture

@@ -12,26 +12,11 @@ import pytest
 
 from synthetic import synthetic_trial
 from trocar import trials as trials_package
-from trocar.cli import main
 from trocar.report import load_trials, run_files, summarise
 from trocar.trials import trial_file
 
 SHORT = "import trocar.tasks.peg_transfer as task; task.THERE = ((1, 7),); from trocar.cli import main; main()"
 """The command line with two transfers a trial instead of twelve: peg 1 to 7 and back."""
-
-
-@pytest.fixture
-def trocar(monkeypatch, capsys):
-    """Run a command in this process; return exit code, stdout and stderr."""
-
-    def command(*words):
-        monkeypatch.setattr(sys, "argv", ["trocar", *map(str, words)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out = capsys.readouterr()
-        return stop.value.code or 0, out.out, out.err
-
-    return command
 
 
 @pytest.fixture

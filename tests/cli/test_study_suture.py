@@ -1,22 +1,13 @@
 import json
-import sys
 
 import pytest
 
-from trocar.cli import main
 from trocar.sutures.study import PAPER_TABLE_1, Table1
 
 
 @pytest.fixture
-def study(monkeypatch, capsys):
-    def command(line=""):
-        monkeypatch.setattr(sys, "argv", ["trocar", "study", "suture", *line.split()])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out = capsys.readouterr()
-        return stop.value.code or 0, out.out, out.err
-
-    return command
+def study(trocar):
+    return lambda line="": trocar("study", "suture", *line.split())
 
 
 def test_json_holds_all_rows_beside_the_papers(study):

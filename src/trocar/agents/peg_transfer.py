@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -11,12 +10,12 @@ import numpy as np
 import trio
 from numpy.typing import NDArray
 
-from trocar.arms import MOTION_LIMITS, ArmModel, MotionLimits, fk, ik
-from trocar.calibration.excitation import WAKE_RAD
+from trocar.agents.logged_arm import LoggedArm
+from trocar.arms import MOTION_LIMITS, MotionLimits, fk, ik
 from trocar.cell import Cell, Outcome
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.motion import plan_through, rest_to_rest
+from trocar.motion import plan_through
 from trocar.perception.blocks import find_block
 from trocar.perception.board import find_board
 from trocar.perception.image import RgbdImage
@@ -76,20 +75,19 @@ class Unilateral:
     """One arm, one block after the other."""
 
     def __init__(self, cell: Cell, settings: Settings):
-        if settings.arm not in cell.arms:
-            raise TrocarError(f"arm {settings.arm!r} is not in this cell; choose one of {', '.join(cell.arms)}")
+        self.hand = LoggedArm(cell, settings.arm, settings.limits, settings.settle_s)
         self.cell, self.settings = cell, settings
         self.board, self.block = Pegboard(), Block()
-        self.arm: ArmModel = cell.arms[settings.arm]
+        self.arm = self.hand.model
         self.T_camera_board = cell.T_world_camera.inverse() @ cell.T_world_board
         self.T_base_board = cell.T_world_base[settings.arm].inverse() @ cell.T_world_board
-        self.home = cell.robot.read(settings.arm).q
+        self.home = self.hand.q
         self.blocks: dict[int, SE3] = {}
         """Poses of the blocks in the board's frame, as last seen or placed, by peg."""
 
     async def run(self, transfers: Sequence[tuple[int, int]]) -> None:
         """Do the transfers (source peg, target peg) one after the other, and look once more at the end."""
-        await self._wake()
+        await self.hand.wake()
         await self._find_board()
         for source, target in transfers:
             start_s = trio.current_time()
@@ -114,10 +112,10 @@ class Unilateral:
                 return grasp
             if not await self._go_to(grasp):
                 return Outcome.OUT_OF_REACH
-            await self._jaw(self.settings.jaw_closed)
+            await self.hand.jaw(self.settings.jaw_closed)
             if self._holds():
                 break
-            self.cell.log.event("pick failed", peg=source, attempt=attempt, jaw_rad=round(self._jaw_rad(), 4))
+            self.cell.log.event("pick failed", peg=source, attempt=attempt, jaw_rad=round(self.hand.jaw_rad, 4))
             failed.append(grasp.candidate)
             await self._let_go()
         else:
@@ -127,7 +125,7 @@ class Unilateral:
             return Outcome.OUT_OF_REACH
         if not self._holds():
             return Outcome.DROPPED
-        await self._jaw(self.settings.jaw_open)
+        await self.hand.jaw(self.settings.jaw_open)
         self.blocks[target] = place
         return Outcome.DONE
 
@@ -196,13 +194,13 @@ class Unilateral:
             return False
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self.cell.robot.jaw, self.settings.arm, self.settings.jaw_open)
-            nursery.start_soon(self._move, motion)
-        await self._settle()
+            nursery.start_soon(self.hand.move, motion)
+        await self.hand.settle()
         return True
 
     def _approach(self, grasp: Grasp) -> Trajectory:
         above = self._raised(grasp.T_board_tip, self.settings.clear_height)
-        points = [self._q()]
+        points = [self.hand.q]
         if self._height() < self.settings.clear_height - 1e-3:
             points.append(self._ik(self._raised(self._tip(), self.settings.clear_height)))
         points.append(self._ik(above))
@@ -216,8 +214,8 @@ class Unilateral:
         if planned is None:
             return None
         motion, T_board_placed = planned
-        await self._move(motion)
-        await self._settle()
+        await self.hand.move(motion)
+        await self.hand.settle()
         return T_board_placed
 
     def _transfer_motion(self, T_tip_block: SE3, target: int) -> tuple[Trajectory, SE3] | None:
@@ -237,7 +235,7 @@ class Unilateral:
         if isinstance(place, str):
             self.cell.log.event("no place", peg=target, reason=place)
             return None
-        start = self._q()
+        start = self.hand.q
         height = float(tip.translation_m[2]) + self.settings.lift
         lifted = self._ik(self._raised(tip, height))
         over = self._ik(self._raised(place.T_board_tip, height))
@@ -246,38 +244,26 @@ class Unilateral:
 
     async def _let_go(self) -> None:
         """Open the jaws and rise above the pegs."""
-        await self._jaw(self.settings.jaw_open)
+        await self.hand.jaw(self.settings.jaw_open)
         await self._retreat()
 
     async def _retreat(self) -> None:
         if self._height() < self.settings.clear_height - 1e-3:
             above = self._raised(self._tip(), self.settings.clear_height)
-            await self._move(self._through([self._q(), self._ik(above)]))
+            await self.hand.move(self._through([self.hand.q, self._ik(above)]))
 
     async def _go_home(self) -> None:
         """Rise and leave the camera's view of the board."""
         await self._retreat()
-        await self._move(rest_to_rest(self._q(), self.home, self.settings.limits))
-
-    async def _wake(self) -> None:
-        """Turn the wrist to and fro: afterwards the slack in the cables is known, whatever it was before."""
-        swing = np.array([0.0, 0.0, 0.0, *WAKE_RAD])
-        for q in (self.home + swing, self.home - swing, self.home):
-            await self._move(rest_to_rest(self._q(), q, self.settings.limits))
-
-    def _q(self) -> NDArray[np.float64]:
-        return self.cell.robot.read(self.settings.arm).q
-
-    def _jaw_rad(self) -> float:
-        return self.cell.robot.read(self.settings.arm).jaw_rad
+        await self.hand.go(self.home)
 
     def _holds(self) -> bool:
         """Return whether the jaws' motor stalled on something as thick as a block's wall."""
-        return self.settings.jaw_empty < self._jaw_rad() < self.settings.jaw_open - JAW_SLACK_RAD
+        return self.settings.jaw_empty < self.hand.jaw_rad < self.settings.jaw_open - JAW_SLACK_RAD
 
     def _tip(self) -> SE3:
         """Return ``T_board_tip`` as the joints tell."""
-        return self.T_base_board.inverse() @ fk(self.arm, self._q())
+        return self.T_base_board.inverse() @ fk(self.arm, self.hand.q)
 
     def _height(self) -> float:
         return float(self._tip().translation_m[2])
@@ -299,10 +285,10 @@ class Unilateral:
             return await self.cell.camera.capture()
 
     async def _perceive(self, compute: Callable[[], Result]) -> Result:
-        return await self._compute("perception", self.settings.perception_budget_s, compute)
+        return await self.hand.compute("perception", self.settings.perception_budget_s, compute)
 
     async def _survey(self, compute: Callable[[], Result]) -> Result:
-        return await self._compute("perception", self.settings.survey_budget_s, compute)
+        return await self.hand.compute("perception", self.settings.survey_budget_s, compute)
 
     async def _plan(self, compute: Callable[[], Result]) -> Result | None:
         """Plan a motion; None, with the reason in the log, where a pose or the way to it leaves the joints' ranges."""
@@ -314,25 +300,4 @@ class Unilateral:
                 self.cell.log.event("no motion", reason=str(error))
                 return None
 
-        return await self._compute("planning", self.settings.planning_budget_s, attempt)
-
-    async def _compute(self, name: str, budget_s: float, compute: Callable[[], Result]) -> Result:
-        """Compute while the cell's clock counts the declared budget; the real time is noted beside it."""
-        with self.cell.log.span(self.settings.arm, name):
-            begin = time.perf_counter()
-            result = compute()
-            self.cell.log.compute(name, time.perf_counter() - begin, budget_s)
-            await trio.sleep(budget_s)
-        return result
-
-    async def _move(self, trajectory: Trajectory) -> None:
-        with self.cell.log.span(self.settings.arm, "motion"):
-            await self.cell.robot.move(self.settings.arm, trajectory)
-
-    async def _jaw(self, angle_rad: float) -> None:
-        with self.cell.log.span(self.settings.arm, "jaw"):
-            await self.cell.robot.jaw(self.settings.arm, angle_rad)
-
-    async def _settle(self) -> None:
-        with self.cell.log.span(self.settings.arm, "settling"):
-            await trio.sleep(self.settings.settle_s)
+        return await self.hand.compute("planning", self.settings.planning_budget_s, attempt)

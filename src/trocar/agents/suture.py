@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 import numpy as np
 import trio
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from trocar.agents.logged_arm import LoggedArm
 from trocar.arms import MOTION_LIMITS, MotionLimits
-from trocar.calibration.excitation import WAKE_RAD
 from trocar.cell import Cell, Outcome
 from trocar.errors import TrocarError
-from trocar.motion import rest_to_rest
 from trocar.sutures.drive import Stretch, Suture, drive, ranges
 from trocar.trajectory import Trajectory
-
-Result = TypeVar("Result")
 
 KNOT_S = 0.020
 """Spacing of a motion's knots: two control periods."""
@@ -69,22 +64,21 @@ class CircleSuturing:
     """One arm drives one suture after the other; a person loads the needle before each."""
 
     def __init__(self, cell: Cell, settings: SutureSettings):
-        if settings.arm not in cell.arms:
-            raise TrocarError(f"arm {settings.arm!r} is not in this cell; choose one of {', '.join(cell.arms)}")
+        self.hand = LoggedArm(cell, settings.arm, settings.limits, settings.settle_s)
         if cell.assistant is None:
             raise TrocarError("nobody in this cell loads the needle; give the cell an assistant")
         self.cell, self.settings, self.assistant = cell, settings, cell.assistant
-        self.arm = cell.arms[settings.arm]
-        self.home = cell.robot.read(settings.arm).q
+        self.arm = self.hand.model
+        self.home = self.hand.q
 
     async def run(self, sutures: Sequence[Suture]) -> None:
         """Drive the sutures one after the other; where a joint's limit is hit, stop there and do no more."""
-        await self._wake()
+        await self.hand.wake()
         for number, suture in enumerate(sutures):
             start_s = trio.current_time()
             outcome, reason = await self._suture(number, suture)
             if outcome is not Outcome.JOINT_LIMIT:
-                await self._go_home()
+                await self.hand.go(self.home)
             self.cell.log.event(
                 "suture",
                 suture=number,
@@ -99,8 +93,10 @@ class CircleSuturing:
 
     async def _suture(self, number: int, suture: Suture) -> tuple[Outcome, str]:
         """Load, drive, let go; return how it ended, and a sentence where it went wrong."""
-        stretches = await self._compute("planning", lambda: drive(self._here(suture)))
-        await self._jaw(self.settings.jaw_open)
+        stretches = await self.hand.compute(
+            "planning", self.settings.planning_budget_s, lambda: drive(self._here(suture))
+        )
+        await self.hand.jaw(self.settings.jaw_open)
         with self.cell.log.span(self.settings.arm, "loading"):
             await self.assistant.load(self.settings.arm)
         if not await self._grip():
@@ -108,12 +104,12 @@ class CircleSuturing:
         for stretch in stretches:
             self.cell.log.event("step", suture=number, step=stretch.name)
             if stretch.regrasps or stretch.name == "withdraw":
-                await self._jaw(self.settings.jaw_open)
+                await self.hand.jaw(self.settings.jaw_open)
             reason = await self._follow(number, stretch)
             if reason:
                 return Outcome.JOINT_LIMIT, reason
             if stretch.regrasps and not await self._grip():
-                await self._jaw(self.settings.jaw_open)
+                await self.hand.jaw(self.settings.jaw_open)
                 await self._leave(number, stretches[-2:])
                 return Outcome.NEEDLE_MISSED, f"suture {number + 1}: the jaws closed on nothing after {stretch.name}"
         return Outcome.DONE, ""
@@ -134,10 +130,10 @@ class CircleSuturing:
         speed = self.settings.travel_speed if travels else self.settings.driving_speed
         seconds = stretch.length_m / speed * len(q) / max(1, len(stretch.q))
         try:
-            if len(q) and np.abs(q[0] - self._q()).max() > JOINED:
-                await self._move(rest_to_rest(self._q(), q[0], self.settings.limits))
+            if len(q) and np.abs(q[0] - self.hand.q).max() > JOINED:
+                await self.hand.go(q[0])
             if len(q) > 1:
-                await self._move(along(np.concatenate([self._q()[None], q[1:]]), seconds))
+                await self.hand.move(along(np.concatenate([self.hand.q[None], q[1:]]), seconds))
         except TrocarError as error:
             return f"suture {number + 1}, {stretch.name}: {error}; stopped before it"
         return reason
@@ -162,49 +158,15 @@ class CircleSuturing:
         for stretch in way_out:
             self.cell.log.event("step", suture=number, step=stretch.name)
             if len(stretch.q) > 1:
-                path = np.clip(self._q() + stretch.q - stretch.q[0], self.arm.lower, self.arm.upper)
-                await self._move(along(path, stretch.length_m / self.settings.travel_speed))
+                path = np.clip(self.hand.q + stretch.q - stretch.q[0], self.arm.lower, self.arm.upper)
+                await self.hand.move(along(path, stretch.length_m / self.settings.travel_speed))
 
     async def _grip(self) -> bool:
         """Close the jaws; return whether they stalled on a wire."""
-        await self._settle()
-        await self._jaw(self.settings.jaw_closed)
-        await self._settle()
-        return self.cell.robot.read(self.settings.arm).jaw_rad > self.settings.jaw_empty
-
-    async def _go_home(self) -> None:
-        await self._move(rest_to_rest(self._q(), self.home, self.settings.limits))
-
-    async def _wake(self) -> None:
-        """Turn the wrist to and fro: afterwards the slack in the cables is known, whatever it was before."""
-        swing = np.array([0.0, 0.0, 0.0, *WAKE_RAD])
-        for q in (self.home + swing, self.home - swing, self.home):
-            await self._move(rest_to_rest(self._q(), q, self.settings.limits))
-
-    def _q(self) -> NDArray[np.float64]:
-        return self.cell.robot.read(self.settings.arm).q
-
-    async def _compute(self, name: str, compute: Callable[[], Result]) -> Result:
-        """Compute while the cell's clock counts the declared budget; the real time is noted beside it."""
-        budget_s = self.settings.planning_budget_s
-        with self.cell.log.span(self.settings.arm, name):
-            begin = time.perf_counter()
-            result = compute()
-            self.cell.log.compute(name, time.perf_counter() - begin, budget_s)
-            await trio.sleep(budget_s)
-        return result
-
-    async def _move(self, trajectory: Trajectory) -> None:
-        with self.cell.log.span(self.settings.arm, "motion"):
-            await self.cell.robot.move(self.settings.arm, trajectory)
-
-    async def _jaw(self, angle_rad: float) -> None:
-        with self.cell.log.span(self.settings.arm, "jaw"):
-            await self.cell.robot.jaw(self.settings.arm, angle_rad)
-
-    async def _settle(self) -> None:
-        with self.cell.log.span(self.settings.arm, "settling"):
-            await trio.sleep(self.settings.settle_s)
+        await self.hand.settle()
+        await self.hand.jaw(self.settings.jaw_closed)
+        await self.hand.settle()
+        return self.hand.jaw_rad > self.settings.jaw_empty
 
 
 def along(q: NDArray[np.float64], seconds: float) -> Trajectory:
