@@ -3,11 +3,13 @@
 from trocar.arms.branch import BRANCHES, Branch
 from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
 from trocar.arms.forward import fk, frames
+from trocar.arms.instrument import LARGE_NEEDLE_DRIVER, RAVEN_GRIPPER, Instrument
 from trocar.arms.inverse import Unreachable, ik, ik_branches, ik_floats, ik_unbounded
 from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability, wrist_depth_m
 from trocar.arms.model import ArmModel, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
+from trocar.arms.solids import SOLIDS, capsules
 
 ARMS: dict[str, ArmModel] = {arm.name: arm for arm in (PSM_CLASSIC, PSM_SI, RAVEN2_LEFT, RAVEN2_RIGHT)}
 """Every robot type there is; the tests walk it, so registering is being tested."""
@@ -15,17 +17,22 @@ ARMS: dict[str, ArmModel] = {arm.name: arm for arm in (PSM_CLASSIC, PSM_SI, RAVE
 __all__ = [
     "ARMS",
     "BRANCHES",
+    "LARGE_NEEDLE_DRIVER",
     "MOTION_LIMITS",
     "PSM_CLASSIC",
     "PSM_SI",
     "RAVEN2_LEFT",
     "RAVEN2_RIGHT",
+    "RAVEN_GRIPPER",
+    "SOLIDS",
     "ArmModel",
     "Branch",
+    "Instrument",
     "Joint",
     "MotionLimits",
     "Unreachable",
     "actuators_from_joints",
+    "capsules",
     "fk",
     "frames",
     "ik",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.branch import Branch, SolverConstants
+from trocar.arms.instrument import Instrument
 from trocar.errors import TrocarError
 
 
@@ -106,7 +107,7 @@ class ArmModel:
         wrist_length_m: from the wrist pitch axis to the wrist yaw (jaw) axis, L3 or Lw.
         tip_length_m: from the jaw axis to the controlled point, L4.
         jaw: opening between the fingers.
-        instrument: what sits on the arm.
+        instrument: the solid shapes of what sits on the arm.
         safe_depth_m: least depth of the wrist beyond the remote centre for Cartesian motion.
         coupling: (4, 4) joint from actuator of roll, wrist pitch, wrist yaw, jaw; None where it is unknown.
     """
@@ -119,7 +120,7 @@ class ArmModel:
     wrist_length_m: float
     tip_length_m: float
     jaw: Joint
-    instrument: str
+    instrument: Instrument
     safe_depth_m: float
     coupling: tuple[tuple[float, ...], ...] | None = None
 

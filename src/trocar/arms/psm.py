@@ -7,6 +7,7 @@ from math import pi, radians
 
 import numpy as np
 
+from trocar.arms.instrument import LARGE_NEEDLE_DRIVER
 from trocar.arms.model import ArmModel, Joint, MotionLimits
 
 # Hwang et al. 2022, Fig. 8 and facts/peg_transfer.md, "Kinematics"
@@ -37,7 +38,7 @@ PSM_CLASSIC = ArmModel(
     tip_length_m=L4_M,
     # range: Large Needle Driver; speed: 6 rad/s of the paper's runs; acceleration: as the wrist
     jaw=Joint("jaw", radians(-40), radians(80), max_speed=6.0, max_acceleration=radians(720)),
-    instrument="Large Needle Driver 400006",
+    instrument=LARGE_NEEDLE_DRIVER,
     safe_depth_m=0.045,  # sawIntuitiveResearchKit, SafeDistanceFromRCM (Cartesian control)
     # 8 mm instruments, joint from actuator: roll, wrist pitch, wrist yaw, jaw (facts/peg_transfer.md)
     coupling=(

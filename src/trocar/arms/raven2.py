@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from math import pi, radians
 
+from trocar.arms.instrument import RAVEN_GRIPPER
 from trocar.arms.model import ArmModel, Joint
 
 # facts/debridement.md, "Raven II kinematics". Joint 4's row there has d = -0.47 m, which commutes with the
@@ -33,7 +34,7 @@ RAVEN2_LEFT = ArmModel(
     wrist_length_m=WRIST_LENGTH_M,
     tip_length_m=TIP_LENGTH_M,
     jaw=Joint("jaw", 0.0, radians(120), *_DRIVE),
-    instrument="Raven II gripper",
+    instrument=RAVEN_GRIPPER,
     safe_depth_m=0.045,  # assumed as on the dVRK: no source for Raven
 )
 

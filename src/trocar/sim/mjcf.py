@@ -13,7 +13,7 @@ from trocar.arms import ArmModel, frames
 from trocar.geometry import SE3
 from trocar.scene import Scene, SutureScene
 from trocar.sim.elements import SCENE_BIT, add, placed, text
-from trocar.sim.instrument import Instrument
+from trocar.arms import Instrument
 from trocar.sim.needle import add_phantom
 from trocar.sim.pegboard import add_pegboard
 

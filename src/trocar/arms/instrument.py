@@ -1,0 +1,93 @@
+"""Solid shapes of an instrument: the one place that simulator, grasping, planning and view read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """An instrument with two fingers; shaft, wrist and jaws as solids.
+
+    Its kinematics (``wrist_length_m``, ``tip_length_m``, range of the jaws) are the arm's, which the inverse
+    kinematics needs; here stands what is in the way. Estimated from photographs unless a source is named.
+
+    Attributes:
+        name: what it is sold or known as.
+        shaft_radius_m: of the shaft.
+        shaft_length_m: from the wrist pitch axis back to the drive unit.
+        wrist_radius_m: clevis between the pitch and the yaw axis.
+        knuckle_radius_m: boss of the jaws at the yaw axis.
+        finger_length_m: from the yaw axis to the end of the jaws.
+        finger_base_m: thickness of one finger at the yaw axis.
+        finger_tip_m: thickness of one finger near its end.
+        finger_width_m: width of a finger along the yaw axis.
+        tip_chamfer_m: length over which the outer face of the end is rounded off.
+    """
+
+    name: str
+    shaft_radius_m: float
+    shaft_length_m: float
+    wrist_radius_m: float
+    knuckle_radius_m: float
+    finger_length_m: float
+    finger_base_m: float
+    finger_tip_m: float
+    finger_width_m: float
+    tip_chamfer_m: float
+
+    def finger_m(self, side: int) -> NDArray[np.float64]:
+        """Return the corner points (10, 3) of one finger, closed jaws, in its joint's frame.
+
+        x points to the end of the jaws, y (times ``side``, +1 or -1) out of the closing plane, z along the yaw axis.
+        """
+        length, tip, chamfer = self.finger_length_m, self.finger_tip_m, self.tip_chamfer_m
+        profile = [
+            (0.0, 0.0),
+            (length - 0.3 * chamfer, 0.0),
+            (length, 0.3 * tip),
+            (length - chamfer, tip),
+            (0.0, self.finger_base_m),
+        ]
+        half = 0.5 * self.finger_width_m
+        return np.array([(x, side * y, z) for x, y in profile for z in (-half, half)])
+
+    def finger_thickness_m(self, from_end_m: float) -> float:
+        """Return the thickness of one finger this far back from its end, at the chamfer or behind it."""
+        behind = max(0.0, from_end_m - self.tip_chamfer_m) / (self.finger_length_m - self.tip_chamfer_m)
+        return self.finger_tip_m + behind * (self.finger_base_m - self.finger_tip_m)
+
+    @property
+    def finger_radius_m(self) -> float:
+        """Return the radius of a capsule along a finger that holds all of it."""
+        return float(np.hypot(self.finger_base_m, 0.5 * self.finger_width_m))
+
+
+LARGE_NEEDLE_DRIVER = Instrument(
+    name="da Vinci Large Needle Driver 400006, 8 mm",
+    shaft_radius_m=4.0e-3,  # 8 mm instruments
+    shaft_length_m=0.40,
+    wrist_radius_m=2.8e-3,
+    knuckle_radius_m=2.2e-3,
+    finger_length_m=10.2e-3,  # facts/peg_transfer.md, Kinematics: jaw tip
+    finger_base_m=1.9e-3,
+    finger_tip_m=1.0e-3,
+    finger_width_m=2.4e-3,
+    tip_chamfer_m=1.0e-3,
+)
+
+RAVEN_GRIPPER = Instrument(
+    name="Raven II gripper",
+    shaft_radius_m=4.0e-3,  # facts/debridement.md, Planner: an 8 mm shaft
+    shaft_length_m=0.47,  # facts/debridement.md, Raven II kinematics: d4
+    wrist_radius_m=3.2e-3,
+    knuckle_radius_m=2.8e-3,
+    finger_length_m=20.0e-3,  # facts/debridement.md: the jaws end 20 mm beyond the jaw axis
+    finger_base_m=2.4e-3,
+    finger_tip_m=1.2e-3,
+    finger_width_m=3.6e-3,
+    tip_chamfer_m=1.6e-3,
+)

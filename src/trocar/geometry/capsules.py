@@ -1,0 +1,59 @@
+"""Distances between capsules in closed form: shafts, wrists and fingers are drawn, planned and guarded as these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.geometry.se3 import SE3
+
+PARALLEL = 1e-12
+"""Segments whose directions span less than this (share of their squared lengths) count as parallel."""
+
+
+@dataclass(frozen=True, eq=False)
+class Capsules:
+    """A set of capsules: segments with a radius.
+
+    Attributes:
+        ends_m: (..., k, 2, 3) both ends of each segment; they may coincide (a sphere).
+        radii_m: (k,).
+    """
+
+    ends_m: NDArray[np.float64]
+    radii_m: NDArray[np.float64]
+
+    def moved(self, T: SE3) -> Capsules:
+        """Return the capsules in the frame that ``T`` (...,) leads to."""
+        ends = self.ends_m.reshape(*self.ends_m.shape[:-3], -1, 3)
+        R, t = T.matrix[..., :3, :3], T.matrix[..., :3, 3]
+        moved = ends @ np.swapaxes(R, -1, -2) + t[..., None, :]
+        return Capsules(moved.reshape(*moved.shape[:-2], -1, 2, 3), self.radii_m)
+
+
+def capsule_distances_m(a: Capsules, b: Capsules) -> NDArray[np.float64]:
+    """Return the distances (..., k, m) of all pairs of capsules of two sets; negative where they overlap."""
+    p, q = a.ends_m[..., :, None, :, :], b.ends_m[..., None, :, :, :]
+    between = segment_distances_m(p[..., 0, :], p[..., 1, :], q[..., 0, :], q[..., 1, :])
+    return between - a.radii_m[:, None] - b.radii_m
+
+
+def segment_distances_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> NDArray[np.float64]:
+    """Return the least distance (...,) between the segments p0 p1 and q0 q1, each end (..., 3).
+
+    Ericson, Real-Time Collision Detection, 5.1.9: the nearest points of the two lines, clamped to one segment
+    after the other.
+    """
+    p0, p1, q0, q1 = (np.asarray(x, dtype=np.float64) for x in (p0, p1, q0, q1))
+    u, v, w = p1 - p0, q1 - q0, p0 - q0
+    uu, vv, uv = (np.sum(x * y, -1) for x, y in ((u, u), (v, v), (u, v)))
+    uw, vw = np.sum(u * w, -1), np.sum(v * w, -1)
+    determinant = uu * vv - uv * uv
+    crossing = determinant > PARALLEL * uu * vv
+    s = np.where(crossing, (uv * vw - vv * uw) / np.where(crossing, determinant, 1.0), 0.0)
+    s = np.clip(s, 0.0, 1.0)
+    t = np.clip((uv * s + vw) / np.where(vv > 0, vv, 1.0), 0.0, 1.0)
+    s = np.clip((uv * t - uw) / np.where(uu > 0, uu, 1.0), 0.0, 1.0)
+    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)

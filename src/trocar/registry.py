@@ -1,0 +1,117 @@
+"""Tables of what can be chosen by name: built in, brought by other packages, or by one file of somebody's own."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from trocar.errors import TrocarError
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Lazy:
+    """Something that is imported when it is first asked for: ``package.module:name``."""
+
+    where: str
+
+    def load(self) -> Any:
+        """Return it."""
+        module, _, name = self.where.partition(":")
+        return getattr(import_module(module), name)
+
+
+class Registry(Mapping[str, T], Generic[T]):
+    """Everything of one kind that has a name.
+
+    Names come from three places: the table given here, the entry points of installed packages (group ``group`` in
+    their ``pyproject.toml``), and calls of :meth:`register`, as a file given with ``--plugin`` makes them.
+
+    Args:
+        what: the kind in words, for sentences: ``"planner"``.
+        group: of the entry points.
+        builtin: name to thing, or :class:`Lazy` where importing it is expensive.
+    """
+
+    def __init__(self, what: str, group: str, builtin: Mapping[str, T | Lazy] | None = None):
+        self.what, self.group = what, group
+        self._known: dict[str, Any] = dict(builtin or {})
+
+    @cached_property
+    def _installed(self) -> dict[str, Lazy]:
+        return {point.name: Lazy(point.value) for point in entry_points(group=self.group)}
+
+    def __getitem__(self, name: str) -> T:
+        found = self._known[name] if name in self._known else self._installed[name]
+        if isinstance(found, Lazy):
+            found = self._known[name] = found.load()
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({**self._known, **self._installed})
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known or name in self._installed
+
+    def pick(self, name: str) -> T:
+        """Return what has this name.
+
+        Raises:
+            TrocarError: nothing has; the sentence lists what there is.
+        """
+        if name not in self:
+            raise TrocarError(f"{self.what} {name!r} is unknown; choose one of {', '.join(self)}")
+        return self[name]
+
+    def register(self, name: str, thing: T) -> T:
+        """Add a thing of one's own under a name that is still free, and return it."""
+        if name in self:
+            raise TrocarError(f"{self.what} {name!r} is there already; register yours under another name")
+        self._known[name] = thing
+        return thing
+
+    def forget(self, name: str) -> None:
+        """Remove what was registered by hand under a name (for tests)."""
+        self._known.pop(name)
+
+
+_LOADED: dict[str, str] = {}
+
+
+def load_plugin(path: str | Path) -> str:
+    """Run a Python file that registers things, once, and return the SHA-256 of its text.
+
+    Raises:
+        TrocarError: there is no such file, or it raises an error.
+    """
+    file = Path(path).resolve()
+    if not file.is_file() or file.suffix != ".py":
+        raise TrocarError(f"plugin {str(path)!r} is no Python file; give one that registers what it adds")
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    if _LOADED.get(str(file)) == digest:
+        return digest
+    name = f"trocar_plugin_{file.stem}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None and spec.loader is not None  # it is a .py file
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses and pickle look their module up
+    try:
+        spec.loader.exec_module(module)
+    except TrocarError:
+        raise
+    except Exception as error:
+        raise TrocarError(f"plugin {str(path)!r} cannot be loaded: {type(error).__name__}: {error}") from error
+    _LOADED[str(file)] = digest
+    return digest

@@ -1,0 +1,113 @@
+"""What a trial looked like: solids, where they were at every tick, tool paths, contacts, images. No simulator in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry import SE3
+
+SHAPES = ("box", "sphere", "capsule", "cylinder", "hull")
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """One convex solid on a body.
+
+    Attributes:
+        body: name in ``Replay.T_world_body``.
+        shape: of ``SHAPES``; capsules and cylinders lie along z.
+        size_m: box: three half lengths; sphere: radius; capsule and cylinder: radius, half length; hull: empty.
+        T_body_solid: where it sits on its body.
+        rgba: colour in [0, 1], sRGB.
+        vertices_m: (n, 3) corners of a hull in the solid's frame; else (0, 3).
+    """
+
+    body: str
+    shape: str
+    size_m: tuple[float, ...]
+    T_body_solid: SE3
+    rgba: tuple[float, float, float, float]
+    vertices_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath:
+    """Where the tip of one arm was to be and where it was.
+
+    Attributes:
+        p_world_planned_m: (n, 3) at ``Replay.times_s``, by the script's joints and the registered base.
+        p_world_driven_m: (n, 3) the true tip.
+    """
+
+    p_world_planned_m: NDArray[np.float64]
+    p_world_driven_m: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One touch that the referee noted.
+
+    Attributes:
+        time_s: when it began.
+        end_s: when it ended.
+        between: names of the two that touched.
+        p_world_m: where, at its strongest.
+        force_n: largest force while it lasted.
+    """
+
+    time_s: float
+    end_s: float
+    between: tuple[str, str]
+    p_world_m: tuple[float, float, float]
+    force_n: float
+
+
+@dataclass(frozen=True, eq=False)
+class CameraImage:
+    """One image as it was taken.
+
+    Attributes:
+        time_s: end of the exposure.
+        camera: name.
+        encoded: bytes of a WebP or PNG file.
+    """
+
+    time_s: float
+    camera: str
+    encoded: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """All that is needed to watch a trial again.
+
+    Attributes:
+        title: one line.
+        times_s: (n,) increasing, 100 Hz.
+        solids: everything that is seen.
+        T_world_body: pose of each body: (n,), or () where it never moves.
+        tools: path of each arm's tip, by arm.
+        contacts: in order of time.
+        spans: (arm, name, start_s, end_s) of the scripts.
+        events: dicts with ``name`` and ``time_s``.
+        joints: per arm, (n, 7) arrays ``asked``, ``commanded``, ``measured``, ``true`` (six joints and the jaw) of
+            those that there are.
+        joint_names: per arm, seven names.
+        images: as the cameras took them.
+    """
+
+    title: str
+    times_s: NDArray[np.float64]
+    solids: tuple[Solid, ...]
+    T_world_body: Mapping[str, SE3]
+    tools: Mapping[str, ToolPath] = field(default_factory=dict)
+    contacts: tuple[Contact, ...] = ()
+    spans: tuple[tuple[str, str, float, float], ...] = ()
+    events: tuple[Mapping[str, object], ...] = ()
+    joints: Mapping[str, Mapping[str, NDArray[np.float64]]] = field(default_factory=dict)
+    joint_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    images: tuple[CameraImage, ...] = ()
