@@ -47,14 +47,14 @@ class Registry(Mapping[str, T], Generic[T]):
         self._known: dict[str, Any] = dict(builtin or {})
 
     @cached_property
-    def _installed(self) -> dict[str, Lazy]:
+    def _installed(self) -> dict[str, Any]:
         return {point.name: Lazy(point.value) for point in entry_points(group=self.group)}
 
     def __getitem__(self, name: str) -> T:
-        found = self._known[name] if name in self._known else self._installed[name]
-        if isinstance(found, Lazy):
-            found = self._known[name] = found.load()
-        return found
+        table = self._known if name in self._known else self._installed
+        if isinstance(table[name], Lazy):
+            table[name] = table[name].load()
+        return table[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter({**self._known, **self._installed})
@@ -77,6 +77,8 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def register(self, name: str, thing: T) -> T:
         """Add a thing of one's own under a name that is still free, and return it."""
+        if not (isinstance(name, str) and name):
+            raise TrocarError(f"a {self.what} is registered as {name!r}; give it a name")
         if name in self:
             raise TrocarError(f"{self.what} {name!r} is there already; register yours under another name")
         self._known[name] = thing
@@ -86,6 +88,9 @@ class Registry(Mapping[str, T], Generic[T]):
         """Remove what was registered by hand under a name (for tests)."""
         self._known.pop(name)
 
+
+PLUGIN_MODULE = "trocar_plugin_"
+"""What the module of a file given with ``--plugin`` is called, before the file's own name."""
 
 _LOADED: dict[str, str] = {}
 
@@ -102,16 +107,16 @@ def load_plugin(path: str | Path) -> str:
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     if _LOADED.get(str(file)) == digest:
         return digest
-    name = f"trocar_plugin_{file.stem}"
+    name = f"{PLUGIN_MODULE}{file.stem}"
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None and spec.loader is not None  # it is a .py file
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses and pickle look their module up
     try:
         spec.loader.exec_module(module)
-    except TrocarError:
-        raise
-    except Exception as error:
+    except TrocarError as error:
+        raise TrocarError(f"plugin {str(path)!r}: {error}") from error
+    except (Exception, SystemExit) as error:
         raise TrocarError(f"plugin {str(path)!r} cannot be loaded: {type(error).__name__}: {error}") from error
     _LOADED[str(file)] = digest
     return digest

@@ -8,7 +8,8 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3, skew
+from trocar.geometry import SE3, SO3
+from trocar.geometry.so3 import skew
 
 BATCHES = [(), (1,), (7,), (2, 3)]
 ANGLES = [

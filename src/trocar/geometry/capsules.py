@@ -41,19 +41,28 @@ def capsule_distances_m(a: Capsules, b: Capsules) -> NDArray[np.float64]:
 
 
 def segment_distances_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> NDArray[np.float64]:
-    """Return the least distance (...,) between the segments p0 p1 and q0 q1, each end (..., 3).
+    """Return the least distance (...,) between the segments p0 p1 and q0 q1, each end (..., 3)."""
+    return np.linalg.norm(segment_gaps_m(p0, p1, q0, q1), axis=-1)
+
+
+def segment_gaps_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> NDArray[np.float64]:
+    """Return the shortest vector (..., 3) that leads from the segment q0 q1 to p0 p1, each end (..., 3).
 
     Ericson, Real-Time Collision Detection, 5.1.9: the nearest points of the two lines, clamped to one segment
     after the other.
     """
     p0, p1, q0, q1 = (np.asarray(x, dtype=np.float64) for x in (p0, p1, q0, q1))
     u, v, w = p1 - p0, q1 - q0, p0 - q0
-    uu, vv, uv = (np.sum(x * y, -1) for x, y in ((u, u), (v, v), (u, v)))
-    uw, vw = np.sum(u * w, -1), np.sum(v * w, -1)
+    uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
     determinant = uu * vv - uv * uv
     crossing = determinant > PARALLEL * uu * vv
     s = np.where(crossing, (uv * vw - vv * uw) / np.where(crossing, determinant, 1.0), 0.0)
     s = np.clip(s, 0.0, 1.0)
     t = np.clip((uv * s + vw) / np.where(vv > 0, vv, 1.0), 0.0, 1.0)
     s = np.clip((uv * t - uw) / np.where(uu > 0, uu, 1.0), 0.0, 1.0)
-    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
+    return w + s[..., None] * u - t[..., None] * v
+
+
+def _dot(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return x . y over the last axis; einsum takes half the time of a sum of products."""
+    return np.einsum("...i,...i->...", x, y)

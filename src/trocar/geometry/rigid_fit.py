@@ -12,19 +12,19 @@ from trocar.geometry.se3 import SE3
 from trocar.geometry.so3 import SO3
 
 COLLINEAR_RATIO = 1e-6
-"""Points whose second principal extent is below this part of the first lie on one line."""
+"""Points are collinear if their second principal extent is below this share of the first."""
 RANSAC_DRAWS = 500
-"""Triples tried: with half of the pairs wrong, the chance to miss every clean triple is below 1e-28."""
+"""Random triples tried: with half of the pairs wrong, the chance of missing every clean triple is below 1e-28."""
 
 
 @dataclass(frozen=True, eq=False)
 class RigidFit:
-    """What ``fit_rigid`` found.
+    """Result of ``fit_rigid``.
 
     Attributes:
-        T_target_source: takes source points to target points.
+        T_target_source: pose that takes source points to target points.
         rms_m: root mean square distance of the inliers after the fit (weighted, if weights were given).
-        inliers: (n,) which pairs took part.
+        inliers: (n,) which pairs were used.
     """
 
     T_target_source: SE3
@@ -45,14 +45,23 @@ def fit_rigid(
     Args:
         source_m: (n, 3) points in the source frame.
         target_m: (n, 3) the same points in the target frame, in the same order.
-        weights: (n,) non-negative; default all 1.
-        inlier_distance_m: if given, pairs farther apart than this under the best of many fits to random
-            triples (RANSAC) are left out; default: all take part.
-        rng: draws the triples; needed with ``inlier_distance_m``.
+        weights: (n,) non-negative; default: all 1.
+        inlier_distance_m: leave out pairs that are farther apart than this under the best of many fits to random
+            triples (RANSAC); default: use all pairs.
+        rng: draws the triples; required with ``inlier_distance_m``.
 
     Raises:
-        TrocarError: shapes differ, values are not finite, fewer than three pairs, or the points lie on one
-        line.
+        TrocarError: shapes differ, values are not finite, there are fewer than three pairs, or the points are
+            collinear.
+
+    Example:
+        >>> import numpy as np
+        >>> from trocar.geometry import SE3, SO3, fit_rigid
+        >>> T_robot_camera = SE3.from_parts(SO3.axis("z", np.pi / 2), (0.1, 0.0, 0.3))
+        >>> camera = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]])
+        >>> fit = fit_rigid(camera, T_robot_camera.apply(camera))
+        >>> bool(np.allclose(fit.T_target_source.matrix, T_robot_camera.matrix)), fit.rms_m < 1e-12
+        (True, True)
     """
     source, target = _points(source_m, "source"), _points(target_m, "target")
     if source.shape != target.shape:
@@ -90,7 +99,9 @@ def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
     for points, what in ((from_s, "source"), (from_t, "target")):
         extent = np.linalg.svd(np.sqrt(weight)[:, None] * points, compute_uv=False)
         if extent[1] <= COLLINEAR_RATIO * extent[0]:
-            raise TrocarError(f"the {what} points lie on one line, so the turn about it is free; add points off it")
+            raise TrocarError(
+                f"the {what} points lie on one line, so the rotation about it is unknown; add points off it"
+            )
     u, _, vt = np.linalg.svd(from_t.T @ (weight[:, None] * from_s))
     R = SO3(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
     return SE3.from_parts(R, center_t - R.apply(center_s))
@@ -99,7 +110,7 @@ def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
 def _consensus(
     source: NDArray, target: NDArray, usable: NDArray, distance_m: float, rng: np.random.Generator | None
 ) -> NDArray[np.bool_]:
-    """Return the pairs that agree with the triple that most pairs agree with, refitted till stable."""
+    """Return the largest set of pairs that agree with the fit to a random triple, refitted until it is stable."""
     if rng is None or not distance_m > 0:
         raise TrocarError(f"leaving outliers out needs rng and an inlier distance above 0 m, got {distance_m}")
     index = np.flatnonzero(usable)

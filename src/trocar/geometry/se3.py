@@ -13,10 +13,20 @@ from trocar.geometry.so3 import SO3, exp_coefficients, skew
 
 @dataclass(frozen=True, eq=False)
 class SE3:
-    """Pose(s): ``T_a_b`` is the pose of b in a, ``T_a_c = T_a_b @ T_b_c``; metres.
+    """Pose(s): ``T_a_b`` is the pose of frame b in frame a, and ``T_a_c = T_a_b @ T_b_c``; metres.
 
     Attributes:
         matrix: (..., 4, 4) homogeneous; leading axes are the batch.
+
+    Example:
+        >>> from math import pi
+        >>> from trocar.geometry import SE3, SO3
+        >>> T_world_base = SE3.from_parts(SO3.axis("z", pi / 2), (0.1, 0.0, 0.0))
+        >>> T_base_tip = SE3.from_parts(translation_m=(0.2, 0.0, 0.0))
+        >>> (T_world_base @ T_base_tip).translation_m.round(3).tolist()
+        [0.1, 0.2, 0.0]
+        >>> T_world_base.inverse().apply([0.1, 0.2, 0.0]).round(3).tolist()
+        [0.2, 0.0, 0.0]
     """
 
     matrix: NDArray[np.float64]
@@ -29,12 +39,12 @@ class SE3:
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SE3:
-        """Return the pose of a frame in itself, repeated over ``batch``."""
+        """Return the identity, repeated over ``batch``."""
         return SE3(np.broadcast_to(np.eye(4), (*batch, 4, 4)))
 
     @staticmethod
     def from_parts(rotation: SO3 | None = None, translation_m: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
-        """Return the pose with this rotation (default: none) and translation (..., 3); batches broadcast."""
+        """Return the pose with this rotation (default: identity) and translation (..., 3); batches broadcast."""
         R = (rotation or SO3.identity()).matrix
         p = np.asarray(translation_m, dtype=np.float64)
         if p.shape[-1:] != (3,):
@@ -47,7 +57,7 @@ class SE3:
 
     @staticmethod
     def exp(twist: ArrayLike) -> SE3:
-        """Return the pose reached by the twist(s) (..., 6) = translation m, rotation rad, in unit time."""
+        """Return the pose reached in unit time by the twist(s) (..., 6) = (translation m, rotation rad)."""
         xi = np.asarray(twist, dtype=np.float64)
         if xi.shape[-1:] != (6,):
             raise TrocarError(f"a twist needs shape (..., 6), got {xi.shape}")
@@ -59,7 +69,7 @@ class SE3:
         return SE3.from_parts(SO3.exp(w), np.einsum("...ij,...j->...i", V, v))
 
     def log(self) -> NDArray[np.float64]:
-        """Return the twist(s) (..., 6) = translation m, rotation rad, with ``SE3.exp(T.log()) = T``."""
+        """Return the twist(s) (..., 6) = (translation m, rotation rad) such that ``SE3.exp(T.log()) = T``."""
         w = self.rotation.log()
         angle2 = np.sum(w * w, -1)[..., None, None]
         W = skew(w)
@@ -75,7 +85,7 @@ class SE3:
 
     @property
     def translation_m(self) -> NDArray[np.float64]:
-        """Return the origin(s) of the inner frame (..., 3)."""
+        """Return the translation (..., 3): the origin of frame b in frame a."""
         return self.matrix[..., :3, 3]
 
     def inverse(self) -> SE3:
@@ -84,11 +94,11 @@ class SE3:
         return SE3.from_parts(R_inverse, -R_inverse.apply(self.translation_m))
 
     def apply(self, points_m: ArrayLike) -> NDArray[np.float64]:
-        """Take points (..., 3) from the inner frame to the outer; the batch broadcasts."""
+        """Return points (..., 3), given in frame b, in frame a; the batch broadcasts."""
         return self.rotation.apply(points_m) + self.translation_m
 
     def adjoint(self) -> NDArray[np.float64]:
-        """Return (..., 6, 6) that takes a twist in the inner frame to the outer frame."""
+        """Return the adjoint (..., 6, 6), which takes twists in frame b to frame a."""
         R = self.rotation.matrix
         matrix = np.zeros((*R.shape[:-2], 6, 6))
         matrix[..., :3, :3] = R

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import TrocarError
 
 SMALL_ANGLE_RAD = 1e-4
-"""Below this angle the closed forms divide by a vanishing number; series to order four are exact to 1e-17."""
+"""Below this angle the closed forms divide by almost 0; series to order four are exact to 1e-17 there."""
 
 
 def skew(v: ArrayLike) -> NDArray[np.float64]:
-    """Return the matrix ``[v]x`` with ``[v]x w = v x w``; (..., 3) -> (..., 3, 3)."""
+    """Return the matrix ``[v]x`` such that ``[v]x w = v x w``; (..., 3) -> (..., 3, 3)."""
     v = np.asarray(v, dtype=np.float64)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     o = np.zeros_like(x)
@@ -39,12 +39,12 @@ class SO3:
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SO3:
-        """Return the rotation by nothing, repeated over ``batch``."""
+        """Return the identity, repeated over ``batch``."""
         return SO3(np.broadcast_to(np.eye(3), (*batch, 3, 3)))
 
     @staticmethod
     def exp(rotvec_rad: ArrayLike) -> SO3:
-        """Return the rotation about ``rotvec_rad`` (..., 3) by its length (Rodrigues)."""
+        """Return the rotation about the axis ``rotvec_rad`` (..., 3) by its length (Rodrigues' formula)."""
         w = np.asarray(rotvec_rad, dtype=np.float64)
         if w.shape[-1:] != (3,):
             raise TrocarError(f"a rotation vector needs shape (..., 3), got {w.shape}")
@@ -55,7 +55,7 @@ class SO3:
 
     @staticmethod
     def axis(axis: str, angle_rad: ArrayLike) -> SO3:
-        """Return the rotation about the coordinate axis ``'x'``, ``'y'`` or ``'z'``."""
+        """Return the rotation about the coordinate axis ``'x'``, ``'y'`` or ``'z'`` by ``angle_rad`` (...,)."""
         if axis not in ("x", "y", "z"):
             raise TrocarError(f"axis {axis!r} is not one of 'x', 'y', 'z'")
         rotvec = np.zeros((*np.shape(angle_rad), 3))
@@ -64,7 +64,7 @@ class SO3:
 
     @staticmethod
     def from_quaternion(wxyz: ArrayLike) -> SO3:
-        """Return the rotation of the quaternion(s) ``wxyz`` (..., 4), normalised here."""
+        """Return the rotation of the quaternion(s) ``wxyz`` (..., 4), which need not be normalised."""
         q = np.asarray(wxyz, dtype=np.float64)
         norm = np.linalg.norm(q, axis=-1, keepdims=True)
         if q.shape[-1:] != (4,) or not np.all(norm > 0):
@@ -75,7 +75,9 @@ class SO3:
         return SO3(np.eye(3) + 2 * w * V + 2 * V @ V)
 
     def as_quaternion(self) -> NDArray[np.float64]:
-        """Return the quaternion(s) wxyz (..., 4) with w >= 0 (Shepperd: divides by the largest element)."""
+        """Return the quaternion(s) wxyz (..., 4) with w >= 0 (Shepperd's method)."""
+        # Each row is the quaternion times one of its own elements; normalising the row of the largest element never
+        # divides by a small number.
         m = self.matrix
         trace = np.trace(m, axis1=-2, axis2=-1)
         diagonal = np.diagonal(m, axis1=-2, axis2=-1)
@@ -106,7 +108,7 @@ class SO3:
         return np.einsum("...ij,...j->...i", self.matrix, np.asarray(points, dtype=np.float64))
 
     def angle(self) -> NDArray[np.float64]:
-        """Return how far it turns, (...,) in [0, pi] rad."""
+        """Return the angle of rotation (...,) in [0, pi] rad."""
         return np.linalg.norm(self.log(), axis=-1)
 
     def __matmul__(self, other: SO3) -> SO3:
@@ -117,7 +119,7 @@ class SO3:
 
 
 def exp_coefficients(angle2: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray]:
-    """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 of t^2, exact near zero too."""
+    """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 as functions of t^2, accurate near 0 too."""
     small = angle2 < SMALL_ANGLE_RAD**2
     t2 = np.where(small, 1.0, angle2)
     t = np.sqrt(t2)

@@ -1,0 +1,164 @@
+"""Files that hold a header, arrays and images: one zip, the header readable by itself, nothing in it believed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+
+HEADER = "header.json"
+BLOBS = "files/"
+DATE = (1980, 1, 1, 0, 0, 0)
+"""Of every member: the same content is the same bytes."""
+MAX_HEADER_BYTES = 32 << 20
+MAX_BYTES = 1 << 30
+"""Of all that an archive unpacks to; what claims more is refused before anything is allocated."""
+KINDS = "biuf"
+"""Kinds of numbers that an array may hold."""
+
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError)
+"""What zip, JSON and NumPy raise on files that are damaged or not ours."""
+
+
+@dataclass(frozen=True, eq=False)
+class Archive:
+    """What is in such a file.
+
+    Attributes:
+        header: JSON's values; ``format`` and ``version`` tell what it is.
+        arrays: by name.
+        blobs: bytes of other files in it, such as images, by name.
+    """
+
+    header: dict[str, Any]
+    arrays: Mapping[str, NDArray] = field(default_factory=dict)
+    blobs: Mapping[str, bytes] = field(default_factory=dict)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the file; an interrupted write leaves what was there before, and no draft.
+
+        Raises:
+            TrocarError: it cannot be written.
+        """
+        path = Path(path)
+        draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
+                text = json.dumps(self.header, sort_keys=True, allow_nan=False).encode()
+                file.writestr(_member(HEADER), text)
+                for name, array in sorted(self.arrays.items()):
+                    buffer = BytesIO()
+                    # column by column: what does not change is next to itself, and packs to nothing
+                    np.save(buffer, np.asarray(array, order="F"), allow_pickle=False)
+                    file.writestr(_member(f"{name}.npy"), buffer.getvalue())
+                for name, blob in sorted(self.blobs.items()):
+                    file.writestr(_member(BLOBS + name, zipfile.ZIP_STORED), blob)
+            draft.replace(path)
+        except OSError as error:
+            raise TrocarError(f"cannot write {str(path)!r} ({error.strerror}); choose another folder") from None
+        finally:
+            draft.unlink(missing_ok=True)
+        return path
+
+
+def read_header(path: str | Path, kind: str, version: int) -> dict[str, Any]:
+    """Return an archive's header, without its arrays.
+
+    Raises:
+        TrocarError: there is no such file, or it is none of this kind and version.
+    """
+    with _opened(path, kind) as file:
+        return _header(file, path, kind, version)
+
+
+def read_archive(path: str | Path, kind: str, version: int) -> Archive:
+    """Return all that is in an archive.
+
+    Raises:
+        TrocarError: there is no such file, it is none of this kind and version, or it is damaged.
+    """
+    with _opened(path, kind) as file:
+        header = _header(file, path, kind, version)
+        if sum(member.file_size for member in file.infolist()) > MAX_BYTES:
+            raise TrocarError(f"{str(path)!r} claims to unpack to more than {MAX_BYTES >> 20} MB; it is no {kind}")
+        arrays: dict[str, NDArray] = {}
+        blobs: dict[str, bytes] = {}
+        for member in file.infolist():
+            name = member.filename
+            try:
+                if name.startswith(BLOBS):
+                    blobs[name.removeprefix(BLOBS)] = file.read(member)
+                elif name.endswith(".npy"):
+                    arrays[name.removesuffix(".npy")] = _array(file.read(member))
+            except UNREADABLE:
+                raise TrocarError(f"{str(path)!r} is damaged at {name!r}; make it again") from None
+    return Archive(header, arrays, blobs)
+
+
+class _opened:
+    """An open zip, or a sentence why not."""
+
+    def __init__(self, path: str | Path, kind: str):
+        self._path, self._kind = Path(path), kind
+
+    def __enter__(self) -> zipfile.ZipFile:
+        if not self._path.is_file():
+            raise TrocarError(f"{self._kind} {str(self._path)!r} does not exist; give another")
+        try:
+            self._file = zipfile.ZipFile(self._path)
+        except UNREADABLE:
+            raise TrocarError(
+                f"{str(self._path)!r} is no readable {self._kind}; move it away and make it again"
+            ) from None
+        return self._file
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+
+def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) -> dict[str, Any]:
+    try:
+        if file.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
+            raise ValueError
+        header = json.loads(file.read(HEADER))
+        found = header["format"], header["version"]
+    except (*UNREADABLE, RecursionError):
+        raise TrocarError(f"{str(path)!r} is no readable {kind}; move it away and make it again") from None
+    if found != (kind, version):
+        raise TrocarError(
+            f"{str(path)!r} is a {str(found[0])[:40]!r} of version {str(found[1])[:10]}, not a {kind!r} of version "
+            f"{version}"
+        )
+    return header
+
+
+def _array(data: bytes) -> NDArray:
+    """Return the array in the bytes of an .npy; its header is checked against their number before it is believed."""
+    buffer = BytesIO(data)
+    version = np.lib.format.read_magic(buffer)
+    if version != (1, 0):
+        raise ValueError("an .npy of another version")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(buffer)
+    if dtype.kind not in KINDS or math.prod(shape) * dtype.itemsize != len(data) - buffer.tell():
+        raise ValueError("an .npy that is not what it claims")
+    flat = np.frombuffer(data, dtype, offset=buffer.tell())
+    return flat.reshape(shape, order="F" if fortran else "C").copy()
+
+
+def _member(name: str, compression: int = zipfile.ZIP_DEFLATED) -> zipfile.ZipInfo:
+    info = zipfile.ZipInfo(name, DATE)
+    info.compress_type = compression
+    info.external_attr = 0o644 << 16
+    return info
