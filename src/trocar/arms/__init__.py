@@ -10,9 +10,12 @@ from trocar.arms.model import ArmModel, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
 from trocar.arms.solids import SOLIDS, capsules
+from trocar.registry import Registry
 
-ARMS: dict[str, ArmModel] = {arm.name: arm for arm in (PSM_CLASSIC, PSM_SI, RAVEN2_LEFT, RAVEN2_RIGHT)}
-"""Every robot type there is; the tests walk it, so registering is being tested."""
+ARMS: Registry[ArmModel] = Registry(
+    "arm", "trocar.arms", {arm.name: arm for arm in (PSM_CLASSIC, PSM_SI, RAVEN2_LEFT, RAVEN2_RIGHT)}
+)
+"""All robot types by name; tests run over it, so every registered type is tested."""
 
 __all__ = [
     "ARMS",

@@ -1,4 +1,4 @@
-"""Actuators and joints of an instrument: cables over shared pulleys couple them."""
+"""Actuator and joint angles of an instrument, which cables over shared pulleys couple."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def actuators_from_joints(arm: ArmModel, joints_rad: ArrayLike) -> NDArray[np.fl
 
 def _matrix(arm: ArmModel) -> NDArray[np.float64]:
     if arm.coupling is None:
-        raise TrocarError(f"arm '{arm.name}' has no actuator coupling on record; set ArmModel.coupling")
+        raise TrocarError(f"arm '{arm.name}' has no actuator coupling; set ArmModel.coupling")
     return np.array(arm.coupling)
 
 

@@ -7,10 +7,10 @@ from math import cos, pi, sin
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.model import ArmModel
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3
 
 
 def fk(arm: ArmModel, q: ArrayLike) -> SE3:
@@ -18,6 +18,12 @@ def fk(arm: ArmModel, q: ArrayLike) -> SE3:
 
     Raises:
         TrocarError: ``q`` has another shape or is not finite.
+
+    Example:
+        >>> from trocar.arms import PSM_CLASSIC, fk
+        >>> T_base_tip = fk(PSM_CLASSIC, [0.1, 0.2, 0.15, 0.5, 0.3, -0.2])
+        >>> (1e3 * T_base_tip.translation_m).round(1).tolist()
+        [10.6, -34.0, -147.9]
     """
     q = arm.configurations(q)
     if q.ndim == 1:
@@ -29,25 +35,35 @@ def fk(arm: ArmModel, q: ArrayLike) -> SE3:
 
 
 def frames(arm: ArmModel, q: ArrayLike) -> SE3:
-    """Return the poses in the base of frames 0 (base), 1..6 (modified DH) and 7 (tip): batch (..., 8).
+    """Return the poses, in the base, of frames 0 (base), 1..6 (modified DH) and 7 (tip): batch (..., 8).
 
     Raises:
         TrocarError: ``q`` has another shape or is not finite.
     """
-    q = arm.configurations(q)
-    poses = [np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))]
-    wrist = arm.wrist_sign * pi / 2
-    rows = zip((*arm.twists_rad, 0.0, wrist, wrist), (0.0,) * 5 + (arm.wrist_length_m,), arm.offsets, strict=True)
-    for i, (alpha, a, offset) in enumerate(rows):
-        value = q[..., i] + offset
-        slides = arm.joints[i].prismatic
-        theta = np.zeros_like(value) if slides else value - (pi / 2 if i >= 4 else 0.0)
-        step = SE3.from_parts(SO3.axis("x", alpha), (a, 0.0, 0.0)) @ SE3.from_parts(
-            SO3.axis("z", theta), np.stack([0 * value, 0 * value, value if slides else 0 * value], -1)
-        )
-        poses.append(poses[-1] @ step.matrix)
+    steps = _steps(arm, arm.configurations(q))
+    poses = [np.broadcast_to(np.eye(4), steps.shape[:-3] + (4, 4))]
+    for i in range(len(arm.joints)):
+        poses.append(poses[-1] @ steps[..., i, :, :])
     tip = np.array([[-1.0, 0, 0, 0], [0, 0, -1, arm.tip_length_m], [0, -1, 0, 0], [0, 0, 0, 1]])
     return SE3(np.stack([*poses, poses[-1] @ tip], -3))
+
+
+def _steps(arm: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the pose of each frame in the one before it (..., 6, 4, 4): modified DH, all joints at once."""
+    wrist = arm.wrist_sign * pi / 2
+    slides = np.array([joint.prismatic for joint in arm.joints])
+    alpha = np.array((*arm.twists_rad, 0.0, wrist, wrist))
+    value = q + np.array(arm.offsets)
+    theta = np.where(slides, 0.0, value - np.array([0, 0, 0, 0, pi / 2, pi / 2]))
+    d = np.where(slides, value, 0.0)
+    (ca, sa), (ct, st) = (np.cos(alpha), np.sin(alpha)), (np.cos(theta), np.sin(theta))
+    steps = np.zeros((*q.shape, 4, 4))
+    steps[..., 0, 0], steps[..., 0, 1] = ct, -st
+    steps[..., 1, 0], steps[..., 1, 1], steps[..., 1, 2], steps[..., 1, 3] = ca * st, ca * ct, -sa, -sa * d
+    steps[..., 2, 0], steps[..., 2, 1], steps[..., 2, 2], steps[..., 2, 3] = sa * st, sa * ct, ca, ca * d
+    steps[..., 5, 0, 3] = arm.wrist_length_m
+    steps[..., 3, 3] = 1.0
+    return steps
 
 
 def _tip(arm: ArmModel, q: Any, cos: Callable[[Any], Any], sin: Callable[[Any], Any]) -> tuple[Any, ...]:

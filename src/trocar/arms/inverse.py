@@ -1,12 +1,12 @@
 """Closed-form inverse kinematics of every spherical remote-centre arm.
 
-Seen from the tip, the remote centre is a point that wrist yaw, wrist pitch and insertion alone place
-(Pieper's method with the end effector as base; Hwang et al. 2022, IV-C). What is left, ``Rx Rz(t1) Rx Rz(t2)
-Rx Rz(t4)``, is an Euler decomposition about axes that need not be orthogonal, so that it can be infeasible (a
-cone condition). Each arm has up to 2 x 2 x 2 branches, told apart by the signs of cos q6, cos q5 and sin t2.
+Seen from the tip, the position of the remote centre depends on wrist yaw, wrist pitch and insertion only (Pieper's
+method with the end effector as base; Hwang et al. 2022, IV-C). What remains, ``Rx Rz(t1) Rx Rz(t2) Rx Rz(t4)``, is an
+Euler decomposition about axes that need not be orthogonal, so it may have no solution (a cone condition). Each arm has
+up to 2 x 2 x 2 branches, distinguished by the signs of cos q6, cos q5 and sin t2.
 
-The formulas printed in the paper are wrong twice: the remote centre in the tip frame is ``-R^T t``, not
-``R^T t``, and ``R_3^z = (R_3^b)^T R^T``, not ``R_3^b R^T``; ``tests/arms/test_inverse.py`` shows it.
+The formulas printed in the paper are wrong in two places: the remote centre in the tip frame is ``-R^T t``, not
+``R^T t``, and ``R_3^z = (R_3^b)^T R^T``, not ``R_3^b R^T``; ``tests/arms/test_inverse.py`` shows both.
 """
 
 from __future__ import annotations
@@ -21,17 +21,16 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms.branch import BRANCHES, SolverConstants
 from trocar.arms.model import ArmModel
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, TURN
 
-TAU = 2 * math.pi
 LIMIT_TOLERANCE = 1e-9
-"""Joint values this far outside their range (rad or m) count as rounding and are put back on the limit."""
+"""Joint values this far outside their range (rad or m) are rounding errors and are clipped to the limit."""
 CONE_TOLERANCE = 1e-12
-"""A cosine this far beyond 1 counts as rounding."""
+"""A cosine this far beyond 1 is a rounding error."""
 CHUNK = 8192
-"""Poses solved at a time: the intermediate arrays of a chunk stay in the cache."""
+"""Number of poses solved at a time, so that the intermediate arrays stay in the cache."""
 SMALL_CHUNK = 2048
-"""The same for some thousand poses: so small, memory is kept between calls, not handed back and fetched anew."""
+"""The same for a few thousand poses: arrays this small are reused by the allocator, not returned to the system."""
 
 
 class Unreachable(TrocarError):
@@ -39,16 +38,23 @@ class Unreachable(TrocarError):
 
 
 def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the configuration(s) (..., 6) within the limits whose tip lies at ``T_base_tip``.
+    """Return the configuration(s) (..., 6) within the limits whose tip is at ``T_base_tip``.
 
-    Of several, the one nearest to ``reference`` (..., 6) is taken: the joints count alike, in rad and m. The
-    default reference is the middle of the ranges. With the wrist or the jaw axis on the remote centre (within
-    rounding) a wrist joint is free, and no solution is found or one of many.
+    Of several solutions, the one nearest to ``reference`` (..., 6) is returned; all joints have equal weight, in rad
+    and m. The default reference is the middle of the ranges. If the wrist or the jaw axis lies on the remote centre
+    (within rounding), a wrist joint is free, and either one of many solutions is found or none.
 
     Raises:
-        Unreachable: a pose has no solution within the limits; says which joint is how far outside, on the
-            branch that violates least.
+        Unreachable: a pose has no solution within the limits; names the joint and by how much it is outside, on the
+            branch with the smallest violation.
         TrocarError: a pose or the reference is not finite, or the reference has the wrong shape.
+
+    Example:
+        >>> import numpy as np
+        >>> from trocar.arms import PSM_CLASSIC, fk, ik
+        >>> q = np.array([0.1, 0.2, 0.15, 0.5, 0.3, -0.2])
+        >>> bool(np.allclose(ik(PSM_CLASSIC, fk(PSM_CLASSIC, q), reference=q), q))
+        True
     """
     matrix = T_base_tip.matrix
     if matrix.ndim == 2 and (one := _six_floats(arm, reference)):
@@ -71,7 +77,8 @@ def ik_floats(arm: ArmModel, matrix: list[list[float]], reference: ArrayLike | N
     """Return ``ik`` of one pose as floats, from the four rows of its matrix.
 
     Raises:
-        Unreachable, TrocarError: as ``ik``.
+        Unreachable: as ``ik``.
+        TrocarError: as ``ik``.
     """
     near = _six_floats(arm, reference)
     if near is None:
@@ -89,7 +96,7 @@ def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) 
             target = near[i]
             ahead = (low if target < low else high if target > high else target) - q[i]
             if ahead > math.pi or ahead < -math.pi:
-                q[i] += TAU * round(ahead / TAU)
+                q[i] += TURN * round(ahead / TURN)
         (a1, b1), (a2, b2), (a3, b3), (a4, b4), (a5, b5), (a6, b6) = arm.ranges
         q1, q2, q3, q4, q5, q6, _ = q
         if (
@@ -107,7 +114,8 @@ def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) 
 def ik_unbounded(arm: ArmModel, T_base_tip: SE3) -> NDArray[np.float64]:
     """Return the configurations (..., 6) on the arm's own branch, within the limits or not; NaN where none is real.
 
-    Yaw and roll are turned towards the middle of their ranges. What a planner needs that asks how far outside it is.
+    Yaw and roll are in the turn nearest to the middle of their ranges. Planners use this to tell how far a pose is out
+    of reach.
     """
     matrix = T_base_tip.matrix
     poses = matrix.reshape(-1, 16)
@@ -118,10 +126,10 @@ def ik_unbounded(arm: ArmModel, T_base_tip: SE3) -> NDArray[np.float64]:
 
 
 def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return every solution, in or out of the limits: q (..., 8, 6), and which of them are real (..., 8).
+    """Return all solutions, within the limits or not: q (..., 8, 6), and which of them are real (..., 8).
 
-    The order is that of ``BRANCHES``. Angles lie within half a turn of the middle of their range. Branches
-    that are not real hold values at the edge of the cone, or NaN with the wrist exactly on the remote centre.
+    The order is that of ``BRANCHES``. Angles lie within half a turn of the middle of their range. Branches that are not
+    real hold values at the edge of the cone, or NaN if the wrist lies exactly on the remote centre.
     """
     matrix = T_base_tip.matrix
     m = np.moveaxis(matrix, (-2, -1), (0, 1))
@@ -132,27 +140,27 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
             *joints, cosine = closed_form(m, _ClippedArrays, arm.constants(branch, arm.offsets))
             q[..., b, :] = np.stack(joints, -1)
             real[..., b] = np.abs(cosine) <= 1 + CONE_TOLERANCE
-    q -= arm.turns * np.rint((q - arm.middle) / TAU)
+    q -= arm.turns * np.rint((q - arm.middle) / TURN)
     return q, real & np.isfinite(q).all(-1)
 
 
 def _six_floats(arm: ArmModel, reference: ArrayLike | None) -> Sequence[float] | None:
-    """Return one reference as floats, the middle of the ranges by default; None if it is not six finite numbers."""
+    """Return a reference as six floats (default: middle of the ranges); None if it is not six finite numbers."""
     if reference is None:
         return arm.middle_floats
     near: Any = reference.tolist() if isinstance(reference, np.ndarray) else reference
     try:
         return near if len(near) == 6 and math.isfinite(sum(near)) else None
-    except TypeError:  # not a sequence of numbers: a batch, or something else
+    except TypeError:  # not a sequence of numbers, but a batch or something else
         return None
 
 
 def _solve_chunks(
     arm: ArmModel, poses: NDArray, near: NDArray | None, q: NDArray, good: NDArray, chunk: int = CHUNK
 ) -> None:
-    """Fill ``q`` (n, 6) from ``poses`` (n, 16) by the one branch within limits, and ``good`` (n,): where it is.
+    """Fill ``q`` (n, 6) with the solutions for ``poses`` (n, 16) on the arm's branch, ``good`` (n,) where in limits.
 
-    The arrays lie one quantity to a row, and the rows of a chunk stay in the cache.
+    Intermediate arrays hold one quantity per row, and the rows of a chunk stay in the cache.
     """
     m, columns = np.empty((4, 4, chunk)), np.empty((6, chunk))
     lower, upper = arm.lower[:, None], arm.upper[:, None]
@@ -164,19 +172,19 @@ def _solve_chunks(
         for i, low, high in arm.turn_targets:
             target = arm.middle_floats[i] if near is None else np.clip(near[part, i], low, high)
             turns = target - joints[i]
-            turns *= 1 / TAU
+            turns *= 1 / TURN
             np.rint(turns, out=turns)
-            turns *= TAU
+            turns *= TURN
             joints[i] += turns
         for i in range(6):
             columns[i, :n] = joints[i]
         inside = columns[:, :n]
-        good[part] = ((inside >= lower) & (inside <= upper)).all(0)  # NaN, outside the cone, is not
+        good[part] = ((inside >= lower) & (inside <= upper)).all(0)  # NaN, outside the cone, compares false
         q[part] = inside.T
 
 
 def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose") -> NDArray[np.float64]:
-    """Return the solution of one pose (16,) within the limits nearest to ``near``, of all branches."""
+    """Return the solution of one pose (16,), on any branch within the limits, that is nearest to ``near``."""
     if not np.isfinite(pose).all():
         raise TrocarError(f"{name} for arm '{arm.name}' holds NaN or infinity; check what it was computed from")
     T = SE3(pose.reshape(4, 4))
@@ -193,7 +201,7 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
             "turn or move the target"
         )
     q = q[real]
-    q = q + arm.turns * np.rint((near - q) / TAU)
+    q = q + arm.turns * np.rint((near - q) / TURN)
     turned = q + arm.turns * ((q < arm.lower) * 1.0 - (q > arm.upper))
     q = np.where(_excess(arm, turned) < _excess(arm, q), turned, q)
     excess = _excess(arm, q)
@@ -217,19 +225,19 @@ def _excess(arm: ArmModel, q: NDArray) -> NDArray[np.float64]:
 
 
 class _Floats:
-    """What ``closed_form`` needs, for floats."""
+    """The functions that ``closed_form`` needs, for floats."""
 
     copysign, sqrt, root, atan2, atan2_right = math.copysign, math.sqrt, math.sqrt, math.atan2, math.atan2
 
 
 class _Arrays:
-    """What ``closed_form`` needs, for arrays; NaN outside the cone."""
+    """The functions that ``closed_form`` needs, for arrays; NaN outside the cone."""
 
     copysign, sqrt, root = np.copysign, np.sqrt, np.sqrt
 
     @staticmethod
     def atan2(y: NDArray, x: NDArray) -> NDArray:
-        """Return ``np.arctan2(y, x)`` by way of ``np.arctan``, which is three times faster."""
+        """Return ``np.arctan2(y, x)``, computed by ``np.arctan``, which is three times faster."""
         return np.copysign(math.pi / 2, y) - np.arctan(x / y)
 
     @staticmethod
@@ -239,26 +247,26 @@ class _Arrays:
 
 
 class _ClippedArrays(_Arrays):
-    """The same; outside the cone its edge is taken."""
+    """The same functions, with results at the edge of the cone outside it."""
 
     @staticmethod
     def root(x: NDArray) -> NDArray:
-        """Return the square root, 0 of negative numbers."""
+        """Return the square root, or 0 for negative numbers."""
         return np.sqrt(np.maximum(x, 0.0))
 
 
 def closed_form(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
-    """Return q1..q6 of one branch, whole turns still free, and cos t2, which is beyond 1 outside the cone.
+    """Return q1..q6 of one branch, up to whole turns, and cos t2, which exceeds 1 outside the cone.
 
     Args:
-        m: the rows of ``T_base_tip``, four (the last is not read); of floats, of arrays, or of intervals.
-        xp: ``_Floats``, ``_Arrays`` or what does for intervals as they do.
-        constants: of the arm and the branch.
+        m: the four rows of ``T_base_tip`` (the last is not read), of floats, arrays or intervals.
+        xp: ``_Floats``, ``_Arrays`` or a counterpart for intervals.
+        constants: constants of the arm and the branch.
     """
     (r00, r01, r02, px), (r10, r11, r12, py), (r20, r21, r22, pz), _ = m
     (u6, u5, u2), w, link, tip, c0, s0, c1c2, s1s2, s1c2, c1s2, u_s1, u_s2, (o1, o2, o3, o4, o5, o6) = constants
     sqrt, atan2, atan2_right, copysign = xp.sqrt, xp.atan2, xp.atan2_right, xp.copysign
-    # turn the base by the first twist: axis 1 is z from here on
+    # rotate the base by the first twist, so that axis 1 is z
     if c0 == 0.0:
         r10, r20, r11, r21 = s0 * r20, -s0 * r10, s0 * r21, -s0 * r11
         r12, r22, py, pz = s0 * r22, -s0 * r12, s0 * pz, -s0 * py
@@ -284,14 +292,14 @@ def closed_form(m: Any, xp: Any, constants: SolverConstants) -> list[Any]:
     wu = w * u5
     depth = copysign(sqrt(axial * axial + cy * cy), axial if wu > 0 else -axial)
     n5, k5 = cy / depth, axial / depth  # sin q5, w cos q5
-    # axis 1 in the tip's frame, then in frame 4: (a4, b4, k)
+    # axis 1 in the tip's frame, then in frame 4: (a4, b4, k); its part k along the shaft fixes t2
     g = n6 * r20 + k6 * r22
     a4, b4, k = k5 * r21 - n5 * g, n6 * r22 - k6 * r20, k5 * g + n5 * r21
     k2 = (c1c2 - k) / s1s2
     n2 = xp.root(1.0 - k2 * k2)  # sin t2 without its sign
-    # the same axis in frame 3: what differs is the roll
+    # axis 1 in frame 3: it differs from frame 4 by the roll alone
     a3, b3 = u_s1 * n2, s1c2 * k2 + c1s2
-    # axis 4 about axis 1: (x, y) is where it is, (x0, -y0) where t1 = 0 puts it
+    # axis 4 seen along axis 1: (x, y) is its direction, (x0, -y0) its direction at t1 = 0; t1 is the angle between
     a, b = k5 * n6, k5 * k6
     x = r00 * a + r01 * n5 + r02 * b
     y = r10 * a + r11 * n5 + r12 * b

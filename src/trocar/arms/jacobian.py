@@ -1,4 +1,4 @@
-"""How the tip moves when the joints do, and how far the arm is from where it cannot."""
+"""Jacobian and manipulability, and the distance from joint limits."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from trocar.arms.model import ArmModel
 
 
 def jacobian(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
-    """Return the geometric Jacobian(s) (..., 6, 6): joint speeds to the tip's velocity in the base frame.
+    """Return the geometric Jacobian(s) (..., 6, 6), from joint velocities to the tip's velocity in the base frame.
 
-    Rows are linear velocity (m/s) of the tip, then angular velocity (rad/s). For the PSM exactly
+    Rows are the tip's linear velocity (m/s), then its angular velocity (rad/s). For the PSM exactly
     ``|det J| = cos q2 * d * (d cos q5 + L3)`` with d = q3 - .0156 (``facts/peg_transfer.md``, Kinematics).
 
     Raises:
@@ -32,12 +32,12 @@ def jacobian(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
 
 
 def manipulability(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
-    """Return Yoshikawa's measure ``|det J|`` (...,), in m^2: zero where the tip loses a direction.
+    """Return Yoshikawa's measure ``|det J|`` (...,) in m^2; it is zero where the tip loses a degree of freedom.
 
-    Three rows are in m/s and three in rad/s, five columns per rad/s and one per m/s, the insertion: together
-    m^3 rad^3 / (rad^5 m), and a radian counts as 1.
+    The unit follows from three rows in m/s and three in rad/s, five columns per rad/s and one (the insertion) per m/s:
+    m^3 rad^3 / (rad^5 m), with rad = 1.
 
-    Seen from the remote centre, the axes of yaw, pitch and roll only turn, so that the determinant falls apart::
+    Yaw, pitch and roll are pure rotations about the remote centre, so the determinant factorises::
 
         |det J| = |sin(twist1) sin(twist2) sin t2| * |d (d cos t5 + L3)|
 
@@ -56,7 +56,7 @@ def manipulability(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
 
 
 def wrist_depth_m(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
-    """Return how far (...,) the wrist's pitch axis lies beyond the remote centre, m; ``safe_depth_m`` bounds it."""
+    """Return the depth (...,) in m of the wrist's pitch axis beyond the remote centre; compare ``safe_depth_m``."""
     return -arm.wrist_sign * (np.asarray(q, dtype=np.float64)[..., 2] + arm.offsets[2])
 
 
@@ -71,7 +71,7 @@ def joint_margins(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
 
 
 def limit_violations(arm: ArmModel, q: ArrayLike) -> list[str]:
-    """Return one sentence per joint that leaves its range in the configuration(s), at its worst; else none.
+    """Return one sentence for each joint that leaves its range, at its worst over the configuration(s).
 
     Raises:
         TrocarError: ``q`` has another shape or is not finite.

@@ -1,4 +1,4 @@
-"""The description of one robot type: joints, geometry, limits, instrument."""
+"""Description of a robot type: joints, geometry, limits, instrument."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms.branch import Branch, SolverConstants
 from trocar.arms.instrument import Instrument
 from trocar.errors import TrocarError
+from trocar.geometry import TURN, shown, shown_scale
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint; limits in rad, or m if prismatic; speed and acceleration per second.
+    """One joint, in rad and s, or m and s if prismatic.
 
     Attributes:
         name: unique within the arm.
-        lower: least position.
-        upper: greatest position.
-        max_speed: greatest speed of the controller's default trajectories.
-        max_acceleration: greatest acceleration of the same.
+        lower: lower position limit.
+        upper: upper position limit.
+        max_speed: maximum speed of the controller's default trajectories.
+        max_acceleration: maximum acceleration of these trajectories.
         prismatic: whether the joint slides.
     """
 
@@ -36,7 +37,9 @@ class Joint:
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
-            raise TrocarError(f"joint '{self.name}' has limits {self.lower} to {self.upper} {self.unit}; lower < upper")
+            raise TrocarError(
+                f"joint '{self.name}' has limits {self.lower} to {self.upper} {self.unit}; give lower < upper"
+            )
         if not (self.max_speed > 0 and self.max_acceleration > 0):
             raise TrocarError(
                 f"joint '{self.name}' has speed {self.max_speed} and acceleration {self.max_acceleration}; "
@@ -45,8 +48,17 @@ class Joint:
 
     @property
     def unit(self) -> str:
-        """Return 'm' for a joint that slides, else 'rad'."""
+        """Return 'm' for a prismatic joint, else 'rad'."""
         return "m" if self.prismatic else "rad"
+
+    @property
+    def shown_scale(self) -> tuple[float, str]:
+        """Return the factor and the unit that show the joint's values to people: mm if it slides, else deg."""
+        return shown_scale(self.unit)
+
+    def shown(self, value: float, spec: str = ".1f") -> str:
+        """Return a value of this joint as text in mm or deg, such as ``'12.3 deg'``."""
+        return shown(value, self.unit, spec)
 
     @property
     def middle(self) -> float:
@@ -56,33 +68,33 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Bounds on joint motion, symmetric about zero.
+    """Limits of joint velocity and acceleration, symmetric about zero.
 
     Attributes:
         velocity: (joints,) rad/s, or m/s for prismatic joints.
         acceleration: (joints,) rad/s^2 or m/s^2.
+        jerk: (joints,) rad/s^3 or m/s^3; None: any. Also asks that the acceleration does not jump.
     """
 
     velocity: NDArray[np.float64]
     acceleration: NDArray[np.float64]
+    jerk: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        velocity = np.asarray(self.velocity, dtype=np.float64)
-        acceleration = np.asarray(self.acceleration, dtype=np.float64)
-        if velocity.ndim != 1 or velocity.shape != acceleration.shape:
-            raise TrocarError(
-                "motion limits need one velocity and one acceleration per joint, "
-                f"got shapes {velocity.shape} and {acceleration.shape}"
-            )
-        if not (np.all(velocity > 0) and np.all(acceleration > 0)):
-            raise TrocarError(f"motion limits must be above 0, got {velocity} and {acceleration}")
-        object.__setattr__(self, "velocity", velocity)
-        object.__setattr__(self, "acceleration", acceleration)
+        given = {"velocity": self.velocity, "acceleration": self.acceleration, "jerk": self.jerk}
+        bounds = {name: np.asarray(value, dtype=np.float64) for name, value in given.items() if value is not None}
+        shapes = {name: value.shape for name, value in bounds.items()}
+        if bounds["velocity"].ndim != 1 or len(set(shapes.values())) > 1:
+            raise TrocarError(f"motion limits need one number per joint of each, got shapes {shapes}")
+        for name, value in bounds.items():
+            if not np.all(value > 0):
+                raise TrocarError(f"motion limits must be above 0, got {name} {value.tolist()}")
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)
 class ArmModel:
-    """A spherical remote-centre arm: yaw, pitch, insertion, roll, wrist pitch, wrist yaw; jaws at the tip.
+    """An arm with a remote centre: yaw, pitch, insertion, roll, wrist pitch, wrist yaw, and jaws at the tip.
 
     Modified DH, ``T_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)`` with joint variable q and offset o::
 
@@ -94,9 +106,9 @@ class ArmModel:
         5    wrist_sign * pi/2   0               0          q5 + o5 - pi/2
         6    wrist_sign * pi/2   wrist_length_m  0          q6 + o6 - pi/2
 
-    The remote centre is the origin of frame 0. The tip lies ``tip_length_m`` along +y of frame 6; its frame
-    has z pointing back along the jaws and y along -z of frame 6 (the jaw axis), so that the PSM's tip is
-    parallel to its base at q = 0 (``facts/peg_transfer.md``, Kinematics).
+    The remote centre is the origin of frame 0. The tip lies ``tip_length_m`` along +y of frame 6. The z axis of its
+    frame points back along the jaws, and y along -z of frame 6 (the jaw axis), so that the PSM's tip is parallel to its
+    base at q = 0 (``facts/peg_transfer.md``, Kinematics).
 
     Attributes:
         name: key in ``ARMS``.
@@ -106,10 +118,10 @@ class ArmModel:
         wrist_sign: +1 or -1, the handedness of the wrist; the tool points along -wrist_sign * z of frame 4.
         wrist_length_m: from the wrist pitch axis to the wrist yaw (jaw) axis, L3 or Lw.
         tip_length_m: from the jaw axis to the controlled point, L4.
-        jaw: opening between the fingers.
+        jaw: the opening of the jaws, as a joint.
         instrument: the solid shapes of what sits on the arm.
-        safe_depth_m: least depth of the wrist beyond the remote centre for Cartesian motion.
-        coupling: (4, 4) joint from actuator of roll, wrist pitch, wrist yaw, jaw; None where it is unknown.
+        safe_depth_m: minimum depth of the wrist beyond the remote centre for Cartesian motion.
+        coupling: (4, 4) joints from actuators, for roll, wrist pitch, wrist yaw, jaw; None if unknown.
     """
 
     name: str
@@ -158,19 +170,19 @@ class ArmModel:
 
     @cached_property
     def ranges(self) -> tuple[tuple[float, float], ...]:
-        """Return lower and upper limit of every joint, for scalar code."""
+        """Return the lower and upper limit of each joint, for scalar code."""
         return tuple((joint.lower, joint.upper) for joint in self.joints)
 
     @cached_property
     def turns(self) -> NDArray[np.float64]:
-        """Return what can be added to q (6,) without moving the tip: 2 pi for joints that turn, else 0."""
-        return _frozen([0.0 if joint.prismatic else 2 * math.pi for joint in self.joints])
+        """Return the period (6,) of each joint: a whole turn for rotary joints, 0 for prismatic ones."""
+        return _frozen([0.0 if joint.prismatic else TURN for joint in self.joints])
 
     @cached_property
     def turn_targets(self) -> tuple[tuple[int, float, float], ...]:
-        """Return (joint, low, high) of yaw and roll: a reference clipped so, the turn nearest to it is within limits.
+        """Return (joint, low, high) for yaw and roll: the solution is in the turn nearest to a reference so clipped.
 
-        A range of more than one turn leaves a choice of turns; in a smaller one the middle decides.
+        A range of more than one turn leaves a choice of turns; with a smaller range the middle decides.
         """
         targets = []
         for i in (0, 3):
@@ -181,7 +193,7 @@ class ArmModel:
 
     @cached_property
     def branch(self) -> Branch:
-        """Return the branch of the inverse kinematics that holds the middle of the ranges."""
+        """Return the branch of the inverse kinematics that contains the middle of the ranges."""
         q = self.middle
         t2, t5, t6 = q[1] + self.offsets[1], q[4] + self.offsets[4], q[5] + self.offsets[5]
         signs = math.cos(t6), math.cos(t5), math.sin(t2)
@@ -189,26 +201,26 @@ class ArmModel:
 
     @cached_property
     def branch_is_unique(self) -> bool:
-        """Return whether the ranges of pitch and wrist lie within that branch altogether."""
+        """Return whether the ranges of pitch and wrist lie entirely within that branch."""
         q_center = self._branch_center - np.array(self.solver_offsets)
         inside = np.maximum(abs(self.lower - q_center), abs(self.upper - q_center)) <= math.pi / 2 + 1e-9
         return bool(inside[[1, 4, 5]].all())
 
     @cached_property
     def solver_offsets(self) -> tuple[float, ...]:
-        """Return the offsets shifted by whole turns: the branch then lies around the middle of the ranges."""
+        """Return the offsets, shifted by whole turns such that the branch lies round the middle of the ranges."""
         offsets = np.array(self.offsets)
-        pinned = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 1.0]) * 2 * math.pi
-        turns = np.rint((self._branch_center - offsets - self.middle) / (2 * math.pi))
+        pinned = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 1.0]) * TURN
+        turns = np.rint((self._branch_center - offsets - self.middle) / TURN)
         return tuple((offsets + pinned * turns).tolist())
 
     @cached_property
     def solver_constants(self) -> SolverConstants:
-        """Return what solves the inverse kinematics on the arm's own branch."""
+        """Return the constants of the inverse kinematics on the arm's own branch."""
         return self.constants(self.branch, self.solver_offsets)
 
     def constants(self, branch: Branch, offsets: tuple[float, ...]) -> SolverConstants:
-        """Return what solves the inverse kinematics on any branch; ``offsets`` up to whole turns."""
+        """Return the constants of the inverse kinematics on any branch, with offsets known up to whole turns."""
         (c0, s0), (c1, s1), (c2, s2) = self.twist_cosines
         u = branch.pitch
         return SolverConstants(
@@ -240,14 +252,14 @@ class ArmModel:
 
     @cached_property
     def motion_limits(self) -> MotionLimits:
-        """Return the speed and acceleration limits of the joints."""
+        """Return the velocity and acceleration limits of the joints."""
         return MotionLimits(
             np.array([joint.max_speed for joint in self.joints]),
             np.array([joint.max_acceleration for joint in self.joints]),
         )
 
     def with_tip(self, length_m: float) -> ArmModel:
-        """Return this arm controlled ``length_m`` beyond the jaw axis (0: at the axis itself)."""
+        """Return this arm with its controlled point ``length_m`` beyond the jaw axis (0: on the axis)."""
         if not (math.isfinite(length_m) and length_m >= 0):
             raise TrocarError(f"the tip length is {length_m} m; give a finite length of at least 0")
         return replace(self, tip_length_m=float(length_m))

@@ -36,7 +36,7 @@ PSM_CLASSIC = ArmModel(
     wrist_sign=-1,
     wrist_length_m=L3_M,
     tip_length_m=L4_M,
-    # range: Large Needle Driver; speed: 6 rad/s of the paper's runs; acceleration: as the wrist
+    # range: Large Needle Driver; speed: 6 rad/s, as in the paper's runs; acceleration: as of the wrist
     jaw=Joint("jaw", radians(-40), radians(80), max_speed=6.0, max_acceleration=radians(720)),
     instrument=LARGE_NEEDLE_DRIVER,
     safe_depth_m=0.045,  # sawIntuitiveResearchKit, SafeDistanceFromRCM (Cartesian control)
@@ -68,4 +68,4 @@ MOTION_LIMITS: dict[str, MotionLimits] = {
     ),
     "dvrk": PSM_CLASSIC.motion_limits,
 }
-"""Named bounds of the PSM's motion: of the paper's runs, and of the dVRK controller's own trajectories."""
+"""Named motion limits of the PSM: those of the paper's runs, and those of the dVRK controller's trajectories."""

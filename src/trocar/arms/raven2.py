@@ -8,9 +8,9 @@ from math import pi, radians
 from trocar.arms.instrument import RAVEN_GRIPPER
 from trocar.arms.model import ArmModel, Joint
 
-# facts/debridement.md, "Raven II kinematics". Joint 4's row there has d = -0.47 m, which commutes with the
-# roll and so joins the insertion; the fixed +-90 deg of row 3 turn about the same axis and join the roll. A small
-# q3 is a deep instrument.
+# facts/debridement.md, "Raven II kinematics". Row 4 there has d = -0.47 m, which commutes with the roll and is added
+# to the insertion here; the fixed +-90 deg of row 3 are about the same axis and are added to the roll. A small q3 means
+# a deep instrument.
 INSERTION_OFFSET_M = -0.47
 WRIST_LENGTH_M = 0.013  # Raven instruments; 0.009 for da Vinci instruments on the adapter
 TIP_LENGTH_M = 0.010  # jaw axis to the controlled point; the jaws end at 0.020
@@ -35,7 +35,7 @@ RAVEN2_LEFT = ArmModel(
     tip_length_m=TIP_LENGTH_M,
     jaw=Joint("jaw", 0.0, radians(120), *_DRIVE),
     instrument=RAVEN_GRIPPER,
-    safe_depth_m=0.045,  # assumed as on the dVRK: no source for Raven
+    safe_depth_m=0.045,  # assumed, as on the dVRK: no source for Raven
 )
 
 RAVEN2_RIGHT = replace(

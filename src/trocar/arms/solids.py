@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
+from typing import Any
 
-from trocar.arms.forward import frames
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from trocar.arms.model import ArmModel
 from trocar.geometry.capsules import Capsules
 
 SOLIDS = ("shaft", "wrist", "left finger", "right finger")
 """What the capsules of :func:`capsules` stand for, in order."""
+
+_ENDS = np.array([[0, 1], [2, 3], [3, 4], [3, 5]])
+"""Of shaft, wrist, fingers, in the points of :func:`_points`: both fingers start at the wrist's end."""
 
 
 def capsules(arm: ArmModel, q: ArrayLike, jaw_rad: ArrayLike = 0.0) -> Capsules:
@@ -23,19 +27,49 @@ def capsules(arm: ArmModel, q: ArrayLike, jaw_rad: ArrayLike = 0.0) -> Capsules:
         q: (..., 6) joints, rad and m.
         jaw_rad: (...,) opening between the fingers.
     """
+    points = _points(arm, arm.configurations(q), np.asarray(jaw_rad, dtype=np.float64))
+    return Capsules(points[..., _ENDS, :], solid_radii_m(arm))
+
+
+def solid_radii_m(arm: ArmModel) -> NDArray[np.float64]:
+    """Return the radii (4,) of :func:`capsules`, which no configuration changes."""
     shape = arm.instrument
-    poses = frames(arm, q)
-    roll, pitch, yaw = (poses[..., k, :, :] for k in (4, 5, 6))
-    jaw = np.broadcast_to(np.asarray(jaw_rad, dtype=np.float64), poses.matrix.shape[:-3])
+    return np.array([shape.shaft_radius_m, shape.wrist_radius_m, shape.finger_radius_m, shape.finger_radius_m])
+
+
+def _points(arm: ArmModel, q: NDArray[np.float64], jaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the shaft's lower and upper end, pitch axis, yaw axis, ends of the fingers: (..., 6, 3) m in the base.
+
+    Written out, since a guard asks for hundreds of configurations before every motion; the frames of
+    :func:`trocar.arms.frames` give the same points ten times slower (``tests/arms/test_solids.py``).
+    """
+    shape = arm.instrument
+    depth, shaft, out, side = _wrist(arm, q)
+    up = arm.wrist_sign * shaft
+    pitch = depth[..., None] * shaft
+    yaw = pitch + arm.wrist_length_m * out
     # the shaft is a cylinder that ends flat at the wrist: the round cap of its capsule starts one radius further up
-    down = -arm.wrist_sign * np.array([0.0, 0.0, 1.0])
-    parts = [
-        (roll.apply(-shape.shaft_radius_m * down), roll.apply(-shape.shaft_length_m * down)),
-        (pitch.translation_m, yaw.translation_m),
-    ]
-    for angle in (0.5 * jaw, -0.5 * jaw):  # the jaws point along y of frame 6 and turn about its z
-        along = np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], -1)
-        parts.append((yaw.translation_m, yaw.apply(shape.finger_length_m * along)))
-    ends = np.stack([np.stack(np.broadcast_arrays(*part), -2) for part in parts], -3)
-    radii = [shape.shaft_radius_m, shape.wrist_radius_m, shape.finger_radius_m, shape.finger_radius_m]
-    return Capsules(ends, np.array(radii))
+    points = [pitch + shape.shaft_radius_m * up, pitch + shape.shaft_length_m * up, pitch, yaw]
+    for angle in (0.5 * jaw_rad, -0.5 * jaw_rad):  # the jaws point along y of frame 6 and turn about its z
+        turned = q[..., 5] + arm.offsets[5] + angle
+        finger = np.cos(turned)[..., None] * out - np.sin(turned)[..., None] * side
+        points.append(yaw + shape.finger_length_m * finger)
+    return np.stack(points, -2)
+
+
+def _wrist(arm: ArmModel, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return how far frame 4 lies along its z axis (...,); in the base (..., 3): that axis, the wrist link, y of 4."""
+    (c0, s0), (c1, s1), (c2, s2) = arm.twist_cosines
+    turned = np.moveaxis(q + np.array(arm.offsets), -1, 0)
+    (k1, k2, _, k4, k5, _), (n1, n2, _, n4, n5, _) = np.cos(turned), np.sin(turned)
+
+    def base(x: Any, y: Any, z: Any) -> NDArray[np.float64]:  # Rx(twist 0) Rz(q1) Rx(twist 1)
+        y, z = c1 * y - s1 * z, s1 * y + c1 * z
+        x, y = k1 * x - n1 * y, n1 * x + k1 * y
+        return np.stack([x, c0 * y - s0 * z, s0 * y + c0 * z], -1)
+
+    x3, y3, shaft = base(k2, n2, 0.0), base(-c2 * n2, c2 * k2, s2), base(s2 * n2, -s2 * k2, c2)
+    x4 = k4[..., None] * x3 + n4[..., None] * y3
+    y4 = k4[..., None] * y3 - n4[..., None] * x3
+    out = n5[..., None] * x4 - arm.wrist_sign * k5[..., None] * shaft
+    return turned[2], shaft, out, y4

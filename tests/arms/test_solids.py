@@ -1,0 +1,38 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trocar.arms import ARMS, SOLIDS, capsules, frames
+
+ARM_CASES = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
+
+
+@ARM_CASES
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), jaw_rad=st.floats(-0.5, 2.0))
+def test_the_capsules_sit_on_the_frames_of_the_arm(arm, seed, jaw_rad):
+    q = np.random.default_rng(seed).uniform(arm.lower, arm.upper, (3, 2, 6))
+    shape, poses = arm.instrument, frames(arm, q)
+    roll, pitch, yaw = (poses[..., k, :, :] for k in (4, 5, 6))
+    up = arm.wrist_sign * np.array([0.0, 0.0, 1.0])
+    ends = capsules(arm, q, jaw_rad).ends_m
+    assert ends.shape == (3, 2, len(SOLIDS), 2, 3)
+    expected = [
+        (roll.apply(shape.shaft_radius_m * up), roll.apply(shape.shaft_length_m * up)),
+        (pitch.translation_m, yaw.translation_m),
+    ]
+    for angle in (jaw_rad / 2, -jaw_rad / 2):
+        along = np.array([-np.sin(angle), np.cos(angle), 0.0])
+        expected.append((yaw.translation_m, yaw.apply(shape.finger_length_m * along)))
+    for k, (start, end) in enumerate(expected):
+        np.testing.assert_allclose(ends[..., k, 0, :], start, atol=1e-14)
+        np.testing.assert_allclose(ends[..., k, 1, :], end, atol=1e-14)
+
+
+@ARM_CASES
+def test_one_opening_for_all_or_one_for_each(arm):
+    q = np.tile(arm.middle, (3, 1))
+    each = capsules(arm, q, [0.0, 0.3, 0.6]).ends_m
+    for k, jaw_rad in enumerate((0.0, 0.3, 0.6)):
+        np.testing.assert_array_equal(each[k], capsules(arm, q[k], jaw_rad).ends_m)
