@@ -3,6 +3,7 @@ import pytest
 
 from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits
 from trocar.motion import limit_use
+from trocar.motion.limits import knot_jumps
 from trocar.trajectory import Trajectory
 
 ARM = ARMS["psm-classic"]
@@ -37,3 +38,52 @@ def test_range_is_checked_between_knots():
     use = limit_use(ARM, Trajectory.hermite([0, 0.4], q, velocity), LIMITS)
     assert use.range_excess[2] == pytest.approx(0.2 * 0.4 / 4 - 0.001, abs=1e-9)
     assert not use.kept
+
+
+@pytest.mark.parametrize("seconds", [2.01, 2.03, 4.06])  # where steps of 1 ms reach the end by rounding
+def test_every_duration_can_be_checked(seconds):
+    q = ARM.middle + np.outer([0, 1], [0.3, 0, 0, 0, 0, 0])
+    use = limit_use(ARM, Trajectory.hermite([0, seconds], q, np.zeros((2, 6))), LIMITS)
+    assert use.velocity_ratio == pytest.approx(1.5 * 0.3 / seconds / LIMITS.velocity[0], rel=1e-6)
+
+
+def test_each_joint_is_told_by_itself():
+    q = ARM.middle + np.outer([0, 1], [0.3, 0, 0, 0.1, 0, 0])
+    use = limit_use(ARM, Trajectory.hermite([0, 0.8], q, np.zeros((2, 6))), LIMITS)
+    np.testing.assert_allclose(use.acceleration, 6 * np.array([0.3, 0, 0, 0.1, 0, 0]) / 0.64 / LIMITS.acceleration)
+    assert use.jerk_ratio == 0  # none is limited
+
+
+def jerked(coefficients, seconds, jerk=10.0):
+    limits = MotionLimits(np.full(6, 1e3), np.full(6, 1e3), jerk=np.full(6, jerk))
+    pieces = np.zeros((len(coefficients), len(coefficients[0]), 6))
+    pieces[..., 0] = coefficients
+    pieces[-1] += ARM.middle
+    return limit_use(ARM, Trajectory(np.array(seconds), pieces), limits).jerk_ratio
+
+
+def test_jerk_and_jumps_of_the_acceleration():
+    # 0 to 1 with no velocity and no acceleration at both ends: 10 t^3 - 15 t^4 + 6 t^5, jerk 60 at both ends
+    smooth = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])[:, None] / 10
+    assert jerked(smooth, [0.0, 1.0]) == pytest.approx(0.6)
+    assert jerked([[0.5], [0.0], [0.0]], [0.0, 1.0]) == np.inf  # starts with an acceleration
+    assert jerked([[-1 / 6], [0.5], [0.0], [0.0]], [0.0, 1.0]) == np.inf
+    # t^3 / 6, then 1/2 tau^2 and so on: the acceleration is the same before and after, or not
+    assert jerked([[1 / 6, 0.0], [0.0, 0.5], [0.0, 0.5], [0.0, 1 / 6]], [0.0, 1.0, 1.1]) == np.inf  # at the end
+    assert not np.isinf(
+        jerked([[1 / 6, -1 / 6, 0.0], [0, 0.5, 0.0], [0, 0.5, 1.0], [0, 1 / 6, 1.0]], [0.0, 1.0, 2.0, 3.0])
+    )
+    assert np.isinf(jerked([[1 / 6, -1 / 6, 0.0], [0, 0.4, 0.0], [0, 0.5, 1.0], [0, 1 / 6, 1.0]], [0.0, 1.0, 2.0, 3.0]))
+
+
+def test_what_a_motion_under_way_accelerates_with_at_its_start_is_nobodys_jump():
+    assert jerked([[-1 / 6], [0.5], [-0.5], [0.0]], [0.0, 1.0]) == pytest.approx(0.1)
+    assert jerked([[-1 / 6], [0.5], [0.0], [0.0]], [0.0, 1.0]) == np.inf  # from rest
+
+
+def test_jumps_at_knots():
+    pieces = np.zeros((2, 2, 6))
+    pieces[0, :, 1], pieces[1, 1, 1] = (1.0, 3.0), 1.5  # t, then 1.5 + 3 t from t = 1
+    trajectory = Trajectory(np.array([0.0, 1.0, 2.0]), pieces)
+    np.testing.assert_allclose(knot_jumps(trajectory, 0), np.array([[0, 0.5, 0, 0, 0, 0]]).T)
+    np.testing.assert_allclose(knot_jumps(trajectory, 1), np.array([[0, 2, 0, 0, 0, 0]]).T)

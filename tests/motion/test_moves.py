@@ -3,9 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trocar.arms import ARMS, MOTION_LIMITS, fk
+from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits, fk
 from trocar.errors import TrocarError
-from trocar.motion import duration_bound_s, limit_use, rest_to_rest, straight
+from trocar.motion import duration_bound_s, limit_use, move_to, rest_to_rest, straight
+from trocar.motion.limits import knot_jumps
+from trocar.motion.phases import phases_to_rest
 
 LIMITS = MOTION_LIMITS["paper"]
 PSM = ARMS["psm-classic"]
@@ -60,3 +62,83 @@ def test_straight_refuses_what_it_cannot_reach():
         straight(PSM, OVER_THE_BOARD, [0, 0, np.nan], LIMITS)
     with pytest.raises(TrocarError, match="finite joint values"):
         rest_to_rest(PSM.middle, [0, 0, np.nan, 0, 0, 0], LIMITS)
+
+
+def any_limits(rng):
+    return MotionLimits(10 ** rng.uniform(-1, 1, 6), 10 ** rng.uniform(-1, 1, 6))
+
+
+@settings(max_examples=300, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), size=st.floats(-6, 0), kind=st.sampled_from(["any", "edge", "stop", "some"]))
+def test_a_move_from_under_way_is_the_shortest_and_keeps_its_limits(seed, size, kind):
+    """Also from the limit itself, to where braking at once would end, and with joints that need not move."""
+    rng = np.random.default_rng(seed)
+    limits = any_limits(rng)
+    start, goal = 10**size * rng.normal(size=(2, 6))
+    velocity = rng.uniform(-1, 1, 6) * limits.velocity
+    if kind == "edge":
+        velocity = rng.choice([-1.0, 0.0, 0.5, 1.0], 6) * limits.velocity
+    elif kind == "stop":
+        goal = start + velocity * np.abs(velocity) / (2 * limits.acceleration)
+    elif kind == "some":
+        velocity[:3], goal[2:4] = 0.0, start[2:4]
+    move = move_to(start, velocity, goal, limits)
+    assert limit_use(PSM, move, limits).velocity_ratio <= 1 + 1e-9
+    assert limit_use(PSM, move, limits).acceleration_ratio <= 1 + 1e-9
+    assert move.duration_s == pytest.approx(duration_bound_s([start, goal], limits, velocity), rel=1e-9)
+    np.testing.assert_allclose(move(0.0), start, atol=1e-12)
+    np.testing.assert_allclose(move(0.0, 1), velocity, atol=1e-12)
+    np.testing.assert_allclose(move(move.duration_s), goal, atol=1e-9)
+    np.testing.assert_allclose(move(np.nextafter(move.duration_s, 0), 1), 0, atol=1e-6)
+    assert max(knot_jumps(move, order).max(initial=0) for order in (0, 1)) < 1e-6
+
+
+@given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.0, 0.999))
+def test_the_same_goal_again_on_the_way_there_changes_nothing(seed, share):
+    rng = np.random.default_rng(seed)
+    start, end = rng.uniform(-1, 1, (2, 6))
+    limits = any_limits(rng)
+    first = rest_to_rest(start, end, limits)
+    when = share * first.duration_s
+    again = move_to(first(when), first(when, 1), end, limits)
+    assert again.duration_s == pytest.approx(first.duration_s - when, abs=1e-6)  # a root of rounding
+    times = np.linspace(0, again.duration_s, 50)
+    np.testing.assert_allclose(again(times), first(when + times), atol=1e-7)
+
+
+def test_from_rest_it_is_the_plain_move():
+    start, end = PSM.middle, PSM.middle + [0.1, 0.2, 0.01, 1, 0, 0]
+    move, plain = move_to(start, np.zeros(6), end, LIMITS), rest_to_rest(start, end, LIMITS)
+    np.testing.assert_array_equal(move.coefficients, plain.coefficients)
+
+
+@given(
+    distance=st.floats(-2, 2),
+    start=st.floats(-1, 1),
+    late=st.floats(0, 3),
+    velocity=st.floats(0.1, 3),
+    acceleration=st.floats(0.1, 10),
+)
+def test_a_joint_that_waits_for_others_passes_its_goal_only_if_it_must(distance, start, late, velocity, acceleration):
+    v0 = start * velocity
+    stop = v0 * abs(v0) / (2 * acceleration)
+    limits = MotionLimits(np.array([velocity]), np.array([acceleration]))
+    seconds = duration_bound_s([[0.0], [distance]], limits, [v0]) + late
+    q, v, lowest, highest, total = 0.0, v0, 0.0, 0.0, 0.0
+    for lasts, a in phases_to_rest(distance, v0, seconds, velocity, acceleration):
+        assert lasts >= 0 and abs(a) <= acceleration * (1 + 1e-12)
+        turn = -v / a if a else 0.0
+        extremes = [q + v * t + a * t * t / 2 for t in (lasts, min(max(turn, 0.0), lasts))]
+        lowest, highest = min(lowest, *extremes), max(highest, *extremes)
+        q, v, total = extremes[0], v + a * lasts, total + lasts
+        assert abs(v) <= velocity * (1 + 1e-9)
+    assert (q, v, total) == pytest.approx((distance, 0.0, seconds), abs=1e-7)
+    assert lowest >= min(0.0, distance, stop) - 1e-7
+    assert highest <= max(0.0, distance, stop) + 1e-7
+
+
+def test_a_move_from_under_way_refuses_what_is_no_motion():
+    with pytest.raises(TrocarError, match="breaks the limits"):
+        move_to(PSM.middle, 2 * LIMITS.velocity, PSM.middle, LIMITS)
+    with pytest.raises(TrocarError, match="velocity at the start of a move needs 6 finite"):
+        move_to(PSM.middle, [np.nan] * 6, PSM.middle, LIMITS)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import perm
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,40 +15,77 @@ from trocar.trajectory import Trajectory
 
 CHECK_STEP_S = 1e-3  # ten times finer than the control period of the dVRK, 10 ms
 KEPT = 1 + 1e-9  # a ratio up to this counts as kept: planners stop at the limit itself, and floats round
+JUMP = 1e-6  # share of the acceleration limit by which an acceleration may differ on the two sides of a knot
 
 
 @dataclass(frozen=True, eq=False)
 class LimitUse:
-    """The largest share of each limit that a trajectory uses; 1 is the limit.
+    """The largest share of each limit that a trajectory uses, by joint; 1 is the limit.
 
     Attributes:
-        velocity_ratio: over all joints and times.
-        acceleration_ratio: over all joints and times, on both sides of every knot.
+        velocity: (joints,) over all times.
+        acceleration: (joints,) over all times, on both sides of every knot.
+        jerk: (joints,) the same; infinite where the acceleration jumps, 0 where no jerk is limited.
         range_excess: (joints,) how far each joint leaves its range, rad or m; 0 inside.
     """
 
-    velocity_ratio: float
-    acceleration_ratio: float
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    jerk: NDArray[np.float64]
     range_excess: NDArray[np.float64]
+
+    @property
+    def velocity_ratio(self) -> float:
+        """Return the largest share of a velocity limit."""
+        return float(self.velocity.max())
+
+    @property
+    def acceleration_ratio(self) -> float:
+        """Return the largest share of an acceleration limit."""
+        return float(self.acceleration.max())
+
+    @property
+    def jerk_ratio(self) -> float:
+        """Return the largest share of a jerk limit."""
+        return float(self.jerk.max())
 
     @property
     def kept(self) -> bool:
         """Return whether every limit is kept."""
-        return self.velocity_ratio <= KEPT and self.acceleration_ratio <= KEPT and not self.range_excess.any()
+        ratios = (self.velocity_ratio, self.acceleration_ratio, self.jerk_ratio)
+        return max(ratios) <= KEPT and not self.range_excess.any()
 
 
 def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> LimitUse:
-    """Return how much of the arm's limits the trajectory uses, at 1 kHz and on both sides of every knot."""
+    """Return how much of the arm's limits the trajectory uses, at 1 kHz and on both sides of every knot.
+
+    >>> use = limit_use(arm, trajectory, limits)
+    >>> use.kept, round(use.acceleration_ratio, 2)
+    (True, 1.0)
+
+    Args:
+        arm: whose ranges.
+        trajectory: of the arm's joints.
+        limits: bounds of velocity and acceleration, and of jerk where it has one.
+    """
     times = trajectory.times_s
     grid = np.arange(times[0], times[-1], CHECK_STEP_S)
-    q, v, a = (
-        np.concatenate([trajectory(grid, order), _left_limits(trajectory, order), trajectory(times[:-1], order)])
-        for order in (0, 1, 2)
-    )
+    pieces = np.arange(len(times) - 1)
+    # every sample says which piece it belongs to: a knot belongs to the piece before it and to the one after it
+    found = np.minimum(np.searchsorted(times, grid, side="right") - 1, pieces[-1])  # arange may reach the end
+    piece = np.concatenate([found, pieces, pieces])
+    since = np.concatenate([grid - times[piece[: len(grid)]], np.zeros(len(pieces)), times[1:] - times[:-1]])
+    orders = (0, 1, 2) if limits.jerk is None else (0, 1, 2, 3)
+    q, v, a, *jerks = _derivatives(trajectory, piece, since, orders)
+    jerk = np.zeros(len(arm.joints))
+    if limits.jerk is not None:
+        jerk = np.abs(jerks[0]).max(axis=1) / limits.jerk
+        jerk[_acceleration_jumps(trajectory, limits)] = np.inf
     return LimitUse(
-        velocity_ratio=float(np.max(np.abs(v) / limits.velocity)),
-        acceleration_ratio=float(np.max(np.abs(a) / limits.acceleration)),
-        range_excess=np.maximum(np.maximum(arm.lower - q, q - arm.upper), 0.0).max(axis=0),
+        velocity=np.abs(v).max(axis=1) / limits.velocity,
+        acceleration=np.abs(a).max(axis=1) / limits.acceleration,
+        jerk=jerk,
+        range_excess=np.maximum(0.0, np.maximum(arm.lower - q.min(axis=1), q.max(axis=1) - arm.upper)),
     )
 
 
@@ -62,14 +101,35 @@ def require_range(arm: ArmModel, trajectory: Trajectory, slack: float = 0.0) -> 
             )
 
 
-def _left_limits(trajectory: Trajectory, order: int) -> NDArray[np.float64]:
-    """Return the derivative at the end of every piece, seen from within the piece: (pieces, joints)."""
-    coefficients = trajectory.coefficients
-    step = np.diff(trajectory.times_s)[:, None]
-    powers = np.arange(len(coefficients) - 1, -1, -1)
-    value = np.zeros(coefficients.shape[1:])
-    for power, c in zip(powers, coefficients, strict=True):
-        if power >= order:
-            factor = np.prod(np.arange(power - order + 1, power + 1))
-            value = value + factor * c * step ** (power - order)
-    return value
+def knot_jumps(trajectory: Trajectory, order: int) -> NDArray[np.float64]:
+    """Return by how much the derivative of this order differs before and after each inner knot: (joints, knots)."""
+    times, after = trajectory.times_s, np.arange(1, len(trajectory.times_s) - 1)
+    (left,) = _derivatives(trajectory, after - 1, times[after] - times[after - 1], (order,))
+    (right,) = _derivatives(trajectory, after, np.zeros(len(after)), (order,))
+    return np.abs(left - right)
+
+
+def _acceleration_jumps(trajectory: Trajectory, limits: MotionLimits) -> NDArray[np.bool_]:
+    """Return which joints' acceleration jumps: at a knot, into the rest at the end, out of a rest at the start."""
+    times = trajectory.times_s
+    (ends,) = _derivatives(trajectory, np.array([0, len(times) - 2]), np.array([0.0, times[-1] - times[-2]]), (2,))
+    ends[:, 0] *= trajectory(times[0], 1) == 0  # what a motion under way accelerates with is not known here
+    jumps = np.concatenate([knot_jumps(trajectory, 2), np.abs(ends)], axis=1)
+    return np.any(jumps > JUMP * limits.acceleration[:, None], axis=1)
+
+
+def _derivatives(
+    trajectory: Trajectory, piece: NDArray[np.intp], since_s: NDArray[np.float64], orders: Sequence[int]
+) -> list[NDArray[np.float64]]:
+    """Return derivatives ``since_s`` after the start of these pieces, seen from within them: (joints, n) each."""
+    degree = len(trajectory.coefficients) - 1
+    # joints before samples: whole rows are then multiplied by the times, which halves the time of a check
+    coefficients = trajectory.coefficients.transpose(0, 2, 1).copy()[:, :, piece]
+    values = []
+    for order in orders:
+        value = np.zeros(coefficients.shape[1:])
+        for k in range(degree - order + 1):  # Horner's rule; perm is the factor that differentiating a power leaves
+            value *= since_s
+            value += perm(degree - k, order) * coefficients[k]
+        values.append(value)
+    return values

@@ -1,4 +1,4 @@
-"""Plain moves from rest to rest: straight in joint space, or straight for the tip."""
+"""Plain moves: straight in joint space, to rest from under way, or straight for the tip."""
 
 from __future__ import annotations
 
@@ -9,38 +9,102 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, MotionLimits, fk, jacobian
 from trocar.errors import TrocarError
-from trocar.motion.bound import shortest_rest_to_rest_s
-from trocar.motion.limits import limit_use, require_range
+from trocar.motion.bound import shortest_rest_to_rest_s, shortest_to_rest_s
+from trocar.motion.limits import KEPT, limit_use, require_range
+from trocar.motion.phases import NO_WAY, STILL, joined, phases_to_rest
 from trocar.trajectory import Trajectory
 
 HOLD_S = 0.01  # what a move to where the arm already is takes: one control period of the dVRK
 KNOTS = 16  # in each phase of a straight move; the tip then stays within 1 um of a line of 40 mm
 NEWTON_STEPS = 12
 REACHED = 1e-11  # m and rad
+ON_LINE = 1e-9  # share of the velocity limits by which a velocity may miss the line to the goal
 
 
 def rest_to_rest(q0: ArrayLike, q1: ArrayLike, limits: MotionLimits) -> Trajectory:
     """Return the shortest motion along the straight line in joint space: a trapezoid of velocity.
+
+    >>> arm, limits = ARMS["psm-classic"], MOTION_LIMITS["paper"]
+    >>> round(rest_to_rest(arm.middle, arm.middle + 0.05, limits).duration_s, 3)
+    0.707
 
     Args:
         q0: (joints,) start, rad or m.
         q1: (joints,) end.
         limits: bounds of velocity and acceleration.
     """
-    start, end = np.asarray(q0, dtype=np.float64), np.asarray(q1, dtype=np.float64)
-    joints = np.shape(limits.velocity)
-    for name, q in (("start", start), ("end", end)):
-        if q.shape != joints or not np.isfinite(q).all():
-            raise TrocarError(f"the {name} of a move needs {joints[0]} finite joint values, got {q.tolist()}")
-    step = end - start
+    start, end = (_joint_values(name, q, limits) for name, q in (("start", q0), ("end", q1)))
+    step = _step(start, end)
     if not step.any():
         return Trajectory(np.array([0.0, HOLD_S]), start[None, None])
-    used = step != 0
-    velocity = np.min(np.asarray(limits.velocity)[used] / np.abs(step[used]))
-    acceleration = np.min(np.asarray(limits.acceleration)[used] / np.abs(step[used]))
-    times, share, speed, push = _trapezoid(velocity, acceleration)
+    times, share, speed, push = _trapezoid(*_along(step, limits))
     coefficients = np.stack([np.outer(push / 2, step), np.outer(speed, step), start + np.outer(share, step)])
     return Trajectory(times, coefficients)
+
+
+def move_to(q: ArrayLike, velocity: ArrayLike, q_goal: ArrayLike, limits: MotionLimits) -> Trajectory:
+    """Return a short motion from a moving start to rest at the goal: what replaces another motion under way.
+
+    From rest, or moving along the straight line in joint space to the goal (or away from it), it keeps to that
+    line and takes the least time on it: from rest it is ``rest_to_rest``. Else every joint goes its own way in
+    the time that the slowest one needs, which no motion beats, with no more acceleration than that asks for.
+    A joint passes its goal only where it cannot stop before it.
+
+    >>> going = rest_to_rest(arm.middle, arm.middle + 0.05, limits)
+    >>> back = move_to(going(0.3), going(0.3, 1), arm.middle, limits)
+    >>> round(back.duration_s, 3)
+    0.9
+
+    Args:
+        q: (joints,) where it is, rad or m.
+        velocity: (joints,) it has there, per second.
+        q_goal: (joints,) where it comes to rest.
+        limits: bounds of velocity and acceleration.
+
+    Raises:
+        TrocarError: values that are not finite or a velocity beyond its limit. The ranges of the joints are
+            not looked at: an arm that moves fast towards the end of a range cannot be kept from leaving it.
+    """
+    given = (("start", q), ("velocity at the start", velocity), ("goal", q_goal))
+    start, v, goal = (_joint_values(name, values, limits) for name, values in given)
+    if np.any(np.abs(v) > KEPT * limits.velocity):
+        raise TrocarError(
+            f"a move that starts with velocities {v.tolist()} breaks the limits {limits.velocity.tolist()}; slow down"
+        )
+    if np.all(np.abs(v) <= STILL * limits.velocity):
+        return rest_to_rest(start, goal, limits)
+    step = _step(start, goal)
+    rate = float(v @ step / (step @ step)) if step.any() else 0.0
+    if step.any() and np.all(np.abs(v - rate * step) <= ON_LINE * limits.velocity):
+        top, push = _along(step, limits)
+        seconds = float(shortest_to_rest_s(1.0, rate, top, push))
+        line = phases_to_rest(1.0, rate, seconds, top, push)
+        return joined(start, v, [[(t, a * dq) for t, a in line] for dq in step], seconds)
+    seconds = float(shortest_to_rest_s(step, v, limits.velocity, limits.acceleration).max())
+    joints = zip(step, v, limits.velocity, limits.acceleration, strict=True)
+    return joined(start, v, [phases_to_rest(d, v0, seconds, top, push) for d, v0, top, push in joints], seconds)
+
+
+def _joint_values(name: str, values: ArrayLike, limits: MotionLimits) -> NDArray[np.float64]:
+    """Return one finite number per joint, or raise."""
+    joints = np.shape(limits.velocity)
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != joints or not np.isfinite(array).all():
+        raise TrocarError(f"the {name} of a move needs {joints[0]} finite joint values, got {array.tolist()}")
+    return array
+
+
+def _step(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the way of every joint (joints,); 0 where it is less than rounding."""
+    step = end - start
+    return np.where(np.abs(step) > NO_WAY, step, 0.0)
+
+
+def _along(step: NDArray[np.float64], limits: MotionLimits) -> tuple[float, float]:
+    """Return the greatest velocity and acceleration of the share of a step (joints,) that is done."""
+    used = step != 0
+    share = np.abs(step[used])
+    return float(np.min(limits.velocity[used] / share)), float(np.min(limits.acceleration[used] / share))
 
 
 def straight(arm: ArmModel, q: ArrayLike, displacement_m: ArrayLike, limits: MotionLimits) -> Trajectory:

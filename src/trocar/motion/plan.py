@@ -1,185 +1,192 @@
-"""A planned motion through waypoints, and the table of the planners that make one."""
+"""What a planner's answer is worth: the plan, checked."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf, nan
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms import ArmModel, MotionLimits, fk
+from trocar.arms import ArmModel, MotionLimits, Unreachable
 from trocar.errors import TrocarError
+from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.bound import duration_bound_s
-from trocar.motion.limits import CHECK_STEP_S, limit_use, require_range
-from trocar.motion.splines import spline
+from trocar.motion.check import Violation, check
+from trocar.motion.clearance import Clearance
+from trocar.motion.limits import LimitUse
+from trocar.motion.path import TimedPath
+from trocar.motion.planners import PLANNERS, Demand, Planner, ignored
+from trocar.motion.problem import MotionProblem
 from trocar.trajectory import Trajectory
 
-Planner = Callable[
-    [ArmModel, NDArray[np.float64], MotionLimits, NDArray[np.float64]],
-    tuple[Trajectory, NDArray[np.float64]],
-]
-"""``planner(arm, waypoints (n, joints), limits, up (3,))`` returns a trajectory from rest to rest through the
-waypoints, within the limits, and the times (n,) at which it passes them."""
-
-PLANNERS: dict[str, Planner] = {"spline": spline}
-
 UP = (0.0, 0.0, 1.0)
-NEAREST = 1e-9  # waypoints closer than this in every joint are the same
+
+NO_CLEARANCE = Clearance(inf, inf, 0.0, ("", ""))
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """A motion through waypoints.
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionPlan:
+    """What a planner answered, and what the check says of it.
 
     Attributes:
-        planner: name in ``PLANNERS``.
-        waypoints: (n, joints), rad or m.
-        trajectory: the motion, from rest to rest.
-        waypoint_times_s: (n,) when it passes the waypoints.
-        compute_ms: time the planner took.
+        planner: its name.
+        paths: by arm, as the planner answered; kept where the check refuses them, so that one can look.
+        bound_s: no motion through the same waypoints is shorter (``duration_bound_s``).
+        compute_ms: time that planner and check took.
+        use: by arm, what the paths use of the limits.
+        clearance: how near arms and obstacles come; no finer than whether the least distance is kept.
+        violations: sentences; what was asked and is not kept.
+        reason: why there is no valid plan; empty where there is one.
     """
 
     planner: str
-    waypoints: NDArray[np.float64]
-    trajectory: Trajectory
-    waypoint_times_s: NDArray[np.float64]
-    compute_ms: float
-
-
-@dataclass(frozen=True)
-class PlanQuality:
-    """How good a plan of a transfer is, all of it measured on the trajectory.
-
-    Attributes:
-        duration_s: from rest to rest.
-        bound_s: no motion through the same waypoints is shorter (``duration_bound_s``).
-        compute_ms: time the planner took.
-        max_velocity_ratio: largest share of the velocity limits, at 1 kHz and at the knots.
-        max_acceleration_ratio: the same of the acceleration limits.
-        vertical_deviation_m: farthest that the tip leaves the vertical through the peg while it lifts and
-            lowers.
-        range_excess: by joint, how far it leaves its nominal range, rad or m; only joints that do.
-    """
-
-    duration_s: float
+    paths: Mapping[str, TimedPath]
     bound_s: float
     compute_ms: float
-    max_velocity_ratio: float
-    max_acceleration_ratio: float
-    vertical_deviation_m: float
-    range_excess: dict[str, float]
+    use: Mapping[str, LimitUse] = field(default_factory=dict)
+    clearance: Clearance = NO_CLEARANCE
+    violations: tuple[str, ...] = ()
+    reason: str = ""
+
+    def __repr__(self) -> str:
+        if not self.found:
+            return f"<no MotionPlan: {self.reason}>"
+        return f"<MotionPlan of {', '.join(self.paths)} by '{self.planner}': {self.duration_s:.3f} s>"
+
+    @property
+    def found(self) -> bool:
+        """Return whether the motion keeps all that was asked."""
+        return not self.reason
+
+    @property
+    def duration_s(self) -> float:
+        """Return the time until the last arm rests; not a number where the planner answered nothing."""
+        return max((path.trajectory.duration_s for path in self.paths.values()), default=nan)
+
+    @property
+    def trajectories(self) -> Mapping[str, Trajectory]:
+        """Return the valid motion of every arm; they start together.
+
+        Raises:
+            TrocarError: there is none; the reason.
+        """
+        if not self.found:
+            raise TrocarError(self.reason)
+        return {name: path.trajectory for name, path in self.paths.items()}
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Return the valid motion of the only arm.
+
+        Raises:
+            TrocarError: there is none, or several arms move.
+        """
+        trajectories = self.trajectories
+        if len(trajectories) > 1:
+            raise TrocarError(f"this plan moves {', '.join(trajectories)}; take one of its `trajectories`")
+        return next(iter(trajectories.values()))
+
+    @property
+    def waypoint_times_s(self) -> Mapping[str, NDArray[np.float64]]:
+        """Return when each arm passes its waypoints, (n,) each."""
+        return {name: path.waypoint_times_s for name, path in self.paths.items()}
+
+
+def plan_motion(problem: MotionProblem, planner: str | Planner = "spline") -> MotionPlan:
+    """Return the planner's answer to a problem, checked independently of the planner.
+
+    >>> plan = plan_motion(MotionProblem({"psm1": ArmMotion(arm, waypoints, limits)}), planner="spline")
+    >>> plan.found
+    True
+    >>> motion = plan.trajectories["psm1"]
+    >>> q = motion(0.5)  # (6,) joints after half a second
+
+    Args:
+        problem: what is asked.
+        planner: name in ``PLANNERS``, or a planner.
+
+    Raises:
+        TrocarError: an unknown planner, goals that are where the arm is, or an answer that is malformed. That
+            there is no motion, or none that keeps what was asked, is a plan that is not ``found``.
+    """
+    solve = PLANNERS.pick(planner) if isinstance(planner, str) else planner
+    name = planner if isinstance(planner, str) else getattr(planner, "__name__", type(planner).__name__)
+    begin = time.perf_counter()
+    try:
+        problem = problem.resolved()
+    except Unreachable as error:
+        return MotionPlan(name, {}, nan, _ms_since(begin), reason=str(error))
+    bound_s = max(duration_bound_s(arm.waypoints, arm.limits, arm.start_velocity) for arm in problem.arms.values())
+    try:
+        paths = solve(problem)
+    except TrocarError as error:
+        reason = f"planner '{name}' found no motion: {error}"
+        return MotionPlan(name, {}, bound_s, _ms_since(begin), reason=reason)
+    paths = _answered(name, problem, paths)
+    found = check(problem, paths)
+    sentences = tuple(violation.sentence for violation in found.violations)
+    reason = _reason(name, solve, found.violations)
+    return MotionPlan(name, paths, bound_s, _ms_since(begin), found.use, found.clearance, sentences, reason)
 
 
 def plan_through(
-    arm: ArmModel,
+    model: ArmModel,
     waypoints: ArrayLike,
     limits: MotionLimits,
     *,
     up: ArrayLike = UP,
-    planner: str = "spline",
+    start_velocity: ArrayLike | None = None,
+    planner: str | Planner = "spline",
     range_slack: float = 0.0,
-) -> Plan:
-    """Return a short motion from rest to rest through the waypoints.
+) -> MotionPlan:
+    """Return the plan of one arm through waypoints with nothing in its way: ``plan_motion`` in one line.
 
-    The inner waypoints are passed along ``up``, without a stop. Two waypoints: a plain move. Three: approach from
-    above (start, above, down) or retreat (grasp, above, away). Four: a transfer.
+    Two waypoints: a plain move. Three: approach from above (start, above, down) or retreat (grasp, above, away).
+    Four: a transfer (grasp, lifted, over the target, lowered).
+
+    >>> motion = plan_through(arm, waypoints, limits).trajectory  # or a TrocarError that says why there is none
+    >>> waypoints[-1].round(2) == motion(motion.duration_s).round(2)
+    array([ True,  True,  True,  True,  True,  True])
 
     Args:
-        arm: the arm that moves.
-        waypoints: (n, joints) with n >= 2, rad or m, within the joints' ranges.
+        model: the arm that moves.
+        waypoints: (n, 6) joints with n >= 2, rad and m.
         limits: bounds of velocity and acceleration.
-        up: (3,) direction of the pegs in the arm's base frame, of any length.
-        planner: name in ``PLANNERS``.
-        range_slack: share of each joint's range by which it may be left, for recordings of arms whose real
-            range is wider than the nominal one.
-
-    Raises:
-        TrocarError: bad waypoints, an unknown planner, or a motion that would leave a joint's range.
+        up: (3,) direction in the arm's base along which inner waypoints are passed.
+        start_velocity: (6,) at the first waypoint; None: at rest.
+        planner: name in ``PLANNERS``, or a planner.
+        range_slack: share of each joint's range by which it may be left.
     """
-    if planner not in PLANNERS:
-        raise TrocarError(f"no planner is called '{planner}'; choose one of: {', '.join(PLANNERS)}")
-    points = _checked_waypoints(arm, waypoints, range_slack)
-    direction = _unit(up)
-    begin = time.perf_counter()
-    trajectory, passed_s = PLANNERS[planner](arm, points, limits, direction)
-    compute_ms = 1e3 * (time.perf_counter() - begin)
-    require_range(arm, trajectory, range_slack)
-    return Plan(planner, points, trajectory, passed_s, compute_ms)
+    points, velocity = np.asarray(waypoints, dtype=np.float64), start_velocity
+    start = np.zeros(len(model.joints)) if velocity is None else np.asarray(velocity, dtype=np.float64)
+    motion = ArmMotion(model, points, limits, up=np.asarray(up, dtype=np.float64), start_velocity=start)
+    return plan_motion(MotionProblem({model.name: motion}, range_slack=range_slack), planner)
 
 
-def plan_transfer(
-    arm: ArmModel,
-    waypoints: ArrayLike,
-    limits: MotionLimits,
-    *,
-    up: ArrayLike = UP,
-    planner: str = "spline",
-    range_slack: float = 0.0,
-) -> Plan:
-    """Return a transfer: ``plan_through`` for grasp, lifted, over the target, lowered, as (4, joints)."""
-    shape = np.shape(waypoints)
-    if shape != (4, len(arm.joints)):
-        raise TrocarError(
-            f"a transfer needs waypoints of shape (4, {len(arm.joints)}): grasp, lifted, over, lowered; got {shape}"
-        )
-    return plan_through(arm, waypoints, limits, up=up, planner=planner, range_slack=range_slack)
+def _answered(name: str, problem: MotionProblem, paths: object) -> dict[str, TimedPath]:
+    """Return a planner's answer, or raise a sentence that says whose it is and what is wrong with it."""
+    if not (isinstance(paths, Mapping) and all(isinstance(path, TimedPath) for path in paths.values())):
+        raise TrocarError(f"planner '{name}' answered {paths!r:.80}; it must answer a TimedPath for each arm by name")
+    if set(paths) != set(problem.arms):
+        raise TrocarError(f"planner '{name}' answered for {sorted(paths)}; it was asked for {sorted(problem.arms)}")
+    return dict(paths)
 
 
-def assess_transfer(arm: ArmModel, plan: Plan, limits: MotionLimits, *, up: ArrayLike = UP) -> PlanQuality:
-    """Return the quality of a planned transfer: duration beside the bound, limits, uprightness."""
-    use = limit_use(arm, plan.trajectory, limits)
-    return PlanQuality(
-        duration_s=plan.trajectory.duration_s,
-        bound_s=duration_bound_s(plan.waypoints, limits),
-        compute_ms=plan.compute_ms,
-        max_velocity_ratio=use.velocity_ratio,
-        max_acceleration_ratio=use.acceleration_ratio,
-        vertical_deviation_m=_vertical_deviation_m(arm, plan, _unit(up)),
-        range_excess={j.name: float(e) for j, e in zip(arm.joints, use.range_excess, strict=True) if e > 0},
-    )
+def _reason(name: str, solve: Planner, violations: Sequence[Violation]) -> str:
+    """Return why an answer is refused, empty where it is not: the first violation, and what the planner ignores."""
+    if not violations:
+        return ""
+    more = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
+    reason = f"the motion by planner '{name}' is refused: {violations[0].sentence}{more}"
+    unseen = [demand.value for demand in Demand if demand in {v.demand for v in violations} & ignored(solve)]
+    if unseen:
+        others = [other for other in PLANNERS if other != name]
+        reason += f"; '{name}' does not look at {', '.join(unseen)}" + f", try {', '.join(others)}" * bool(others)
+    return reason
 
 
-def _vertical_deviation_m(arm: ArmModel, plan: Plan, up: NDArray[np.float64]) -> float:
-    """Return how far the tip strays from the verticals through the grasp (lifting) and target (lowering)."""
-    passed = plan.waypoint_times_s
-    deviations = []
-    for begin, end, foot in ((passed[0], passed[1], 0), (passed[-2], passed[-1], -1)):
-        times = np.linspace(begin, end, int(np.ceil((end - begin) / CHECK_STEP_S)) + 1)
-        tips = fk(arm, plan.trajectory(times)).translation_m
-        off = tips - fk(arm, plan.waypoints[foot]).translation_m
-        deviations.append(np.linalg.norm(off - (off @ up)[:, None] * up, axis=1).max())
-    return float(max(deviations))
-
-
-def _checked_waypoints(arm: ArmModel, waypoints: ArrayLike, range_slack: float) -> NDArray[np.float64]:
-    """Return the waypoints as (n, joints), or raise with what is wrong with them."""
-    points = np.asarray(waypoints, dtype=np.float64)
-    joints = arm.joints
-    if points.ndim != 2 or points.shape[1] != len(joints) or len(points) < 2:
-        raise TrocarError(
-            f"{arm.name} needs waypoints of shape (n, {len(joints)}) with n of 2 or more, got {points.shape}"
-        )
-    for index, point in enumerate(points):
-        for joint, value in zip(joints, point, strict=True):
-            if not np.isfinite(value):
-                raise TrocarError(f"waypoint {index}, joint '{joint.name}' is {value}; give a finite number")
-            slack = range_slack * (joint.upper - joint.lower)
-            if not joint.lower - slack <= value <= joint.upper + slack:
-                raise TrocarError(
-                    f"waypoint {index}, joint '{joint.name}' = {value:.4f} {joint.unit} is outside "
-                    f"[{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} of {arm.name}; move it inside"
-                )
-    same = np.flatnonzero(np.all(np.abs(np.diff(points, axis=0)) < NEAREST, axis=1))
-    if len(same):
-        raise TrocarError(f"waypoints {same[0]} and {same[0] + 1} coincide; remove one of them")
-    return points
-
-
-def _unit(up: ArrayLike) -> NDArray[np.float64]:
-    """Return the direction as a unit vector (3,)."""
-    direction = np.asarray(up, dtype=np.float64)
-    if direction.shape != (3,) or not np.isfinite(direction).all() or not np.linalg.norm(direction) > 0:
-        raise TrocarError(f"the upward direction needs three finite numbers that are not all 0, got {up}")
-    return direction / np.linalg.norm(direction)
+def _ms_since(begin: float) -> float:
+    return 1e3 * (time.perf_counter() - begin)

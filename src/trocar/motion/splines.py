@@ -7,7 +7,11 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, jacobian
 from trocar.errors import TrocarError
+from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.cubic import CubicGrid
+from trocar.motion.path import TimedPath
+from trocar.motion.planners import Demand, ignores
+from trocar.motion.problem import MotionProblem
 from trocar.trajectory import Trajectory
 
 # As the authors ran it: the lengths that they recorded come out again (tests/motion/test_splines.py).
@@ -19,30 +23,28 @@ FINAL_STEP_S = 0.01  # durations tried in the end: the control period
 LONGEST_S = 120.0
 
 
-def spline(
-    arm: ArmModel, waypoints: NDArray[np.float64], limits: MotionLimits, up: NDArray[np.float64]
-) -> tuple[Trajectory, NDArray[np.float64]]:
-    """Return the cubic spline through the waypoints, and the times at which it passes them.
+@ignores(Demand.STRAIGHT, Demand.DISTANCES, Demand.JERK)
+def spline(problem: MotionProblem) -> dict[str, TimedPath]:
+    """Return the cubic spline of each arm through its waypoints, planned for itself.
 
-    Hwang et al. 2022, section IV-C. It rests at the ends and passes the inner waypoints along ``up`` (or
-    against it: the sign of the speed is found too), so that a block leaves its peg and meets it straight.
-    Every probed set of passing speeds is priced by the sum of the shortest durations of the cubics on a
-    grid; of the speeds visited, the cheapest are kept, because the descent on a stepped cost does not end
-    at its best.
-
-    Args:
-        arm: the arm whose Jacobian turns ``up`` into a direction in joint space.
-        waypoints: (n, joints) with n >= 2, rad or m.
-        limits: bounds of velocity and acceleration, kept exactly: a cubic's extremes are known in closed
-            form.
-        up: (3,) unit vector in the base frame.
+    Hwang et al. 2022, section IV-C. It rests at the end and passes the inner waypoints along ``up`` (or against
+    it: the sign of the speed is found too), so that a block leaves its peg and meets it straight. Every probed
+    set of passing speeds is priced by the sum of the shortest durations of the cubics on a grid; of the speeds
+    visited, the cheapest are kept, because the descent on a stepped cost does not end at its best. The limits
+    of velocity and acceleration are kept exactly: a cubic's extremes are known in closed form.
     """
-    directions = _passing_directions(arm, waypoints[1:-1], up)
-    speeds = _descend(waypoints, directions, limits)
-    velocities = _velocities(speeds[None], directions)
+    return {name: _spline(arm) for name, arm in problem.arms.items()}
+
+
+def _spline(arm: ArmMotion) -> TimedPath:
+    """Return one arm's spline."""
+    waypoints, limits = arm.waypoints, arm.limits
+    directions = _passing_directions(arm.model, waypoints[1:-1], arm.up)
+    speeds = _descend(arm, directions)
+    velocities = _velocities(arm.start_velocity, speeds[None], directions)
     durations = _shortest(waypoints, velocities, limits, FINAL_STEP_S, FINAL_STEP_S)[0]
     times = np.concatenate([[0.0], np.cumsum(durations)])
-    return Trajectory.hermite(times, waypoints, velocities[0]), times
+    return TimedPath(Trajectory.hermite(times, waypoints, velocities[0]), times)
 
 
 def _passing_directions(arm: ArmModel, inner: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -59,17 +61,16 @@ def _passing_directions(arm: ArmModel, inner: NDArray[np.float64], up: NDArray[n
     return directions[..., 0] / np.linalg.norm(directions, axis=1)
 
 
-def _descend(
-    waypoints: NDArray[np.float64], directions: NDArray[np.float64], limits: MotionLimits
-) -> NDArray[np.float64]:
+def _descend(arm: ArmMotion, directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the passing speeds (n - 2,) along the unit directions by Algorithm 2."""
-    count = len(directions)
+    waypoints, limits, count = arm.waypoints, arm.limits, len(directions)
     if not count:
         return np.zeros(0)
     fastest = np.min(np.asarray(limits.velocity) / np.maximum(np.abs(directions), 1e-12), axis=1)
     probes = PROBE * np.concatenate([np.zeros((1, count)), np.eye(count), -np.eye(count)])
     speeds = np.zeros(count)
-    resting = _shortest(waypoints, np.zeros((1, *waypoints.shape)), limits, COST_FIRST_S, COST_STEP_S)
+    stopping = _velocities(arm.start_velocity, speeds[None], directions)
+    resting = _shortest(waypoints, stopping, limits, COST_FIRST_S, COST_STEP_S)
     grid = CubicGrid.build(
         waypoints,
         limits,
@@ -81,7 +82,7 @@ def _descend(
     best, best_speeds = np.inf, speeds
     for _ in range(STEPS + 1):
         probed = np.maximum(np.minimum(speeds + probes, fastest), -fastest)
-        velocities = _velocities(probed, directions)
+        velocities = _velocities(arm.start_velocity, probed, directions)
         costs = grid.shortest(velocities).sum(axis=1)
         if costs.max() == np.inf:
             costs = _shortest(waypoints, velocities, limits, COST_FIRST_S, COST_STEP_S).sum(axis=1)
@@ -92,9 +93,12 @@ def _descend(
     return best_speeds
 
 
-def _velocities(speeds: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return velocities (batch, n, joints) at all waypoints, zero at the ends, from speeds (batch, n - 2)."""
+def _velocities(
+    start: NDArray[np.float64], speeds: NDArray[np.float64], directions: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return velocities (batch, n, joints) at all waypoints, zero at the last, from speeds (batch, n - 2)."""
     velocities = np.zeros((len(speeds), len(directions) + 2, directions.shape[1]))
+    velocities[:, 0] = start
     velocities[:, 1:-1] = speeds[..., None] * directions
     return velocities
 

@@ -1,0 +1,157 @@
+"""What one arm is asked to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, MotionLimits, Unreachable, ik
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.motion.limits import KEPT
+
+NEAREST = 1e-9
+"""Waypoints closer than this in every joint (rad, m) are the same."""
+
+JOINTS = 6
+
+
+def _still() -> NDArray[np.float64]:
+    return np.zeros(JOINTS)
+
+
+def _up() -> NDArray[np.float64]:
+    return np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class ArmMotion:
+    """What one arm is asked: from where, through what, to rest where, within which limits.
+
+    >>> arm, limits = ARMS["psm-classic"], MOTION_LIMITS["paper"]
+    >>> motion = ArmMotion(arm, waypoints, limits)  # (n, 6): grasp, lifted, over the target, lowered
+    >>> motion = ArmMotion(arm, q_now[None], limits, T_base_goals=T_base_tips)  # poses of the tip instead
+
+    Attributes:
+        model: of the arm.
+        waypoints: (n, 6) joints, rad and m; it starts at the first and rests at the last.
+        limits: bounds of velocity and acceleration, perhaps of jerk.
+        T_world_base: pose of its base; needed where arms or obstacles can meet.
+        up: (3,) direction in its base, of any length, along which the tip passes the waypoints between the first
+            and the last without turning; a unit vector afterwards. Planners that stop there need not heed it.
+        straight: for each piece between two waypoints, whether the tip keeps to the straight line between
+            them, turning as little as possible; empty: nowhere.
+        start_velocity: (6,) of the joints at the first waypoint, per second; 0 at rest. A motion that replaces
+            another one under way starts moving.
+        T_base_goals: batch (m,) of poses of the tip in its base, to go through after the waypoints. Before the
+            planner is asked they become waypoints, by the inverse kinematics nearest to the one before.
+        jaw_rad: opening between its fingers.
+    """
+
+    model: ArmModel
+    waypoints: NDArray[np.float64]
+    limits: MotionLimits
+    T_world_base: SE3 = field(default_factory=SE3.identity)
+    up: NDArray[np.float64] = field(default_factory=_up)
+    straight: tuple[bool, ...] = ()
+    start_velocity: NDArray[np.float64] = field(default_factory=_still)
+    T_base_goals: SE3 | None = None
+    jaw_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        goals = 0 if self.T_base_goals is None else _count(self.T_base_goals)
+        points = np.asarray(self.waypoints, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != JOINTS or len(points) < 1 or len(points) + goals < 2:
+            raise TrocarError(
+                f"{self.model.name} needs waypoints of shape (n, {JOINTS}) with n of 2 or more, or of 1 and goals, "
+                f"got {points.shape} and {goals} goals"
+            )
+        if self.limits.velocity.shape != (JOINTS,):
+            raise TrocarError(f"{self.model.name} needs limits of {JOINTS} joints, got {self.limits.velocity.size}")
+        straight = tuple(bool(piece) for piece in self.straight) or (False,) * (len(points) + goals - 1)
+        if len(straight) != len(points) + goals - 1:
+            raise TrocarError(
+                f"{len(points) + goals} waypoints have {len(points) + goals - 1} pieces between them, but "
+                f"{len(straight)} times it was said whether a piece is straight"
+            )
+        object.__setattr__(self, "waypoints", points)
+        object.__setattr__(self, "straight", straight)
+        object.__setattr__(self, "up", _unit(self.up))
+        object.__setattr__(self, "start_velocity", self._checked_velocity())
+        self._require_apart()
+        if not np.isfinite(self.jaw_rad):
+            raise TrocarError(f"the jaws of {self.model.name} open {self.jaw_rad} rad; give a finite number")
+
+    @property
+    def moves(self) -> bool:
+        """Return whether it is under way at the start."""
+        return bool(self.start_velocity.any())
+
+    def resolved(self) -> ArmMotion:
+        """Return the same with its goals as waypoints.
+
+        Raises:
+            Unreachable: a goal is out of reach.
+        """
+        if self.T_base_goals is None:
+            return self
+        points = list(self.waypoints)
+        for index in range(_count(self.T_base_goals)):
+            try:
+                points.append(ik(self.model, self.T_base_goals[index], points[-1]))
+            except Unreachable as error:
+                raise Unreachable(f"goal {index}: {error}") from None
+        return replace(self, waypoints=np.array(points), T_base_goals=None)
+
+    def require_ranges(self, slack: float) -> None:
+        """Raise unless the waypoints lie within the joints' ranges, widened by the share ``slack``."""
+        for index, point in enumerate(self.waypoints):
+            for joint, value in zip(self.model.joints, point, strict=True):
+                beyond = slack * (joint.upper - joint.lower)
+                if not joint.lower - beyond <= value <= joint.upper + beyond:
+                    raise TrocarError(
+                        f"waypoint {index}, joint '{joint.name}' = {value:.4f} {joint.unit} is outside "
+                        f"[{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} of {self.model.name}; move it inside"
+                    )
+
+    def _checked_velocity(self) -> NDArray[np.float64]:
+        velocity = np.asarray(self.start_velocity, dtype=np.float64)
+        if velocity.shape != (JOINTS,) or not np.isfinite(velocity).all():
+            raise TrocarError(f"the start velocity needs {JOINTS} finite numbers, got {velocity.tolist()}")
+        for joint, value, most in zip(self.model.joints, velocity, self.limits.velocity, strict=True):
+            if abs(value) > KEPT * most:
+                raise TrocarError(
+                    f"joint '{joint.name}' starts with {value:.4f} {joint.unit}/s, beyond its limit of {most:.4f}; "
+                    "raise the limit or slow down first"
+                )
+        return velocity
+
+    def _require_apart(self) -> None:
+        points = self.waypoints
+        for index, point in enumerate(points):
+            for joint, value in zip(self.model.joints, point, strict=True):
+                if not np.isfinite(value):
+                    raise TrocarError(f"waypoint {index}, joint '{joint.name}' is {value}; give a finite number")
+        same = np.all(np.abs(np.diff(points, axis=0)) < NEAREST, axis=1)
+        if self.moves and len(same):
+            same[0] = False  # to stop and come back is a motion
+        if same.any():
+            first = int(np.flatnonzero(same)[0])
+            raise TrocarError(f"waypoints {first} and {first + 1} coincide; remove one of them")
+
+
+def _count(T_base_goals: SE3) -> int:
+    """Return how many goals there are, or raise."""
+    if T_base_goals.matrix.ndim != 3:
+        raise TrocarError(f"goals are poses (m, 4, 4), got {T_base_goals.matrix.shape}; index one as [None]")
+    return len(T_base_goals.matrix)
+
+
+def _unit(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the direction as a unit vector (3,)."""
+    direction = np.asarray(up, dtype=np.float64)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not np.linalg.norm(direction) > 0:
+        raise TrocarError(f"the upward direction needs three finite numbers that are not all 0, got {up}")
+    return direction / np.linalg.norm(direction)

@@ -1,0 +1,121 @@
+"""Coming to rest from the middle of a motion: on its path, within the limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import MotionLimits
+from trocar.trajectory import Trajectory
+
+STEP_S, MIN_STEP_S, MAX_CHANGE = 1e-3, 5e-5, 0.02
+"""Braking is integrated in steps in which the rate of the path's time changes by no more than this."""
+HEADROOM = 0.99
+"""Share of the acceleration limits that braking uses: what lies between two steps."""
+PATIENCE, GRACE_S = 2.0, 0.1
+"""Braking on the path may take this many times as long as the joints by themselves need, and so much longer."""
+STILL = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Brake:
+    """How a motion comes to rest.
+
+    Attributes:
+        times_s: (n,) since braking began.
+        path_s: (n,) time along the trajectory.
+        rate: (n,) how fast it runs; the last is 0.
+        off_path: where the path is left: the motion of the joints by themselves, from time 0; else None.
+    """
+
+    times_s: NDArray[np.float64]
+    path_s: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    off_path: Trajectory | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """Return the time until rest."""
+        return float(self.times_s[-1])
+
+    def at(self, since_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the time along the path (n,) and its rate at times (n,) since braking began.
+
+        Between two steps the rate is linear, so that the time along the path is quadratic; a straight line in its place
+        would be felt as a rattle.
+        """
+        row = np.clip(np.searchsorted(self.times_s, since_s, side="right") - 1, 0, len(self.times_s) - 1)
+        rate = np.interp(since_s, self.times_s, self.rate)
+        within_s = np.clip(since_s, 0.0, self.times_s[-1]) - self.times_s[row]
+        return self.path_s[row] + 0.5 * (self.rate[row] + rate) * within_s, rate
+
+
+def brake(
+    trajectory: Trajectory,
+    path_s: float,
+    limits: MotionLimits,
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+) -> Brake:
+    """Return how to come to rest from a motion that is ``path_s`` under way, as fast as the limits allow.
+
+    The path is kept by running its time slower and slower: with ``s`` for the time along the path, every joint
+    accelerates by ``q' s'' + q'' s'^2``, which bounds ``s''`` from below; running on is always allowed. Where a joint
+    that already brakes with all it has keeps the others from stopping for long, the joints stop by themselves, off the
+    path, if their ranges allow it.
+
+    Args:
+        trajectory: the motion, within its limits.
+        path_s: time along it.
+        limits: of velocity and acceleration.
+        lower: (joints,) ranges.
+        upper: likewise.
+    """
+    on_path = _along_path(trajectory, path_s, limits)
+    velocity = trajectory(path_s, 1)
+    alone_s = float(np.max(np.abs(velocity) / (HEADROOM * limits.acceleration)))
+    if on_path.duration_s <= PATIENCE * alone_s + GRACE_S:
+        return on_path
+    q = trajectory(path_s)
+    end = q + 0.5 * alone_s * velocity
+    if (end < lower).any() or (end > upper).any():
+        return on_path
+    curve = np.stack([-0.5 * velocity / alone_s, velocity, q])[:, None]
+    times = np.array([0.0, alone_s])
+    return Brake(times, np.full(2, path_s), np.zeros(2), Trajectory(times, curve))
+
+
+def _along_path(trajectory: Trajectory, path_s: float, limits: MotionLimits) -> Brake:
+    """Return the fastest slowing down of a trajectory's own time.
+
+    Where the arm has only just set out, its time can be stopped within milliseconds: the steps are then that short.
+    """
+    end_s = float(trajectory.times_s[-1])
+    reach = HEADROOM * limits.acceleration
+    since, s, rate = 0.0, path_s, 1.0
+    rows = [(since, s, rate)]
+    while rate > 0.0 and s < end_s - STILL:
+        ahead = np.array([s, min(end_s, s + rate * STEP_S)])  # what lies within the step too: a knot may be there
+        push = _least_push(trajectory(ahead, 1), trajectory(ahead, 2), reach, rate)
+        step_s = max(MIN_STEP_S, min(STEP_S, MAX_CHANGE / max(-push, STILL)))
+        slower = rate + push * step_s
+        if slower < 0.0:
+            step_s, slower = rate / -push, 0.0
+        since, s = since + step_s, min(end_s, s + 0.5 * (rate + slower) * step_s)
+        rate = slower
+        rows.append((since, s, rate))
+    rows[-1] = (*rows[-1][:2], 0.0)
+    return Brake(*np.array(rows).T)
+
+
+def _least_push(
+    velocity: NDArray[np.float64], acceleration: NDArray[np.float64], reach: NDArray[np.float64], rate: float
+) -> float:
+    """Return the least ``s''`` (at most 0) that keeps every joint's acceleration, over rows (k, joints)."""
+    carried = acceleration * rate * rate
+    moves = np.abs(velocity) > STILL
+    divisor = np.where(moves, velocity, 1.0)
+    bounds = np.minimum((-reach - carried) / divisor, (reach - carried) / divisor)
+    return min(0.0, float(np.max(np.where(moves, bounds, -1.0 / STEP_S))))

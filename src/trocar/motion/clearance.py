@@ -1,0 +1,147 @@
+"""The least distance of moving arms from each other and from obstacles, guaranteed between the samples too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import ceil, inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.geometry.capsules import segment_gaps_m
+from trocar.motion.bodies import Bodies
+from trocar.motion.moving_arm import MovingArm
+from trocar.motion.obstacles import Obstacle
+
+COARSE_S = 0.04
+"""Longest interval between the first samples."""
+
+SPLIT = 8
+"""Parts into which an interval is cut that may hide something."""
+
+MERGED_S = 1e-9
+"""Samples closer than this are one."""
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """How near to each other moving things come: the least distance lies between the two figures.
+
+    Attributes:
+        distance_m: what the distance never falls below, between the samples too; infinite if nothing can meet,
+            below 0 if things may overlap.
+        sampled_m: the least distance of all samples.
+        time_s: when that is.
+        between: the two parts it is between, as in ``("psm1 left finger", "table")``.
+    """
+
+    distance_m: float
+    sampled_m: float
+    time_s: float
+    between: tuple[str, str]
+
+
+def swept_clearance(
+    arms: Mapping[str, MovingArm],
+    *,
+    others: Mapping[str, MovingArm] | None = None,
+    obstacles: Mapping[str, Obstacle] | None = None,
+    span_s: tuple[float, float] | None = None,
+    enough_m: float = inf,
+    resolution_m: float = 1e-4,
+) -> Clearance:
+    """Return a guaranteed lower bound of the least distance between moving arms, and to what is in their way.
+
+    Each arm of ``arms`` against each other one, against the others and the obstacles; not the parts of one arm
+    against each other, nor the others among themselves.
+
+    Branch and bound over time: every pair of capsules has a lower bound of its distance in every interval
+    between two samples; an interval that may hide less than the samples show is cut into parts.
+
+    >>> going = MovingArm(arm, trajectory, T_world_left)
+    >>> waiting = MovingArm.resting(arm, q_now, T_world_right)
+    >>> clear = swept_clearance({"psm1": going, "psm2": waiting}, enough_m=1e-3)
+    >>> clear.distance_m >= 1e-3
+    True
+
+    Args:
+        arms: by name, on one clock.
+        others: by name, on the same clock.
+        obstacles: by name.
+        span_s: from when to when; default: from the first start to the last end of them all.
+        enough_m: what is further apart need not be known any better.
+        resolution_m: how far the bound may lie under the samples, where that is less than enough.
+    """
+    if not resolution_m > 0:
+        raise TrocarError(f"distances cannot be resolved to {resolution_m} m; give a resolution above 0")
+    bodies = Bodies.of(arms, others or {}, obstacles or {})
+    if not len(bodies.pairs):
+        return Clearance(inf, inf, 0.0, ("", ""))
+    knots = _first_samples(bodies, span_s)
+    pair = np.arange(len(bodies.pairs))
+    times = np.broadcast_to(knots, (len(pair), len(knots)))
+    bend = bodies.accelerations(knots[:-1], knots[1:]).T[bodies.pairs].sum(axis=1)
+    floor, best, when_s, which = inf, inf, 0.0, 0
+    while len(pair):
+        distances, bounds = _measured(bodies, times, pair, bend)
+        row, sample = np.unravel_index(np.argmin(distances), distances.shape)
+        if distances[row, sample] < best:
+            best, when_s, which = float(distances[row, sample]), float(times[row, sample]), int(pair[row])
+        hiding = bounds < min(best - resolution_m, enough_m)
+        floor = min(floor, best, float(bounds[~hiding].min(initial=inf)))
+        row, part = np.nonzero(hiding)
+        # an interval's parts inherit its bound of the acceleration
+        pair, bend = pair[row], np.broadcast_to(bend, bounds.shape)[row, part][:, None]
+        begin, end = times[row, part, None], times[row, part + 1, None]
+        times = begin + (end - begin) * np.linspace(0.0, 1.0, SPLIT + 1)
+    first, second = bodies.pairs[which]
+    return Clearance(floor, best, when_s, (bodies.names[first], bodies.names[second]))
+
+
+def _first_samples(bodies: Bodies, span_s: tuple[float, float] | None) -> NDArray[np.float64]:
+    """Return times over the span, all knots among them: between two of them every joint follows one polynomial."""
+    begin = min(arm.start_s for arm in bodies.movers) if span_s is None else float(span_s[0])
+    end = max(arm.end_s for arm in bodies.movers) if span_s is None else float(span_s[1])
+    if not (np.isfinite([begin, end]).all() and begin <= end):
+        raise TrocarError(f"distances are asked for from {begin} to {end} s; give two finite times in order")
+    knots = np.concatenate([arm.knots_s for arm in bodies.movers])
+    even = np.linspace(begin, end, max(1, ceil((end - begin) / COARSE_S)) + 1)
+    times = np.unique(np.concatenate([even, knots[(knots > begin) & (knots < end)]]))
+    return times[np.diff(times, prepend=-inf) > MERGED_S]
+
+
+def _measured(
+    bodies: Bodies, times: NDArray[np.float64], pair: NDArray[np.intp], bend: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return distances (rows, samples) of pairs of capsules, and lower bounds (rows, samples - 1) in between, m.
+
+    Take both capsules to move straight between two samples. The vector between any point of one and any point
+    of the other then changes by no more than that between some two of their ends: half of this is lost from
+    the mean of the distances. Or: seen along the direction of the shortest vector at one sample, nothing is
+    nearer at the other sample than some two ends are. The better bound is good, less what the true paths bend.
+
+    Args:
+        bodies: the capsules over time.
+        times: (rows, samples).
+        pair: (rows,) which pair each row is about.
+        bend: (rows, samples - 1) or (rows, 1) bounds of their accelerations, summed, m/s^2.
+    """
+    moments, where = np.unique(times, return_inverse=True)
+    ends, (a, b) = bodies.ends_m(moments), bodies.pairs[pair].T[..., None]
+    where = where.reshape(times.shape)
+    p, q = ends[where, a], ends[where, b]
+    radii = bodies.radii_m[a] + bodies.radii_m[b]
+    gaps = segment_gaps_m(p[..., 0, :], p[..., 1, :], q[..., 0, :], q[..., 1, :])
+    lengths = np.sqrt(np.einsum("...i,...i->...", gaps, gaps))
+    ways = gaps / np.where(lengths > 0, lengths, 1.0)[..., None]
+    between = p[..., :, None, :] - q[..., None, :, :]  # (rows, samples, 2 ends of one, 2 of the other, 3)
+    change = np.diff(between, axis=1)
+    change_m = np.sqrt(np.einsum("...i,...i->...", change, change).max((-2, -1)))
+    even = (lengths[:, :-1] + lengths[:, 1:] - change_m) / 2
+    ahead = np.einsum("...jki,...i->...jk", between[:, 1:], ways[:, :-1]).min((-2, -1))
+    back = np.einsum("...jki,...i->...jk", between[:, :-1], ways[:, 1:]).min((-2, -1))
+    seen = np.maximum(np.minimum(lengths[:, :-1], ahead), np.minimum(lengths[:, 1:], back))
+    straight = np.maximum(even, seen)
+    return lengths - radii, straight - radii - bend * np.diff(times, axis=1) ** 2 / 8

@@ -1,0 +1,68 @@
+"""An arm whose motion is known: under way, or resting."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.arms import ArmModel, capsules
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class MovingArm:
+    """An arm on a trajectory, in the world; before and after it rests.
+
+    >>> waiting = MovingArm.resting(arm, q_now, T_world_right)
+    >>> MovingArm(arm, trajectory, T_world_left, start_s=-0.2).ends_m(0.0).shape  # under way for .2 s
+    (4, 2, 3)
+
+    Attributes:
+        model: of the arm.
+        trajectory: of its six joints, without jumps; its own time starts at its first knot.
+        T_world_base: pose of its base.
+        start_s: when it starts, on the clock of who asks; below 0 if it is under way already.
+        jaw_rad: opening between the fingers.
+    """
+
+    model: ArmModel
+    trajectory: Trajectory
+    T_world_base: SE3 = field(default_factory=SE3.identity)
+    start_s: float = 0.0
+    jaw_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        joints = self.trajectory.coefficients.shape[2]
+        if joints != len(self.model.joints):
+            raise TrocarError(f"{self.model.name} has {len(self.model.joints)} joints, its trajectory {joints}")
+        if not (np.isfinite(self.start_s) and np.isfinite(self.jaw_rad)):
+            raise TrocarError(f"a motion of {self.model.name} starts at {self.start_s} s, jaws at {self.jaw_rad} rad")
+
+    @classmethod
+    def resting(cls, model: ArmModel, q: ArrayLike, T_world_base: SE3 | None = None, jaw_rad: float = 0.0) -> MovingArm:
+        """Return an arm that stays at these joints (6,)."""
+        hold = Trajectory(np.array([0.0, 1e-3]), model.configurations(q)[None, None])
+        return cls(model, hold, T_world_base or SE3.identity(), 0.0, jaw_rad)
+
+    @property
+    def end_s(self) -> float:
+        """Return when it comes to rest."""
+        return self.start_s + self.trajectory.duration_s
+
+    @property
+    def knots_s(self) -> NDArray[np.float64]:
+        """Return the knots of its trajectory on the clock of who asks."""
+        return self.trajectory.times_s + (self.start_s - self.trajectory.times_s[0])
+
+    def joints(self, t_s: ArrayLike, order: int = 0) -> NDArray[np.float64]:
+        """Return the derivative of this order of the joints at the times (...,): (..., 6)."""
+        shift = self.trajectory.times_s[0] - self.start_s
+        return self.trajectory(np.asarray(t_s, dtype=np.float64) + shift, order)
+
+    def ends_m(self, t_s: ArrayLike) -> NDArray[np.float64]:
+        """Return the ends of the instrument's capsules in the world at the times (...,): (..., 4, 2, 3) m."""
+        return capsules(self.model, self.joints(t_s), self.jaw_rad).moved(self.T_world_base).ends_m

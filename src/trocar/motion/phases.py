@@ -1,0 +1,104 @@
+"""How one joint comes to rest at a goal in a given time: phases of constant acceleration, in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.trajectory import Trajectory
+
+Phases = list[tuple[float, float]]
+"""Duration in s and acceleration of each phase, in order."""
+
+APART_S = 1e-9
+"""Knots closer than this are one."""
+
+NO_WAY = 1e-15
+"""No joint (rad, m) is known so well."""
+
+STILL = 1e-12
+"""Share of a velocity limit that counts as rest."""
+
+
+def phases_to_rest(
+    distance: float, start_velocity: float, seconds: float, velocity: float, acceleration: float
+) -> Phases:
+    """Return how a joint goes from a moving start to rest at a signed distance in exactly this time.
+
+    It uses as little acceleration as the time asks for, and never passes its goal unless it cannot stop before
+    it; then it brakes as hard as it may, so as to overshoot least, and comes back.
+
+    Args:
+        distance: to go, rad or m, of either sign.
+        start_velocity: per second, of either sign, within the limit.
+        seconds: no shorter than :func:`trocar.motion.shortest_to_rest_s`; any longer time will do.
+        velocity: greatest, above 0.
+        acceleration: greatest, above 0.
+    """
+    if abs(start_velocity) <= STILL * velocity:
+        start_velocity = 0.0
+    forward = start_velocity > 0 or (start_velocity == 0 and distance >= 0)
+    sign = 1.0 if forward else -1.0
+    d, v0 = sign * distance, sign * start_velocity
+    stop = v0**2 / (2 * acceleration)
+    if v0 > 0 and d < stop:
+        braking_s = v0 / acceleration
+        back = _ahead(stop - d, 0.0, seconds - braking_s, velocity, acceleration)
+        return [(braking_s, -sign * acceleration), *((t, -sign * a) for t, a in back)]
+    if d < v0 * seconds / 2:  # even constant braking would lead too far in this time: stop there sooner, and wait
+        braking_s = 2 * d / v0
+        return [(braking_s, -sign * v0 / braking_s), (seconds - braking_s, 0.0)]
+    return [(t, sign * a) for t, a in _ahead(d, v0, seconds, velocity, acceleration)]
+
+
+def _ahead(d: float, v0: float, seconds: float, velocity: float, acceleration: float) -> Phases:
+    """Return speeding up, cruising at the limit if need be, and braking, with the least acceleration.
+
+    Up to the peak ``(a T + v0) / 2`` and down from it covers d if ``T^2 a^2 + (2 T v0 - 4 d) a = v0^2``; with a
+    cruise at the limit V instead, ``d = V T - (V^2 - V v0 + v0^2 / 2) / a``.
+    """
+    if seconds <= APART_S or (v0 == 0 and d <= NO_WAY):
+        return [(max(0.0, seconds), 0.0)]
+    half = 2 * d - seconds * v0
+    a = (half + sqrt(half**2 + (seconds * v0) ** 2)) / seconds**2
+    peak = (a * seconds + v0) / 2
+    if peak <= velocity:
+        a = min(a, acceleration)  # no more than rounding
+        speeding_s = max(0.0, seconds / 2 - v0 / (2 * a))
+        return [(speeding_s, a), (seconds - speeding_s, -a)]
+    a = min((velocity**2 - velocity * v0 + v0**2 / 2) / (velocity * seconds - d), acceleration)
+    speeding_s, braking_s = (velocity - v0) / a, velocity / a
+    return [(speeding_s, a), (seconds - speeding_s - braking_s, 0.0), (braking_s, -a)]
+
+
+def joined(q: NDArray[np.float64], v: NDArray[np.float64], phases: Sequence[Phases], seconds: float) -> Trajectory:
+    """Return the trajectory of all joints from their phases, which last ``seconds`` each.
+
+    Args:
+        q: (joints,) at the start.
+        v: (joints,) at the start, per second.
+        phases: one list per joint.
+        seconds: what every list adds up to, up to rounding.
+    """
+    ends = np.concatenate([np.cumsum([t for t, _ in joint]) for joint in phases])
+    ends = np.unique(ends[(ends > APART_S) & (ends < seconds - APART_S)])
+    knots = np.concatenate([[0.0], ends[np.diff(ends, prepend=0.0) > APART_S], [seconds]])
+    columns = [_column(place, speed, joint, knots) for place, speed, joint in zip(q, v, phases, strict=True)]
+    return Trajectory(knots, np.stack(columns, axis=-1))
+
+
+def _column(q: float, v: float, phases: Phases, knots: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return one joint's coefficients (3, knots - 1) between the knots, which hold the ends of its phases."""
+    seconds, push = np.array(phases).T
+    begins = np.concatenate([[0.0], np.cumsum(seconds[:-1])])
+    speed = np.concatenate([[v], v + np.cumsum(seconds * push)[:-1]])
+    place = np.concatenate([[q], q + np.cumsum(speed * seconds + push * seconds**2 / 2)[:-1]])
+    middles = (knots[1:] + knots[:-1]) / 2  # a knot merged with its neighbour must not decide which phase it is
+    piece = np.clip(np.searchsorted(begins, middles, side="right") - 1, 0, len(begins) - 1)
+    since = knots[:-1] - begins[piece]
+    v_knot = speed[piece] + push[piece] * since
+    q_knot = place[piece] + speed[piece] * since + push[piece] * since**2 / 2
+    return np.stack([push[piece] / 2, v_knot, q_knot])

@@ -1,0 +1,54 @@
+"""The planners by name: built in, brought by installed packages, or by a file of somebody's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from enum import Enum
+from typing import TypeVar
+
+from trocar.motion.path import TimedPath
+from trocar.motion.problem import MotionProblem
+from trocar.registry import Lazy, Registry
+
+Planner = Callable[[MotionProblem], Mapping[str, TimedPath]]
+"""A function that answers a problem with one path per arm, or raises a ``TrocarError`` that says why there is none.
+
+It gets the problem checked and with joint waypoints only. Nothing that it answers is taken on trust:
+:func:`trocar.motion.plan_motion` checks it, so that it need not.
+"""
+
+PLANNERS: Registry[Planner] = Registry("planner", "trocar.planners", {"spline": Lazy("trocar.motion.splines:spline")})
+"""Every planner; other packages add theirs as entry points ``trocar.planners``, files by ``PLANNERS.register``."""
+
+
+class Demand(Enum):
+    """What a problem can ask of a motion."""
+
+    WAYPOINTS = "waypoints"
+    LIMITS = "limits"
+    JERK = "jerk"
+    RANGES = "ranges"
+    STRAIGHT = "straight pieces"
+    DISTANCES = "distances"
+
+
+P = TypeVar("P", bound=Planner)
+
+
+def ignores(*demands: Demand) -> Callable[[P], P]:
+    """Declare what a planner does not look at, to be said where it matters.
+
+    >>> @ignores(Demand.STRAIGHT, Demand.DISTANCES)
+    ... def stop_and_go(problem): ...
+    """
+
+    def declare(planner: P) -> P:
+        planner.ignores = frozenset(demands)  # type: ignore[attr-defined]
+        return planner
+
+    return declare
+
+
+def ignored(planner: Planner) -> frozenset[Demand]:
+    """Return what a planner declared that it does not look at."""
+    return getattr(planner, "ignores", frozenset())

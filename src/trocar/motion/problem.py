@@ -1,0 +1,84 @@
+"""What a planner is asked: one arm or several, on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from trocar.arms import Unreachable
+from trocar.errors import TrocarError
+from trocar.motion.arm_motion import ArmMotion
+from trocar.motion.moving_arm import MovingArm
+from trocar.motion.obstacles import Obstacle
+
+SAME_PLACE_M = 1e-3
+"""Remote centres closer than this belong to arms of which nobody said where they stand."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionProblem:
+    """What a planner is asked, for one arm or several that start together.
+
+    >>> table = HalfSpace(point_m=[0.0, 0.0, -0.01], normal=[0.0, 0.0, 1.0])
+    >>> problem = MotionProblem({"psm1": left, "psm2": right}, obstacles={"table": table}, min_distance_m=1e-3)
+
+    Attributes:
+        arms: what each arm is asked, by name.
+        others: arms that are not asked, by name: they rest or follow a known trajectory. Their clock starts with
+            the plan's, so that one that is under way already has a ``start_s`` below 0.
+        obstacles: what stands still in the world, by name.
+        min_distance_m: to keep between the parts of different arms, and to obstacles.
+        range_slack: share of each joint's range by which it may be left, for recordings of arms whose real
+            range is wider than the nominal one.
+        straight_tolerance_m: how far the tip may be off a straight piece.
+        straight_tolerance_rad: how far it may be turned there from the shortest turn between its ends.
+    """
+
+    arms: Mapping[str, ArmMotion]
+    others: Mapping[str, MovingArm] = field(default_factory=dict)
+    obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
+    min_distance_m: float = 0.0
+    range_slack: float = 0.0
+    straight_tolerance_m: float = 1e-4
+    straight_tolerance_rad: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if not self.arms:
+            raise TrocarError("a motion problem needs at least one arm; give what each is asked by its name")
+        for name in ("min_distance_m", "range_slack", "straight_tolerance_m", "straight_tolerance_rad"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise TrocarError(f"{name} of a motion problem is {value}; give a finite number of at least 0")
+        names = [*self.arms, *self.others, *self.obstacles]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise TrocarError(f"two things are called {', '.join(twice)}; give arms and obstacles names of their own")
+        for name, arm in self.arms.items():
+            try:
+                arm.require_ranges(self.range_slack)
+            except TrocarError as error:
+                raise TrocarError(str(error) if len(self.arms) == 1 else f"arm '{name}': {error}") from None
+        self._require_bases_apart()
+
+    def _require_bases_apart(self) -> None:
+        centers = {name: arm.T_world_base.translation_m for name, arm in (*self.arms.items(), *self.others.items())}
+        for a, b in combinations(centers, 2):
+            if np.linalg.norm(centers[a] - centers[b]) < SAME_PLACE_M:
+                raise TrocarError(f"arms '{a}' and '{b}' share one remote centre; say where each T_world_base is")
+
+    def resolved(self) -> MotionProblem:
+        """Return the same with all goals as waypoints, as planners get it.
+
+        Raises:
+            Unreachable: a goal is out of reach; says whose.
+        """
+        arms = {}
+        for name, arm in self.arms.items():
+            try:
+                arms[name] = arm.resolved()
+            except Unreachable as error:
+                raise Unreachable(f"arm '{name}', {error}") from None
+        return replace(self, arms=arms)

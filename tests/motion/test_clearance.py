@@ -1,0 +1,215 @@
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trocar.arms import ARMS, SOLIDS, capsules
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.geometry.capsules import capsule_distances_m, segment_distances_m
+from trocar.motion import Capsule, HalfSpace, MotionProblem, MovingArm, plan_motion, rest_to_rest, swept_clearance
+from trocar.motion.bend import greatest_accelerations
+from trocar.motion.bodies import Bodies
+from trocar.trajectory import Trajectory
+from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, transfer
+
+ARM_CASES = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
+SEEDS = st.integers(0, 2**32 - 1)
+DENSE = 8001
+
+
+def wild_motion(arm, rng, seconds=0.6, pieces=3, speed=1.0):
+    """A spline through random joints with random velocities: faster and more bent than any planner's."""
+    knots = np.concatenate([[0.0], np.cumsum(rng.uniform(0.2, 1.0, pieces))])
+    q = rng.uniform(arm.lower, arm.upper, (pieces + 1, 6))
+    q = arm.middle + 0.5 * (q - arm.middle)
+    v = speed * rng.normal(size=q.shape) * arm.motion_limits.velocity
+    return Trajectory.hermite(seconds * knots / knots[-1], q, v)
+
+
+def facing(arm, rng):
+    """Two bases whose arms work in one place: the second turned about the first's middle tip, and pushed aside."""
+    center = MovingArm.resting(arm, arm.middle).ends_m(np.zeros(1))[0, 1, 1]
+    turn = SO3.exp(rng.normal(size=3))
+    aside = rng.normal(size=3) * 0.02
+    return SE3.identity(), SE3.from_parts(turn, center - turn.apply(center) + aside)
+
+
+def brute_force_m(bodies, times):
+    """The least distance at the times, pair by pair."""
+    ends = bodies.ends_m(times)
+    a, b = bodies.pairs.T
+    between = segment_distances_m(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])
+    return float((between - bodies.radii_m[a] - bodies.radii_m[b]).min())
+
+
+@ARM_CASES
+@settings(max_examples=12, deadline=None)
+@given(seed=SEEDS, speed=st.floats(0.1, 10))
+def test_no_point_accelerates_more_than_the_bound(arm, seed, speed):
+    rng = np.random.default_rng(seed)
+    moving = MovingArm(arm, wild_motion(arm, rng, speed=speed), start_s=0.3, jaw_rad=rng.uniform(0, 1))
+    knots = moving.knots_s
+    begin, end = knots[:-1], knots[1:]
+    bound = greatest_accelerations(moving, begin, end)
+    step = 1e-5
+    for k in range(len(begin)):
+        times = np.linspace(begin[k] + step, end[k] - step, 400)
+        points = [moving.ends_m(times + shift) for shift in (-step, 0.0, step)]
+        push = np.linalg.norm(points[0] - 2 * points[1] + points[2], axis=-1) / step**2
+        assert np.all(push.max(axis=(0, 2)) <= bound[k] * (1 + 1e-4) + 1e-3)
+
+
+@ARM_CASES
+@pytest.mark.parametrize("joint", range(6))
+def test_the_bound_is_not_idle(arm, joint):
+    """One joint alone, turning evenly or pushed: the bound is near to what happens to the part that it moves most."""
+    q = arm.middle + 0.2 * (arm.upper - arm.lower) * [0, 0, 0, 0, 1, 1]
+    rate, push = np.zeros(6), np.zeros(6)
+    rate[joint], push[joint] = 0.8, 2.0
+    for order, coefficients in (("even", [rate, q]), ("pushed", [push / 2, 0 * rate, q])):
+        moving = MovingArm(arm, Trajectory(np.array([0.0, 1e-3]), np.array(coefficients)[:, None]))
+        bound = greatest_accelerations(moving, np.zeros(1), np.full(1, 1e-3))[0].max()
+        step = 1e-4
+        points = [moving.ends_m(np.array([5e-4 + shift])) for shift in (-step, 0.0, step)]
+        happens = np.linalg.norm(points[0] - 2 * points[1] + points[2], axis=-1).max() / step**2
+        if joint == 2 and order == "even":
+            assert bound == pytest.approx(0.0, abs=1e-9) and happens == pytest.approx(0.0, abs=1e-4)
+        else:
+            assert happens <= bound * (1 + 1e-3) <= 12 * happens
+
+
+@ARM_CASES
+@pytest.mark.parametrize(("turns", "slides", "seconds"), [(1.0, 0.8, 1e-3), (5.0, 0.1, 1.0)])
+def test_what_one_joint_does_is_turned_by_those_before_it(arm, turns, slides, seconds):
+    """The insertion moves while the arm turns: Coriolis' share, and a lever that grows within the interval."""
+    outwards = -arm.wrist_sign
+    rate = np.array([0.0, turns, outwards * slides, 0, 0, 0])
+    moving = MovingArm(arm, Trajectory(np.array([0.0, seconds]), np.array([rate, arm.middle])[:, None]))
+    bound = greatest_accelerations(moving, np.zeros(1), np.full(1, seconds))[0]
+    step, times = 1e-5, np.linspace(1e-5, seconds - 1e-5, 50)
+    points = [moving.ends_m(times + shift) for shift in (-step, 0.0, step)]
+    push = np.linalg.norm(points[0] - 2 * points[1] + points[2], axis=-1) / step**2
+    assert np.all(push.max(axis=(0, 2)) <= bound * (1 + 1e-3))
+
+
+@ARM_CASES
+@settings(max_examples=20, deadline=None)
+@given(seed=SEEDS, speed=st.floats(0.0, 8.0), enough_mm=st.sampled_from([0.0, 1.0, 20.0, np.inf]))
+def test_two_arms_and_obstacles_against_brute_force(arm, seed, speed, enough_mm):
+    rng = np.random.default_rng(seed)
+    first, second = facing(arm, rng)
+    arms = {
+        "one": MovingArm(arm, wild_motion(arm, rng, speed=speed), first, rng.uniform(-0.2, 0.2), 0.5),
+        "two": MovingArm(arm, wild_motion(arm, rng, speed=speed), second, rng.uniform(-0.2, 0.2), 0.5),
+    }
+    tip = arms["one"].ends_m(np.array([0.1]))[0, 2, 1]
+    obstacles = {
+        "ball": Capsule(tip + rng.normal(size=3) * 0.1, radius_m=5e-3),
+        "wire": Capsule(tip + rng.normal(size=3) * 0.1, tip + rng.normal(size=3) * 0.1, radius_m=1e-4),
+        "wall": HalfSpace(tip + rng.normal(size=3) * 0.3, rng.normal(size=3)),
+    }
+    enough_m, resolution_m = 1e-3 * enough_mm, 1e-4
+    clear = swept_clearance(arms, obstacles=obstacles, enough_m=enough_m, resolution_m=resolution_m)
+    bodies = Bodies.of(arms, {}, obstacles)
+    assert len(bodies.pairs) == 16 + 2 * 4 * 3
+    begin, end = min(one.start_s for one in arms.values()), max(one.end_s for one in arms.values())
+    dense_m = brute_force_m(bodies, np.linspace(begin, end, DENSE))
+    assert clear.distance_m <= dense_m + 1e-8
+    assert clear.distance_m <= clear.sampled_m
+    if clear.distance_m < enough_m:
+        assert clear.sampled_m - clear.distance_m <= resolution_m + 1e-9
+    again_m = brute_force_m(bodies, np.array([clear.time_s]))
+    assert again_m <= clear.sampled_m + 1e-8  # nothing else is nearer then; the wall is a ball that rounds to 2 nm
+    assert set(clear.between) <= {f"{name} {solid}" for name, solid in product(arms, SOLIDS)} | set(obstacles)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, rate=st.floats(1.0, 300.0), when=st.floats(0.0, 1.0), joint=st.sampled_from([0, 1, 3]))
+def test_a_finger_that_whips_past_a_wire_between_two_samples_is_caught(seed, rate, when, joint):
+    """Up to 300 rad/s: several turns between the first samples."""
+    rng = np.random.default_rng(seed)
+    q = PSM.middle + [0, 0, 0.05, 0, 0.8, 0.3]
+    speed = np.zeros(6)
+    speed[joint] = rate
+    motion = Trajectory(np.array([0.0, 0.3]), np.array([speed, q])[:, None])
+    moving = MovingArm(PSM, motion)
+    tip = moving.ends_m(np.array([0.3 * when]))[0, 2, 1]
+    wire = {"wire": Capsule(tip, tip + 1e-3 * rng.normal(size=3), radius_m=1e-5)}
+    clear = swept_clearance({"psm1": moving}, obstacles=wire, enough_m=1e-3)
+    assert clear.distance_m <= -PSM.instrument.finger_radius_m
+    assert "wire" in clear.between and clear.sampled_m < 1e-3
+
+
+def test_arms_that_move_together_stay_apart_without_ado():
+    motion = rest_to_rest(FOUR[0], FOUR[2], PAPER)
+    apart = SE3.from_parts(translation_m=[0.0, 0.03, 0.0])
+    arms = {"one": MovingArm(PSM, motion), "two": MovingArm(PSM, motion, apart)}
+    still = {name: MovingArm.resting(PSM, FOUR[0], arm.T_world_base) for name, arm in arms.items()}
+    together, resting = swept_clearance(arms), swept_clearance(still)
+    assert 0.0 < resting.distance_m < 0.03
+    assert together.distance_m <= together.sampled_m
+    assert together.sampled_m - together.distance_m <= 1e-4
+
+
+def test_who_starts_later_meets_whom():
+    """One arm sweeps over the place where the other one arrives later: only together they collide."""
+    first = transfer(LEFT, (-0.04, 0.0), (0.02, 0.0))
+    second = transfer(RIGHT, (0.05, 0.0), (0.0, 0.0))
+    there = plan_motion(MotionProblem({"psm1": first})).trajectory
+    back = plan_motion(MotionProblem({"psm1": transfer(LEFT, (0.02, 0.0), (-0.04, 0.0))})).trajectory
+    comes = plan_motion(MotionProblem({"psm2": second})).trajectory
+
+    def together(start_s):
+        arms = {"psm1": MovingArm(PSM, there.then(back), LEFT), "psm2": MovingArm(PSM, comes, RIGHT, start_s)}
+        return swept_clearance(arms, enough_m=1e-3).distance_m
+
+    assert together(0.5) < 1e-3
+    assert together(there.duration_s + back.duration_s) >= 1e-3
+
+
+def test_only_the_span_that_is_asked_for_counts():
+    going = MovingArm(PSM, rest_to_rest(FOUR[0], FOUR[1], PAPER))
+    high = going.ends_m(np.array([going.end_s]))[0, 2, 1]
+    above = {"bar": Capsule(high, radius_m=1e-3)}
+    assert swept_clearance({"psm1": going}, obstacles=above).distance_m < 0
+    early = swept_clearance({"psm1": going}, obstacles=above, span_s=(-1.0, 0.0))
+    assert early.distance_m > 0.01
+    assert swept_clearance({"psm1": going}, obstacles=above, span_s=(9.0, 9.0)).distance_m < 0
+    with pytest.raises(TrocarError, match=r"from 1\.0 to 0\.0 s; give two finite times in order"):
+        swept_clearance({"psm1": going}, obstacles=above, span_s=(1.0, 0.0))
+    with pytest.raises(TrocarError, match="cannot be resolved to 0 m"):
+        swept_clearance({"psm1": going}, obstacles=above, resolution_m=0)
+
+
+def test_nothing_to_meet_is_infinitely_far():
+    assert swept_clearance({"psm1": MovingArm.resting(PSM, FOUR[0])}).distance_m == np.inf
+
+
+def test_others_do_not_count_among_themselves():
+    there = {name: MovingArm.resting(PSM, FOUR[0], LEFT) for name in ("two", "three")}
+    far = MovingArm.resting(PSM, FOUR[0], SE3.from_parts(translation_m=[0, 1.0, 0]))
+    assert swept_clearance({"one": far}, others=there).distance_m > 0.5
+    assert swept_clearance({"one": far, **there}).distance_m < 0
+
+
+def test_a_table_under_a_tip_that_goes_down():
+    down = MovingArm(PSM, rest_to_rest(FOUR[1], FOUR[0], PAPER))
+    low_m = float(down.ends_m(np.array([down.end_s]))[..., 2].min())
+    table = {"table": HalfSpace([0.1, 0.0, low_m - 0.01], [0, 0, 1])}
+    clear = swept_clearance({"psm1": down}, obstacles=table, resolution_m=1e-6)
+    assert clear.distance_m == pytest.approx(0.01 - PSM.instrument.finger_radius_m, abs=4e-6)
+    assert clear.time_s == pytest.approx(down.end_s) and clear.between[1] == "table"
+
+
+def test_the_distance_between_two_poses_is_that_of_their_capsules():
+    one, two = MovingArm.resting(PSM, FOUR[0], LEFT), MovingArm.resting(PSM, FOUR[2], RIGHT, jaw_rad=0.7)
+    bodies = Bodies.of({"one": one, "two": two}, {}, {})
+    apart = capsule_distances_m(capsules(PSM, FOUR[0]).moved(LEFT), capsules(PSM, FOUR[2], 0.7).moved(RIGHT))
+    clear = swept_clearance({"one": one, "two": two})
+    assert clear.sampled_m == pytest.approx(apart.min(), abs=1e-12)
+    a, b = np.unravel_index(np.argmin(apart), apart.shape)
+    assert clear.between == (f"one {SOLIDS[a]}", f"two {SOLIDS[b]}")
+    assert len(bodies.pairs) == 16

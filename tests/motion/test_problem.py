@@ -1,0 +1,136 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trocar.arms import MotionLimits, fk
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.motion import ArmMotion, Capsule, HalfSpace, MotionProblem, MovingArm, plan_motion
+from trocar.motion.obstacles import stacked
+from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, transfer
+
+ONE = ArmMotion(PSM, FOUR, PAPER)
+
+
+def five_joints():
+    return MotionLimits(np.ones(5), np.ones(5))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"waypoints": FOUR[:1]}, r"shape \(n, 6\) with n of 2 or more"),
+        ({"waypoints": FOUR[:, :5]}, r"shape \(n, 6\)"),
+        ({"waypoints": FOUR * [1, 1, np.nan, 1, 1, 1]}, "joint 'insertion' is nan; give a finite number"),
+        ({"waypoints": FOUR[[0, 1, 1, 3]]}, "waypoints 1 and 2 coincide; remove one"),
+        ({"limits": five_joints()}, "limits of 6 joints, got 5"),
+        ({"up": np.zeros(3)}, "upward direction needs three finite numbers"),
+        ({"straight": (True, False)}, "have 3 pieces between them, but 2 times"),
+        ({"start_velocity": np.full(6, np.inf)}, "start velocity needs 6 finite numbers"),
+        ({"start_velocity": np.array([0, 0, 0.5, 0, 0, 0])}, "joint 'insertion' starts with 0.5000 m/s, beyond .* 0.4"),
+        ({"jaw_rad": np.nan}, "jaws of psm-classic open nan rad"),
+        ({"T_base_goals": SE3.identity()}, r"goals are poses \(m, 4, 4\)"),
+    ],
+)
+def test_what_is_asked_of_an_arm_is_checked(change, words):
+    with pytest.raises(TrocarError, match=words) as raised:
+        replace(ONE, **change)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"arms": {}}, "at least one arm"),
+        ({"min_distance_m": -1e-3}, "min_distance_m of a motion problem is -0.001; give a finite number of at least 0"),
+        ({"range_slack": np.nan}, "range_slack of a motion problem is nan"),
+        ({"obstacles": {"psm1": Capsule([0, 0, 0])}}, "two things are called psm1"),
+        ({"others": {"psm2": MovingArm.resting(PSM, FOUR[0])}}, "'psm1' and 'psm2' share one remote centre"),
+        (
+            {"arms": {"psm1": replace(ONE, waypoints=FOUR + [0, 0, 0.1, 0, 0, 0])}},
+            r"waypoint 0, joint 'insertion' .* m is outside \[0.0000, 0.2400\] m of psm-classic; move it inside",
+        ),
+    ],
+)
+def test_a_problem_is_checked(asked, words):
+    with pytest.raises(TrocarError, match=words) as raised:
+        MotionProblem(**{"arms": {"psm1": ONE}, **asked})
+    assert "\n" not in str(raised.value)
+
+
+def test_one_of_several_arms_that_is_asked_too_much_is_named():
+    beyond = transfer(RIGHT, (0.02, 0.0), (0.05, 0.0))
+    beyond = replace(beyond, waypoints=beyond.waypoints + [0, 1, 0, 0, 0, 0])
+    with pytest.raises(TrocarError, match="arm 'psm2': waypoint 0, joint 'pitch'"):
+        MotionProblem({"psm1": transfer(LEFT, (-0.05, 0.0), (-0.02, 0.0)), "psm2": beyond})
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Capsule([0, 0]), "start of a capsule needs three finite numbers"),
+        (lambda: Capsule([0, 0, 0], [0, 0, np.nan]), "end of a capsule needs three"),
+        (lambda: Capsule([0, 0, 0], radius_m=-1), "radius of a capsule is -1 m"),
+        (lambda: HalfSpace([0, 0, 0], [0, 0, 0]), "normal of a half-space is 0"),
+        (lambda: MovingArm.resting(PSM, FOUR[0], jaw_rad=np.inf), "jaws at inf rad"),
+    ],
+)
+def test_what_is_in_the_way_is_checked(make, words):
+    with pytest.raises(TrocarError, match=words):
+        make()
+
+
+def test_ranges_may_be_left_as_far_as_is_said():
+    wide = FOUR.copy()
+    wide[0, 2] = PSM.upper[2] + 0.003  # of .24
+    with pytest.raises(TrocarError, match="is outside"):
+        MotionProblem({"psm1": replace(ONE, waypoints=wide)}, range_slack=0.01)
+    MotionProblem({"psm1": replace(ONE, waypoints=wide)}, range_slack=0.02)
+
+
+def test_goals_become_the_waypoints_nearest_to_those_before():
+    turned = FOUR.copy()
+    turned[:, 3] += np.array([0.0, 1.6, 3.2, 4.2])  # the roll goes round, beyond half a turn
+    goals = fk(PSM, turned[1:])
+    asked = ArmMotion(PSM, turned[:1], PAPER, T_base_goals=goals, straight=(True, False, True))
+    resolved = MotionProblem({"psm1": asked}).resolved().arms["psm1"]
+    np.testing.assert_allclose(resolved.waypoints, turned, atol=1e-9)
+    assert resolved.T_base_goals is None and resolved.straight == (True, False, True)
+
+
+def test_a_goal_out_of_reach_is_a_reason():
+    goals = SE3.from_parts(translation_m=[[0.1, 0.0, -0.12], [0.0, 0.0, -0.5]])
+    plan = plan_motion(MotionProblem({"psm1": ArmMotion(PSM, FOUR[:1], PAPER, T_base_goals=goals)}))
+    assert not plan.found and not plan.paths
+    assert plan.reason.startswith("arm 'psm1', goal 1: ")
+
+
+def test_to_stop_and_come_back_is_a_motion():
+    ArmMotion(PSM, FOUR[[0, 0]], PAPER, start_velocity=np.full(6, 0.01))
+    with pytest.raises(TrocarError, match="coincide"):
+        ArmMotion(PSM, FOUR[[0, 0]], PAPER)
+
+
+def test_obstacles_are_capsules():
+    ends = stacked(
+        {
+            "ball": Capsule([1, 0, 0], radius_m=0.1),
+            "rod": Capsule([0, 0, 0], [0, 0, 1], 0.2),
+            "t": HalfSpace(*np.eye(3)[:2]),
+        }
+    )
+    np.testing.assert_array_equal(ends.ends_m[:2], [[[1, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 0, 1]]])
+    np.testing.assert_array_equal(ends.radii_m[:2], [0.1, 0.2])
+    assert stacked({}).ends_m.shape == (0, 2, 3)
+
+
+@pytest.mark.parametrize("away_m", [0.0, 0.5, 2.0])
+def test_the_ball_of_a_half_space_is_as_good_as_its_plane(away_m):
+    normal = np.array([0.6, 0.0, 0.8])
+    ball = HalfSpace([0.1, 0.2, 0.3], 5 * normal).as_capsule()
+    aside = away_m * np.array([0.8, 0.0, -0.6])
+    for height_m in (-0.01, 0.0, 0.1):
+        point = np.array([0.1, 0.2, 0.3]) + aside + height_m * normal
+        distance_m = np.linalg.norm(point - ball.start_m) - ball.radius_m
+        assert height_m - 1.1e-6 < distance_m <= height_m

@@ -1,0 +1,47 @@
+"""Requests that several tests of planners make."""
+
+import numpy as np
+
+from trocar.arms import ARMS, MOTION_LIMITS, ik
+from trocar.geometry import SE3, SO3
+from trocar.motion import ArmMotion
+
+PSM = ARMS["psm-classic"]
+PAPER = MOTION_LIMITS["paper"]
+
+
+def transfer_waypoints():
+    """Grasp, lifted, over the target, lowered: tips as on the board, turned a little on the way."""
+    places_m = [
+        [0.140, -0.020, -0.155],
+        [0.140, -0.020, -0.115],
+        [0.100, 0.020, -0.115],
+        [0.100, 0.020, -0.145],
+    ]
+    turns = SO3.axis("z", [0.5, 0.5, -0.2, -0.2])
+    return ik(PSM, SE3.from_parts(turns, places_m))
+
+
+FOUR = transfer_waypoints()
+
+
+def leaning_base(x_m, lean_rad):
+    """A base 150 mm above the table, leaning along x."""
+    return SE3.from_parts(SO3.axis("y", lean_rad), [x_m, 0.0, 0.15])
+
+
+LEFT, RIGHT = leaning_base(-0.08, -0.4), leaning_base(0.08, 0.4)
+
+
+def over_the_table(T_world_base, places_m, turn_rad=0.0, **asked):
+    """One PSM's motion from place to place (n, 3) over the table z = 0, tool straight down."""
+    T_world_tips = SE3.from_parts(SO3.axis("z", turn_rad), np.array(places_m, dtype=float))
+    waypoints = ik(PSM, T_world_base.inverse() @ T_world_tips)
+    up = T_world_base.matrix[2, :3]
+    return ArmMotion(PSM, waypoints, PAPER, T_world_base=T_world_base, up=up, **asked)
+
+
+def transfer(T_world_base, pick_m, place_m, turn_rad=0.0, lift_m=0.03, **asked):
+    """A transfer from one place (x, y) of the table to another."""
+    places = [[*pick_m, 0.0], [*pick_m, lift_m], [*place_m, lift_m], [*place_m, 0.0]]
+    return over_the_table(T_world_base, places, turn_rad, **asked)
