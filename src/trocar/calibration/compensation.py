@@ -1,4 +1,4 @@
-"""Commands that make the joints arrive where they should, by any cable model."""
+"""Compensation of cable errors: commands that bring the joints to desired positions, by any cable model."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ METHODS = ("auto", "exact", "algorithm1")
 
 ITERATIONS = 5
 ALPHA = 0.5
-"""Algorithm 1 at the learning rate that the paper ran; a constant offset falls to (1 - alpha)^M = 3 %."""
+"""Iterations M and learning rate of Algorithm 1, as in the paper; a constant offset falls to (1 - alpha)^M = 3 %."""
 
 TOLERANCE_RAD = 1e-5
-"""The exact inverse stops here: a hundredth of the repeatability of the best joint."""
+"""The exact inverse stops at this residual: a hundredth of the repeatability of the best joint."""
 MAX_NEWTON_STEPS = 30
 MAX_NEWTON_STEP_RAD = 0.3
-"""In a dead zone a joint hardly follows its command and Newton's step explodes; a full backlash suffices."""
+"""In a dead zone a joint hardly follows its command and a Newton step explodes; a full backlash is enough."""
 STALLED_RAD = 1e-3
 ESCAPES_RAD = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4)
-"""Where Newton stalls in a dead zone it starts again this far along the direction that the joints ignore."""
+"""If Newton's method stalls in a dead zone, it restarts this far along the direction that the joints ignore."""
 DAMPING = 1e-4
 
 
 @runtime_checkable
 class Invertible(Protocol):
-    """A cable model that also gives the wrist's Jacobian, which an exact inverse needs."""
+    """A cable model that also provides the wrist's Jacobian, which the exact inverse needs."""
 
     def linearize(self, state: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the joints (6,) after the command (6,) and d q_joint / d q_cmd of the wrist (3, 3)."""
+        """Return the joints (6,) after the command (6,), and the wrist's d q_joint / d q_cmd (3, 3)."""
         ...
 
 
@@ -52,34 +52,57 @@ def algorithm1(
 
 
 def exact_inverse(
-    model: Invertible, state: Any, q_desired: NDArray[np.float64], guess: NDArray[np.float64]
+    model: Invertible,
+    state: Any,
+    q_desired: NDArray[np.float64],
+    guess: NDArray[np.float64],
+    tolerance_rad: float = TOLERANCE_RAD,
+    stalled_rad: float = STALLED_RAD,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the command (6,) whose prediction is ``q_desired``, and that prediction.
+    """Return the command (6,) whose predicted joints are ``q_desired``, and the prediction.
 
-    Damped Newton steps with backtracking; the model is smooth but for the kinks where an operator starts to
-    move, and nearly flat in its dead zones, from where further starts escape. Where no command
-    reaches the target exactly, the nearest one found is returned.
+    Damped Newton steps with backtracking. The model is smooth except for kinks where a play operator starts to move,
+    and nearly flat in dead zones, which restarts escape. If no command reaches the target exactly, the one with the
+    smallest error found is returned.
     """
-    q_cmd, joints, jacobian = _newton(model, state, q_desired, guess)
+    q_cmd, joints, jacobian = _newton(model, state, q_desired, guess, tolerance_rad)
     miss = float(np.abs(q_desired - joints)[WRIST].max())
-    if miss > STALLED_RAD:
+    if miss > stalled_rad:
         ignored = np.linalg.svd(jacobian)[2][-1]
         for distance in ESCAPES_RAD:
             start = q_cmd.copy()
             start[WRIST] += distance * ignored
-            other, other_joints, _ = _newton(model, state, q_desired, start)
+            other, other_joints, _ = _newton(model, state, q_desired, start, tolerance_rad)
             other_miss = float(np.abs(q_desired - other_joints)[WRIST].max())
             if other_miss < miss:
                 q_cmd, joints, miss = other, other_joints, other_miss
-            if miss < STALLED_RAD:
+            if miss < stalled_rad:
                 break
     return q_cmd, joints
 
 
+def inverse(
+    model: CableModel,
+    state: Any,
+    q_desired: NDArray[np.float64],
+    guess: NDArray[np.float64],
+    tolerance_rad: float = TOLERANCE_RAD,
+    stalled_rad: float = STALLED_RAD,
+) -> NDArray[np.float64]:
+    """Return the command (6,) for these joints: exact from ``guess`` where the model can, else by Algorithm 1."""
+    if isinstance(model, Invertible):
+        return exact_inverse(model, state, q_desired, guess, tolerance_rad, stalled_rad)[0]
+    return algorithm1(model, state, q_desired)
+
+
 def _newton(
-    model: Invertible, state: Any, q_desired: NDArray[np.float64], guess: NDArray[np.float64]
+    model: Invertible,
+    state: Any,
+    q_desired: NDArray[np.float64],
+    guess: NDArray[np.float64],
+    tolerance_rad: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the command (6,) that damped Newton steps find from ``guess``, its prediction and Jacobian."""
+    """Return the command (6,) that damped Newton steps reach from ``guess``, its prediction and its Jacobian."""
     q_cmd = guess.copy()
     joints, jacobian = model.linearize(state, q_cmd)
     q_cmd[:3] += q_desired[:3] - joints[:3]
@@ -87,7 +110,7 @@ def _newton(
     for _ in range(MAX_NEWTON_STEPS):
         miss = q_desired[WRIST] - joints[WRIST]
         size = float(miss @ miss)
-        if size < TOLERANCE_RAD**2:
+        if size < tolerance_rad**2:
             break
         step = np.linalg.solve(jacobian.T @ jacobian + DAMPING * np.eye(3), jacobian.T @ miss)
         step *= min(1.0, MAX_NEWTON_STEP_RAD / max(float(np.abs(step).max()), 1e-12))
@@ -106,15 +129,32 @@ def _newton(
 
 
 class Compensator:
-    """Turns desired joints into commands along a path, carrying the model's memory from call to call.
+    """Turns desired joints into commands along a path, and keeps the model's memory from call to call.
 
-    ``auto`` takes the exact inverse where the model has one, else Algorithm 1. Models with a window
-    (``lstm``, ``ridge``) must see samples as dense as in training: :func:`resample` a path first.
-    The play model does not depend on the sampling.
+    Method ``auto`` is the exact inverse if the model has one, else Algorithm 1. Models with a window (``lstm``,
+    ``ridge``) need samples as dense as in training: :func:`resample` the path first. The play model does not depend on
+    the sampling.
 
     Attributes:
         model: the cable model.
         method: ``'exact'`` or ``'algorithm1'``.
+
+    Example:
+        >>> import numpy as np
+        >>> from trocar.arms import PSM_CLASSIC
+        >>> from trocar.calibration.compensation import Compensator
+        >>> from trocar.calibration.excitation import random_smooth_path
+        >>> from trocar.calibration.models import OffsetModel
+        >>> from trocar.calibration.plant import PSM1_GREY
+        >>> from trocar.calibration.recording import Recording
+        >>> q_cmd = random_smooth_path(PSM_CLASSIC, np.random.default_rng(0), 200)
+        >>> measured = PSM1_GREY.run(q_cmd)
+        >>> recording = Recording(q_cmd, measured, np.ones(200, dtype=bool), np.arange(200.0))
+        >>> model = OffsetModel.fit(recording, np.random.default_rng(0))
+        >>> compensator = Compensator(model)
+        >>> compensator.start(q_cmd[0])
+        >>> compensator.path(q_cmd[:5]).shape
+        (5, 6)
     """
 
     def __init__(
@@ -128,7 +168,7 @@ class Compensator:
             raise TrocarError(f"compensation method {method!r} is unknown; choose one of {', '.join(METHODS)}")
         if iterations < 1 or not 0.0 < alpha <= 1.0:
             raise TrocarError(
-                f"Algorithm 1 with {iterations} iterations and alpha {alpha} does nothing sensible; "
+                f"Algorithm 1 cannot run {iterations} iterations with alpha {alpha}; "
                 "give 1 or more iterations and an alpha in (0, 1]"
             )
         self._inverse = model if isinstance(model, Invertible) and method != "algorithm1" else None
@@ -142,23 +182,23 @@ class Compensator:
         self._error = np.zeros(6)
 
     def start(self, q_cmd: ArrayLike) -> None:
-        """Forget the past: the arm has rested at this command (6,)."""
+        """Reset the memory: the arm has been at rest at this command (6,)."""
         q = commands(np.asarray(q_cmd, dtype=np.float64)[None])[0]
         self._state = self.model.start(q)
         self._error = self.model.step(self._state, q)[0] - q
         self._started = True
 
     def observe(self, q_cmd: ArrayLike) -> None:
-        """Take note of commands (n, 6) that were sent without compensation: they belong to the memory."""
+        """Update the memory with commands (n, 6) that were sent without compensation."""
         for q in commands(q_cmd):
             if not self._started:
                 self.start(q)
             self._take(q)
 
     def path(self, q_desired: ArrayLike) -> NDArray[np.float64]:
-        """Return the commands (n, 6) that bring the joints along ``q_desired`` (n, 6), one after the other.
+        """Return the commands (n, 6) that move the joints along ``q_desired`` (n, 6), row by row.
 
-        The first call starts at rest at its first row, unless :meth:`start` or :meth:`observe` came before.
+        Unless :meth:`start` or :meth:`observe` was called before, the arm is taken to be at rest at the first row.
         """
         desired = commands(q_desired)
         return np.array([self._point(q) for q in desired]).reshape(-1, 6)
@@ -179,10 +219,10 @@ class Compensator:
 
 
 def sample_positions(q: ArrayLike, training: TrainingMotion) -> NDArray[np.float64]:
-    """Return where to sample a path (n, 6), as fractional row numbers from 0 to n - 1.
+    """Return the positions at which to sample a path (n, 6), as fractional row numbers from 0 to n - 1.
 
-    No joint moves further between two samples than in the training motion on average; the given rows stay
-    samples, so that corners are kept. It carries times along: ``np.interp(positions, range(n), times)``.
+    Between two samples no joint moves farther than in the training motion on average. The given rows stay samples, so
+    that corners are kept. Times are resampled likewise: ``np.interp(positions, range(n), times)``.
     """
     path = commands(q)
     interval = np.where(training.interval > 0, training.interval, np.inf)

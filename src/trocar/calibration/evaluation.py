@@ -1,4 +1,4 @@
-"""How well a cable model predicts a recording, and how long one compensation takes."""
+"""Evaluation of a cable model: prediction errors on a recording, and time per compensation."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ TIMED_POINTS = 100
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Errors of the joints before and after a model is taken into account.
+    """Errors of the joints without and with a cable model.
 
     Attributes:
-        model: its name.
-        recording: the recording, valid where its rows were scored.
-        predicted: (n, 6) joints by the model over the whole history.
+        model: name of the model.
+        recording: the recording, with ``valid`` true only in the scored rows.
+        predicted: (n, 6) joints predicted by the model over the whole history.
         compensation_ms: median time of one compensation.
     """
 
@@ -33,17 +33,17 @@ class Evaluation:
 
     @property
     def rows(self) -> int:
-        """Return how many rows were scored."""
+        """Return the number of scored rows."""
         return int(self.recording.valid.sum())
 
     @property
     def rmse_before(self) -> NDArray[np.float64]:
-        """Return the RMSE (6,) of the joints against their commands, rad and m (q3)."""
+        """Return the RMSE (6,) of the commands against the measured joints, rad and m (q3)."""
         return self._rmse(self.recording.q_cmd)
 
     @property
     def rmse_after(self) -> NDArray[np.float64]:
-        """Return the RMSE (6,) of the joints against the model's prediction, rad and m (q3)."""
+        """Return the RMSE (6,) of the model's prediction against the measured joints, rad and m (q3)."""
         return self._rmse(self.predicted)
 
     def summary(self) -> dict[str, object]:
@@ -64,13 +64,13 @@ class Evaluation:
 
 
 def evaluate(model: CableModel, recording: Recording, from_row: int = 0) -> Evaluation:
-    """Return the model's errors on the valid rows from ``from_row`` on; its memory runs over all rows."""
+    """Return the model's errors on the valid rows from ``from_row`` on; its memory is built up over all rows."""
     scored = recording.scored(from_row)
     return Evaluation(model.name, scored, model.predict(recording.q_cmd), compensation_time_ms(model, recording))
 
 
 def compensation_time_ms(model: CableModel, recording: Recording) -> float:
-    """Return the median time of one compensation along the recording's commands taken as a task's path."""
+    """Return the median time of one compensation, with the recording's commands as the desired path."""
     compensator = Compensator(model)
     compensator.start(recording.q_cmd[0])
     times = []

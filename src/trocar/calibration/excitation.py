@@ -1,4 +1,4 @@
-"""The random smooth motion that a calibration recording is made of (paper, section IV-A)."""
+"""Random smooth motion for calibration recordings (paper, section IV-A)."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from trocar.errors import TrocarError
+from trocar.geometry import TURN
 
 if TYPE_CHECKING:
     from trocar.arms import ArmModel
 
 SAMPLES = 1355
-"""Data points of the paper's recording, 18 minutes on the robot."""
+"""Number of data points in the paper's recording, 18 minutes on the robot."""
 
 HARMONICS = 40
 BAND = (0.1, 2.2)
-"""Frequencies of a joint's motion relative to its pace; slow ones are wide and fast ones small, as in the
-recordings, where a joint turns 12 to 13 times in a hundred samples."""
+"""Frequencies of a joint's motion relative to its pace. Slow components have large amplitudes and fast ones small,
+as in the recordings, where a joint reverses 12 to 13 times in a hundred samples."""
 SPREAD = 0.7
-"""SD of the normal deviate that is bent into the range: the recordings dwell in its middle (SD .2 of it)."""
-
+"""SD of the normal deviate that is mapped to the range: the recordings dwell in its middle (SD .2 of the range)."""
 
 WAKE_RAD = (0.35, 0.30, 0.30)
-"""Swing of roll, pitch and yaw that takes up any slack: more than twice the widest backlash identified (.128)."""
+"""Swing of roll, pitch and yaw that takes up all slack: more than twice the widest identified backlash (.128)."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionBox:
-    """Where a random motion goes, and how fast.
+    """Range and speed of a random motion.
 
     Attributes:
-        lower: (6,) least command, rad and m (q3).
-        upper: (6,) greatest command.
+        lower: (6,) smallest command, rad and m (q3).
+        upper: (6,) largest command.
         step: (6,) mean |dq| from sample to sample.
     """
 
@@ -44,7 +44,7 @@ class MotionBox:
     step: NDArray[np.float64]
 
     def mirrored(self) -> MotionBox:
-        """Return the box of the other arm: q1, q4 and q6 change their sign."""
+        """Return the box for the other arm: q1, q4 and q6 change sign."""
         sign = np.array([-1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
         ends = np.stack([sign * self.lower, sign * self.upper])
         return MotionBox(ends.min(axis=0), ends.max(axis=0), self.step)
@@ -63,16 +63,16 @@ PSM2_BOX = PSM1_BOX.mirrored()
 def random_smooth_path(
     arm: ArmModel, rng: np.random.Generator, n: int = SAMPLES, box: MotionBox = PSM1_BOX
 ) -> NDArray[np.float64]:
-    """Return a random smooth path (n, 6) that wanders through the whole box and turns often.
+    """Return a random smooth path (n, 6) that wanders through the whole box and reverses often.
 
-    Each joint is a sum of sinusoids of random frequency and phase, bent by the normal distribution's integral
-    into its range; its pace is scaled until the mean step is the box's.
+    Each joint is a sum of sinusoids of random frequency and phase, mapped to its range by the normal distribution
+    function; its pace is scaled until the mean step is that of the box.
 
     Raises:
         TrocarError: the box leaves the arm's joint limits, or n is below 2.
     """
     if n < 2:
-        raise TrocarError(f"a random path of {n} samples is no path; ask for 2 or more")
+        raise TrocarError(f"a random path cannot have {n} samples; ask for 2 or more")
     for joint, lower, upper in zip(arm.joints, box.lower, box.upper, strict=True):
         if not joint.lower <= lower < upper <= joint.upper:
             raise TrocarError(
@@ -85,10 +85,10 @@ def random_smooth_path(
 def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> NDArray[np.float64]:
     """Return one joint's path (n,) with this mean step."""
     frequency = np.exp(rng.uniform(np.log(BAND[0]), np.log(BAND[1]), HARMONICS))
-    phase = rng.uniform(0.0, 2.0 * np.pi, HARMONICS)
+    phase = rng.uniform(0.0, TURN, HARMONICS)
     amplitude = frequency**-0.75
     amplitude *= SPREAD / np.sqrt(0.5 * np.sum(amplitude**2))
-    pace = 2.0 * np.pi * step / (upper - lower)
+    pace = TURN * step / (upper - lower)
     path = np.full(n, lower)
     for _ in range(20):
         path = ndtr(np.sin(pace * frequency * np.arange(n)[:, None] + phase) @ amplitude)

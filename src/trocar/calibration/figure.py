@@ -1,4 +1,4 @@
-"""The picture of an evaluation: joints over time and hysteresis loops."""
+"""Figure of an evaluation: joints over time, and hysteresis loops."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ LOOP_ROWS = 160
 
 
 def draw_evaluation(evaluation: Evaluation, path: str | Path) -> Path:
-    """Write the picture: the wrist's joints over time on the left, hysteresis on the right.
+    """Draw the wrist's joints over time on the left and hysteresis on the right; return the path of the picture.
 
-    The right column draws the error over the command; it depends on where the joint came from: a loop.
+    The right column shows the error over the command, which forms a loop since it depends on where the joint came from.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 (slow to import, and only this picture needs it)
 

@@ -1,4 +1,4 @@
-"""Training of the paper's network in jax: the only file that imports the framework (extra ``learn``)."""
+"""Training of the paper's network with JAX; the only module that imports it (extra ``learn``)."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ BATCH = 64
 LEARNING_RATE = 1e-3
 WEIGHT_DECAY = 0.1
 AVERAGING = 0.99
-"""Weight of the past in the running average of the parameters, per update; the average is what is returned."""
+"""Weight of the past, per update, in the running average of the parameters, which is returned."""
 JITTER = np.array([0.7, 0.7, 0.7, 0.05, 0.05, 0.05])
-"""SD of the noise added to the standardised commands q1 to q6 in training. The outer joints do not move the
-wrist's cables; unblurred, they let the network recognise the moment of the recording instead of the motion.
+"""SD of the noise added to the standardised commands q1 to q6 in training. The outer joints do not move the wrist's
+cables; without much noise on them, the network recognises the moment of the recording instead of learning the motion.
 Chosen on the last quarter of the first four fifths of three recordings."""
 
 
 class Network(eqx.Module):
-    """LSTM over a window, then two dense layers and a linear one (paper, section IV-A)."""
+    """LSTM over a window, two dense layers and a linear layer (paper, section IV-A)."""
 
     cell: eqx.nn.LSTMCell
     dense1: eqx.nn.Linear
@@ -47,7 +47,7 @@ class Network(eqx.Module):
 def train(
     x: NDArray[np.float64], y: NDArray[np.float64], hidden: int, rng: np.random.Generator
 ) -> dict[str, NDArray[np.float32]]:
-    """Return the averaged weights of the network trained on windows (n, steps, 6), targets (n, 6): MSE, AdamW."""
+    """Return the averaged weights of a network trained on windows (n, steps, 6) and targets (n, 6): MSE, AdamW."""
     network = Network(x.shape[2], hidden, y.shape[1], jax.random.key(int(rng.integers(2**31))))
     batch = min(BATCH, len(x))
     per_epoch = len(x) // batch
@@ -78,7 +78,7 @@ def train(
 
 
 def _arrays(network: Network) -> dict[str, NDArray[np.float32]]:
-    """Return the weights by the names that the NumPy network uses; both order the gates i f g o."""
+    """Return the weights by the names of the NumPy network; both order the gates i f g o."""
     leaves = {
         "input": network.cell.weight_ih,
         "recurrent": network.cell.weight_hh,

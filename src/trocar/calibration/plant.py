@@ -1,4 +1,4 @@
-"""The cable transmission between encoder and joint, as identified on recordings of real arms."""
+"""The cable transmission between encoder and joint, as identified from recordings of real arms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WRIST = slice(3, 6)
 """The joints q4 q5 q6 (roll, pitch, yaw) whose cables run through the shaft."""
 
 PlayState = tuple[float, float, float]
-"""Outputs of the three play operators (roll, pitch, yaw) in rad: all that a plant remembers."""
+"""Outputs of the three play operators (roll, pitch, yaw) in rad: the whole memory of a plant."""
 
 _SHAPES = {"radii": (3,), "offset": (3,), "K": (3, 3), "C": (3, 3), "noise_sd": (6,)}
 
@@ -25,19 +25,18 @@ _SHAPES = {"radii": (3,), "offset": (3,), "K": (3, 3), "C": (3, 3), "noise_sd": 
 class CablePlant:
     """Hysteresis, coupling and offset of one instrument's cables; deterministic and rate-independent.
 
-    ``q_joint = q_cmd + [0, e]`` with ``e = offset + K [q4 q5 q6] + C s``, where s are the slacks
-    ``u - P(u)`` of play operators on ``u = [q4, q5 + a q6, q6 + b q5]``. The outer joints q1 q2 q3
-    are taken as exact.
+    ``q_joint = q_cmd + [0, e]`` with ``e = offset + K [q4 q5 q6] + C s``, where s are the slacks ``u - P(u)`` of play
+    operators on ``u = [q4, q5 + a q6, q6 + b q5]``. The outer joints q1 q2 q3 are assumed to be exact.
 
     Attributes:
-        radii: (3,) half-width of the backlash on roll, pitch, yaw in rad.
-        a: share of yaw in the pitch cable's motion.
-        b: share of pitch in the yaw cable's motion.
+        radii: (3,) half-width of the backlash of roll, pitch, yaw in rad.
+        a: share of yaw in the motion of the pitch cable.
+        b: share of pitch in the motion of the yaw cable.
         offset: (3,) constant error of q4 q5 q6 in rad; it changes from session to session.
-        K: (3, 3) error per rad of command (elastic coupling), rows are the joints in error.
+        K: (3, 3) error per rad of command (elastic coupling); rows are the joints in error.
         C: (3, 3) error per rad of slack.
-        noise_sd: (6,) SD of a measurement of the six joints by fiducials (rad, q3 in m), see :meth:`measure`.
-        source: where the numbers come from.
+        noise_sd: (6,) SD of fiducial measurements of the six joints (rad, q3 in m); see :meth:`measure`.
+        source: origin of the values.
     """
 
     radii: NDArray[np.float64]
@@ -63,21 +62,22 @@ class CablePlant:
         object.__setattr__(self, "_rows", tuple(map(tuple, rows)))
 
     def with_offset(self, offset: ArrayLike) -> CablePlant:
-        """Return the same cables with another session's offset (3,) of q4 q5 q6 in rad."""
+        """Return the same cables with the offset (3,) of q4 q5 q6 in rad of another session."""
         return replace(self, offset=np.asarray(offset, dtype=np.float64))
 
     def inputs(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the play operators see, ``[q4, q5 + a q6, q6 + b q5]``; (..., 6) -> (..., 3)."""
+        """Return the inputs of the play operators, ``[q4, q5 + a q6, q6 + b q5]``; (..., 6) -> (..., 3)."""
         q4, q5, q6 = q_cmd[..., 3], q_cmd[..., 4], q_cmd[..., 5]
         return np.stack([q4, q5 + self.a * q6, q6 + self.b * q5], axis=-1)
 
     def start(self, q_cmd: ArrayLike) -> PlayState:
-        """Return the state of a transmission at rest without slack at this command (6,)."""
+        """Return the state of a transmission that rests without slack at this command (6,)."""
         u4, u5, u6 = self.inputs(np.asarray(q_cmd, dtype=np.float64)).tolist()
         return (u4, u5, u6)
 
     def step(self, state: PlayState, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], PlayState]:
-        """Return the joints (6,) after the command (6,) and the new state; a few microseconds."""
+        """Return the joints (6,) after the command (6,), and the new state; takes a few microseconds."""
+        # plain floats: NumPy's overhead on three numbers would dominate
         q1, q2, q3, q4, q5, q6 = q_cmd.tolist()
         (r4, r5, r6), rows = self._r, self._rows  # type: ignore[attr-defined]
         u5, u6 = q5 + self.a * q6, q6 + self.b * q5
@@ -92,7 +92,7 @@ class CablePlant:
         return np.array([q1, q2, q3, q4 + e4, q5 + e5, q6 + e6]), (p4, p5, p6)
 
     def run(self, q_cmd: ArrayLike) -> NDArray[np.float64]:
-        """Return the joints (n, 6) along a whole sequence of commands (n, 6) that starts without slack."""
+        """Return the joints (n, 6) for a sequence of commands (n, 6) that starts without slack."""
         q = np.asarray(q_cmd, dtype=np.float64)
         if q.ndim != 2 or q.shape[1] != 6:
             raise TrocarError(f"a plant runs commands of shape (n, 6), got {q.shape}")
@@ -103,13 +103,13 @@ class CablePlant:
         return joints
 
     def measure(self, q_joint: ArrayLike, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return joints (..., 6) as the fiducials would measure them: with independent Gaussian noise."""
+        """Return joints (..., 6) as fiducials would measure them, with independent Gaussian noise."""
         q = np.asarray(q_joint, dtype=np.float64)
         return q + self.noise_sd * rng.standard_normal(q.shape)
 
 
 _GREY_NOISE = np.array([0.0003, 0.0003, 0.00008, 0.005, 0.012, 0.009])
-"""SD between two runs of the same commands, instrument 'grey'; the others take it over."""
+"""SD between two runs of the same commands with instrument 'grey'; assumed for the other instruments."""
 
 PSM1_GREY = CablePlant(
     radii=np.array([0.028, 0.107, 0.128]),
@@ -143,7 +143,7 @@ PSM1_NEW = CablePlant(
 )
 
 PLANTS: dict[str, CablePlant] = {"psm1_grey": PSM1_GREY, "psm2_grey": PSM2_GREY, "psm1_new": PSM1_NEW}
-"""The identified instruments by name."""
+"""Identified instruments by name."""
 
 
 def play_slacks(q_cmd: NDArray[np.float64], a: float, b: float, radii: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -154,9 +154,9 @@ def play_slacks(q_cmd: NDArray[np.float64], a: float, b: float, radii: NDArray[n
 
 
 def fit_plant(recording: Recording) -> CablePlant:
-    """Return the plant that fits a recording best: radii and coupling by simplex search, the rest linear.
+    """Return the plant that fits a recording best: radii and coupling by simplex search, the rest by least squares.
 
-    The cost is the product of the three joints' mean squared residuals, so that no joint outweighs another.
+    The cost is the product of the mean squared residuals of the three joints, so that no joint outweighs another.
     """
     q, valid = recording.q_cmd, recording.valid
     if valid.sum() < 30:

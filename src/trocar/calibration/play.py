@@ -1,4 +1,4 @@
-"""The play operator: the memory of a backlash, exact and rate-independent."""
+"""The play operator: an exact, rate-independent model of backlash."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import TrocarError
 
 FEW = 4
-"""Up to so many operators at once, a loop of plain floats over each is faster than one of small arrays."""
+"""For up to this many operators, a loop over plain floats is faster than one over small arrays."""
 
 
 def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None) -> NDArray[np.float64]:
     """Return the play operator of a sequence, ``P_t = clip(P_{t-1}, u_t - r, u_t + r)``.
 
-    The slack ``u - P`` lies in [-r, r]; it keeps the last reversals while they matter, whatever the rate.
+    The slack ``u - P`` lies in [-r, r]. It depends on past reversals, not on the rate.
 
     Args:
         u: (n, ...) inputs over time, in rad.
@@ -52,7 +52,7 @@ def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None
 def _column_by_column(
     u: NDArray[np.float64], r: NDArray[np.float64], start: ArrayLike | None, out: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Fill ``out`` (n, ...) one operator after the other, and return it."""
+    """Fill ``out`` (n, ...) operator by operator, and return it."""
     inputs, radii = np.broadcast_to(u, out.shape), np.broadcast_to(r, out.shape[1:])
     states = inputs[0] if start is None else np.broadcast_to(np.asarray(start, dtype=np.float64), out.shape[1:])
     for index in np.ndindex(*out.shape[1:]):
@@ -63,7 +63,7 @@ def _column_by_column(
 
 
 def _play_of_one(u: NDArray[np.float64], r: float, start: float | None) -> NDArray[np.float64]:
-    """Return the play operator of one sequence (n,) at one radius; plain floats are ten times faster here."""
+    """Return the play operator of one sequence (n,) at one radius; plain floats are ten times faster than arrays."""
     values = u.tolist()
     if not values:
         return np.empty(0)

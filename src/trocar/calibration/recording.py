@@ -1,4 +1,4 @@
-"""A recording of commanded and measured joints: what cable models are fitted on."""
+"""Recordings of commanded and measured joints, on which cable models are fitted."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
 """Outer yaw, outer pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad]."""
 
 FOLDER_FILES = (("q_cmd.npy", "q_phy.npy"), ("q_des.npy", "q_act.npy"))
-"""Pairs of files (commanded, measured) that a folder may hold; ``q_des`` is commanded, ``q_act`` measured."""
+"""Pairs of files (commanded, measured) that a folder may contain."""
 
 MISDETECTION_RAD = 1.0
-"""Cable errors of the wrist stay below .6 rad; a measurement this far from its command is a wrong pose."""
+"""Cable errors of the wrist stay below .6 rad; a measurement this far from its command is a misdetected pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Commands and measurements over time; every command is kept, for models with memory need all of them.
+    """Commands and measurements over time; all commands are kept, since models with memory need them.
 
     Attributes:
         q_cmd: (n, 6) commanded joints, rad and m (q3).
-        q_phy: (n, 6) joints measured by the fiducials; meaningless (possibly NaN) where not valid.
-        valid: (n,) whether the measurement is good. Commands of bad rows still belong to the history.
-        t_s: (n,) times in s, not decreasing.
-        name: what to call the recording in tables.
+        q_phy: (n, 6) joints measured by fiducials; meaningless (possibly NaN) where not valid.
+        valid: (n,) whether the measurement is good. Commands of bad rows are still part of the history.
+        t_s: (n,) times in s, non-decreasing.
+        name: name of the recording in tables.
     """
 
     q_cmd: NDArray[np.float64]
@@ -44,14 +44,14 @@ class Recording:
         q_cmd, q_phy = _joints(self.q_cmd, "q_cmd", self.name), _joints(self.q_phy, "q_phy", self.name)
         n = len(q_cmd)
         if len(q_phy) != n:
-            raise TrocarError(f"{self.name}: q_cmd has {n} rows and q_phy {len(q_phy)}; both need one row a sample")
+            raise TrocarError(f"{self.name}: q_cmd has {n} rows and q_phy {len(q_phy)}; both need one row per sample")
         if n < 2:
             raise TrocarError(f"{self.name}: a recording needs 2 rows or more, got {n}; record a longer motion")
         if not np.all(np.isfinite(q_cmd)):
             row = int(np.flatnonzero(~np.isfinite(q_cmd).all(axis=1))[0])
             raise TrocarError(
-                f"{self.name}: q_cmd is not finite at row {row}; commands are the history of every model, "
-                "so repair the row, or cut the recording there"
+                f"{self.name}: q_cmd is not finite at row {row}; models need the whole history of commands, "
+                "so repair the row or cut the recording there"
             )
         valid = _column(self.valid, n, "valid", self.name)
         t_s = _column(self.t_s, n, "t_s", self.name).astype(np.float64)
@@ -74,10 +74,10 @@ class Recording:
         return Recording(self.q_cmd[:rows], self.q_phy[:rows], self.valid[:rows], self.t_s[:rows], self.name)
 
     def scored(self, from_row: int = 0, to_row: int | None = None) -> Recording:
-        """Return the whole history of commands with only measurements of ``from_row <= row < to_row``."""
+        """Return the recording with all commands, but only the measurements of ``from_row <= row < to_row`` valid."""
         to_row = len(self) if to_row is None else to_row
         if not 0 <= from_row < to_row <= len(self):
-            raise TrocarError(f"rows {from_row} to {to_row} are not a part of {self.name}, which has {len(self)} rows")
+            raise TrocarError(f"rows {from_row} to {to_row} are not within {self.name}, which has {len(self)} rows")
         rows = np.arange(len(self))
         part = replace(self, valid=self.valid & (rows >= from_row) & (rows < to_row))
         if not part.valid.any():
@@ -86,11 +86,11 @@ class Recording:
 
 
 def load_recording(path: str | Path) -> Recording:
-    """Return the recording in an ``.npz`` (q_cmd, q_phy, optional valid, t_s) or a folder of ``.npy`` files.
+    """Return the recording in an ``.npz`` file (q_cmd, q_phy, optional valid, t_s) or a folder of ``.npy`` files.
 
-    A folder holds ``q_cmd.npy`` and ``q_phy.npy``, or ``q_des.npy`` (commanded) and ``q_act.npy`` (measured),
-    optionally ``valid.npy`` and ``t_s.npy`` too. A row is also bad where the measurement is not
-    finite or a wrist angle is more than 1 rad from its command (a mis-detection).
+    A folder contains ``q_cmd.npy`` and ``q_phy.npy``, or ``q_des.npy`` (commanded) and ``q_act.npy`` (measured), and
+    optionally ``valid.npy`` and ``t_s.npy``. A row also counts as bad if the measurement is not finite or a wrist angle
+    is more than 1 rad from its command (a misdetection).
 
     Raises:
         TrocarError: the file is missing, empty, truncated, or not of this form.
@@ -110,7 +110,7 @@ def load_recording(path: str | Path) -> Recording:
 
 
 def sampling_interval(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean step |dq| (6,) between the samples of a motion (n, 6), pauses left out."""
+    """Return the mean step |dq| (6,) between the samples of a motion (n, 6), ignoring pauses."""
     steps = np.abs(np.diff(q, axis=0))
     moving = steps[steps.max(axis=1, initial=0.0) > 1e-9]
     return moving.mean(axis=0) if len(moving) else np.zeros(q.shape[1])
@@ -160,11 +160,11 @@ def _joints(value: NDArray, key: str, name: str) -> NDArray[np.float64]:
 def _column(value: NDArray, n: int, key: str, name: str) -> NDArray:
     value = np.asarray(value)
     if value.shape != (n,) or value.dtype.kind not in "bfiu":
-        raise TrocarError(f"{name}: {key} has shape {value.shape} of {value.dtype}; it needs ({n},), one a row")
+        raise TrocarError(f"{name}: {key} has shape {value.shape} of {value.dtype}; it needs ({n},), one per row")
     return value
 
 
 def _plausible(q_cmd: NDArray[np.float64], q_phy: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the rows (n,) whose measurement is finite and no mis-detection."""
+    """Return which measurements (n,) are finite and no misdetection."""
     error = np.nan_to_num(np.abs(q_phy - q_cmd), nan=np.inf)
     return np.isfinite(q_phy).all(axis=1) & (error[:, 3:].max(axis=1) < MISDETECTION_RAD)

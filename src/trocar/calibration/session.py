@@ -1,4 +1,4 @@
-"""A change of session: the cables stay, their offsets do not."""
+"""Change of session: the cables keep their hysteresis, but their offsets change."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 
 REFIT_ROWS = 30
-"""Samples that a refit of the offsets takes: half a minute on the robot."""
+"""Number of samples for a refit of the offsets: half a minute on the robot."""
 
 Model = TypeVar("Model", bound=CableModel)
 
@@ -19,20 +19,20 @@ Model = TypeVar("Model", bound=CableModel)
 def refit_offset(model: Model, recording: Recording, rows: int = REFIT_ROWS) -> Model:
     """Return the model with its offsets refitted on the first valid rows of a new session's recording.
 
-    Everything else stays: the offsets alone drift between sessions (q4 up to .07, q5 and q6 up to .1 rad).
+    Only the offsets drift between sessions (q4 up to .07, q5 and q6 up to .1 rad), so all else stays.
 
     Raises:
-        TrocarError: the recording has fewer valid rows.
+        TrocarError: the recording has fewer valid rows than that.
     """
     good = np.flatnonzero(recording.valid)[:rows]
     if rows < 1 or len(good) < rows:
         raise TrocarError(
-            f"{recording.name} has {len(good)} valid rows, a refit of the offsets wants {rows}; record more"
+            f"{recording.name} has {len(good)} valid rows, but a refit of the offsets needs {rows}; record more"
         )
     error = recording.q_phy - model.predict(recording.q_cmd)
     return model.shifted(error[good].mean(axis=0))
 
 
 def refit_ends(recording: Recording, rows: int = REFIT_ROWS) -> int:
-    """Return the first row that a refit has not seen; errors after a refit count from there."""
+    """Return the first row that a refit has not used; errors after a refit are evaluated from there."""
     return int(np.flatnonzero(recording.valid)[:rows][-1]) + 1

@@ -1,4 +1,4 @@
-"""The calibration study: Table I of the paper and the errors of every cable model, from the recordings."""
+"""The calibration study: Table I of the paper and the errors of all cable models, from the recordings."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.calibration.evaluation import Evaluation, evaluate
-from trocar.calibration.models import model_class
+from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import CableModel
 from trocar.calibration.recording import Recording, load_recording
 from trocar.calibration.session import REFIT_ROWS, refit_ends, refit_offset
 
 TABLE_1_ROWS = 1000
-"""Valid rows of a recording that Table I is about."""
+"""Number of valid rows of a recording on which Table I is computed."""
 
 TRAINING_SHARE = 0.8
-"""Models are fitted on this first share of a recording by time and evaluated on the rest."""
+"""Models are fitted on this first share of a recording and evaluated on the rest."""
 
 TABLE_1 = {
     "psm1_grey_random": {
@@ -33,15 +33,15 @@ TABLE_1 = {
         "Max": (0.0054, 0.0033, 0.0045, 0.25, 0.32, 0.45),
     },
 }
-"""The paper's Table I by the recording that it was computed from: its column "PSM2" is ``psm1_grey_random``
-and its column "PSM1" ``psm2_grey_random``. Its q3 maximum .0045 m is a misprint of .00045 m."""
+"""The paper's Table I, by the recording from which it was computed: column "PSM2" is ``psm1_grey_random`` and column
+"PSM1" is ``psm2_grey_random``. The q3 maximum of .0045 m is a misprint of .00045 m."""
 
 LIMITS_RAD = {
     "psm1_grey_random": (0.015, 0.027, 0.022),
     "psm2_grey_random": (0.013, 0.024, 0.020),
     "psm1_new_random": (0.013, 0.012, 0.012),
 }
-"""What the best model shall reach on the last fifth, RMSE of q4 q5 q6."""
+"""Target of the best model on the last fifth: RMSE of q4 q5 q6."""
 
 REFERENCES_RAD = {
     "psm1_grey_random": {
@@ -60,8 +60,8 @@ REFERENCES_RAD = {
         "lstm": (0.015, 0.024, 0.021),
     },
 }
-"""An earlier measurement of the same models on the last fifth of the *whole* recordings, of which the
-first four fifths are public: another test set than ours, so a guide and no bound."""
+"""Earlier results of the same models on the last fifth of the *whole* recordings, of which only the first four fifths
+are public: another test set than ours, so a guide, not a bound."""
 
 RECORDINGS = (*LIMITS_RAD, "psm1_red_user_random")
 SESSION_RECORDING = "psm1_grey_pick_place"
@@ -69,7 +69,7 @@ SESSION_RECORDING = "psm1_grey_pick_place"
 
 @dataclass(frozen=True, eq=False)
 class SessionChange:
-    """What a model of one session is worth in another; RMSE of q4 q5 q6 [rad] after the refit's rows."""
+    """Errors of a model in another session: RMSE of q4 q5 q6 [rad], evaluated after the rows of the refit."""
 
     uncorrected: NDArray[np.float64]
     before: NDArray[np.float64]
@@ -81,7 +81,7 @@ class SessionChange:
 def table_1(recording: Recording, rows: int = TABLE_1_ROWS) -> dict[str, NDArray[np.float64]]:
     """Return RMSE, SD and Max (6,) of |q_phy - q_cmd| over the first valid rows, as in the paper's Table I.
 
-    The paper's SD is that of the error's magnitude.
+    The paper's SD is the standard deviation of the error's magnitude.
     """
     good = np.flatnonzero(recording.valid)[:rows]
     error = np.abs(recording.q_phy - recording.q_cmd)[good]
@@ -91,12 +91,12 @@ def table_1(recording: Recording, rows: int = TABLE_1_ROWS) -> dict[str, NDArray
 def evaluate_model(recording: Recording, name: str, seed: int = 0) -> tuple[CableModel, Evaluation]:
     """Return the model fitted on the first share of a recording, and its errors on the rest."""
     rows = int(TRAINING_SHARE * len(recording))
-    model = model_class(name).fit(recording.first(rows), np.random.default_rng(seed))
+    model = MODELS.pick(name).fit(recording.first(rows), np.random.default_rng(seed))
     return model, evaluate(model, recording, rows)
 
 
 def session_change(model: CableModel, recording: Recording, rows: int = REFIT_ROWS) -> SessionChange:
-    """Return the errors in another session before and after the offsets are refitted on its first rows."""
+    """Return a model's errors in another session, before and after its offsets are refitted on the first rows."""
     from_row = refit_ends(recording, rows)
     before = evaluate(model, recording, from_row)
     after = evaluate(refit_offset(model, recording, rows), recording, from_row)
@@ -104,7 +104,7 @@ def session_change(model: CableModel, recording: Recording, rows: int = REFIT_RO
 
 
 def load_study_recordings(data: Path, names: Sequence[str]) -> dict[str, Recording]:
-    """Return recordings by name from a folder of ``.npz`` files, or from ``dvrk/trajectories`` in it."""
+    """Return recordings by name from a folder of ``.npz`` files, or from its subfolder ``dvrk/trajectories``."""
     inner = data / "dvrk" / "trajectories"
     data = inner if inner.is_dir() else data
     return {name: load_recording(data / f"{name}.npz") for name in names}

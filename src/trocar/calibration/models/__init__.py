@@ -1,21 +1,19 @@
-"""Cable models behind one small interface; ``MODELS`` lists them by name."""
+"""Cable models with a common interface; ``MODELS`` lists them by name."""
 
-from trocar.calibration.models.base import CableModel, TrainingMotion, load_model, save_model
+from trocar.calibration.models.base import CableModel, TrainingMotion
 from trocar.calibration.models.lstm import LstmModel
+from trocar.calibration.models.model_file import load_model, save_model
 from trocar.calibration.models.offset import OffsetModel
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.models.ridge import RidgeModel
-from trocar.errors import TrocarError
+from trocar.registry import Registry
 
-MODELS: dict[str, type[CableModel]] = {model.name: model for model in (OffsetModel, RidgeModel, LstmModel, PlayModel)}
-
-
-def model_class(name: str) -> type[CableModel]:
-    """Return the class of this name."""
-    if name not in MODELS:
-        raise TrocarError(f"cable model {name!r} is unknown; choose one of {', '.join(MODELS)}")
-    return MODELS[name]
-
+MODELS: Registry[type[CableModel]] = Registry(
+    "cable model",
+    "trocar.cable_models",
+    {model.name: model for model in (OffsetModel, RidgeModel, LstmModel, PlayModel)},
+)
+"""Every cable model by its name on the command line."""
 
 __all__ = [
     "MODELS",
@@ -26,6 +24,5 @@ __all__ = [
     "RidgeModel",
     "TrainingMotion",
     "load_model",
-    "model_class",
     "save_model",
 ]

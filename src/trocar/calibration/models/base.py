@@ -1,13 +1,9 @@
-"""What every cable model offers, and how it is kept in a file."""
+"""The interface of cable models, and their file format."""
 
 from __future__ import annotations
 
-import os
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -16,23 +12,24 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.calibration.recording import Recording, sampling_interval
 from trocar.errors import TrocarError
 
-FORMAT = "trocar cable model"
-VERSION = 1
-MINIMUM_ROWS = 30
-"""Fewer valid rows than this cannot identify a model's offsets, let alone its hysteresis."""
+MAX_VALUE = 1e6
+"""No number of a cable model is larger: features are standardised, angles in rad."""
+
+MIN_ROWS = 30
+"""Fewer valid rows than this do not identify a model's offsets, let alone its hysteresis."""
 
 Arrays = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingMotion:
-    """The motion that a model was fitted on, in joint space.
+    """Statistics of the motion that a model was fitted on, in joint space.
 
     Attributes:
-        interval: (6,) mean step |dq| between samples, rad and m (q3); tasks are resampled to it.
-        lower: (6,) least command.
-        upper: (6,) greatest command.
-        rows: valid rows used.
+        interval: (6,) mean step |dq| between samples, rad and m (q3); paths of tasks are resampled to it.
+        lower: (6,) smallest command.
+        upper: (6,) largest command.
+        rows: number of valid rows used.
     """
 
     interval: NDArray[np.float64]
@@ -42,11 +39,11 @@ class TrainingMotion:
 
     @staticmethod
     def of(recording: Recording) -> TrainingMotion:
-        """Return the statistics of a recording that is long enough to fit on."""
+        """Return the statistics of a recording, or raise TrocarError if it is too short for a fit."""
         rows = int(recording.valid.sum())
-        if rows < MINIMUM_ROWS:
+        if rows < MIN_ROWS:
             raise TrocarError(
-                f"{recording.name} has {rows} valid rows; a fit needs {MINIMUM_ROWS} or more, take more of it"
+                f"{recording.name} has {rows} valid rows; a fit needs {MIN_ROWS} or more, use a longer recording"
             )
         q = recording.q_cmd[: int(np.flatnonzero(recording.valid)[-1]) + 1]
         return TrainingMotion(sampling_interval(q), q.min(axis=0), q.max(axis=0), rows)
@@ -55,30 +52,30 @@ class TrainingMotion:
 class CableModel(Protocol):
     """A forward model of the cables: joints from the history of commands.
 
-    ``step`` is pure: it returns the joints and a new state and leaves the old state as it was, so that a
-    controller can try several commands from one state.
+    ``step`` is pure: it returns the joints and a new state without changing the old one, so that a controller can try
+    several commands from one state.
     """
 
     name: ClassVar[str]
     rate_independent: ClassVar[bool]
-    """Whether the joints depend on the path of the commands alone, however densely it is sampled."""
+    """Whether the joints depend only on the path of the commands, however densely it is sampled."""
 
     @property
     def training(self) -> TrainingMotion:
-        """The motion it was fitted on."""
+        """The motion that the model was fitted on."""
         ...
 
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
-        """Return the model fitted on the valid rows; every command goes through its memory."""
+        """Return the model fitted on the valid rows; all commands enter its memory."""
         ...
 
     def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the joints (n, 6) along a whole history of commands (n, 6)."""
+        """Return the joints (n, 6) for a whole history of commands (n, 6)."""
         ...
 
     def start(self, q_cmd: NDArray[np.float64]) -> Any:
-        """Return the state of an arm that has rested at this command (6,)."""
+        """Return the state of an arm that has been at rest at this command (6,)."""
         ...
 
     def step(self, state: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
@@ -86,11 +83,11 @@ class CableModel(Protocol):
         ...
 
     def shifted(self, offset: NDArray[np.float64]) -> Self:
-        """Return the model with this (6,) added to every prediction: the same cables in another session."""
+        """Return the model with this offset (6,) added to all predictions: the same cables in another session."""
         ...
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return all that :meth:`from_arrays` needs, apart from the training motion."""
+        """Return the arrays that :meth:`from_arrays` needs, apart from the training motion."""
         ...
 
     @classmethod
@@ -100,69 +97,42 @@ class CableModel(Protocol):
 
 
 def commands(q_cmd: ArrayLike) -> NDArray[np.float64]:
-    """Return a history of commands as float64 (n, 6) after checking it."""
+    """Return a history of commands as float64 (n, 6), or raise TrocarError."""
     q = np.asarray(q_cmd, dtype=np.float64)
     if q.ndim != 2 or q.shape[1] != 6:
-        raise TrocarError(f"commands have shape {q.shape}; they need (n, 6), one row a sample of q1 to q6")
+        raise TrocarError(f"commands have shape {q.shape}; they need (n, 6), one row of q1 to q6 per sample")
     if not np.all(np.isfinite(q)):
         raise TrocarError("commands hold NaN or infinity; remove those rows")
     return q
 
 
-def save_model(model: CableModel, path: str | Path) -> Path:
-    """Write the model as one ``.npz``; an interrupted write leaves an older file as it was."""
-    path = Path(path)
-    if path.suffix != ".npz":
-        raise TrocarError(f"model file {str(path)!r} must end in .npz; choose such a name")
-    training = model.training
-    header = {
-        "format": np.array(FORMAT),
-        "version": np.array(VERSION),
-        "name": np.array(model.name),
-        "training_interval": training.interval,
-        "training_lower": training.lower,
-        "training_upper": training.upper,
-        "training_rows": np.array(training.rows),
-    }
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with draft.open("wb") as file:
-            np.savez(file, **header, **model.arrays())  # type: ignore[arg-type]
-        draft.replace(path)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise TrocarError(f"cannot write model {str(path)!r} ({error.strerror}); choose another folder") from None
-    return path
+def shaped(arrays: Arrays, **shapes: tuple[int | str, ...]) -> dict[str, NDArray[Any]]:
+    """Return arrays of a file after checking what they are.
 
+    >>> shaped(arrays, offset=(6,), radii=(3, "k"), linear=(3, "d"))
 
-def load_model(path: str | Path) -> CableModel:
-    """Return the model in an ``.npz`` that :func:`save_model` wrote."""
-    from trocar.calibration.models import MODELS  # noqa: PLC0415 (the registry imports this module)
+    Args:
+        arrays: of a model's file.
+        shapes: by name; a letter stands for any length, the same wherever it stands.
 
-    path = Path(path)
-    if not path.is_file():
-        raise TrocarError(f"model {str(path)!r} does not exist; make one with `trocar calibrate fit`")
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: np.asarray(data[key]) for key in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError):
-        raise TrocarError(
-            f"model {str(path)!r} is not a readable .npz; write it again with `trocar calibrate fit`"
-        ) from None
-    if str(arrays.get("format")) != FORMAT:
-        raise TrocarError(f"{str(path)!r} is no cable model; give a file written by `trocar calibrate fit`")
-    if int(arrays.get("version", -1)) != VERSION:
-        raise TrocarError(
-            f"model {str(path)!r} has version {arrays.get('version')}, Trocar reads {VERSION}; fit it again"
+    Raises:
+        TrocarError: one is missing, has another shape, or holds what is not finite or absurdly large.
+    """
+    lengths: dict[str, int] = {}
+    found: dict[str, NDArray[Any]] = {}
+    for name, shape in shapes.items():
+        if name not in arrays:
+            raise TrocarError(f"it lacks {name!r}")
+        value = arrays[name]
+        told = tuple(
+            lengths.setdefault(n, value.shape[i]) if isinstance(n, str) and i < value.ndim else n
+            for i, n in enumerate(shape)
         )
-    name = str(arrays.get("name"))
-    if name not in MODELS:
-        raise TrocarError(f"model {str(path)!r} is of kind {name!r}; this Trocar knows {', '.join(MODELS)}")
-    try:
-        training = TrainingMotion(
-            *(arrays[f"training_{key}"] for key in ("interval", "lower", "upper")),
-            rows=int(arrays["training_rows"]),
-        )
-        return MODELS[name].from_arrays(arrays, training)
-    except KeyError as error:
-        raise TrocarError(f"model {str(path)!r} lacks {error.args[0]!r}; fit it again") from None
+        if value.shape != told:
+            raise TrocarError(f"{name!r} has shape {value.shape}, not {told}")
+        # a column that never moved has an endless scale, and so no weight
+        known = value[value != np.inf] if name.endswith("scale") else value
+        if value.dtype.kind not in "biuf" or not np.isfinite(known).all() or np.abs(known).max(initial=0.0) > MAX_VALUE:
+            raise TrocarError(f"{name!r} holds what is no number of a model")
+        found[name] = value
+    return found

@@ -1,4 +1,4 @@
-"""Whitening of measurements that drift: what neighbouring rows have in common counts once, not once per row."""
+"""Whitening of drifting measurements, so that errors common to neighbouring rows count once, not once per row."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
 DRIFT_RATIOS = (0.0, 0.3)
-"""Variance of the drift over that of the independent noise: none, or what forward chaining over five recordings
-found best; the likelihood of the residuals decides which."""
+"""Candidate ratios of the drift's variance to that of the independent noise: none, or the best in forward chaining over
+five recordings; the likelihood of the residuals decides."""
 
 DRIFT_ROWS = 20.0
-"""Rows after which the drift has forgotten 1 - 1/e of itself; chosen with it."""
+"""Correlation length of the drift: its autocorrelation falls to 1/e after this many rows; chosen in the same way."""
 
 
 @dataclass(frozen=True, eq=False)
 class DriftWhitener:
-    """Makes noise ``white + drift`` white; the drift is an Ornstein-Uhlenbeck process over the rows.
+    """Whitens noise that is the sum of white noise and drift, an Ornstein-Uhlenbeck process over the rows.
 
-    ``white(a) = inverse(L) @ a`` with ``L L^T = I + ratio exp(-|i - j| / DRIFT_ROWS)`` over the rows i, j,
-    in time linear in their number: each row less what a Kalman filter expects of it, over the SD of that.
+    ``white(a) = inverse(L) @ a`` with ``L L^T = I + ratio exp(-|i - j| / DRIFT_ROWS)`` over the rows i, j, in linear
+    time: the innovations of a Kalman filter, each divided by its standard deviation.
 
     Attributes:
-        carry: (n,) share of the last expectation in the next one.
-        gain: (n,) share of the last row in the next expectation.
-        sd: (n,) SD of a row about its expectation.
+        carry: (n,) weight of the last prediction in the next one.
+        gain: (n,) weight of the last row in the next prediction.
+        sd: (n,) SD of a row about its prediction.
     """
 
     carry: NDArray[np.float64]
@@ -37,8 +37,9 @@ class DriftWhitener:
 
     @classmethod
     def of(cls, rows: NDArray[np.int64], ratio: float) -> Self:
-        """Return the whitener for this share of drift at rows (n,), which increase and may have gaps."""
+        """Return the whitener for this ratio of drift at rows (n,), which increase and may have gaps."""
         carry, gain, sd = np.zeros(len(rows)), np.zeros(len(rows)), np.ones(len(rows))
+        # Kalman filter of the drift: ``variance`` is that of its prediction, ``share`` the filter's gain.
         variance, share = ratio, 0.0
         for k, step in enumerate(np.diff(rows, prepend=rows[:1]).tolist()):
             kept = exp(-step / DRIFT_ROWS)
@@ -57,12 +58,12 @@ class DriftWhitener:
         return (a - solve_banded((1, 0), bands, inflow)) / self.sd[:, None]
 
     def log_likelihood(self, residuals: NDArray[np.float64]) -> float:
-        """Return that of residuals (n, k) up to a constant, each column at its likeliest scale."""
+        """Return the log likelihood of residuals (n, k) up to a constant, each column with its most likely scale."""
         n, k = residuals.shape
         spread = np.mean(self(residuals) ** 2, axis=0) + 1e-12
         return float(-0.5 * n * np.log(spread).sum() - k * np.log(self.sd).sum())
 
 
 def drift_ratio(rows: NDArray[np.int64], residuals: NDArray[np.float64]) -> float:
-    """Return the likeliest of :data:`DRIFT_RATIOS` for residuals (n, k) at rows (n,)."""
+    """Return the most likely of :data:`DRIFT_RATIOS` for residuals (n, k) at rows (n,)."""
     return max(DRIFT_RATIOS, key=lambda ratio: DriftWhitener.of(rows, ratio).log_likelihood(residuals))

@@ -1,4 +1,4 @@
-"""The paper's network: LSTM of 256 units and two dense layers of 256, run in NumPy."""
+"""The paper's network, an LSTM of 256 units and two dense layers of 256, evaluated in NumPy."""
 
 from __future__ import annotations
 
@@ -10,31 +10,42 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands, shaped
 from trocar.calibration.models.window import advance, resting_window, windows
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 
 HIDDEN = 256
-"""Units of the recurrent and of each dense layer (paper, section IV-A)."""
+"""Number of units of the recurrent and of each dense layer (paper, section IV-A)."""
 
-WEIGHTS = ("input", "recurrent", "bias", "dense1", "bias1", "dense2", "bias2", "out", "bias_out")
+SHAPES = {
+    "input": (4 * HIDDEN, 6),
+    "recurrent": (4 * HIDDEN, HIDDEN),
+    "bias": (4 * HIDDEN,),
+    "dense1": (HIDDEN, HIDDEN),
+    "bias1": (HIDDEN,),
+    "dense2": (HIDDEN, HIDDEN),
+    "bias2": (HIDDEN,),
+    "out": (6, HIDDEN),
+    "bias_out": (6,),
+}
+"""Of the network's weights, by name."""
 
 Weights = dict[str, NDArray[np.floating]]
 
 Memory = tuple[NDArray[np.floating], NDArray[np.floating]]
-"""What the recurrent layer carries from moment to moment: hidden and cell (..., h)."""
+"""State of the recurrent layer: hidden and cell (..., h)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LstmModel:
-    """``q_joint = q_cmd + scale * network(window) + offset``; the window holds five prior commands too.
+    """``q_joint = q_cmd + scale * network(window) + offset``; the window is the command and five prior ones.
 
     Attributes:
-        weights: by name (:data:`WEIGHTS`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,), the
+        weights: by name (:data:`SHAPES`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,), the
             gates in the order i f g o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases.
-            Single precision, as they were trained: a prediction is good to 1e-6 of the error's SD.
-        input_mean: (6,) of the training commands.
+            Single precision, as in training: predictions are accurate to 1e-6 of the error's SD.
+        input_mean: (6,) mean of the training commands.
         input_scale: (6,) SD of the training commands.
         error_scale: (6,) SD of the training errors.
         offset: (6,) mean of the training errors.
@@ -69,12 +80,12 @@ class LstmModel:
         return cls(weights, mean, scale, error_scale, offset, training)
 
     def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the joints (n, 6) along a history of commands (n, 6)."""
+        """Return the joints (n, 6) for a history of commands (n, 6)."""
         q = commands(q_cmd)
         return q + self._error(windows(q))
 
     def start(self, q_cmd: NDArray[np.float64]) -> LstmState:
-        """Return the state of an arm that has rested at this command (6,)."""
+        """Return the state of an arm that has been at rest at this command (6,)."""
         return LstmState(self, resting_window(q_cmd))
 
     def step(self, state: LstmState, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], LstmState]:
@@ -84,23 +95,24 @@ class LstmModel:
         return joints, LstmState(self, advance(state.prior, q_cmd)[1:])
 
     def shifted(self, offset: NDArray[np.float64]) -> Self:
-        """Return the model with this (6,) added to its prediction."""
+        """Return the model with this offset (6,) added to its predictions."""
         return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what the file keeps."""
+        """Return the arrays for the file."""
         own = {key: getattr(self, key) for key in ("input_mean", "input_scale", "error_scale", "offset")}
         return own | {f"weight_{key}": value for key, value in self.weights.items()}
 
     @classmethod
     def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
-        """Return the model of a file."""
-        weights = {key: np.ascontiguousarray(arrays[f"weight_{key}"], dtype=np.float32) for key in WEIGHTS}
-        own = {key: arrays[key] for key in ("input_mean", "input_scale", "error_scale", "offset")}
+        """Return the model from the arrays of a file."""
+        own = shaped(arrays, input_mean=(6,), input_scale=(6,), error_scale=(6,), offset=(6,))
+        found = shaped(arrays, **{f"weight_{key}": shape for key, shape in SHAPES.items()})
+        weights = {key: np.ascontiguousarray(found[f"weight_{key}"], dtype=np.float32) for key in SHAPES}
         return cls(weights=weights, training=training, **own)
 
     def remember(self, prior: NDArray[np.float64]) -> Memory:
-        """Return the recurrent layer's memory after prior commands (..., 5, 6), from none."""
+        """Return the recurrent layer's state after prior commands (..., 5, 6), starting from zero."""
         return remember(self.weights, self._standard(prior))
 
     def _error(self, window: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -113,19 +125,19 @@ class LstmModel:
 
 @dataclass(frozen=True, eq=False)
 class LstmState:
-    """The prior commands (5, 6) of a window; they run through the network once for all candidates of the next."""
+    """The prior commands (5, 6) of a window; the network processes them once for all candidate next commands."""
 
     model: LstmModel
     prior: NDArray[np.float64]
 
     @cached_property
     def memory(self) -> Memory:
-        """The recurrent layer's memory after the prior commands."""
+        """The recurrent layer's state after the prior commands."""
         return self.model.remember(self.prior)
 
 
 def recur(weights: Weights, z: NDArray[np.floating], memory: Memory) -> Memory:
-    """Return the memory of the recurrent layer after one more standardised command (..., 6)."""
+    """Return the recurrent layer's state after one more standardised command (..., 6)."""
     hidden, cell = memory
     gates = z @ weights["input"].T + hidden @ weights["recurrent"].T + weights["bias"]
     i, f, g, o = np.split(gates, 4, axis=-1)
@@ -134,9 +146,9 @@ def recur(weights: Weights, z: NDArray[np.floating], memory: Memory) -> Memory:
 
 
 def remember(weights: Weights, z: NDArray[np.floating]) -> Memory:
-    """Return the memory of the recurrent layer after standardised windows (..., steps, 6), from none."""
-    nothing = np.zeros((*z.shape[:-2], weights["recurrent"].shape[1]), dtype=np.float32)
-    memory = (nothing, nothing)
+    """Return the recurrent layer's state after standardised windows (..., steps, 6), starting from zero."""
+    zero = np.zeros((*z.shape[:-2], weights["recurrent"].shape[1]), dtype=np.float32)
+    memory = (zero, zero)
     for moment in range(z.shape[-2]):
         memory = recur(weights, z[..., moment, :], memory)
     return memory

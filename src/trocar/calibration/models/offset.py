@@ -1,4 +1,4 @@
-"""The simplest correction: a constant error."""
+"""The simplest cable model: a constant error."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands, shaped
 from trocar.calibration.recording import Recording
 
 
@@ -28,30 +28,30 @@ class OffsetModel:
 
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
-        """Return the mean error over the valid rows."""
+        """Return the model with the mean error over the valid rows."""
         error = (recording.q_phy - recording.q_cmd)[recording.valid]
         return cls(error.mean(axis=0), TrainingMotion.of(recording))
 
     def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the joints (n, 6)."""
+        """Return the joints (n, 6) for a history of commands (n, 6)."""
         return commands(q_cmd) + self.offset
 
     def start(self, q_cmd: NDArray[np.float64]) -> None:
-        """Return the state: there is none."""
+        """Return None: the model has no state."""
 
     def step(self, state: None, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
         """Return the joints (6,) after the command (6,)."""
         return q_cmd + self.offset, None
 
     def shifted(self, offset: NDArray[np.float64]) -> Self:
-        """Return the model with this (6,) added to its prediction."""
+        """Return the model with this offset (6,) added to its predictions."""
         return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what the file keeps."""
+        """Return the arrays for the file."""
         return {"offset": self.offset}
 
     @classmethod
     def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
-        """Return the model of a file."""
-        return cls(arrays["offset"], training)
+        """Return the model from the arrays of a file."""
+        return cls(shaped(arrays, offset=(6,))["offset"], training)

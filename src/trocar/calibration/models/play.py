@@ -1,42 +1,66 @@
-"""Play operators of many radii with a learned map: memory that lasts as long as the backlash remembers."""
+"""Play operators of many radii with a learned map, whose memory lasts as long as that of the backlash."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands, shaped
 from trocar.calibration.models.play_map import PlayMap, fit_linear, fit_map
 from trocar.calibration.plant import WRIST, fit_plant, play_slacks
+from trocar.calibration.play import play_operator
 from trocar.calibration.recording import Recording
+from trocar.errors import TrocarError
 
 RADII_RAD = (0.01, 0.02, 0.04, 0.06, 0.09, 0.13, 0.18, 0.25)
-"""Backlash half-widths of the features, beside the one radius identified per joint: a spectrum around the
-identified ones (.018 to .128 rad over all instruments), as in a Prandtl-Ishlinskii model."""
+"""Backlash half-widths of the features, in addition to the one radius identified per joint: a spectrum that covers the
+identified radii (.018 to .128 rad over all instruments), as in a Prandtl-Ishlinskii model."""
 
 OUTER_PENALTY = 10.0
-"""Ridge on the outer joints' errors, in standardised commands: about one sample in a hundred."""
+"""Ridge penalty for the outer joints' errors, on standardised commands: about one sample in a hundred."""
 
 PlayBank = NDArray[np.float64]
-"""Outputs (3, k) of the play operators: all that the model remembers."""
+"""Outputs (3, k) of the play operators: the whole memory of the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlayResponse:
+    """The joints along a path of commands, and what moves them.
+
+    Attributes:
+        joints: (n, 6) after each command.
+        state: (3, k) operators after the last.
+        by_command: (n, 3, 3) d wrist's joints / d wrist's command of the same row.
+        taut: (n, 3, 3) the same if no operator were in its slack.
+        by_operator: (n, 3, 3, k) d wrist's joints / d operator, of those that the row's own command does not drive.
+        moved: (n, 3, k) where in the path each operator was driven last: 2 i by command i, 2 i + 1 by the turn
+            after it; 0 if never.
+    """
+
+    joints: NDArray[np.float64]
+    state: PlayBank
+    by_command: NDArray[np.float64]
+    taut: NDArray[np.float64]
+    by_operator: NDArray[np.float64]
+    moved: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class PlayModel:
     """``q_joint = q_cmd + offset + map(q4 q5 q6, slacks)`` with slacks ``u - P_r(u)`` of play operators.
 
-    The operators run on ``u = [q4, q5 + a q6, q6 + b q5]`` (the cables of pitch and yaw are coupled);
-    column 0 of ``radii`` is the one identified radius of each joint. The map is linear plus a smooth bump
-    expansion that dies out away from the training data: outside of it the linear part alone extrapolates.
-    The small errors
-    of the outer joints q1 q2 q3 are linear in the command.
+    The operators run on ``u = [q4, q5 + a q6, q6 + b q5]``, since the cables of pitch and yaw are coupled. Column 0 of
+    ``radii`` is the identified radius of each joint. The map is linear plus smooth bumps that vanish away from the
+    training data, where only the linear part extrapolates. The small errors of the outer joints q1 q2 q3 are linear in
+    the command.
 
     Attributes:
-        a: share of yaw in the pitch cable's motion.
-        b: share of pitch in the yaw cable's motion.
+        a: share of yaw in the motion of the pitch cable.
+        b: share of pitch in the motion of the yaw cable.
         radii: (3, k) rad.
         offset: (6,) rad and m (q3).
         outer: (3, 6) errors of q1 q2 q3 per unit of command.
@@ -54,13 +78,14 @@ class PlayModel:
     map: PlayMap
     training: TrainingMotion
 
-    def __post_init__(self) -> None:
-        mix = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, self.a], [0.0, self.b, 1.0]])
-        object.__setattr__(self, "_mix", mix)
+    @cached_property
+    def mix(self) -> NDArray[np.float64]:
+        """Return the matrix (3, 3) from the wrist's command to what the operators see."""
+        return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, self.a], [0.0, self.b, 1.0]])
 
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
-        """Return the model: coupling identified, map chosen by validation over blocks of time."""
+        """Return the model: coupling identified from the recording, map chosen by validation over blocks of time."""
         plant = fit_plant(recording)
         spectrum = np.broadcast_to(RADII_RAD, (3, len(RADII_RAD)))
         radii = np.column_stack([plant.radii, spectrum])
@@ -77,7 +102,7 @@ class PlayModel:
         return cls(plant.a, plant.b, radii, offset, outer, fitted, TrainingMotion.of(recording))
 
     def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the joints (n, 6) along a history of commands (n, 6) that starts without slack."""
+        """Return the joints (n, 6) for a history of commands (n, 6) that starts without slack."""
         q = commands(q_cmd)
         slacks = play_slacks(q, self.a, self.b, self.radii).reshape(len(q), -1)
         joints = q + self.offset
@@ -86,12 +111,12 @@ class PlayModel:
         return joints
 
     def start(self, q_cmd: NDArray[np.float64]) -> PlayBank:
-        """Return the operators (3, k) of an arm without slack at this command (6,)."""
-        u = self._mix @ q_cmd[WRIST]  # type: ignore[attr-defined]
+        """Return the operators (3, k) of an arm that rests without slack at this command (6,)."""
+        u = self.mix @ q_cmd[WRIST]
         return np.broadcast_to(u[:, None], self.radii.shape)
 
     def step(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], PlayBank]:
-        """Return the joints (6,) after the command (6,), and the new operators."""
+        """Return the joints (6,) after the command (6,), and the new state of the operators."""
         u, bank = self._bank(state, q_cmd)
         joints = q_cmd + self.offset
         joints[:3] += self.outer @ q_cmd
@@ -99,23 +124,62 @@ class PlayModel:
         return joints, bank
 
     def linearize(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the joints (6,) after the command and the wrist's Jacobian d q_joint / d q_cmd (3, 3)."""
+        """Return the joints (6,) after the command, and the wrist's Jacobian d q_joint / d q_cmd (3, 3)."""
         u, bank = self._bank(state, q_cmd)
         slack = u - bank
         value, gradient = self.map.linearize(np.concatenate([q_cmd[WRIST], slack.ravel()]))
         joints = q_cmd + self.offset
         joints[:3] += self.outer @ q_cmd
         joints[WRIST] += value
+        # The slack follows the command only within the backlash; at its ends it is constant.
         free = np.abs(slack) < self.radii - 1e-12
         by_slack = (gradient[:, 3:].reshape(3, *free.shape) * free).sum(axis=2)
-        return joints, np.eye(3) + gradient[:, :3] + by_slack @ self._mix  # type: ignore[attr-defined]
+        return joints, np.eye(3) + gradient[:, :3] + by_slack @ self.mix
+
+    def inputs(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the operators see, or its rates, ``[q4, q5 + a q6, q6 + b q5]``; (..., 6) -> (..., 3)."""
+        return q_cmd[..., WRIST] @ self.mix.T
+
+    def remember(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> PlayBank:
+        """Return the operators (3, k) after commands (n, 6), one after the other."""
+        return play_operator(self.inputs(q_cmd)[:, :, None], self.radii, state)[-1]
+
+    def respond(self, state: PlayBank, q_cmd: NDArray[np.float64], turns: NDArray[np.float64]) -> PlayResponse:
+        """Return the joints along commands (n, 6), and how they hang on these and on earlier commands.
+
+        Args:
+            state: the operators (3, k) before the first command.
+            q_cmd: (n, 6), one after the other.
+            turns: (n - 1, 3) inputs of the operators where they turn on the way from a command to the next; what
+                they are at either one where they do not.
+        """
+        u = np.empty((2 * len(q_cmd) - 1, 3, 1))
+        u[::2, :, 0], u[1::2, :, 0] = self.inputs(q_cmd), turns
+        bank = play_operator(u, self.radii, state)
+        free = np.abs(u - bank) < self.radii - 1e-12
+        moved = np.maximum.accumulate(np.where(free, 0, np.arange(len(u))[:, None, None]), axis=0)[::2]
+        slack, free = (u - bank)[::2], free[::2]
+        x = np.concatenate([q_cmd[:, WRIST], slack.reshape(len(q_cmd), -1)], axis=1)
+        value, gradient = self.map.slopes(x)
+        joints = q_cmd + self.offset
+        joints[:, :3] += q_cmd @ self.outer.T
+        joints[:, WRIST] += value
+        by_slack = gradient[:, :, 3:].reshape(-1, 3, *self.radii.shape) * free[:, None]
+        return PlayResponse(
+            joints=joints,
+            state=bank[-1],
+            by_command=np.eye(3) + gradient[:, :, :3] + by_slack.sum(axis=3) @ self.mix,
+            taut=np.eye(3) + gradient[:, :, :3],
+            by_operator=-by_slack,
+            moved=moved,
+        )
 
     def shifted(self, offset: NDArray[np.float64]) -> Self:
-        """Return the model with this (6,) added to its prediction."""
+        """Return the model with this offset (6,) added to its predictions."""
         return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what the file keeps."""
+        """Return the arrays for the file."""
         own = {
             "coupling": np.array([self.a, self.b]),
             "radii": self.radii,
@@ -126,10 +190,14 @@ class PlayModel:
 
     @classmethod
     def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
-        """Return the model of a file."""
-        a, b = arrays["coupling"].tolist()
-        return cls(a, b, arrays["radii"], arrays["offset"], arrays["outer"], PlayMap.from_arrays(arrays), training)
+        """Return the model from the arrays of a file."""
+        own = shaped(arrays, coupling=(2,), radii=(3, "k"), offset=(6,), outer=(3, 6))
+        if (own["radii"] < 0).any():
+            raise TrocarError("'radii' holds negative ones")
+        a, b = own["coupling"].tolist()
+        fitted = PlayMap.from_arrays(arrays, own["radii"].shape[1])
+        return cls(a, b, own["radii"], own["offset"], own["outer"], fitted, training)
 
     def _bank(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], PlayBank]:
-        u = (self._mix @ q_cmd[WRIST])[:, None]  # type: ignore[attr-defined]
+        u = (self.mix @ q_cmd[WRIST])[:, None]
         return u, np.minimum(np.maximum(state, u - self.radii), u + self.radii)

@@ -1,27 +1,29 @@
-"""The learned map of the play model: linear in all slacks, plus smooth bumps near the training data."""
+"""The learned map of the play model: linear in commands and slacks, plus smooth bumps near the training data."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from trocar.calibration.models.base import Arrays
+from trocar.calibration.models.base import Arrays, shaped
 from trocar.calibration.models.drift import DriftWhitener, drift_ratio
+from trocar.errors import TrocarError
 
 BLOCKS = 5
-"""Time blocks of the inner validation: each is predicted from the others."""
+"""Number of time blocks of the inner validation; each is predicted from the others."""
 LENGTH = 3.0
-"""Width of a bump in SDs of its inputs: so wide that the map bends slowly and stays invertible."""
+"""Width of a bump in SDs of its inputs: wide enough for a map that bends slowly and stays invertible."""
 CENTRES = 400
-"""Bumps at most; they sit on training samples evenly spaced over time."""
+"""Maximum number of bumps, which are centred on training samples evenly spaced in time."""
 PENALTIES = (3.0, 30.0)
 NOISE_RATIOS = (0.1, 1.0, np.inf)
-"""Candidates of the inner validation: ridge on standardised linear features; noise over signal variance of
-the bumps (inf: no bumps)."""
+"""Candidates of the inner validation: ridge penalties on standardised linear features, and ratios of noise to signal
+variance of the bumps (inf: no bumps)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +31,12 @@ class PlayMap:
     """``linear @ x + bumps @ exp(-|z - c|^2 / 2)``, ``z = (x[inputs] - mean) / scale``.
 
     Attributes:
-        linear: (3, d) on all features x = [q4 q5 q6, slacks].
-        inputs: (p,) features that the bumps see: the commands and the slacks of the identified radii.
-        mean: (p,) of those.
-        scale: (p,) of those: SD times the bumps' width.
-        centres: (m, p) in z.
-        bumps: (3, m).
+        linear: (3, d) weights of all features x = [q4 q5 q6, slacks].
+        inputs: (p,) indices of the bumps' inputs: the commands and the slacks of the identified radii.
+        mean: (p,) means of the inputs.
+        scale: (p,) SDs of the inputs times the bumps' width.
+        centres: (m, p) centres of the bumps in z.
+        bumps: (3, m) weights of the bumps.
     """
 
     linear: NDArray[np.float64]
@@ -61,14 +63,50 @@ class PlayMap:
             gradient[:, self.inputs] += (weighted @ away) / self.scale
         return value, gradient
 
+    def slopes(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the errors (n, 3) at many x (n, d) and their gradients (n, 3, d)."""
+        value = x @ self.linear.T
+        gradient = np.tile(self.linear, (len(x), 1, 1))
+        if len(self.centres):
+            z = (x[:, self.inputs] - self.mean) / self.scale
+            kernel = _kernel(z, self.centres)
+            bumps = kernel @ self.bumps.T
+            value += bumps
+            pull = (kernel @ self._bumps_times_centres).reshape(len(x), 3, -1)
+            gradient[:, :, self.inputs] += (pull - bumps[:, :, None] * z[:, None]) / self.scale
+        return value, gradient
+
+    @cached_property
+    def _bumps_times_centres(self) -> NDArray[np.float64]:
+        """Return (m, 3 p): what the kernel's gradient sums over the centres."""
+        return np.einsum("jm,mp->mjp", self.bumps, self.centres).reshape(len(self.centres), -1)
+
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what the file keeps."""
+        """Return the arrays for the file."""
         return {f"map_{key}": getattr(self, key) for key in self.__dataclass_fields__}
 
     @classmethod
-    def from_arrays(cls, arrays: Arrays) -> PlayMap:
-        """Return the map of a file."""
-        return cls(**{key: arrays[f"map_{key}"] for key in cls.__dataclass_fields__})
+    def from_arrays(cls, arrays: Arrays, radii: int) -> PlayMap:
+        """Return the map from the arrays of a file.
+
+        Args:
+            arrays: of the file.
+            radii: how many play operators each joint has.
+        """
+        features = 3 + 3 * radii
+        own = shaped(
+            arrays,
+            map_linear=(3, features),
+            map_inputs=("p",),
+            map_mean=("p",),
+            map_scale=("p",),
+            map_centres=("m", "p"),
+            map_bumps=(3, "m"),
+        )
+        inputs, scale = own["map_inputs"], own["map_scale"]
+        if inputs.dtype.kind not in "iu" or ((inputs < 0) | (inputs >= features)).any() or (scale <= 0).any():
+            raise TrocarError("'map_inputs' or 'map_scale' are none")
+        return cls(**{key: own[f"map_{key}"] for key in cls.__dataclass_fields__})
 
 
 def fit_map(
@@ -76,9 +114,9 @@ def fit_map(
 ) -> tuple[PlayMap, NDArray[np.float64]]:
     """Return the map from features (n, d) to errors (n, 3) at these rows, and the constant (3,) to add to it.
 
-    The least squares allow for slow drift (:class:`DriftWhitener`) where a first fit's residuals show it.
-    Ridge and noise ratio are chosen per joint by the squared error over :data:`BLOCKS` blocks of time, each
-    predicted from the others.
+    Least squares account for slow drift (:class:`DriftWhitener`) if the residuals of a first fit show it. Ridge penalty
+    and noise ratio are chosen per joint by the squared error over :data:`BLOCKS` blocks of time, each predicted from
+    the others.
     """
     blocks = np.array_split(np.arange(len(x)), BLOCKS)
     candidates = [(penalty, ratio) for penalty in PENALTIES for ratio in NOISE_RATIOS]
@@ -115,6 +153,8 @@ def _fits(
     mean, scale = x[:, inputs].mean(axis=0), _scale(x[:, inputs]) * LENGTH
     z = (x[:, inputs] - mean) / scale
     centres = z[np.unique(np.linspace(0, len(z) - 1, min(CENTRES, len(z))).round().astype(int))]
+    # Gaussian-process regression of the linear part's residuals on inducing points, the bumps' centres; factorised once
+    # for each noise ratio.
     kernel, prior = _kernel(z, centres), _kernel(centres, centres)
     whiten = DriftWhitener.of(rows, drift)
     white = whiten(kernel)
@@ -135,7 +175,7 @@ def _fits(
 def fit_linear(
     x: NDArray[np.float64], y: NDArray[np.float64], penalty: float, whiten: DriftWhitener | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the ridge regression's weights (outputs, d) and constant (outputs,), standardised features."""
+    """Return weights (outputs, d) and constant (outputs,) of a ridge regression on standardised features."""
     mean, scale = x.mean(axis=0), _scale(x)
     z = np.column_stack([np.ones(len(x)), (x - mean) / scale])
     if whiten is not None:
@@ -147,7 +187,7 @@ def fit_linear(
 
 
 def _scale(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the SD of each column; a column that does not move is given no weight."""
+    """Return the SD of each column; infinite for constant columns, which then have no weight."""
     sd = x.std(axis=0)
     return np.where(sd > 1e-9, sd, np.inf)
 

@@ -1,4 +1,4 @@
-"""A linear map from the last commands: what a window of five remembers, without a network."""
+"""A linear map from the last commands: the memory of a window, without a network."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands
-from trocar.calibration.models.window import advance, resting_window, windows
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands, shaped
+from trocar.calibration.models.window import PRIOR_COMMANDS, advance, resting_window, windows
 from trocar.calibration.recording import Recording
 
 PENALTY = 1.0
-"""Weight of the ridge on standardised windows: about one sample in a thousand."""
+"""Ridge penalty on standardised windows: about one sample in a thousand."""
 
 
 @dataclass(frozen=True, eq=False)
 class RidgeModel:
-    """``q_joint = q_cmd + offset + W vec(window)`` over the present and five prior commands.
+    """``q_joint = q_cmd + offset + W vec(window)``; the window is the command and five prior ones.
 
     Attributes:
-        weights: (36, 6), window (oldest first, joint fastest) to errors.
+        weights: (36, 6) from window (oldest command first, joints contiguous) to errors.
         offset: (6,) rad and m (q3).
         training: the motion it was fitted on.
     """
@@ -34,7 +34,7 @@ class RidgeModel:
 
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
-        """Return the least-squares map with a ridge on standardised inputs."""
+        """Return the model fitted by ridge regression on standardised inputs."""
         x = windows(recording.q_cmd).reshape(len(recording), -1)[recording.valid]
         error = (recording.q_phy - recording.q_cmd)[recording.valid]
         mean, scale = x.mean(axis=0), x.std(axis=0)
@@ -45,7 +45,7 @@ class RidgeModel:
         return cls(weights, error.mean(axis=0) - mean @ weights, TrainingMotion.of(recording))
 
     def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the joints (n, 6) along a history of commands (n, 6)."""
+        """Return the joints (n, 6) for a history of commands (n, 6)."""
         q = commands(q_cmd)
         return q + self.offset + windows(q).reshape(len(q), -1) @ self.weights
 
@@ -61,14 +61,15 @@ class RidgeModel:
         return q_cmd + self.offset + window.ravel() @ self.weights, window[1:]
 
     def shifted(self, offset: NDArray[np.float64]) -> Self:
-        """Return the model with this (6,) added to its prediction."""
+        """Return the model with this offset (6,) added to its predictions."""
         return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what the file keeps."""
+        """Return the arrays for the file."""
         return {"weights": self.weights, "offset": self.offset}
 
     @classmethod
     def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
-        """Return the model of a file."""
-        return cls(arrays["weights"], arrays["offset"], training)
+        """Return the model from the arrays of a file."""
+        own = shaped(arrays, weights=(6 * (PRIOR_COMMANDS + 1), 6), offset=(6,))
+        return cls(own["weights"], own["offset"], training)

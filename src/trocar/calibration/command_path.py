@@ -1,0 +1,388 @@
+"""Commands that bring the joints along a motion and keep the limits of velocity and acceleration themselves.
+
+Where a cable's slack has to be crossed is known from the plan. So all commands of a motion are found at once: among
+the paths that keep the limits, the one that leads the joints nearest to where they should be. It starts to cross a
+slack before the joint has to turn, and ends where the model puts the joints exactly at their end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import MotionLimits
+from trocar.calibration.cable_memory import CableMemory
+from trocar.calibration.command_fit import LEVER, MET, CommandFit, Fitted
+from trocar.calibration.compensation import inverse, sample_positions
+from trocar.calibration.limited_paths import HEADROOM, LimitedPaths
+from trocar.calibration.quadratic import QuadraticSpline
+from trocar.errors import TrocarError
+from trocar.motion.moves import rest_to_rest
+from trocar.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+KNOT_S = (0.010, 0.025)
+"""Least and greatest spacing of the commands' knots: from one control period to a tenth of what it takes to cross the
+widest slack."""
+KNOTS = (12, 48)
+"""A short motion has so many intervals at least; a longer one gets more before they become longer."""
+
+SKETCH_S = 0.060
+"""Spacing of the points at which the model is inverted one after the other to begin with."""
+SKETCHED = 4
+"""Points at least."""
+SKETCH_RAD = 1e-3
+"""How closely; refinement does the rest."""
+
+ENDS_S = 0.2
+ENDS_WEIGHT = 10.0
+"""About so long after the start and before the end errors weigh up to so much more than in the middle of a motion:
+there the jaws are at something."""
+END_WEIGHT_S = 1000.0
+"""Weight of an error at the very end, beside an error of one that lasts so long."""
+
+RESTING_S = 1e-4
+"""What could be braked in less than this rests."""
+
+CORRECTIONS = 2
+"""Corrections of the last command, tried where refinement stalls short of the end."""
+NEARLY_MET = 1e-3
+"""A motion that ends further from its end (a wrist's rad) lacks time, as a rule."""
+STRETCHES = (1.0, 1.05, 1.15, 1.3)
+"""Tried in turn on top of the time that the way to the last command takes at least."""
+LAST_STEP_S = 0.3
+"""A last step from rest to rest that takes no longer makes up for the least error that is left: there are dead zones
+where nothing but crossing a slack does. Where the time did not suffice, it takes as long as it takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class CommandRequest:
+    """What one arm's joints should do, and where its commands are now.
+
+    Attributes:
+        memory: of the cables, up to the commands that were sent last.
+        desired: of the true joints (rad, m), from its first knot on. It may start and end in motion; after an end in
+            motion it is braked to rest.
+        q_start: (6,) command that is being sent now. It may be off what the model expects there.
+        velocity_start: (6,) its velocity.
+        limits: of the commands' velocity and acceleration.
+        lower: (6,) least commands. Where the desired joints themselves lie below, commands may as well.
+        upper: (6,) greatest commands, likewise.
+    """
+
+    memory: CableMemory
+    desired: Trajectory
+    q_start: Array
+    velocity_start: Array
+    limits: MotionLimits
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        for name in ("q_start", "velocity_start", "lower", "upper"):
+            value = np.array(getattr(self, name), dtype=np.float64)
+            if value.shape != (6,) or not np.all(np.isfinite(value)):
+                raise TrocarError(f"a request of commands needs six finite numbers as {name}, got {value.tolist()}")
+            object.__setattr__(self, name, value)
+        over = np.abs(self.velocity_start) / self.limits.velocity
+        if over.max() > 1 + 1e-6:
+            raise TrocarError(
+                f"the commands of joint {np.argmax(over) + 1} already run at {over.max():.2f} times their limit of "
+                "velocity; let them slow down before a new motion"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class CommandPath:
+    """Commands that carry one arm's joints along a motion within the limits.
+
+    Attributes:
+        commands: (t) -> (6,), from time 0; starts as asked for and ends at rest.
+        desired: the joints as asked for, on the same clock.
+        deviation: (6,) largest distance of the joints from ``desired`` that the model expects, rad and m.
+        missing: (6,) the same at the end.
+        lacking: (6,) by how much the commands would have to leave their ranges to make up for the cables, rad and m.
+        farthest: (6,) each joint's farthest command towards or beyond the ends of its range, had it none.
+        stretch: the motion was slowed down by this factor; 1 if not at all.
+        memory: of the cables at the start.
+    """
+
+    commands: Trajectory
+    desired: Trajectory
+    deviation: Array
+    missing: Array
+    lacking: Array
+    farthest: Array
+    stretch: float
+    memory: CableMemory
+
+    def memory_at(self, t_s: float) -> CableMemory:
+        """Return the memory of the cables after the commands up to a time: for a stop, or another motion from there."""
+        return self.memory.after(self.commands, t_s)
+
+    def joints_at(self, t_s: float) -> Array:
+        """Return where (6,) the model expects the joints at a time."""
+        return self.memory_at(t_s).joints(self.commands(t_s))
+
+
+def command_paths(requests: Mapping[str, CommandRequest]) -> dict[str, CommandPath]:
+    """Return the commands of one or more arms that move together.
+
+    The arms keep one clock: where one needs more time, all are slowed down by the same factor. Only a last step from
+    rest to rest, rarely needed, is made by one arm while the others rest.
+
+    Raises:
+        TrocarError: no commands within the limits were found.
+    """
+    if not requests:
+        return {}
+    sketches = {arm: _sketched(request) for arm, request in requests.items()}
+    least = max(sketch.min_stretch() for sketch in sketches.values())
+    fits: dict[str, _Fit] = {}
+    for more in STRETCHES:
+        tried = {arm: _fitted(sketch, least * more) for arm, sketch in sketches.items()}
+        fits = {arm: fit for arm, fit in tried.items() if fit is not None}
+        if len(fits) == len(tried) and all(fit.short < NEARLY_MET for fit in fits.values()):
+            break
+    lost = [repr(arm) for arm in requests if arm not in fits]
+    if lost:
+        raise TrocarError(
+            f"no commands of arm {', '.join(lost)} within the limits were found; let it come to rest before the motion"
+        )
+    return {arm: _finished(fit) for arm, fit in fits.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class _Sketch:
+    """A request with roughly the commands that it takes, limits aside.
+
+    Attributes:
+        request: whose desired joints end at rest.
+        lower: (6,) least commands that are allowed, room to brake included.
+        upper: (6,) greatest.
+        shares: (k,) of the motion's time.
+        correction: (k, 6) commands less desired joints.
+        given_up: (k, 6) of the desired joints, because commands may not leave their ranges.
+        farthest: (6,) each joint's farthest command towards or beyond the ends of its range, had it none.
+        end: (6,) last command.
+    """
+
+    request: CommandRequest
+    lower: Array
+    upper: Array
+    shares: Array
+    correction: Array
+    given_up: Array
+    farthest: Array
+    end: Array
+
+    def at(self, shares: Array, rows: Array) -> Array:
+        """Return rows (k, 6) of this sketch at other shares (n,) of the time: (n, 6)."""
+        return np.column_stack([np.interp(shares, self.shares, column) for column in rows.T])
+
+    def min_stretch(self) -> float:
+        """Return how many times as long, at least, the way to the last command takes within the accelerations."""
+        request, knots = self.request, _knots(self.request.desired)
+        spare = 1.0 - 2.0 * HEADROOM
+        limits = MotionLimits(spare * request.limits.velocity, spare * request.limits.acceleration)
+        way, speed = self.end - request.q_start, request.velocity_start
+
+        def suffices(factor: float) -> bool:
+            spline = QuadraticSpline(factor * knots)
+            if np.any(np.abs(speed) > limits.acceleration * spline.times_s[-1]):
+                return False
+            reach, back = spline.reach(speed, limits), -spline.reach(-speed, limits)
+            return bool(np.all((back - 1e-12 <= way) & (way <= reach + 1e-12)))
+
+        low, high = 0.5, 1.0
+        while not suffices(high):
+            low, high = high, 2.0 * high
+        while high > 1.0 and high - low > 1e-3 * low:
+            middle = (low + high) / 2
+            low, high = (low, middle) if suffices(middle) else (middle, high)
+        return high
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The commands that were found for a sketch.
+
+    Attributes:
+        sketch: what was to be done.
+        stretch: in how many times its time.
+        fit: among which commands.
+        best: those found.
+        short: how far they end from where they should, in a wrist's rad; of the joints where the model knows.
+    """
+
+    sketch: _Sketch
+    stretch: float
+    fit: CommandFit
+    best: Fitted
+    short: float
+
+
+def _braked(desired: Trajectory, limits: MotionLimits) -> Trajectory:
+    """Return the motion from time 0, joints that end it in motion going straight on until they all rest at once."""
+    desired = Trajectory(desired.times_s - desired.times_s[0], desired.coefficients)
+    q, v = desired(desired.times_s[-1]), desired(desired.times_s[-1], 1)
+    duration = float(np.max(np.abs(v) / limits.acceleration))
+    if duration < RESTING_S:
+        return desired
+    return desired.then(Trajectory(np.array([0.0, duration]), np.stack([-v / (2 * duration), v, q])[:, None]))
+
+
+def _sketched(request: CommandRequest) -> _Sketch:
+    """Return the sketch: the model inverted at some points of the motion, one after the other."""
+    lower, upper = _ranges(request)
+    desired, model = _braked(request.desired, request.limits), request.memory.model
+    count = max(SKETCHED, int(np.ceil(desired.duration_s / SKETCH_S)))
+    times, wanted = desired.sample(desired.duration_s / count)
+    if not model.rate_independent:
+        times = np.interp(sample_positions(wanted, model.training), np.arange(len(times)), times)
+        wanted = desired(times)
+    memory, q_cmd = request.memory, request.q_start
+    error = memory.joints(q_cmd) - q_cmd
+    unbounded, correction, given_up = wanted.copy(), np.zeros_like(wanted), np.zeros_like(wanted)
+    unbounded[0], correction[0] = q_cmd, q_cmd - wanted[0]
+    for row, q in enumerate(wanted[1:], start=1):
+        unbounded[row] = inverse(model, memory.state, q, q - error, SKETCH_RAD)
+        q_cmd = np.clip(unbounded[row], lower, upper)
+        if np.any(q_cmd != unbounded[row]):
+            # The other joints can still be right: they take into account where this one stays.
+            kept = np.where(q_cmd != unbounded[row], memory.joints(q_cmd), q)
+            q_cmd = np.clip(inverse(model, memory.state, kept, q_cmd, SKETCH_RAD), lower, upper)
+        joints, after = memory.step(q_cmd)
+        if np.any(q_cmd != unbounded[row]):
+            given_up[row] = memory.joints(unbounded[row]) - joints
+        error, correction[row], memory = joints - q_cmd, q_cmd - q, after
+    asked = times <= request.desired.duration_s
+    excess = np.where(asked[:, None], np.maximum(lower - unbounded, unbounded - upper), -np.inf)
+    farthest = np.take_along_axis(unbounded, excess.argmax(axis=0)[None], axis=0)[0]
+    request, shares = replace(request, desired=desired), times / desired.duration_s
+    return _Sketch(request, lower, upper, shares, correction, given_up, farthest, q_cmd)
+
+
+def _ranges(request: CommandRequest) -> tuple[Array, Array]:
+    """Return the least and greatest commands (6,) that are allowed: also where the joints, or a start, lie outside."""
+    v, asked = request.velocity_start, request.desired.sample(request.desired.duration_s / KNOTS[1])[1]
+    stop = request.q_start + v * np.abs(v) / (2 * request.limits.acceleration) + v * KNOT_S[1]
+    taken = np.vstack([asked, request.q_start, stop])
+    return np.minimum(request.lower, taken.min(axis=0)), np.maximum(request.upper, taken.max(axis=0))
+
+
+def _knots(desired: Trajectory) -> Array:
+    """Return the times (n + 1,) of the commands' knots: where the motion has its own, and evenly in between."""
+    corners, duration = desired.times_s, desired.duration_s
+    spacing = min(float(np.clip(duration / KNOTS[1], *KNOT_S)), duration / KNOTS[0])
+    kept = [0.0]
+    for corner in corners[1:-1].tolist():
+        if min(corner - kept[-1], duration - corner) >= spacing / 2:
+            kept.append(corner)
+    kept.append(duration)
+    parts = [
+        np.linspace(start, end, int(np.ceil((end - start) / spacing - 1e-6)), endpoint=False)
+        for start, end in pairwise(kept)
+    ]
+    return np.append(np.concatenate(parts), duration)
+
+
+def _fitted(sketch: _Sketch, stretch: float) -> _Fit | None:
+    """Return commands of a motion that takes so many times as long; None where the limits allow none."""
+    request, desired = sketch.request, sketch.request.desired.stretched(stretch)
+    spline = QuadraticSpline(_knots(desired))
+    shares, asked = spline.times_s / spline.times_s[-1], desired(spline.times_s)
+    start = request.q_start, request.velocity_start
+    paths = LimitedPaths(spline, *start, request.limits, sketch.lower, sketch.upper, _weights(spline))
+    fit = CommandFit(paths, request.memory, asked - sketch.at(shares, sketch.given_up))
+    x = fit.nearest(asked + sketch.at(shares, sketch.correction))
+    if x is None:
+        return None
+    roughly = fit.predict(x)
+    if roughly.response is None:
+        # No other model is so good that meeting it more closely than Algorithm 1 does would bring the joints nearer.
+        return _Fit(sketch, stretch, fit, roughly, float(np.max(LEVER * np.abs(x[-1] - sketch.end))))
+    best = _ended(sketch, fit, fit.refine(roughly))
+    return _Fit(sketch, stretch, fit, best, best.end_error)
+
+
+def _ended(sketch: _Sketch, fit: CommandFit, fitted: Fitted) -> Fitted:
+    """Return a path that ends better, where refinement has stalled short of the end in the kinks of a dead zone."""
+    best = fitted
+    for _ in range(CORRECTIONS):
+        if best.end_error < MET:
+            break
+        target = fitted.q_cmd.copy()
+        target[-1] = _last_command(sketch, fit, fitted, float(fit.paths.spline.times_s[-2]))
+        x = fit.nearest(target)
+        if x is None:
+            break
+        fitted = fit.predict(x)
+        best = min(best, fitted, key=lambda one: one.cost)
+    return best
+
+
+def _weights(spline: QuadraticSpline) -> Array:
+    """Return the weights (n + 1,) of errors at the knots, in s."""
+    t = spline.times_s
+    span = np.diff(t, prepend=t[0], append=t[-1])
+    near = np.exp(-((t / ENDS_S) ** 2)) + np.exp(-(((t[-1] - t) / ENDS_S) ** 2))
+    weights = (span[:-1] + span[1:]) / 2 * (1.0 + ENDS_WEIGHT * near)
+    weights[-1] = END_WEIGHT_S
+    return weights
+
+
+def _last_command(sketch: _Sketch, fit: CommandFit, fitted: Fitted, since_s: float) -> Array:
+    """Return the command (6,) that puts the joints at their end, straight from where the path is at a time."""
+    if fitted.response is None:
+        return sketch.end
+    sent = fit.paths.spline.trajectory(fit.paths.points(fitted.x))
+    memory = sketch.request.memory.after(sent, since_s)
+    q_cmd = inverse(memory.model, memory.state, fit.wanted[-1], fitted.q_cmd[-1], stalled_rad=MET)
+    return np.clip(q_cmd, sketch.lower, sketch.upper)
+
+
+def _finished(found: _Fit) -> CommandPath:
+    """Return the commands, with a last step from rest to rest where they would end off their end."""
+    sketch, fit, best = found.sketch, found.fit, found.best
+    request, times = sketch.request, fit.paths.spline.times_s
+    commands = fit.paths.spline.trajectory(fit.paths.points(best.x))
+    desired = request.desired.stretched(found.stretch)
+    asked = desired(times)
+    step = _last_step(found, commands)
+    if step is not None:
+        commands = commands.then(step)
+        desired = desired.then(Trajectory(np.array([0.0, step.duration_s]), asked[-1][None, None]))
+    end_s = commands.duration_s
+    missing = asked[-1] - request.memory.after(commands, end_s).joints(commands(end_s))
+    return CommandPath(
+        commands=commands,
+        desired=desired,
+        deviation=np.abs(np.vstack([asked - fit.wanted + best.error, missing])).max(axis=0),
+        missing=np.abs(missing),
+        lacking=np.maximum(0.0, np.maximum(sketch.lower - sketch.farthest, sketch.farthest - sketch.upper)),
+        farthest=sketch.farthest,
+        stretch=found.stretch,
+        memory=request.memory,
+    )
+
+
+def _last_step(found: _Fit, commands: Trajectory) -> Trajectory | None:
+    """Return the way from where these commands end to where the joints are at their end; None if not worth it."""
+    if found.short < MET:
+        return None
+    sketch, fit, best = found.sketch, found.fit, found.best
+    q_cmd = _last_command(sketch, fit, best, commands.duration_s)
+    spare, limits = 1.0 - HEADROOM, sketch.request.limits
+    limits = MotionLimits(spare * limits.velocity, spare * limits.acceleration)
+    step = rest_to_rest(best.q_cmd[-1], q_cmd, limits)
+    if best.response is not None:
+        memory = sketch.request.memory.after(commands, commands.duration_s)
+        if np.max(LEVER * np.abs(fit.wanted[-1] - memory.joints(q_cmd))) >= found.short:
+            return None
+    return step if step.duration_s <= LAST_STEP_S or found.short > NEARLY_MET else None

@@ -1,0 +1,167 @@
+"""Quadratic programmes over paths that keep a robot's limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import piqp
+from numpy.typing import NDArray
+from scipy import sparse
+
+from trocar.arms import MotionLimits
+from trocar.calibration.quadratic import QuadraticSpline
+
+Array = NDArray[np.float64]
+
+HEADROOM = 1e-7
+"""Share of the limits that stays unused: what the solver and the checks round."""
+PRECISION = 1e-8
+"""Of the solver, in shares of the limits."""
+ROOM = 5e-8
+"""Commands keep so far (rad, m) inside their ranges, for the same reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedPaths:
+    """All paths of six joints over a spline's knots that start as given, keep the limits, and end at rest.
+
+    A path is known by its free control points x (m, 6): all but the first two, which the start fixes, and the last,
+    which is the same as the one before it because the path ends at rest.
+
+    Attributes:
+        spline: over n intervals; m = n - 1.
+        q_start: (6,) where the path starts, rad and m.
+        velocity_start: (6,) and how fast, per s.
+        limits: of velocity and acceleration.
+        lower: (6,) least position.
+        upper: (6,) greatest position.
+        weights_s: (n + 1,) what an error at each knot weighs, about the time that the knot stands for.
+    """
+
+    spline: QuadraticSpline
+    q_start: Array
+    velocity_start: Array
+    limits: MotionLimits
+    lower: Array
+    upper: Array
+    weights_s: Array
+
+    def points(self, x: Array) -> Array:
+        """Return all control points (n + 2, 6)."""
+        return np.concatenate([self._start[:2], x, x[-1:]])
+
+    def columns(self, weights: Array, intervals: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+        """Return weights (..., 3) of control points as weights (..., 3) of free ones, and which (..., 3) these are."""
+        columns = intervals[..., None] + np.arange(-2, 1)
+        return np.where(columns >= 0, weights, 0.0), np.clip(columns, 0, len(self.spline.steps_s) - 2)
+
+    def pull(self, errors: Array) -> Array:
+        """Return the gradient (m, 6) of half the weighted squares of errors (n + 1, 6) at the knots."""
+        return self._position.T @ (self.weights_s[:, None] * errors)
+
+    def hessian(self, nearness: Array, smoothness: Array) -> sparse.csc_matrix:
+        """Return the Hessian (6 m, 6 m), joint by joint, of positions' and accelerations' weighted squares.
+
+        Args:
+            nearness: (6,) weight of a joint's error.
+            smoothness: (6,) weight of its acceleration.
+        """
+        free = len(self.spline.steps_s) - 1
+        shift = free * np.arange(6)[:, None]
+        parts = [(nearness, self._near), (smoothness, self._smooth)]
+        data = np.concatenate([(scale[:, None] * part.data).ravel() for scale, part in parts])
+        rows = np.concatenate([(shift + part.row).ravel() for _, part in parts])
+        columns = np.concatenate([(shift + part.col).ravel() for _, part in parts])
+        return sparse.csc_matrix((data, (rows, columns)), shape=(6 * free, 6 * free))
+
+    @cached_property
+    def push(self) -> Array:
+        """Return the gradient (m, 6) of half the squares of the accelerations at x = 0."""
+        return self._acceleration.T @ (self.spline.steps_s[:, None] * self._at_start(self.spline.acceleration))
+
+    @cached_property
+    def resting(self) -> Array:
+        """Return the positions (n + 1, 6) at the knots at x = 0."""
+        return self._at_start(self.spline.position)
+
+    def solve(self, hessian: sparse.csc_matrix, gradient: Array) -> Array | None:
+        """Return the free control points (m, 6) that make ``x H x / 2 + g x`` least; None where no path is allowed.
+
+        Args:
+            hessian: (6 m, 6 m), joint by joint.
+            gradient: (m, 6) at x = 0.
+        """
+        size = float(hessian.diagonal().mean())
+        scaled, linear = hessian / size, gradient.T.ravel() / size
+        lower, upper = self.lower + ROOM, self.upper - ROOM
+        # Ranges bind so rarely that trying without them first is the faster way.
+        for box in (None, tuple(np.repeat(bound, len(gradient)) for bound in (lower, upper))):
+            solver = piqp.SparseSolver()
+            solver.settings.eps_abs = PRECISION
+            solver.settings.eps_rel = PRECISION / 10
+            solver.setup(scaled, linear, None, None, *self._bounds, *(box or (None, None)))
+            if solver.solve() != piqp.PIQP_SOLVED:
+                return None
+            x = solver.result.x.reshape(6, -1).T.copy()
+            if np.all((x >= lower) & (x <= upper)):
+                break
+        return x
+
+    @cached_property
+    def _start(self) -> Array:
+        """Return the control points (n + 2, 6) at x = 0."""
+        points = np.zeros((len(self.spline.steps_s) + 2, 6))
+        points[0] = self.q_start
+        points[1] = self.q_start + self.velocity_start * self.spline.steps_s[0] / 2
+        return points
+
+    def _at_start(self, weights: Array) -> Array:
+        return self.spline.at(weights, self.spline.intervals[: len(weights)], self._start)
+
+    @cached_property
+    def _position(self) -> sparse.csr_matrix:
+        return self._matrix(self.spline.position)
+
+    @cached_property
+    def _acceleration(self) -> sparse.csr_matrix:
+        return self._matrix(self.spline.acceleration)
+
+    @cached_property
+    def _near(self) -> sparse.coo_matrix:
+        return (self._position.T @ self._position.multiply(self.weights_s[:, None])).tocoo()
+
+    @cached_property
+    def _smooth(self) -> sparse.coo_matrix:
+        return (self._acceleration.T @ self._acceleration.multiply(self.spline.steps_s[:, None])).tocoo()
+
+    @cached_property
+    def _bounds(self) -> tuple[sparse.csc_matrix, Array, Array]:
+        """Return rows and their least and greatest values: accelerations, and velocities that could be too great."""
+        speeds, pushes = ((1 - HEADROOM) * limit for limit in (self.limits.velocity, self.limits.acceleration))
+        duration = self.spline.times_s[-1] - self.spline.times_s[0]
+        fast = np.flatnonzero((np.abs(self.velocity_start) + pushes * duration) / 2 > speeds)
+        parts = [(joint, self.spline.acceleration, pushes[joint]) for joint in range(6)]
+        parts += [(joint, self.spline.velocity[1:-1], speeds[joint]) for joint in fast.tolist()]
+        free, blocks, zeros = len(self.spline.steps_s) - 1, [], []
+        for joint, weights, limit in parts:
+            first = len(self.spline.times_s) - 1 - len(weights)
+            intervals = self.spline.intervals[first : first + len(weights)]
+            blocks.append(self._matrix(weights / limit, intervals, 6 * free, joint * free))
+            zeros.append(self.spline.at(weights / limit, intervals, self._start[:, joint, None])[:, 0])
+        zero = np.concatenate(zeros)
+        return sparse.csc_matrix(sparse.vstack(blocks)), -1.0 - zero, 1.0 - zero
+
+    def _matrix(
+        self, weights: Array, intervals: NDArray[np.int64] | None = None, width: int = 0, shift: int = 0
+    ) -> sparse.csr_matrix:
+        """Return the matrix of weights (k, 3) in intervals (k,), the spline's own if not given."""
+        intervals = self.spline.intervals[: len(weights)] if intervals is None else intervals
+        data, columns = self.columns(weights, intervals)
+        matrix = sparse.csr_matrix(
+            (data.ravel(), (shift + columns).ravel(), np.arange(0, data.size + 1, 3)),
+            shape=(len(data), width or len(self.spline.steps_s) - 1),
+        )
+        matrix.sum_duplicates()
+        return matrix

@@ -1,0 +1,70 @@
+"""Cable models in files: nothing in one is believed before it is checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from trocar.archive import Archive, read_archive
+from trocar.calibration.models.base import CableModel, TrainingMotion, shaped
+from trocar.calibration.recording import MISDETECTION_RAD
+from trocar.errors import TrocarError
+
+FORMAT = "trocar cable model"
+VERSION = 2
+
+
+def save_model(model: CableModel, path: str | Path, fingerprint: str = "") -> Path:
+    """Write a model to an ``.npz`` file; an interrupted write leaves an older file intact.
+
+    Args:
+        model: to be kept.
+        path: of the file, ending in ``.npz``.
+        fingerprint: of the run that it belongs to, if it belongs to one.
+    """
+    path = Path(path)
+    if path.suffix != ".npz":
+        raise TrocarError(f"model file {str(path)!r} must end in .npz; choose such a name")
+    training = model.training
+    header = {"format": FORMAT, "version": VERSION, "name": model.name, "rows": training.rows, "run": fingerprint}
+    motion = {f"training_{key}": getattr(training, key) for key in ("interval", "lower", "upper")}
+    return Archive(header, {**motion, **model.arrays()}).save(path)
+
+
+def load_model(path: str | Path, fingerprint: str | None = None) -> CableModel:
+    """Return the model in a file that :func:`save_model` wrote.
+
+    Args:
+        path: of the file.
+        fingerprint: of the run that it has to belong to; None: to any or none.
+
+    Raises:
+        TrocarError: there is no such file, it is no cable model, a damaged one, or another run's.
+    """
+    from trocar.calibration.models import MODELS  # noqa: PLC0415 (the registry imports this module)
+
+    archive = read_archive(path, FORMAT, VERSION)
+    name, run, rows = (archive.header.get(key) for key in ("name", "run", "rows"))
+    if not isinstance(name, str) or name not in MODELS:
+        raise TrocarError(f"model {str(path)!r} is of kind {str(name)[:40]!r}; this Trocar knows {', '.join(MODELS)}")
+    if fingerprint is not None and run != fingerprint:
+        raise TrocarError(f"model {str(path)!r} belongs to another run; move it away, or choose another folder")
+    try:
+        motion = shaped(archive.arrays, training_interval=(6,), training_lower=(6,), training_upper=(6,))
+        if not isinstance(rows, int) or rows < 1 or (motion["training_lower"] > motion["training_upper"]).any():
+            raise TrocarError("its training motion is none")
+        training = TrainingMotion(*(np.asarray(value, dtype=np.float64) for value in motion.values()), rows=rows)
+        model = MODELS[name].from_arrays(archive.arrays, training)
+        _require_sense(model)
+    except TrocarError as error:
+        raise TrocarError(f"model {str(path)!r} is damaged: {error}; fit it again") from None
+    return model
+
+
+def _require_sense(model: CableModel) -> None:
+    """Raise if a model errs absurdly in the middle of the motion that it was fitted on."""
+    middle = (model.training.lower + model.training.upper) / 2
+    off = model.step(model.start(middle), middle)[0] - middle
+    if off.shape != (6,) or not np.isfinite(off).all() or np.abs(off).max() > MISDETECTION_RAD:
+        raise TrocarError("it expects errors that no cable has")
