@@ -2,42 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
 from trocar.geometry import SE3
-from trocar.perception.image import Intrinsics, RgbdImage
+from trocar.perception.image import CameraModel, Image
 from trocar.trajectory import Trajectory
+
+Result = TypeVar("Result")
 
 
 class Outcome(Enum):
-    """How a step of a script ended, as a sentence."""
+    """How a goal ended, as a sentence. Every task declares its members; ``DONE`` is always one of them."""
 
-    DONE = "the goal was reached"
-    NO_BLOCK = "the camera saw no block where one was expected"
-    OUT_OF_REACH = "no grasp or target pose lies within the arm's joint limits"
-    NOT_GRASPED = "the jaws closed but the block did not come up with them"
-    DROPPED = "the block left the jaws before its target"
-    NOT_PLACED = "the block was released but does not lie on its target peg"
-    JOINT_LIMIT = "the next step of the primitive leaves the range of a joint, and the arm stopped there"
-    NEEDLE_MISSED = "the jaws closed on nothing where the needle should have been"
-    NEEDLE_SLIPPED = "the needle moved in the closed jaws"
-    OFF_TARGET = "the needle went in or came out too far from where it was planned"
+
+class Ended(Enum):
+    """How a motion ended, as a sentence."""
+
+    DONE = "the motion ran to its end"
+    HELD = "the arm was told to hold"
+    REPLACED = "another motion took over"
+    CANCELLED = "the script that moved the arm was cancelled"
+    FAULT = "the robot stopped the arm by itself"
 
 
 @dataclass(frozen=True)
 class JointReading:
-    """What the encoders of one arm say: motor side, so the cable errors are not in it.
+    """What the encoders of one arm say: motor side, so the cable errors are not in it (CRTK ``measured_js``).
 
     Attributes:
-        time_s: clock of the cell.
+        time_s: clock of the cell at which it was read.
         q: (6,) joint positions, rad and m as the arm's joints say.
         jaw_rad: opening of the jaws.
     """
@@ -48,63 +49,142 @@ class JointReading:
 
 
 @dataclass(frozen=True)
+class SetPoint:
+    """What one arm is told now (CRTK ``setpoint_js``): where a motion that follows has to start.
+
+    Attributes:
+        time_s: clock of the cell.
+        q: (6,) joints, rad and m.
+        velocity: (6,) per second; zero at rest.
+        moving: whether a motion is under way, or its braking.
+        path_s: time along the motion that runs or ran last, as it was handed to ``move``; it runs slower than the
+            clock while the arm brakes.
+        path_rate: how fast ``path_s`` runs: 1 in an ordinary motion, 0 at rest.
+        on_path: False where braking had to leave the motion's path.
+    """
+
+    time_s: float
+    q: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    moving: bool
+    path_s: float = 0.0
+    path_rate: float = 0.0
+    on_path: bool = True
+
+
+@dataclass(frozen=True)
 class Execution:
-    """What was really commanded and read while a motion ran.
+    """What was really commanded and read while a motion ran, and how it ended.
 
     Attributes:
         times_s: (n,) clock of the cell.
         commanded: (n, 7) six joints and the jaw as sent to the controller.
         measured: (n, 7) the same as the encoders read them.
+        ended: how.
+        reason: why, in a sentence; of ``DONE`` empty.
     """
 
     times_s: NDArray[np.float64]
     commanded: NDArray[np.float64]
     measured: NDArray[np.float64]
+    ended: Ended = Ended.DONE
+    reason: str = ""
+
+    @property
+    def done(self) -> bool:
+        """Return whether the motion ran to its end."""
+        return self.ended is Ended.DONE
 
 
 class Robot(Protocol):
-    """One or more arms; names are those of the cell's ``arms``."""
+    """One or more arms on one clock; names are those of the cell's ``arms``."""
 
     def read(self, arm: str) -> JointReading:
-        """Return the encoders' state now."""
+        """Return the encoders' state as last read."""
         ...
 
-    async def move(self, arm: str, trajectory: Trajectory) -> Execution:
-        """Run the trajectory of the six joints; return when it has ended and the arm has settled."""
+    def setpoint(self, arm: str) -> SetPoint:
+        """Return what the arm is told now; plan from here, not from what the encoders read."""
+        ...
+
+    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+        """Run a trajectory of the six joints on each of these arms, from rest; all start together.
+
+        Returns when all have ended. If one must be slowed down, all are, by the same factor. If the caller is
+        cancelled, the arms come to rest within their limits before the cancellation goes on.
+
+        Raises:
+            TrocarError: a motion does not start where its arm is, leaves what is allowed, or an arm is moving; nothing
+                has moved then.
+        """
+        ...
+
+    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+        """Let these motions take over from what the arms are doing now, without a stop; else like ``move``.
+
+        Each must start at the arm's ``setpoint``, in position and velocity. The motion that it replaces returns
+        ``REPLACED`` to whoever awaits it.
+        """
+        ...
+
+    def prepare(self, motions: Mapping[str, Trajectory]) -> None:
+        """Compute beforehand what these motions need, so that ``move`` starts them at once.
+
+        A script calls it where it plans, so that the time counts there.
+        """
         ...
 
     async def jaw(self, arm: str, angle_rad: float) -> Execution:
         """Drive the jaws to an opening; return when they have arrived or stall on an object."""
         ...
 
-    def hold(self, arm: str) -> None:
-        """Stop this arm where it is, at once."""
+    def hold(self, *arms: str, reason: str = "") -> None:
+        """Bring these arms (none named: all) to rest within their limits, on their path where they can; then hold.
+
+        Returns at once; ``rest`` waits for it.
+        """
+        ...
+
+    async def rest(self, *arms: str) -> None:
+        """Return when these arms (none named: all) are at rest."""
         ...
 
 
 class Camera(Protocol):
-    """A calibrated RGBD camera."""
+    """A calibrated camera: one eye with depth, or two eyes."""
 
     @property
-    def intrinsics(self) -> Intrinsics:
-        """Return the pinhole model with distortion."""
+    def model(self) -> CameraModel:
+        """Return its lens or lenses."""
         ...
 
-    async def capture(self) -> RgbdImage:
+    async def capture(self) -> Image:
         """Expose one image; takes the sensor's exposure time on the cell's clock."""
         ...
 
 
-class Assistant(Protocol):
-    """The person beside the robot."""
+class Clock(Protocol):
+    """The time of a cell: simulated, or the wall's."""
 
-    async def load(self, arm: str) -> None:
-        """Take the needle from where it is and hold it between the open jaws, in the agreed grasp, until they close."""
+    def now_s(self) -> float:
+        """Return the time since the cell was started."""
+        ...
+
+    async def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        ...
+
+    async def compute(self, function: Callable[[], Result], budget_s: float) -> tuple[Result, float]:
+        """Return a function's result and the real time that it took, in s.
+
+        In simulation the clock counts ``budget_s`` for it, whatever it took. On hardware it runs in a thread
+        beside the loop, which goes on serving the other arm, and the clock is the clock.
+        """
         ...
 
 
 class Log(Protocol):
-    """Where scripts note what they do; the time chart, the time table and the score come from it."""
+    """Where scripts note what they do; time chart, time table and explanations come from it."""
 
     def span(self, arm: str, name: str) -> AbstractContextManager[None]:
         """Note a stretch of the cell's clock, from entering to leaving."""
@@ -121,24 +201,33 @@ class Log(Protocol):
 
 @dataclass(frozen=True)
 class Cell:
-    """One laboratory: devices and what was calibrated there. Never the truth.
+    """One laboratory: devices, and what registration found there. Never the truth.
 
     Attributes:
         robot: the arms' drive.
-        camera: the RGBD camera.
+        cameras: by name.
         arms: model of each arm by name.
-        T_world_base: each arm's base as the laboratory's registration knows it.
-        T_world_camera: the camera's pose as the laboratory's registration knows it.
-        T_world_board: the board as fixed in the laboratory, nominally; perception refines it. For sutures, the circle.
+        T_world_base_registered: each arm's base as registration found it.
+        T_world_camera_registered: each camera's pose as registration found it (of a stereo pair: the left eye's).
+        T_world_fixture: what is fixed on the table by name, where it nominally is; perception refines it.
+        clock: the cell's time.
         log: where scripts note what they do.
-        assistant: who hands out what the robot cannot fetch; None where nobody does.
+        assistants: people beside the robot, by what they do; the task that needs one says what it can be asked.
     """
 
     robot: Robot
-    camera: Camera
+    cameras: Mapping[str, Camera]
     arms: Mapping[str, ArmModel]
-    T_world_base: Mapping[str, SE3]
-    T_world_camera: SE3
-    T_world_board: SE3
+    T_world_base_registered: Mapping[str, SE3]
+    T_world_camera_registered: Mapping[str, SE3]
+    T_world_fixture: Mapping[str, SE3]
+    clock: Clock
     log: Log
-    assistant: Assistant | None = None
+    assistants: Mapping[str, Any] = field(default_factory=dict)
+
+    async def compute(self, arm: str, name: str, function: Callable[[], Result], budget_s: float) -> Result:
+        """Compute for an arm; the span is noted, and the real time beside the declared budget."""
+        with self.log.span(arm, name):
+            result, seconds = await self.clock.compute(function, budget_s)
+        self.log.compute(name, seconds, budget_s)
+        return result

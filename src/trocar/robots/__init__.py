@@ -1,0 +1,8 @@
+"""Robots: what plays set-points back, and wrappers that any robot may wear."""
+
+from trocar.robots.calibrated import Calibrated
+from trocar.robots.driver import TICK_S, Driver
+from trocar.robots.guarded import ArmGuard, Guarded
+from trocar.robots.playback import Playback
+
+__all__ = ["TICK_S", "ArmGuard", "Calibrated", "Driver", "Guarded", "Playback"]

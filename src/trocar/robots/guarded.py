@@ -1,0 +1,254 @@
+"""The innermost wrapper of every robot: what is sent stays within what the laboratory allows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, MotionLimits, fk
+from trocar.cell import Execution, JointReading, SetPoint
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, shown
+from trocar.motion.clearance import swept_clearance
+from trocar.motion.limits import limit_use, require_range
+from trocar.motion.moving_arm import MovingArm
+from trocar.robots.driver import TICK_S, Driver
+from trocar.trajectory import Trajectory
+
+START_TOLERANCE = 1e-6
+"""A motion may start this far (rad, m) from the arm's set-point: rounding, no jump."""
+WORKSPACE_STEP_S = 0.010
+CLOSER_M = 1e-4
+"""Arms that are too near already may come this much nearer on their way apart."""
+STRETCH_TOLERANCE = 1e-6
+"""A limit counts as kept up to this share above it: planners stop at the limit itself, and floats round."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmGuard:
+    """What one arm is allowed.
+
+    Attributes:
+        model: of the arm; positions stay within its joints' ranges.
+        limits: of velocity and acceleration.
+        T_world_base: its base as registered.
+        workspace_m: (2, 3) lower and upper corner in the world of the box that the tip may not leave; None: no box.
+    """
+
+    model: ArmModel
+    limits: MotionLimits
+    T_world_base: SE3 = field(default_factory=SE3.identity)
+    workspace_m: NDArray[np.float64] | None = None
+
+
+class Guarded:
+    """A robot that refuses what must not be sent, slows down what is too fast, and stops an arm that goes silent.
+
+    It covers the joints' positions, velocities and accelerations, jumps in position or velocity at the start of a
+    motion, the jaws' range, a workspace for the tip, the distance swept between arms, and readings that stopped
+    coming. What it had to change it logs as the event ``guard``.
+
+    Args:
+        driver: what it wraps.
+        arms: what each arm is allowed; an arm that is not here cannot be moved.
+        min_distance_m: between the instruments of two arms; 0 or less: not watched.
+        stale_s: a reading older than this stops its arm.
+        note: called as ``note("guard", arm=..., ...)`` with what was changed.
+    """
+
+    def __init__(
+        self,
+        driver: Driver,
+        arms: Mapping[str, ArmGuard],
+        *,
+        min_distance_m: float = 0.0,
+        stale_s: float = 0.1,
+        note: Callable[..., None] = lambda name, **values: None,
+    ):
+        self._driver, self._arms = driver, dict(arms)
+        self._min_distance_m, self._stale_s, self._note = min_distance_m, stale_s, note
+        self._stretch = dict.fromkeys(arms, 1.0)
+        self._silent: set[str] = set()
+        self._braking: set[str] = set()
+
+    def read(self, arm: str) -> JointReading:
+        """Return the encoders' state as last read."""
+        return self._driver.read(arm)
+
+    def setpoint(self, arm: str) -> SetPoint:
+        """Return what the arm is told now; the time along the path is that of the motion as it was handed over."""
+        now, factor = self._driver.setpoint(arm), self._stretch.get(arm, 1.0)
+        return SetPoint(
+            now.time_s, now.q, now.velocity, now.moving, now.path_s / factor, now.path_rate / factor, now.on_path
+        )
+
+    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+        """Run trajectories from rest, all slowed down by one factor where one is beyond its limits.
+
+        Raises:
+            TrocarError: a motion leaves what is allowed; nothing has moved then.
+        """
+        return await self._driver.move(self._allowed(motions, replaces=False))
+
+    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+        """Let trajectories take over; one that starts moving cannot be slowed down and is refused if it is too fast.
+
+        Raises:
+            TrocarError: a motion leaves what is allowed; what was under way goes on then.
+        """
+        return await self._driver.replace(self._allowed(motions, replaces=True))
+
+    def prepare(self, motions: Mapping[str, Trajectory]) -> None:
+        """Do nothing: a motion is looked at when it is to start, for then the other arms are where they are."""
+
+    async def jaw(self, arm: str, angle_rad: float) -> Execution:
+        """Drive the jaws to an opening within their range."""
+        jaw = self._guard(arm).model.jaw
+        if not (math.isfinite(angle_rad) and jaw.lower <= angle_rad <= jaw.upper):
+            raise TrocarError(f"jaw angle {angle_rad} rad is outside [{jaw.lower:.4f}, {jaw.upper:.4f}] of arm {arm!r}")
+        return await self._driver.jaw(arm, angle_rad)
+
+    def hold(self, *arms: str, reason: str = "") -> None:
+        """Bring these arms, or all, to rest."""
+        self._driver.hold(*arms, reason=reason)
+
+    async def rest(self, *arms: str) -> None:
+        """Return when these arms, or all, are at rest."""
+        await self._driver.rest(*arms)
+
+    def check(self) -> None:
+        """Stop every arm whose readings have stopped coming, and every one that would run into an arm that stopped.
+
+        The owner of the loop calls this each tick.
+        """
+        self._require_readings()
+        braking = {name for name in self._arms if self._driver.braking(name)}
+        if braking - self._braking:  # what was free of collisions was so with that arm on its way
+            self._stop_before(braking)
+        self._braking = braking
+
+    def _require_readings(self) -> None:
+        for name in self._arms:
+            now = self._driver.setpoint(name)
+            age_s = now.time_s - self._driver.read(name).time_s
+            stale = now.moving and age_s > self._stale_s
+            if stale:
+                reason = f"arm {name!r} has not been read for {age_s:.2f} s, more than {self._stale_s:.2f} s"
+                self._driver.fault(name, reason=reason)
+                if name not in self._silent:  # while it brakes, it is known
+                    self._note("guard", arm=name, reason=reason)
+            (self._silent.add if stale else self._silent.discard)(name)
+
+    def _stop_before(self, braking: set[str]) -> None:
+        """Stop the arms whose motions come too near to what these arms do now."""
+        for name in self._arms:
+            remaining = self._driver.remaining(name)
+            if name not in braking and remaining is not None:
+                reason = self._too_near({name: remaining})
+                if reason:
+                    self._driver.fault(name, reason=reason)
+                    self._note("guard", arm=name, reason=reason)
+
+    def _guard(self, arm: str) -> ArmGuard:
+        if arm not in self._arms:
+            raise TrocarError(f"arm {arm!r} is not guarded here; choose one of {', '.join(self._arms)}")
+        return self._arms[arm]
+
+    def _allowed(self, motions: Mapping[str, Trajectory], replaces: bool) -> dict[str, Trajectory]:
+        """Return the motions as they may be sent, on one common time scale."""
+        for name in motions:
+            self._guard(name)
+            if not replaces and self._driver.setpoint(name).moving:
+                raise TrocarError(f"arm {name!r} is already moving; await its motion, or replace it")
+        factors = {name: self._factor(name, trajectory) for name, trajectory in motions.items()}
+        slowest = max(factors, key=lambda name: factors[name])
+        factor = factors[slowest]
+        if factor <= 1.0 + STRETCH_TOLERANCE:
+            factor = 1.0
+        elif any(self._driver.setpoint(name).velocity.any() for name in motions):
+            raise TrocarError(
+                f"the motion of arm {slowest!r} takes over from a moving arm and is {factor:.3f} times too fast for "
+                "its limits; plan it within them"
+            )
+        else:
+            self._note("guard", arm=slowest, reason="slowed down to its limits", stretch=round(factor, 6))
+        sent = {name: trajectory.stretched(factor) for name, trajectory in motions.items()}
+        for name, trajectory in sent.items():
+            self._require_workspace(name, trajectory)
+        now = self._driver.setpoint(slowest).time_s
+        reason = self._too_near({name: (trajectory, now) for name, trajectory in sent.items()})
+        if reason:
+            raise TrocarError(f"{reason}; plan it further away, or wait")
+        for name in sent:
+            self._stretch[name] = factor
+        return sent
+
+    def _too_near(self, motions: Mapping[str, tuple[Trajectory, float]]) -> str:
+        """Return how near motions, each with its start on the clock, bring their arms to others; empty if it is not."""
+        if self._min_distance_m <= 0 or len(self._arms) < 2:
+            return ""
+        now = self._driver.setpoint(next(iter(motions))).time_s
+        movers = {name: self._mover(name, motion) for name, motion in motions.items()}
+        others = {name: self._mover(name, self._driver.remaining(name)) for name in self._arms if name not in motions}
+        end = max(arm.end_s for arm in movers.values())
+        clear = swept_clearance(movers, others=others, span_s=(now, max(now, end)), enough_m=self._min_distance_m)
+        if clear.distance_m >= self._min_distance_m:
+            return ""
+        here = swept_clearance(movers, others=others, span_s=(now, now))
+        if here.distance_m < self._min_distance_m and clear.distance_m >= here.distance_m - CLOSER_M:
+            return ""  # arms that are too near already may go apart
+        first, second = clear.between
+        return (
+            f"{first} comes within {shown(max(0.0, clear.distance_m), 'm')} of {second} after "
+            f"{clear.time_s - now:.2f} s, where {shown(self._min_distance_m, 'm')} are to be kept"
+        )
+
+    def _mover(self, name: str, motion: tuple[Trajectory, float] | None) -> MovingArm:
+        """Return an arm on a motion with its start on the clock; None: at rest."""
+        guard, jaw_rad = self._arms[name], self._driver.widest_jaw_rad(name)
+        if motion is None:
+            return MovingArm.resting(guard.model, self._driver.setpoint(name).q, guard.T_world_base, jaw_rad)
+        trajectory, start_s = motion
+        return MovingArm(guard.model, trajectory, guard.T_world_base, start_s, jaw_rad)
+
+    def _factor(self, name: str, trajectory: Trajectory) -> float:
+        """Return by how much a motion has to be slowed down, 1 or less if not; refuse what is no motion of the arm."""
+        guard, now = self._guard(name), self._driver.setpoint(name)
+        joints = trajectory.coefficients.shape[2]
+        if joints != len(guard.model.joints):
+            raise TrocarError(f"the motion of arm {name!r} has {joints} joints; give {len(guard.model.joints)}")
+        start = trajectory.times_s[0]
+        jump = float(np.max(np.abs(trajectory(start) - now.q)))
+        if jump > START_TOLERANCE:
+            raise TrocarError(
+                f"the motion of arm {name!r} starts {jump:.6f} rad (or m) away from its set-point; start it there"
+            )
+        kick = np.abs(trajectory(start, 1) - now.velocity) - guard.limits.acceleration * TICK_S
+        if (kick > 0).any():
+            joint = guard.model.joints[int(np.argmax(kick / guard.limits.acceleration))]
+            raise TrocarError(
+                f"the motion of arm {name!r} starts with a leap in the velocity of joint {joint.name!r}; start it with "
+                "the velocity of its set-point"
+            )
+        require_range(guard.model, trajectory)
+        use = limit_use(guard.model, trajectory, guard.limits)
+        return max(use.velocity_ratio, math.sqrt(use.acceleration_ratio))
+
+    def _require_workspace(self, name: str, trajectory: Trajectory) -> None:
+        """Raise a sentence if the tip leaves its box."""
+        guard = self._arms[name]
+        if guard.workspace_m is None:
+            return
+        tips = (guard.T_world_base @ fk(guard.model, trajectory.sample(WORKSPACE_STEP_S)[1])).translation_m
+        lower, upper = guard.workspace_m
+        outside = np.maximum(lower - tips, tips - upper)
+        row, axis = np.unravel_index(int(np.argmax(outside)), outside.shape)
+        if outside[row, axis] > 0:
+            raise TrocarError(
+                f"the motion of arm {name!r} takes its tip to {'xyz'[axis]} = {shown(tips[row, axis], 'm')}, outside "
+                f"[{shown(lower[axis], 'm')}, {shown(upper[axis], 'm')}] of its workspace; plan it inside"
+            )

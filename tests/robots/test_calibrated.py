@@ -1,0 +1,368 @@
+"""Compensation, on arms that are nothing but cables."""
+
+import numpy as np
+import pytest
+import trio
+
+from driven import ARM, HOME, PAPER, SERVO_S, PlainArms
+from trocar.calibration.excitation import random_smooth_path
+from trocar.calibration.models import MODELS
+from trocar.calibration.plant import PLANTS
+from trocar.calibration.recording import Recording
+from trocar.cell import Ended
+from trocar.errors import TrocarError
+from trocar.log import CellLog
+from trocar.motion import move_to, rest_to_rest
+from trocar.robots import ArmGuard, Calibrated, Guarded
+
+PLANT = PLANTS["psm1_grey"]
+GOALS = np.array(
+    [
+        [0.80, 0.10, 0.19, 0.40, 0.30, 0.30],
+        [0.90, -0.10, 0.17, -0.90, -0.50, -0.60],
+        [0.75, 0.05, 0.20, -0.20, 0.40, -0.90],
+        [0.85, 0.00, 0.18, -0.30, -0.10, 0.20],
+    ]
+)
+EXACT = 1.0 + 1e-6
+
+
+class CableArms(PlainArms):
+    """Arms whose joints follow the set-points through a cable plant.
+
+    Attributes:
+        joints: (6,) true joints of each arm after every set-point.
+        log: of the wrapper.
+    """
+
+    def __init__(self, names=("a",), slack=(0.0, 0.0, 0.0)):
+        super().__init__(names)
+        self.state = {name: tuple(np.array(PLANT.start(HOME)) + slack) for name in names}
+        self.joints = {name: [PLANT.step(self.state[name], HOME)[0]] for name in names}
+        self.log = CellLog(self.now_s)
+        self.each_tick.append(self._follow)
+
+    def _follow(self):
+        for name, rows in self.sent.items():
+            for q in rows[len(self.joints[name]) :]:
+                joints, self.state[name] = PLANT.step(self.state[name], q)
+                self.joints[name].append(joints)
+
+    def now_s(self):
+        return super().now_s()
+
+    async def sleep(self, seconds):
+        await trio.sleep(seconds)
+
+    async def compute(self, function, budget_s):
+        result = function()
+        await trio.sleep(budget_s)
+        return result, 0.01
+
+
+@pytest.fixture(scope="module")
+def models():
+    q = random_smooth_path(ARM, np.random.default_rng(0))
+    recording = Recording(q, PLANT.run(q), np.ones(len(q), bool), np.arange(1, len(q) + 1) * 0.8, "of the plant")
+    return {name: MODELS[name].fit(recording, np.random.default_rng(0)) for name in ("play", "ridge", "offset")}
+
+
+def calibrated(model, names=("a",), slack=(0.0, 0.0, 0.0), **kwargs):
+    arms = CableArms(names, slack)
+    guarded = Guarded(arms.driver, {name: ArmGuard(ARM, PAPER) for name in names})
+    limits = dict.fromkeys(names, PAPER)
+    arms.robot = Calibrated(
+        guarded, dict.fromkeys(names, ARM), dict.fromkeys(names, model), limits, arms, arms.log, **kwargs
+    )
+    return arms
+
+
+def to(arms, goal, name="a"):
+    return {name: rest_to_rest(arms.robot.setpoint(name).q, goal, PAPER)}
+
+
+def after_each_move(arms, goals=GOALS):
+    """Move to the goals one after the other; return how far the wrist's joints ended from each, rad (n, 3)."""
+    missed = []
+
+    async def script():
+        for goal in goals:
+            await arms.robot.move(to(arms, goal))
+            missed.append(arms.joints["a"][-1][3:] - goal[3:])
+
+    arms.run(script)
+    return np.array(missed)
+
+
+def test_without_compensation_the_joints_miss_by_a_tenth_of_a_radian():
+    assert np.abs(after_each_move(CableArms())).max(axis=0).min() > 0.1
+
+
+def test_with_the_play_model_they_arrive_motion_after_motion(models):
+    arms = calibrated(models["play"])
+    assert np.abs(after_each_move(arms, np.concatenate([GOALS, GOALS[::-1], GOALS]))).max() < 5e-3
+
+
+def test_what_is_sent_keeps_the_limits_wherever_slack_is_crossed(models):
+    """Once the correction leapt across the cables' slack with 12 times the acceleration that is allowed."""
+    arms = calibrated(models["play"])
+    after_each_move(arms, np.concatenate([GOALS, GOALS[::-1]]))
+    velocity, acceleration = arms.use("a")
+    assert velocity <= EXACT and acceleration <= EXACT
+    assert acceleration > 0.9, "the limits are made use of"
+
+
+def test_the_memory_recovers_from_an_unknown_slack_at_the_start(models):
+    arms = calibrated(models["play"], slack=PLANT.radii)
+    assert np.abs(after_each_move(arms, np.concatenate([GOALS, GOALS])))[-4:].max() < 5e-3
+
+
+@pytest.mark.parametrize(("name", "share"), [("ridge", 0.5), ("offset", 0.7)])
+def test_lesser_models_help_less_but_help(models, name, share):
+    helped, unhelped = after_each_move(calibrated(models[name])), after_each_move(CableArms())
+    assert np.sqrt(np.mean(helped**2)) < share * np.sqrt(np.mean(unhelped**2))
+
+
+def test_the_joints_follow_the_path_and_not_only_its_end(models):
+    arms = calibrated(models["play"])
+    after_each_move(arms, GOALS[:3])
+    motion = rest_to_rest(GOALS[2], GOALS[3], PAPER)
+    execution = arms.run(lambda: arms.robot.move({"a": motion}))["a"]
+    joints = np.array(arms.joints["a"])[np.rint(execution.times_s / SERVO_S).astype(int)]
+    wanted = motion(np.linspace(0.01, 1.0, len(joints)) * motion.duration_s)
+    last = 2 * len(wanted) // 3
+    assert np.abs((joints - wanted)[last:, 3:]).max() < 0.03
+    assert np.sqrt(np.mean((joints - wanted)[last:, 3:] ** 2)) < 0.01
+
+
+def test_it_tells_the_joints_that_the_model_believes_in(models):
+    arms = calibrated(models["play"])
+    for told in (arms.robot.setpoint("a").q, arms.robot.read("a").q):
+        assert np.abs(told - arms.joints["a"][-1]).max() < 5e-3
+        assert np.abs(told - HOME).max() > 0.1
+
+
+def test_while_a_motion_runs_it_tells_where_the_joints_are(models):
+    arms = calibrated(models["play"])
+    after_each_move(arms, GOALS[:1])
+    off = []
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(arms.robot.move, to(arms, GOALS[1]))
+            await trio.sleep(0.2)
+            while arms.robot.setpoint("a").moving:
+                at = arms.robot.setpoint("a")
+                off.append((at.q - arms.joints["a"][-1])[:3])
+                assert at.velocity.any() and 0 < at.path_s < 5 and at.path_rate == pytest.approx(1.0)
+                await trio.sleep(0.05)
+
+    arms.run(script)
+    assert len(off) > 4 and np.abs(off).max() < 2e-3
+
+
+def test_commands_stay_in_range_where_the_joints_go_to_their_ends(models):
+    arms = calibrated(models["play"])
+    near_the_end = GOALS[0].copy()
+    near_the_end[4] = ARM.upper[4] - 0.01
+    near_the_end[5] = ARM.lower[5] + 0.01
+    after_each_move(arms, [GOALS[0], near_the_end, GOALS[1]])
+    sent = np.array(arms.sent["a"])
+    assert (sent >= ARM.lower).all() and (sent <= ARM.upper).all()
+    assert np.abs(arms.joints["a"][-1][3:] - GOALS[1][3:]).max() < 5e-3
+
+
+@pytest.mark.parametrize("after_s", [0.1, 0.15, 0.2])
+@pytest.mark.parametrize("how", ["cancelled", "held"])
+def test_after_a_stop_the_memory_goes_on_from_where_the_arm_stopped(models, after_s, how):
+    """Not from the motion's end, and not from nothing: the next motion arrives as if nobody had stopped the first."""
+    arms = calibrated(models["play"])
+    ends = []
+
+    async def script():
+        await arms.robot.move(to(arms, GOALS[0]))
+        if how == "cancelled":
+            with trio.move_on_after(after_s):
+                await arms.robot.move(to(arms, GOALS[1]))
+        else:
+            async with trio.open_nursery() as nursery:
+
+                async def move():
+                    ends.append((await arms.robot.move(to(arms, GOALS[1])))["a"].ended)
+
+                nursery.start_soon(move)
+                await trio.sleep(after_s)
+                arms.robot.hold("a")
+        await arms.robot.rest()
+        believed, true = arms.robot.setpoint("a").q, arms.joints["a"][-1]
+        assert np.abs(believed - GOALS[1]).max() > 0.05, "it stopped on its way"
+        assert np.abs(believed - true).max() < 0.03
+        await arms.robot.move(to(arms, GOALS[2]))
+
+    arms.run(script)
+    assert ends == ([Ended.HELD] if how == "held" else [])
+    assert np.abs(arms.joints["a"][-1] - GOALS[2])[3:].max() < 5e-3
+    assert max(arms.use("a")) <= EXACT
+
+
+def test_a_motion_that_is_held_while_its_commands_are_being_found_does_not_start(models):
+    arms = calibrated(models["play"])
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+
+            async def move():
+                execution = (await arms.robot.move(to(arms, GOALS[0])))["a"]
+                assert (execution.ended, execution.reason) == (Ended.HELD, "somebody leant in")
+
+            nursery.start_soon(move)
+            await trio.sleep(0.02)
+            arms.robot.hold(reason="somebody leant in")
+        assert np.abs(np.array(arms.sent["a"]) - HOME).max() == 0.0
+        await arms.robot.move(to(arms, GOALS[0]))
+
+    arms.run(script)
+    assert np.abs(arms.joints["a"][-1] - GOALS[0])[3:].max() < 5e-3
+
+
+def test_a_motion_is_replaced_while_it_runs_without_a_leap_and_the_new_one_arrives(models):
+    arms = calibrated(models["play"])
+    ends = {}
+
+    async def script():
+        await arms.robot.move(to(arms, GOALS[0]))
+        async with trio.open_nursery() as nursery:
+
+            async def first():
+                ends["first"] = (await arms.robot.move(to(arms, GOALS[1])))["a"].ended
+
+            nursery.start_soon(first)
+            await trio.sleep(0.22)
+            at = arms.robot.setpoint("a")
+            assert np.abs(at.velocity).max() > 0.1
+            ends["second"] = (await arms.robot.replace({"a": move_to(at.q, at.velocity, GOALS[2], PAPER)}))["a"].ended
+
+    arms.run(script)
+    assert ends == {"first": Ended.REPLACED, "second": Ended.DONE}
+    assert np.abs(arms.joints["a"][-1] - GOALS[2])[3:].max() < 5e-3
+    assert max(arms.use("a")) <= EXACT
+
+
+def test_goals_can_be_streamed_and_the_memory_does_not_drift(models):
+    """A new goal every 40 ms, each motion taking over from the last; then one to the end."""
+    arms = calibrated(models["play"])
+    rng = np.random.default_rng(3)
+
+    async def script():
+        await arms.robot.move(to(arms, GOALS[0]))
+        async with trio.open_nursery() as nursery:
+            for _ in range(20):
+                at = arms.robot.setpoint("a")
+                goal = GOALS[0] + rng.uniform(-0.2, 0.2, 6) * [0.3, 0.3, 0.02, 1, 1, 1]
+                nursery.start_soon(arms.robot.replace, {"a": move_to(at.q, at.velocity, goal, PAPER)})
+                await trio.sleep(0.04)
+            at = arms.robot.setpoint("a")
+            nursery.start_soon(arms.robot.replace, {"a": move_to(at.q, at.velocity, GOALS[3], PAPER)})
+
+    arms.run(script)
+    assert np.abs(arms.joints["a"][-1] - GOALS[3])[3:].max() < 5e-3
+    assert max(arms.use("a")) <= EXACT
+
+
+def test_two_arms_of_one_motion_keep_one_time_scale(models):
+    arms = calibrated(models["play"], names=("a", "b"))
+    short = {"a": np.array([0.85, 0.0, 0.18, -0.28, -0.1, -0.2]), "b": GOALS[1]}
+
+    async def script():
+        return await arms.robot.move(to(arms, short["a"], "a") | to(arms, short["b"], "b"))
+
+    executions = arms.run(script)
+    asked = {name: rest_to_rest(calibrated_home(models), short[name], PAPER).duration_s for name in "ab"}
+    took = {name: len(executions[name].times_s) * 0.01 for name in "ab"}
+    assert took["a"] / asked["a"] == pytest.approx(took["b"] / asked["b"], rel=0.25)
+    assert executions["a"].times_s[0] == executions["b"].times_s[0]
+
+
+def calibrated_home(models):
+    return calibrated(models["play"]).robot.setpoint("a").q
+
+
+def test_commands_that_were_prepared_are_sent_at_once_and_are_the_same(models):
+    sent = {}
+    for prepared in (False, True):
+        arms = calibrated(models["play"])
+        motion = to(arms, GOALS[1])
+
+        async def script(arms=arms, motion=motion, prepared=prepared):
+            if prepared:
+                arms.robot.prepare(motion)
+            await arms.robot.move(motion)
+
+        arms.run(script)
+        rows = np.array(arms.sent["a"])
+        sent[prepared] = rows[np.abs(rows - HOME).max(axis=1) > 0]
+        assert [c.name for c in arms.log.computations] == ([] if prepared else ["compensation"])
+    count = min(map(len, sent.values()))
+    assert np.abs(sent[True][:count] - sent[False][:count]).max() < 1e-12
+
+
+def test_what_was_prepared_elsewhere_is_not_sent(models):
+    arms = calibrated(models["play"])
+
+    async def script():
+        motion = to(arms, GOALS[1])
+        arms.robot.prepare(motion)
+        await arms.robot.move(to(arms, GOALS[0]))
+        with pytest.raises(TrocarError, match="away from its set-point"):
+            await arms.robot.move(motion)
+
+    arms.run(script)
+
+
+def test_a_refused_motion_leaves_the_memory_as_it_was(models):
+    arms = calibrated(models["play"])
+
+    async def script():
+        await arms.robot.move(to(arms, GOALS[0]))
+        before = arms.robot.setpoint("a")
+        beyond = GOALS[0].copy()
+        beyond[0] = ARM.upper[0] + 0.1
+        with pytest.raises(TrocarError):
+            await arms.robot.move(to(arms, beyond))
+        assert np.array_equal(arms.robot.setpoint("a").q, before.q)
+        await arms.robot.move(to(arms, GOALS[1]))
+
+    arms.run(script)
+    assert np.abs(arms.joints["a"][-1] - GOALS[1])[3:].max() < 5e-3
+
+
+def test_it_can_be_told_to_refuse_what_cannot_be_corrected_within_the_range(models):
+    arms = calibrated(models["play"], stop_at_limits=True)
+    lenient = calibrated(models["play"])
+    goal = GOALS[1].copy()
+    goal[3] = ARM.lower[3] + 0.02  # roll errs by +.26 rad: the command would have to go beyond the range
+
+    async def script():
+        with pytest.raises(TrocarError, match=r"'roll' would need the command -\d+\.\d deg .* outside \[-260"):
+            await arms.robot.move(to(arms, goal))
+        assert not arms.robot.setpoint("a").moving
+        await arms.robot.move(to(arms, GOALS[0]))
+
+    arms.run(script)
+    assert np.abs(arms.joints["a"][-1] - GOALS[0])[3:].max() < 5e-3
+    lenient.run(lambda: lenient.robot.move(to(lenient, goal)))
+    assert lenient.robot.setpoint("a").q[3] > goal[3] + 0.1, "it tells what it believes, not what was wanted"
+
+
+def test_arms_without_a_model_go_through_as_they_are(models):
+    arms = CableArms(("a", "b"))
+    arms.robot = Calibrated(arms.driver, dict.fromkeys("ab", ARM), {"a": models["play"]}, {"a": PAPER}, arms, arms.log)
+    execution = arms.run(lambda: arms.robot.move(to(arms, GOALS[0], "b")))["b"]
+    assert np.abs(execution.commanded[-1, :6] - GOALS[0]).max() < 1e-12
+    assert arms.log.computations == []
+
+
+def test_jaws_pass_through(models):
+    arms = calibrated(models["play"])
+    assert arms.run(lambda: arms.robot.jaw("a", 0.5)).done
+    assert arms.robot.read("a").jaw_rad == pytest.approx(0.5)

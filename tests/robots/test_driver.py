@@ -1,0 +1,255 @@
+"""Motions that run, end, are cancelled, held and replaced."""
+
+import numpy as np
+import pytest
+import trio
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from driven import ARM, HOME, PAPER, PlainArms
+from trocar.cell import Ended
+from trocar.errors import TrocarError
+from trocar.motion import plan_through, rest_to_rest
+from trocar.robots import TICK_S
+from trocar.trajectory import Trajectory
+
+GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
+EXACT = 1.0 + 1e-6
+
+
+def there():
+    return rest_to_rest(HOME, GOAL, PAPER)
+
+
+def test_a_motion_runs_to_its_end_and_says_so():
+    arms = PlainArms()
+
+    async def script():
+        return await arms.robot.move({"a": there()})
+
+    execution = arms.run(script)["a"]
+    assert execution.ended is Ended.DONE and execution.done and execution.reason == ""
+    assert np.abs(execution.commanded[-1, :6] - GOAL).max() < 1e-12
+    assert np.allclose(np.diff(execution.times_s), TICK_S)
+    assert execution.times_s[-1] == pytest.approx(np.ceil(there().duration_s / TICK_S) * TICK_S)
+    assert np.array_equal(execution.commanded, execution.measured)
+
+
+@settings(max_examples=40, deadline=None)
+@given(share=st.floats(0.02, 0.98), seed=st.integers(0, 10_000))
+def test_a_cancelled_motion_comes_to_rest_on_its_path_within_the_limits(share, seed):
+    """Also half-way through a spline that uses its limits up."""
+    rng = np.random.default_rng(seed)
+    points = HOME + np.cumsum(rng.uniform(-0.12, 0.12, (4, 6)) * [1, 1, 0.1, 2, 2, 2], axis=0)
+    points[0] = HOME
+    motion = plan_through(ARM, np.clip(points, ARM.lower + 0.01, ARM.upper - 0.01), PAPER).trajectory
+    arms = PlainArms()
+
+    async def script():
+        with trio.move_on_after(share * motion.duration_s) as scope:
+            await arms.robot.move({"a": motion})
+        assert scope.cancelled_caught
+        return arms.robot.setpoint("a")
+
+    at = arms.run(script)
+    assert not at.moving and not at.velocity.any()
+    velocity, acceleration = arms.use("a")
+    assert velocity <= EXACT and acceleration <= EXACT
+    assert at.path_s < motion.duration_s
+    if at.on_path:
+        dense = motion(np.linspace(0, motion.duration_s, 20_001))
+        sent = np.array(arms.sent["a"])[::5]
+        assert max(np.abs(dense - row).max(axis=1).min() for row in sent) < 2e-4
+        assert np.abs(at.q - motion(at.path_s)).max() < 1e-9
+    else:
+        assert (at.q >= ARM.lower).all() and (at.q <= ARM.upper).all()
+
+
+def test_a_stop_takes_no_longer_than_the_joints_need():
+    """Velocity over acceleration of the slowest joint, twice, and a tenth of a second."""
+    motion, arms = there(), PlainArms()
+    half = motion.duration_s / 2
+
+    async def script():
+        with trio.move_on_after(half):
+            await arms.robot.move({"a": motion})
+        return arms.now_s()
+
+    alone_s = np.max(np.abs(motion(half, 1)) / PAPER.acceleration)
+    assert half <= arms.run(script) <= half + 2 * alone_s + 0.15
+
+
+def test_a_failing_sibling_brings_the_other_arm_to_rest_before_the_error_goes_on():
+    arms = PlainArms(("a", "b"))
+    seen = {}
+
+    async def fails():
+        await trio.sleep(0.15)
+        raise ConnectionError("the other controller is gone")
+
+    async def script():
+        try:
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(arms.robot.move, {"a": there()})
+                nursery.start_soon(fails)
+        finally:
+            seen["moving"], seen["q"] = arms.robot.setpoint("a").moving, arms.robot.setpoint("a").q
+
+    with pytest.raises(BaseExceptionGroup) as group:
+        arms.run(script)
+    assert group.group_contains(ConnectionError)
+    assert not seen["moving"]
+    assert np.array_equal(seen["q"], arms.sent["a"][-1])
+    assert 0.01 < np.abs(seen["q"] - HOME).max() < np.abs(GOAL - HOME).max()
+
+
+def test_a_held_motion_returns_as_held_with_its_reason():
+    arms = PlainArms()
+    executions = {}
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+
+            async def move():
+                executions.update(await arms.robot.move({"a": there()}))
+
+            nursery.start_soon(move)
+            await trio.sleep(0.1)
+            arms.robot.hold("a", reason="somebody is in the way")
+            assert arms.robot.setpoint("a").moving, "braking takes time"
+            await arms.robot.rest("a")
+
+    arms.run(script)
+    assert executions["a"].ended is Ended.HELD and executions["a"].reason == "somebody is in the way"
+    assert arms.use("a")[1] <= EXACT
+    before_s = len(arms.sent["a"])
+    arms.run(lambda: trio.sleep(0.3))
+    assert np.ptp(np.array(arms.sent["a"])[before_s:], axis=0).max() == 0.0, "it holds still"
+
+
+def test_two_arms_start_together_and_each_says_how_it_ended():
+    arms = PlainArms(("a", "b"))
+    short = rest_to_rest(HOME, HOME + 0.2 * (GOAL - HOME), PAPER)
+
+    async def script():
+        return await arms.robot.move({"a": there(), "b": short})
+
+    executions = arms.run(script)
+    assert executions["a"].times_s[0] == executions["b"].times_s[0]
+    assert len(executions["b"].times_s) < len(executions["a"].times_s)
+    assert {e.ended for e in executions.values()} == {Ended.DONE}
+
+
+def test_a_motion_of_a_moving_arm_is_refused_but_may_replace():
+    arms = PlainArms()
+    ends = {}
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+
+            async def first():
+                ends["first"] = (await arms.robot.move({"a": there()}))["a"]
+
+            nursery.start_soon(first)
+            await trio.sleep(0.2)
+            at = arms.robot.setpoint("a")
+            with pytest.raises(TrocarError, match="already moving"):
+                await arms.robot.move({"a": rest_to_rest(at.q, HOME, PAPER)})
+            ends["second"] = (await arms.robot.replace({"a": stop_from(at)}))["a"]
+
+    arms.run(script)
+    assert ends["first"].ended is Ended.REPLACED
+    assert ends["second"].ended is Ended.DONE
+    velocity, acceleration = arms.use("a")
+    assert velocity <= EXACT and acceleration <= EXACT, "no leap where one motion took over from the other"
+
+
+def stop_from(at, seconds=0.35):
+    """Return a motion that starts as the set-point is and comes to rest: uniform braking of every joint."""
+    end = at.q + 0.5 * seconds * at.velocity
+    return Trajectory.hermite([0.0, seconds], [at.q, end], [at.velocity, np.zeros(6)])
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_set_points_can_be_streamed_by_replacing_again_and_again(seed):
+    """Each new motion lasts a moment and starts where the last one has come to; nothing leaps."""
+    rng = np.random.default_rng(seed)
+    arms = PlainArms()
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(arms.robot.move, {"a": there()})
+            for _ in range(25):
+                await trio.sleep(0.02 * rng.integers(1, 3))
+                at = arms.robot.setpoint("a")
+                wanted = at.velocity + rng.uniform(-0.4, 0.4, 6) * PAPER.acceleration * 0.1
+                nursery.start_soon(
+                    arms.robot.replace, {"a": _ramp(at, np.clip(wanted, -0.3, 0.3) * [1, 1, 0.2, 1, 1, 1])}
+                )
+
+    arms.run(script)
+    velocity, acceleration = arms.use("a")
+    assert velocity <= EXACT and acceleration <= 1.0 + 1e-3
+
+
+def _ramp(at, velocity, seconds=0.15):
+    """From the set-point to another velocity, then to rest: cubic pieces within the limits."""
+    middle = at.q + 0.5 * seconds * (at.velocity + velocity)
+    end = middle + 0.5 * seconds * velocity
+    return Trajectory.hermite([0.0, seconds, 2 * seconds], [at.q, middle, end], [at.velocity, velocity, np.zeros(6)])
+
+
+def test_jaws_stop_where_they_are_when_their_script_is_cancelled():
+    arms = PlainArms()
+
+    async def script():
+        with trio.move_on_after(0.05):
+            await arms.robot.jaw("a", 1.2)
+        await trio.sleep(0.2)
+        return arms.robot.read("a").jaw_rad
+
+    assert 0.1 < arms.run(script) < 0.6
+
+
+def test_a_second_goal_of_the_jaws_ends_the_first():
+    arms = PlainArms()
+    ends = []
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+
+            async def first():
+                ends.append((await arms.robot.jaw("a", 1.2)).ended)
+
+            nursery.start_soon(first)
+            await trio.sleep(0.05)
+            ends.append((await arms.robot.jaw("a", 0.2)).ended)
+
+    arms.run(script)
+    assert sorted(e.name for e in ends) == ["DONE", "REPLACED"]
+    assert arms.robot.read("a").jaw_rad == pytest.approx(0.2)
+
+
+def test_when_the_loop_is_gone_nobody_waits_for_ever():
+    arms = PlainArms()
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+
+            async def move():
+                return await arms.robot.move({"a": there()})
+
+            nursery.start_soon(move)
+            await trio.sleep(0.1)
+            arms.driver.abandon("the connection is gone")
+            await arms.robot.rest()
+        return arms.robot.setpoint("a").moving
+
+    assert arms.run(script) is False
+
+
+def test_an_arm_that_is_not_there_is_named():
+    arms = PlainArms()
+    with pytest.raises(TrocarError, match=r"'z' is not in this cell; choose one of a"):
+        arms.robot.setpoint("z")

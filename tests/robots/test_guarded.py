@@ -1,0 +1,268 @@
+"""What the innermost wrapper lets through, changes, and refuses."""
+
+import numpy as np
+import pytest
+import trio
+
+from driven import ARM, HOME, PAPER, PlainArms
+from trocar.arms import MotionLimits, capsules, fk, ik
+from trocar.cell import Ended
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.geometry.capsules import capsule_distances_m
+from trocar.motion import rest_to_rest
+from trocar.robots import ArmGuard, Guarded
+from trocar.station import load_station
+from trocar.trajectory import Trajectory
+
+GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
+
+
+def guarded(names=("a",), homes=None, bases=None, **kwargs):
+    arms = PlainArms(names, homes)
+    notes = []
+    workspace = kwargs.pop("workspace_m", None)
+    bases = bases or {}
+    guards = {name: ArmGuard(ARM, PAPER, bases.get(name, SE3.identity()), workspace) for name in names}
+    arms.robot = Guarded(arms.driver, guards, note=lambda name, **values: notes.append((name, values)), **kwargs)
+    arms.each_tick.append(arms.robot.check)
+    return arms, notes
+
+
+def refused(arms, motions, match, verb="move"):
+    """The robot says no in a sentence, and nothing moves."""
+
+    async def script():
+        with pytest.raises(TrocarError, match=match):
+            await getattr(arms.robot, verb)(motions)
+        await trio.sleep(0.1)
+
+    arms.run(script)
+    for rows in arms.sent.values():
+        assert np.ptp(np.array(rows), axis=0).max() == 0.0
+
+
+def test_what_keeps_the_limits_goes_through_as_it_is():
+    arms, notes = guarded()
+    motion = rest_to_rest(HOME, GOAL, PAPER)
+    execution = arms.run(lambda: arms.robot.move({"a": motion}))["a"]
+    assert execution.ended is Ended.DONE
+    assert notes == []
+    times = execution.times_s - execution.times_s[0] + 0.01
+    assert np.abs(execution.commanded[:, :6] - motion(times)).max() < 1e-9
+
+
+@pytest.mark.parametrize("factor", [1.5, 7.0])
+def test_what_is_too_fast_is_slowed_down_and_that_is_noted(factor):
+    arms, notes = guarded()
+    quick = rest_to_rest(HOME, GOAL, MotionLimits(50 * PAPER.velocity, factor * PAPER.acceleration))
+    arms.run(lambda: arms.robot.move({"a": quick}))
+    assert max(arms.use("a")) <= 1.0 + 1e-6
+    ((name, values),) = notes
+    assert name == "guard" and values["arm"] == "a"
+    assert values["stretch"] == pytest.approx(np.sqrt(factor), rel=1e-3)
+    assert np.abs(arms.robot.setpoint("a").q - GOAL).max() < 1e-9
+
+
+def test_two_arms_of_one_motion_are_slowed_down_alike():
+    """Else what was free of collisions as it was planned would not be so as it is driven."""
+    arms, _ = guarded(("a", "b"))
+    slow = rest_to_rest(HOME, GOAL, PAPER)
+    quick = slow.stretched(0.5)
+    longer = rest_to_rest(HOME, GOAL, PAPER).stretched(2.0)
+    executions = arms.run(lambda: arms.robot.move({"a": quick, "b": longer}))
+    assert len(executions["b"].times_s) == pytest.approx(4 * len(executions["a"].times_s), abs=5)
+    a, b = (executions[name].commanded[:, :6] for name in "ab")
+    share = len(b) / len(a)
+    for row in range(10, len(a) - 10, 7):
+        assert np.abs(a[row] - b[min(len(b) - 1, round((row + 1) * share) - 1)]).max() < 0.02
+
+
+def test_the_time_along_the_path_is_that_of_the_motion_as_it_was_asked_for():
+    arms, _ = guarded()
+    quick = rest_to_rest(HOME, GOAL, PAPER).stretched(0.5)
+
+    async def script():
+        with trio.move_on_after(0.25):
+            await arms.robot.move({"a": quick})
+        return arms.robot.setpoint("a")
+
+    at = arms.run(script)
+    assert at.path_s < 0.25
+    assert np.abs(at.q - quick(at.path_s)).max() < 1e-9
+
+
+def test_a_joint_beyond_its_range_is_refused():
+    arms, _ = guarded()
+    beyond = GOAL.copy()
+    beyond[4] = ARM.upper[4] + 0.05
+    refused(arms, {"a": rest_to_rest(HOME, beyond, PAPER)}, "wrist_pitch.*out of its range")
+
+
+def test_a_leap_in_position_is_refused():
+    arms, _ = guarded()
+    refused(arms, {"a": rest_to_rest(HOME + 1e-4, GOAL, PAPER)}, "away from its set-point")
+
+
+def test_a_leap_in_velocity_is_refused():
+    arms, _ = guarded()
+    leap = Trajectory.hermite([0.0, 1.0], [HOME, GOAL], [[0, 0, 0, 1.0, 0, 0], np.zeros(6)])
+    refused(arms, {"a": leap}, "leap in the velocity of joint 'roll'")
+
+
+def test_a_motion_that_takes_over_too_fast_is_refused_and_the_old_one_goes_on():
+    arms, _ = guarded()
+    ends = []
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+
+            async def first():
+                ends.append((await arms.robot.move({"a": rest_to_rest(HOME, GOAL, PAPER)}))["a"].ended)
+
+            nursery.start_soon(first)
+            await trio.sleep(0.1)
+            at = arms.robot.setpoint("a")
+            abrupt = Trajectory.hermite([0.0, 0.004], [at.q, at.q], [at.velocity, np.zeros(6)])
+            with pytest.raises(TrocarError, match="takes over from a moving arm"):
+                await arms.robot.replace({"a": abrupt})
+
+    arms.run(script)
+    assert ends == [Ended.DONE]
+    assert np.abs(arms.robot.setpoint("a").q - GOAL).max() < 1e-9
+
+
+@pytest.mark.parametrize("angle", [99.0, -2.0, float("nan")])
+def test_jaws_beyond_their_range_are_refused(angle):
+    arms, _ = guarded()
+
+    async def script():
+        with pytest.raises(TrocarError, match=r"jaw angle .* is outside \[-0.6981, 1.3963\]"):
+            await arms.robot.jaw("a", angle)
+
+    arms.run(script)
+
+
+def test_a_tip_that_leaves_its_workspace_is_refused_with_the_place():
+    T = SE3.from_parts(SO3.axis("z", 0.4), [0.1, 0.0, 0.3])
+    tip = (T @ fk(ARM, HOME)).translation_m
+    box = np.array([tip - 0.02, tip + 0.02])
+    arms, _ = guarded(bases={"a": T}, workspace_m=box)
+    refused(arms, {"a": rest_to_rest(HOME, GOAL, PAPER)}, r"takes its tip to [xyz] = .* mm, outside")
+    near = HOME + 0.02 * (GOAL - HOME)
+    assert arms.run(lambda: arms.robot.move({"a": rest_to_rest(HOME, near, PAPER)}))["a"].done
+
+
+def test_an_arm_whose_readings_stop_comes_to_rest_as_a_fault():
+    arms, notes = guarded(stale_s=0.05)
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+            ends = []
+
+            async def move():
+                ends.append((await arms.robot.move({"a": rest_to_rest(HOME, GOAL, PAPER)}))["a"])
+
+            nursery.start_soon(move)
+            await trio.sleep(0.1)
+            arms.silent.add("a")
+        return ends[0]
+
+    execution = arms.run(script)
+    assert execution.ended is Ended.FAULT and "has not been read for 0.06 s" in execution.reason
+    assert notes[0][1]["arm"] == "a"
+    assert max(arms.use("a")) <= 1.0 + 1e-6
+    assert 0.005 < np.abs(arms.robot.setpoint("a").q - HOME).max() < 0.9 * np.abs(GOAL - HOME).max()
+
+
+def test_motions_with_too_few_joints_and_unknown_arms_are_named():
+    arms, _ = guarded()
+    short = Trajectory.hermite([0.0, 1.0], [HOME[:5], GOAL[:5]], np.zeros((2, 5)))
+    refused(arms, {"a": short}, "has 5 joints; give 6")
+
+    async def script():
+        with pytest.raises(TrocarError, match="'z' is not guarded here; choose one of a"):
+            await arms.robot.move({"z": rest_to_rest(HOME, GOAL, PAPER)})
+
+    arms.run(script)
+
+
+STATION = load_station("peg-transfer")
+BASES = {"a": STATION.arms["psm1"].T_world_base, "b": STATION.arms["psm2"].T_world_base}
+"""Two arms that face each other over a table."""
+
+
+def at(name, x_m, y_m=0.0):
+    """Joints with which an arm's tip stands over this place of the table, the tool upright."""
+    return ik(ARM, BASES[name].inverse() @ SE3.from_parts(translation_m=[x_m, y_m, 0.05]))
+
+
+def pair(a_x_m, b_x_m, **kwargs):
+    homes = {"a": at("a", a_x_m), "b": at("b", b_x_m)}
+    return guarded(("a", "b"), homes=homes, bases=BASES, **{"min_distance_m": 1e-3, **kwargs})
+
+
+def to(name, x_from_m, x_m):
+    return {name: rest_to_rest(at(name, x_from_m), at(name, x_m), PAPER)}
+
+
+def gap_m(arms):
+    solids = [capsules(ARM, arms.robot.setpoint(name).q, 0.1).moved(BASES[name]) for name in "ab"]
+    return capsule_distances_m(*solids).min()
+
+
+def test_two_arms_that_would_meet_are_refused_with_what_meets_where():
+    arms, _ = pair(0.05, -0.05)
+    refused(arms, to("a", 0.05, -0.05), r"a .* comes within \d\.\d mm of b .* after \d\.\d\d s")
+
+
+def test_two_arms_that_stay_apart_go_through():
+    arms, _ = pair(0.05, -0.05)
+    executions = arms.run(lambda: arms.robot.move(to("a", 0.05, 0.02) | to("b", -0.05, -0.01)))
+    assert all(execution.done for execution in executions.values())
+
+
+def test_a_motion_is_looked_at_beside_what_the_other_arm_is_doing():
+    """The way is free while the other arm goes out of it, and not before."""
+    arms, _ = pair(0.05, 0.0)
+
+    async def script():
+        with pytest.raises(TrocarError, match="comes within"):
+            await arms.robot.move(to("a", 0.05, 0.0))
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(arms.robot.move, to("b", 0.0, -0.06))
+            await trio.sleep(0.02)
+            return (await arms.robot.move(to("a", 0.05, 0.0)))["a"]
+
+    assert arms.run(script).ended is Ended.DONE
+
+
+def test_an_arm_that_follows_another_stops_when_that_one_stops():
+    arms, notes = pair(0.05, 0.0)
+    ends = []
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(arms.robot.move, to("b", 0.0, -0.06))
+            await trio.sleep(0.02)
+
+            async def follow():
+                ends.append((await arms.robot.move(to("a", 0.05, 0.0)))["a"])
+
+            nursery.start_soon(follow)
+            await trio.sleep(0.05)
+            arms.robot.hold("b", reason="somebody pressed the button")
+
+    arms.run(script)
+    assert ends[0].ended is Ended.FAULT and "comes within" in ends[0].reason
+    assert notes and notes[0][1]["arm"] == "a"
+    assert gap_m(arms) > 1e-3
+    assert max(arms.use("a")) <= 1.0 + 1e-6
+
+
+def test_arms_that_are_too_near_may_still_go_apart():
+    arms, _ = pair(0.012, 0.0, min_distance_m=0.02)
+    assert gap_m(arms) < 0.012
+    assert arms.run(lambda: arms.robot.move(to("a", 0.012, 0.06)))["a"].done
+    arms, _ = pair(0.012, 0.0, min_distance_m=0.02)
+    refused(arms, to("a", 0.012, 0.010), "comes within")
