@@ -1,0 +1,40 @@
+"""A day in a laboratory: drawn, registered, the truth apart from what was found."""
+
+import numpy as np
+import pytest
+
+from trocar.station import built_in_stations, load_station
+from trocar.station.session import draw_session
+
+
+@pytest.mark.parametrize("name", built_in_stations())
+def test_every_station_has_days_that_depend_on_the_seed_alone(name):
+    station = load_station(name)
+    first, again, other = (draw_session(station, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    for arm in station.arms:
+        bases = [day.T_world_base_registered[arm].matrix for day in (first, again, other)]
+        assert np.array_equal(bases[0], bases[1]) and not np.array_equal(bases[0], bases[2])
+
+
+@pytest.mark.parametrize("name", built_in_stations())
+def test_registration_is_near_the_truth_and_not_the_truth(name):
+    station = load_station(name)
+    middle = np.mean(station.registration.volume_m, axis=0)
+    off_m = []
+    for seed in range(30):
+        day = draw_session(station, np.random.default_rng(seed))
+        for arm in station.arms:
+            T_base_found = day.T_world_base_registered[arm].inverse() @ day.T_world_base[arm]
+            p_base = day.T_world_base[arm].inverse().apply(middle)
+            off_m.append(np.linalg.norm(T_base_found.apply(p_base) - p_base))
+    expected_m = station.registration.sd_m * np.sqrt(3 / station.registration.points)
+    assert 0.5 * expected_m < np.mean(off_m) < 2.0 * expected_m
+
+
+def test_mounting_the_instruments_again_changes_the_cables_and_nothing_else():
+    day = draw_session(load_station("peg-transfer"), np.random.default_rng(0))
+    other = day.remounted(np.random.default_rng(1))
+    assert other.T_world_base_registered is day.T_world_base_registered
+    offsets = [d.transmissions["psm1"].plant.offset for d in (day, other)]
+    assert np.abs(offsets[0] - offsets[1]).max() > 1e-3
+    assert np.array_equal(*(d.transmissions["psm1"].plant.K for d in (day, other)))
