@@ -1,46 +1,59 @@
-"""Simulated cells for tests: cables without errors, and an arm that works by true poses."""
+"""Simulated laboratories for tests: cables without errors, and an arm that works by true poses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.agents import Settings
-from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits, fk, ik
-from trocar.calibration.plant import CablePlant
+from trocar.arms import MOTION_LIMITS, MotionLimits, fk, ik
 from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest, straight
-from trocar.scene import Block, Pegboard, Scene
-from trocar.scene.grasps import Grasp, choose_grasp
-from trocar.sim.cell import SimulatedCell
+from trocar.robots import TICK_S
+from trocar.sim.laboratory import SimLaboratory, arrays_of
 from trocar.sim.mjcf import CellModel, Surface
-from trocar.sim.session import ARM_NAMES, T_WORLD_BASE, Session
+from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.world import World
+from trocar.station import TRANSMISSIONS, SensorFlaws, Station, load_station
+from trocar.station.session import Session
+from trocar.tasks.peg_transfer.agents.unilateral import Settings
+from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
+from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.scene import PegScene
+from trocar.tasks.peg_transfer.world.peg_world import PegWorld
+from trocar.trials.images import encoded
+from trocar.trials.scenery import Scenery
+from trocar.trials.trial import Trial
 
 PAPER = MOTION_LIMITS["paper"]
 TWICE = MotionLimits(2 * PAPER.velocity, 2 * PAPER.acceleration)
-JAW_CLOSED = Settings().jaw_closed
+JAW_CLOSED_RAD = Settings().jaw_closed_rad
 
-STIFF_CABLES = CablePlant(
-    radii=np.zeros(3),
-    a=0.0,
-    b=0.0,
-    offset=np.zeros(3),
-    K=np.zeros((3, 3)),
-    C=np.zeros((3, 3)),
-    noise_sd=np.zeros(6),
-    source="cables without errors",
-)
-ARM_MODELS = {name: ARMS["psm-classic"] for name in ARM_NAMES}
+STATION = load_station("peg-transfer")
+ARM_MODELS = STATION.models
+T_WORLD_BASE = {name: arm.T_world_base for name, arm in STATION.arms.items()}
 
 
-def ideal_session(T_world_base: Mapping[str, SE3] | None = None) -> Session:
-    """Return a cell whose joints follow their encoders and whose registration is exact."""
-    bases = T_world_base or T_WORLD_BASE
-    arms = {name: ARM_MODELS[name] for name in bases}
-    return Session(arms, dict.fromkeys(arms, STIFF_CABLES), bases, bases)
+def stiff(station: Station | str = STATION, limits: MotionLimits | None = None) -> Station:
+    """Return a station whose joints follow their encoders; with other limits if some are given."""
+    station = station if isinstance(station, Station) else load_station(station)
+    changes = {"limits": limits} if limits is not None else {}
+    arms = {
+        name: replace(arm, transmission=TRANSMISSIONS["stiff"], transmission_name="stiff", **changes)
+        for name, arm in station.arms.items()
+    }
+    return replace(station, arms=arms)
+
+
+def ideal_session(station: Station | str = STATION, limits: MotionLimits | None = None) -> Session:
+    """Return a day on which joints follow their encoders and registration is exact."""
+    station = stiff(station, limits)
+    bases = {name: arm.T_world_base for name, arm in station.arms.items()}
+    cameras = {name: camera.T_world_camera for name, camera in station.cameras.items()}
+    transmissions = {name: arm.transmission for name, arm in station.arms.items()}
+    return Session(station, transmissions, bases, bases, cameras, cameras)
 
 
 def standing(peg: int, offset_m=(0.0, 0.0), yaw_rad: float = 0.0, height_m: float = 0.0) -> SE3:
@@ -49,14 +62,24 @@ def standing(peg: int, offset_m=(0.0, 0.0), yaw_rad: float = 0.0, height_m: floa
     return SE3.from_parts(SO3.axis("x", np.pi) @ SO3.axis("z", yaw_rad), place)
 
 
-def scene_of(*T_board_blocks: SE3) -> Scene:
+def scene_of(*T_board_blocks: SE3) -> PegScene:
     """Return a scene with the board at the world's origin and these blocks."""
-    return Scene(Pegboard(), Block(), SE3.identity(), SE3(np.stack([T.matrix for T in T_board_blocks])))
+    return PegScene(SE3.identity(), SE3(np.stack([T.matrix for T in T_board_blocks])))
+
+
+def ideal_laboratory(
+    *T_board_blocks: SE3, station: Station = STATION, limits: MotionLimits | None = None, **kwargs
+) -> SimLaboratory:
+    """Return the two arms of an ideal day over a board with these blocks; its cameras have no flaws."""
+    world = PegWorld(scene_of(*T_board_blocks))
+    return SimLaboratory(
+        ideal_session(station, limits), world, np.random.default_rng(0), flaws=SensorFlaws.none(), **kwargs
+    )
 
 
 def world_with_arms(*T_board_blocks: SE3, surface: Surface | None = None) -> World:
     """Return a world with both arms at zero and these blocks."""
-    return World(CellModel(scene_of(*T_board_blocks), ARM_MODELS, T_WORLD_BASE, surface=surface or Surface()))
+    return World(CellModel(ARM_MODELS, T_WORLD_BASE, PegWorld(scene_of(*T_board_blocks)), surface=surface or Surface()))
 
 
 def joints_at(arm: str, p_world_tip_m, yaw_rad: float = 0.0) -> NDArray[np.float64]:
@@ -65,43 +88,81 @@ def joints_at(arm: str, p_world_tip_m, yaw_rad: float = 0.0) -> NDArray[np.float
     return ik(ARM_MODELS[arm], T_WORLD_BASE[arm].inverse() @ T_world_tip)
 
 
-class Hand:
-    """One arm of an ideal cell that grasps by true poses; its methods are scripts for ``SimulatedCell.run``."""
+def blocks_of(world: World) -> SE3:
+    """Return the true poses (k,) of the blocks in the world."""
+    names = sorted(name for name in world.free_bodies if name.startswith("block"))
+    return SE3(np.stack([world.free_pose(name).matrix for name in names]))
 
-    def __init__(self, cell: SimulatedCell, arm: str = "psm1"):
-        self.cell, self.arm, self.robot = cell, arm, cell.robot
-        self.model = cell.session.arms[arm]
-        self.T_base_world = cell.session.T_world_base[arm].inverse()
+
+class Hand:
+    """One arm of an ideal laboratory that grasps by true poses; its methods are steps of scripts."""
+
+    def __init__(self, laboratory: SimLaboratory, arm: str = "psm1"):
+        self.laboratory, self.arm, self.robot = laboratory, arm, laboratory.cell.robot
+        self.model = laboratory.session.station.arm(arm).model
+        self.T_base_world = laboratory.session.T_world_base[arm].inverse()
 
     @property
     def q(self) -> NDArray[np.float64]:
-        """Return the commanded joints."""
-        return self.robot.read(self.arm).q
+        """Return the joints that the arm is told."""
+        return self.robot.setpoint(self.arm).q
 
     def T_tip_block(self, block: int) -> SE3:
         """Return the true pose of a block in the true tip."""
-        T_world_tip = self.T_base_world.inverse() @ fk(self.model, self.cell.world.joints(self.arm))
-        return T_world_tip.inverse() @ self.cell.world.blocks()[block]
+        world = self.laboratory.world
+        T_world_tip = self.T_base_world.inverse() @ fk(self.model, world.joints(self.arm))
+        return T_world_tip.inverse() @ blocks_of(world)[block]
 
     async def go(self, q: NDArray[np.float64], limits: MotionLimits = PAPER) -> None:
         """Move straight in joint space."""
-        await self.robot.move(self.arm, rest_to_rest(self.q, q, limits))
+        await self.robot.move({self.arm: rest_to_rest(self.q, q, limits)})
 
     async def shift(self, displacement_m, limits: MotionLimits = PAPER) -> None:
         """Move the tip straight, in the world's axes."""
         line = self.T_base_world.rotation.apply(np.array(displacement_m))
-        await self.robot.move(self.arm, straight(self.model, self.q, line, limits))
+        await self.robot.move({self.arm: straight(self.model, self.q, line, limits)})
 
     async def grasp(self, block: int) -> Grasp:
-        """Close the jaws round a wall of this block where it stands on its peg."""
-        T_world_board = self.cell.world.cell.scene.T_world_board
-        blocks = T_world_board.inverse() @ self.cell.world.blocks()
-        T_base_board = self.T_base_world @ T_world_board
-        grasp = choose_grasp(self.model, T_base_board, blocks[block], Pegboard(), Block(), blocks)
+        """Close the jaws round a wall of this block where it stands on its peg; the board is at the world's origin."""
+        blocks = blocks_of(self.laboratory.world)
+        grasp = choose_grasp(self.model, self.T_base_world, blocks[block], Pegboard(), Block(), blocks)
         assert isinstance(grasp, Grasp), grasp
         above = SE3.from_parts(translation_m=[0.0, 0.0, 0.03]) @ grasp.T_board_tip
         await self.robot.jaw(self.arm, grasp.jaw_rad)
-        await self.go(ik(self.model, T_base_board @ above))
+        await self.go(ik(self.model, self.T_base_world @ above))
         await self.shift([0.0, 0.0, -0.03])
-        await self.robot.jaw(self.arm, JAW_CLOSED)
+        await self.robot.jaw(self.arm, JAW_CLOSED_RAD)
         return grasp
+
+
+def trial_of(laboratory: SimLaboratory, **about: object) -> Trial:
+    """Return what a laboratory did as a trial that no task has scored."""
+    record, station = laboratory.record(), laboratory.session.station
+    images, cameras = encoded(laboratory.cameras)
+    words = {"task": "none", "variant": "", "method": "by hand", "piece": "goal", "planner": "", "model": None}
+    rest = {"seed": 0, "session": 0, "index": 0, "fingerprint": "", "flaws": {}, "versions": {}}
+    return Trial(
+        about={**words, **rest, "station": station.name, "arms": list(station.arms), **about},
+        scores=[],
+        spans=laboratory.log.spans,
+        events=laboratory.log.events,
+        collisions=[asdict(collision) for collision in record.collisions],
+        ended="done",
+        reason="",
+        duration_s=round(laboratory.now_s(), 6),
+        command_limit_use={arm: laboratory.driver.limit_use(arm) for arm in station.arms},
+        arrays={
+            **{name: rows.astype(np.float32) for name, rows in arrays_of(laboratory.recorder).items()},
+            **laboratory.task.arrays(record),
+        },
+        scenery=Scenery(
+            solids=solids_of(laboratory.world),
+            T_world_body=fixed_poses(laboratory.world),
+            arms=station.models,
+            T_world_base=laboratory.session.T_world_base,
+            T_world_base_registered=laboratory.session.T_world_base_registered,
+            cameras=cameras,
+            tick_s=TICK_S,
+        ),
+        images=images,
+    )

@@ -1,18 +1,93 @@
+"""Pictures of a trial for people, from its replay."""
+
+from dataclasses import replace
+
+import mujoco
 import numpy as np
+import pytest
 
-from simulated import ideal_session, scene_of, standing
-from trocar.sim.cell import SimulatedCell
-from trocar.sim.photograph import Photographer
+from simulated import ideal_laboratory, standing, trial_of
+from trocar.geometry import SE3
+from trocar.perception.image import Intrinsics
+from trocar.replay import Viewpoint
+from trocar.sim.camera import RayCamera
+from trocar.sim.photograph import FOCAL, HEIGHT, WIDTH, Photographer, look_at
+from trocar.station import SensorFlaws
+
+VIEW = Viewpoint((0.13, -0.46, 0.33), (0.004, 0.0, 0.030))
+SCALE = 0.5
 
 
-def test_a_picture_shows_another_state_and_leaves_the_world_alone():
-    cell = SimulatedCell(ideal_session(), scene_of(standing(0)), np.random.default_rng(0))
-    before = cell.world.data.qpos.copy()
-    moved = before.copy()
-    moved[cell.world.model.joint("block0").qposadr[0]] += 0.05
-    first, again, other = (Photographer(cell.world).picture(state) for state in (before, before, moved))
-    assert first.dtype == np.uint8 and first.ndim == 3
+@pytest.fixture(scope="module")
+def lab():
+    lab = ideal_laboratory(standing(0), standing(4, (1e-3, 0.0), 0.3))
+
+    async def script(cell):
+        await cell.clock.sleep(0.1)
+
+    assert lab.run(script, 1.0)
+    return lab
+
+
+@pytest.fixture(scope="module")
+def replay(lab):
+    """The laboratory's replay, in which the first block has jumped by 5 cm at the end."""
+    replay = trial_of(lab).replay()
+    poses = replay.T_world_body["block0"].matrix.copy()
+    poses[-1, 0, 3] += 0.05
+    return replace(replay, T_world_body={**replay.T_world_body, "block0": SE3(poses)})
+
+
+def changed(first, second):
+    """Return how many pixels are of another colour."""
+    return int((np.abs(first.astype(int) - second).max(axis=-1) > 30).sum())
+
+
+def test_a_picture_shows_the_moment_it_was_asked_for_and_leaves_the_replay_alone(replay):
+    before = {name: T.matrix.copy() for name, T in replay.T_world_body.items()}
+    photographer = Photographer(replay, VIEW, scale=SCALE)
+    first, end, again = (photographer.picture(t) for t in (0.0, replay.times_s[-1], 0.0))
+    assert first.dtype == np.uint8 and first.shape == (HEIGHT * SCALE, WIDTH * SCALE, 3)
     assert first.std() > 10
     assert np.array_equal(first, again)
-    assert (np.abs(first.astype(int) - other).max(axis=-1) > 30).sum() > 100
-    assert np.array_equal(before, cell.world.data.qpos)
+    assert changed(first, end) > 100
+    assert np.array_equal(first, photographer.picture(0.004)), "the nearest moment"
+    for name, T in replay.T_world_body.items():
+        assert np.array_equal(T.matrix, before[name])
+
+
+def test_every_solid_is_where_the_simulator_had_it(lab, replay):
+    """Depth, ray by ray, in the world that was simulated and in the one that is drawn: table and planes apart."""
+    lens = Intrinsics(WIDTH // 2, HEIGHT // 2, FOCAL / 2, FOCAL / 2, WIDTH / 4, HEIGHT / 4)
+    camera_at = look_at(np.array(VIEW.eye_m), np.array(VIEW.target_m))
+    photographer = Photographer(replay, VIEW)
+    photographer.picture(0.0)
+    mujoco.mj_forward(lab.world.model, lab.world.data)
+    seen = []
+    for model, data in ((lab.world.model, lab.world.data), (photographer._model, photographer._data)):
+        camera = RayCamera(model, lens, camera_at, (0.12, 0.0, 0.0), SensorFlaws.none())
+        depth, geom, _ = camera.render_exact(data)
+        plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+        seen.append(np.where(plane | (geom < 0), np.nan, depth))
+    simulated, drawn = seen
+    assert np.isfinite(simulated).mean() > 0.2
+    solid = np.isfinite(simulated) & np.isfinite(drawn)
+    assert (np.isfinite(simulated) == np.isfinite(drawn)).mean() > 0.999
+    assert np.quantile(np.abs(simulated - drawn)[solid], 0.999) < 20e-6
+
+
+def test_bodies_may_have_other_colours_in_pictures(replay):
+    plain = Photographer(replay, VIEW, scale=SCALE).picture(0.0)
+    blue = Photographer(replay, VIEW, {"block": (0.0, 0.2, 1.0)}, SCALE).picture(0.0)
+    assert changed(plain, blue) > 100
+    assert (
+        (blue[..., 2].astype(int) - blue[..., 0] > 60).sum()
+        > 50
+        > (plain[..., 2].astype(int) - plain[..., 0] > 60).sum()
+    )
+
+
+def test_without_a_viewpoint_all_that_moved_is_in_the_picture(replay):
+    first, end = (Photographer(replay, scale=SCALE).picture(t) for t in (0.0, replay.times_s[-1]))
+    assert first.std() > 5
+    assert changed(first, end) > 20

@@ -8,26 +8,14 @@ from dataclasses import dataclass, fields
 import cv2
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.sim.sensor import Light, apply_flaws, shade
-from trocar.sim.sensor_flaws import SensorFlaws
-
-ZIVID = Intrinsics(1920, 1200, 2765.4, 2766.0, 962.9, 566.1, (-0.285, 0.407, -0.0001, 0.0001, -0.509))
-"""The authors' Zivid One+ S (facts/peg_transfer.md, Perception)."""
-
-INCLINATION_RAD = np.radians(33.0)
-"""Board normal against optical axis: `registration/cell: T_board_camera` has cos = .837."""
-
-DISTANCE_M = 0.59
-"""Camera to the blocks: the real capture `blocks/capture` lies at 593-600 mm."""
-
-PROJECTOR_M = (0.12, 0.0, 0.0)
-"""The projector in the camera frame (assumed; in the photographs the shadows fall to the left)."""
+from trocar.station.sensor_flaws import SensorFlaws
 
 VISIBLE_GROUPS = (1, 1, 1, 0, 0, 0)
 HIDDEN_GROUP = 5
@@ -36,20 +24,14 @@ SHADOW_SLACK = 5e-4
 """A surface is lit if the projector's ray comes this close to it, as a share of the ray."""
 
 
-def nominal_camera() -> SE3:
-    """Return ``T_world_camera`` of the recorded cell: on the -y side, looking at the middle of the board."""
-    axis = np.array([0.0, np.sin(INCLINATION_RAD), -np.cos(INCLINATION_RAD)])
-    x = np.array([1.0, 0.0, 0.0])
-    return SE3.from_parts(SO3(np.column_stack([x, np.cross(axis, x), axis])), -DISTANCE_M * axis)
-
-
 class RayCamera:
     """A calibrated camera in a MuJoCo world.
 
     Args:
         model: the world; geoms of groups 0-2 are seen. What is welded to the world must stay as it is.
-        intrinsics: lens and pixels, such as ``ZIVID.binned(2)``.
+        intrinsics: lens and pixels, such as ``lens.binned(2)``.
         T_world_camera: true pose.
+        lamp_m: (3,) projector or lamp in the camera frame; what it does not light is dark and has no depth.
         flaws: what the sensor does wrong; ``SensorFlaws.none()`` gives exact depth.
         light: of the scene.
     """
@@ -59,6 +41,7 @@ class RayCamera:
         model: mujoco.MjModel,
         intrinsics: Intrinsics,
         T_world_camera: SE3,
+        lamp_m: ArrayLike,
         flaws: SensorFlaws | None = None,
         light: Light | None = None,
     ):
@@ -67,10 +50,11 @@ class RayCamera:
         self.model = model
         self.intrinsics = intrinsics
         self.T_world_camera = T_world_camera
+        self._lamp_m = np.asarray(lamp_m, dtype=np.float64)
         self.flaws = SensorFlaws() if flaws is None else flaws
         self.light = Light() if light is None else light
         R = T_world_camera.rotation.matrix
-        self._T_world_projector = SE3.from_parts(T_world_camera.rotation, T_world_camera.apply(np.array(PROJECTOR_M)))
+        self._T_world_projector = SE3.from_parts(T_world_camera.rotation, T_world_camera.apply(self._lamp_m))
         self._rays = pixel_rays(intrinsics).reshape(-1, 3)
         self._rays_world = np.ascontiguousarray(self._rays @ R.T)
         self._raster = _Raster(self._rays, intrinsics)
@@ -140,7 +124,7 @@ class RayCamera:
         normal = normal_world @ np.ascontiguousarray(self.T_world_camera.rotation.matrix)
         rays = self._rays[pixels]
         view.color[pixels], view.mirror[pixels] = shade(
-            self.model, rays, view.depth[pixels], view.geom[pixels], normal, view.lit[pixels], PROJECTOR_M, self.light
+            self.model, rays, view.depth[pixels], view.geom[pixels], normal, view.lit[pixels], self._lamp_m, self.light
         )
         view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
 
@@ -159,7 +143,7 @@ class RayCamera:
         pixels = np.arange(count)
         view.lit = self._lit(self._fixed_model, data, depth, normal, pixels)
         self._shade(view, pixels, normal)
-        from_projector = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - PROJECTOR_M
+        from_projector = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - self._lamp_m
         return _Background(view, normal, self._raster.index(from_projector))
 
     @staticmethod
@@ -207,7 +191,7 @@ class RayCamera:
         """Return which of these pixels' surfaces the projector reaches: a second batch of rays from there."""
         lit = np.isfinite(depth)
         seen = np.flatnonzero(lit)
-        rays = self._rays[pixels[seen]] * depth[seen, None] - PROJECTOR_M
+        rays = self._rays[pixels[seen]] * depth[seen, None] - self._lamp_m
         world = rays @ np.ascontiguousarray(self._T_world_projector.rotation.matrix.T)
         facing = np.einsum("ij,ij->i", world, normal_world[seen]) < 0
         distance, *_ = self._cast(model, data, self._T_world_projector.translation_m, world)

@@ -10,6 +10,11 @@ from numpy.typing import ArrayLike
 from trocar.geometry import SE3
 
 SCENE_BIT = 1
+ALL_BITS = 2**31 - 1
+NOTHING = {"contype": "0", "conaffinity": "0"}
+"""Attributes of a geom that is seen but solid to nothing."""
+UNSEEN_GROUP = "4"
+"""Group of geoms that no camera sees."""
 
 
 def add(parent: Element, tag: str, **attributes: str) -> Element:
@@ -18,8 +23,8 @@ def add(parent: Element, tag: str, **attributes: str) -> Element:
 
 
 def text(values: ArrayLike) -> str:
-    """Return numbers as an attribute."""
-    return " ".join(f"{v:.9g}" for v in np.atleast_1d(np.asarray(values, dtype=np.float64)).ravel())
+    """Return numbers as an attribute, with all the digits that matter."""
+    return " ".join(f"{v:.16g}" for v in np.atleast_1d(np.asarray(values, dtype=np.float64)).ravel())
 
 
 def placed(T: SE3) -> dict[str, str]:
@@ -29,4 +34,10 @@ def placed(T: SE3) -> dict[str, str]:
 
 def scene_bits() -> dict[str, str]:
     """Collide with the scene and every arm."""
-    return {"contype": str(SCENE_BIT), "conaffinity": "15"}
+    return {"contype": str(SCENE_BIT), "conaffinity": str(ALL_BITS)}
+
+
+def arm_bits(index: int) -> dict[str, str]:
+    """Collide with all but the same instrument, whose neighbouring links overlap at their joints."""
+    bit = SCENE_BIT << (index + 1)
+    return {"contype": str(bit), "conaffinity": str(ALL_BITS & ~bit)}

@@ -1,49 +1,49 @@
-"""The simulated cell as MJCF, generated from ``ArmModel`` and ``Scene``; no number of a robot stands here twice."""
+"""A simulated cell as MJCF, generated from the arms' models; no number of a robot stands here twice."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 from xml.etree.ElementTree import Element, indent, tostring
 
 import numpy as np
 
 from trocar.arms import ArmModel, frames
-from trocar.geometry import SE3
-from trocar.scene import Scene, SutureScene
-from trocar.sim.elements import SCENE_BIT, add, placed, text
-from trocar.arms import Instrument
-from trocar.sim.needle import add_phantom
-from trocar.sim.pegboard import add_pegboard
+from trocar.geometry import SE3, SO3
+from trocar.sim.elements import add, arm_bits, placed, text
+from trocar.sim.task_world import TaskWorld
 
 TIMESTEP_S = 1e-3
-
-ADD_SCENE: dict[type, Callable[[Element, Element, Any], None]] = {Scene: add_pegboard, SutureScene: add_phantom}
-"""What puts a scene of this type into the world and its assets."""
 
 STEEL = (0.62, 0.63, 0.66)
 CARBON = (0.10, 0.11, 0.13)
 HOUSING = (0.55, 0.56, 0.60)
+DRIVE_M = (0.06, 0.09, 0.08)
+"""Size of the drive unit behind the shaft (assumed)."""
+
+MIN_CLOSED_RAD, MAX_OPEN_BEYOND_RAD = -0.2, 0.1
+"""Stops of one finger: how far it can be driven beyond the middle, and beyond the arm's widest opening."""
+JAW_STIFFNESS_NM_RAD = 1.5
+"""On one finger (assumed)."""
 
 
 @dataclass(frozen=True)
 class Servo:
     """Spring and inertia between the joint's target and the joint: what the cables' stretch leaves of stiffness.
 
-    Estimated, so that the tip yields about 1 mm/N; no source gives these for the PSM.
+    Estimated, so that the tip yields about 1 mm/N; no source gives these for the PSM or the Raven.
 
     Attributes:
         stiffness: N m/rad, or N/m if prismatic, one a joint.
         inertia: reflected inertia kg m^2, or kg if prismatic, one a joint; damping is critical.
         jaw_torque_nm: largest torque of the jaw drive on one finger.
-        jaw_inertia: kg m^2.
+        jaw_inertia_kg_m2: reflected inertia of the jaw drive.
     """
 
     stiffness: tuple[float, ...] = (60.0, 60.0, 3000.0, 1.0, 0.8, 0.8)
     inertia: tuple[float, ...] = (1e-2, 1e-2, 0.5, 1e-4, 1e-4, 1e-4)
     jaw_torque_nm: float = 0.03
-    jaw_inertia: float = 2e-4
+    jaw_inertia_kg_m2: float = 2e-4
 
     @property
     def damping(self) -> tuple[float, ...]:
@@ -71,29 +71,27 @@ class Surface:
     solimp: tuple[float, float, float] = (0.98, 0.999, 0.0003)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CellModel:
     """What the MJCF is made of.
 
     Attributes:
-        scene: what stands on the table.
         arms: model of each arm by name.
         T_world_base: true pose of each arm's base.
-        instrument: shapes of the instruments.
+        task: what the task puts into the world.
         servo: how the joints are driven.
         surface: contact parameters.
     """
 
-    scene: Scene | SutureScene
     arms: Mapping[str, ArmModel]
     T_world_base: Mapping[str, SE3]
-    instrument: Instrument = field(default_factory=Instrument)
+    task: TaskWorld = field(default_factory=TaskWorld)
     servo: Servo = field(default_factory=Servo)
     surface: Surface = field(default_factory=Surface)
 
 
 def build_mjcf(cell: CellModel) -> str:
-    """Return the cell as MJCF text: the scene with its free bodies, and arms on position servos."""
+    """Return the cell as MJCF text: the task's bodies, and arms on position servos."""
     root = Element("mujoco", model="trocar")
     add(root, "compiler", angle="radian", autolimits="true")
     option = add(
@@ -106,7 +104,7 @@ def build_mjcf(cell: CellModel) -> str:
         noslip_iterations="3",
         solver="Newton",
     )
-    add(option, "flag", sleep="enable" if isinstance(cell.scene, Scene) else "disable")
+    add(option, "flag", sleep="enable" if cell.task.sleeps else "disable")
     surface = cell.surface
     default = add(root, "default")
     add(
@@ -120,17 +118,12 @@ def build_mjcf(cell: CellModel) -> str:
     )
     assets = add(root, "asset")
     world = add(root, "worldbody")
-    ADD_SCENE[type(cell.scene)](world, assets, cell.scene)
+    cell.task.add(world, assets)
     sections = {name: add(root, name) for name in ("equality", "actuator")}
     for index, (name, arm) in enumerate(cell.arms.items()):
-        _add_arm(world, assets, sections, cell, name, arm, bit=SCENE_BIT << (index + 1))
+        _add_arm(world, assets, sections, cell, name, arm, arm_bits(index))
     indent(root)
     return tostring(root, encoding="unicode")
-
-
-def _arm_bits(bit: int) -> dict[str, str]:
-    """Collide with all but the same instrument, whose neighbouring links overlap at their joints."""
-    return {"contype": str(bit), "conaffinity": str(15 & ~bit)}
 
 
 def _add_arm(
@@ -140,10 +133,9 @@ def _add_arm(
     cell: CellModel,
     name: str,
     arm: ArmModel,
-    bit: int,
+    bits: Mapping[str, str],
 ) -> None:
-    shape, servo = cell.instrument, cell.servo
-    bits = _arm_bits(bit)
+    shape, servo = arm.instrument, cell.servo
     at_zero = frames(arm, np.zeros(6))
     body = add(world, "body", name=f"{name}_base", gravcomp="1", **placed(cell.T_world_base[name]))
     links = []
@@ -161,7 +153,7 @@ def _add_arm(
             armature=text(servo.inertia[index]),
         )
         links.append(body)
-    _add_shaft(links[3], name, shape, bits)
+    _add_shaft(links[3], name, arm, bits)
     wrist = (at_zero[5].inverse() @ at_zero[6]).translation_m
     add(
         links[4],
@@ -182,15 +174,16 @@ def _add_arm(
         rgba=text((*STEEL, 1)),
         **bits,
     )
-    _add_fingers(links[5], assets, cell, name, (at_zero[6].inverse() @ at_zero[7]).translation_m, bits)
+    _add_fingers(links[5], assets, cell, name, arm, bits)
     _add_drives(sections, servo, name, arm)
 
 
-def _add_shaft(roll: Element, name: str, shape: Instrument, bits: Mapping[str, str]) -> None:
-    """Hang the shaft on the roll link, whose z runs down the shaft and whose origin is on the pitch axis."""
+def _add_shaft(roll: Element, name: str, arm: ArmModel, bits: Mapping[str, str]) -> None:
+    """Hang the shaft on the roll link, whose origin is on the pitch axis and whose z runs along the shaft."""
+    shape, back = arm.instrument, float(arm.wrist_sign)  # from the wrist towards the remote centre
     for part, radius, start, end, colour in (
-        ("sleeve", shape.shaft_radius_m * 0.95, -0.003, -0.018, STEEL),
-        ("shaft", shape.shaft_radius_m, -0.019, -shape.shaft_length_m, CARBON),
+        ("sleeve", shape.shaft_radius_m * 0.95, 0.003, 0.018, STEEL),
+        ("shaft", shape.shaft_radius_m, 0.019, shape.shaft_length_m, CARBON),
     ):
         add(
             roll,
@@ -198,33 +191,32 @@ def _add_shaft(roll: Element, name: str, shape: Instrument, bits: Mapping[str, s
             name=f"{name}_{part}",
             type="cylinder",
             size=text(radius),
-            fromto=text((0, 0, start, 0, 0, end)),
+            fromto=text((0, 0, back * start, 0, 0, back * end)),
             rgba=text((*colour, 1)),
             **bits,
         )
+    half = 0.5 * np.array(DRIVE_M)
     add(
         roll,
         "geom",
         name=f"{name}_drive",
         type="box",
-        size="0.03 0.045 0.04",
-        pos=text((0, 0, -shape.shaft_length_m - 0.04)),
+        size=text(half),
+        pos=text((0, 0, back * (shape.shaft_length_m + half[2]))),
         rgba=text((*HOUSING, 1)),
         **bits,
     )
 
 
 def _add_fingers(
-    yaw: Element, assets: Element, cell: CellModel, name: str, to_tip: np.ndarray, bits: Mapping[str, str]
+    yaw: Element, assets: Element, cell: CellModel, name: str, arm: ArmModel, bits: Mapping[str, str]
 ) -> None:
-    shape, servo = cell.instrument, cell.servo
-    x = to_tip / np.linalg.norm(to_tip)
-    z = np.array([0.0, 0.0, 1.0])
-    orientation = np.column_stack([x, np.cross(z, x), z])
-    T = SE3(np.block([[orientation, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
+    shape, servo = arm.instrument, cell.servo
+    along_y = SE3.from_parts(SO3.axis("z", np.pi / 2))  # a finger's x is y of frame 6, which the jaws point along
+    widest = 0.5 * arm.jaw.upper + MAX_OPEN_BEYOND_RAD
     for finger, side in (("left", 1), ("right", -1)):
         add(assets, "mesh", name=f"{name}_finger_{finger}", vertex=text(shape.finger_m(side)))
-        body = add(yaw, "body", name=f"{name}_finger_{finger}", gravcomp="1", **placed(T))
+        body = add(yaw, "body", name=f"{name}_finger_{finger}", gravcomp="1", **placed(along_y))
         add(body, "inertial", pos="0.005 0 0", mass="0.001", diaginertia="1e-8 1e-8 1e-8")
         add(
             body,
@@ -232,8 +224,8 @@ def _add_fingers(
             name=f"{name}_jaw_{finger}",
             type="hinge",
             axis="0 0 1",
-            range="-0.2 0.8" if side > 0 else "-0.8 0.2",
-            armature=text(servo.jaw_inertia),
+            range=text(sorted((side * MIN_CLOSED_RAD, side * widest))),
+            armature=text(servo.jaw_inertia_kg_m2),
         )
         add(
             body,
@@ -258,14 +250,13 @@ def _add_drives(sections: Mapping[str, Element], servo: Servo, name: str, arm: A
         label = f"{name}_{joint.name}"
         add(actuators, "motor", name=f"{label}_feed", joint=label)
     jaw = f"{name}_jaw_left"
-    stiffness = 1.5
     add(
         actuators,
         "position",
         name=f"{name}_jaw",
         joint=jaw,
-        kp=text(stiffness),
-        kv=text(2 * np.sqrt(stiffness * 2 * servo.jaw_inertia)),
+        kp=text(JAW_STIFFNESS_NM_RAD),
+        kv=text(2 * np.sqrt(JAW_STIFFNESS_NM_RAD * 2 * servo.jaw_inertia_kg_m2)),
         forcerange=text((-2 * servo.jaw_torque_nm, 2 * servo.jaw_torque_nm)),
     )
     add(

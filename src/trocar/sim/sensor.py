@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.sim.sensor_flaws import SensorFlaws
+from trocar.station.sensor_flaws import SensorFlaws
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def apply_flaws(
     """
     shape = depth_m.shape
     white = rng.standard_normal(shape, dtype=np.float32)
-    wave = _smooth_noise(shape, flaws.waviness_pixels, rng)
+    wave = _smooth_noise(shape, flaws.waviness_px, rng)
     lost = rng.random(shape, dtype=np.float32)
     edge_luck = rng.random(shape, dtype=np.float32)
     mix = rng.random(shape, dtype=np.float32)

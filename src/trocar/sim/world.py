@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -12,8 +11,14 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.scene import Scene
 from trocar.sim.mjcf import TIMESTEP_S, CellModel, build_mjcf
+
+UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+"""Warnings after which MuJoCo has silently set its state back to the beginning."""
+
+
+class PhysicsError(TrocarError):
+    """The simulation broke down; what it was part of is void."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +32,6 @@ class ArmIndex:
     damping: NDArray[np.float64]
     jaw_qpos: int
     jaw_drive: int
-    geoms: NDArray[np.intp]
     fingers: tuple[int, int]
 
 
@@ -35,7 +39,13 @@ class World:
     """Bodies, contacts and drives of the simulated cell. Only the simulator and the referee may look inside.
 
     Attributes:
-        effects: called before the physics advances: what MuJoCo does not know of.
+        cell: what it was made of.
+        model: MuJoCo's.
+        data: MuJoCo's.
+        arms: by name.
+        arm_names: in order.
+        geom_arm: for each geom the number of its arm, or -1.
+        free_bodies: names of the bodies with a free joint.
     """
 
     def __init__(self, cell: CellModel):
@@ -43,19 +53,18 @@ class World:
         self.model = mujoco.MjModel.from_xml_string(build_mjcf(cell))
         self.data = mujoco.MjData(self.model)
         self.arms = {name: self._index(name, arm) for name, arm in cell.arms.items()}
-        self.effects: list[Callable[[], None]] = []
-        self.block_count = len(cell.scene.T_world_blocks.matrix) if isinstance(cell.scene, Scene) else 0
-        self._block_qpos = np.array(
-            [self.model.joint(f"block{k}").qposadr[0] for k in range(self.block_count)], dtype=np.intp
-        )
-        self.geom_block = self._geoms_by_prefix("block")
-        self.geom_peg = self._geoms_by_prefix("peg")
+        self.arm_names = tuple(cell.arms)
+        self.geom_arm = np.full(self.model.ngeom, -1)
+        for number, name in enumerate(self.arm_names):
+            self.geom_arm[self.geoms(f"{name}_")] = number
+        joints = [self.model.joint(j) for j in range(self.model.njnt)]
+        free = [joint for joint in joints if joint.type[0] == mujoco.mjtJoint.mjJNT_FREE]
+        self.free_bodies = tuple(self.model.body(joint.bodyid[0]).name for joint in free)
+        self._free_qpos = np.array([joint.qposadr[0] for joint in free], dtype=np.intp)[:, None] + np.arange(7)
 
     def _index(self, name: str, arm: ArmModel) -> ArmIndex:
         m = self.model
         joints = [m.joint(f"{name}_{joint.name}") for joint in arm.joints]
-        fingers = (m.geom(f"{name}_finger_left").id, m.geom(f"{name}_finger_right").id)
-        geoms = [g for g in range(m.ngeom) if m.geom(g).name.startswith(f"{name}_")]
         return ArmIndex(
             qpos=np.array([j.qposadr[0] for j in joints]),
             dof=np.array([j.dofadr[0] for j in joints]),
@@ -64,18 +73,13 @@ class World:
             damping=np.array(self.cell.servo.damping),
             jaw_qpos=int(m.joint(f"{name}_jaw_left").qposadr[0]),
             jaw_drive=m.actuator(f"{name}_jaw").id,
-            geoms=np.array(geoms),
-            fingers=fingers,
+            fingers=(m.geom(f"{name}_finger_left").id, m.geom(f"{name}_finger_right").id),
         )
 
-    def _geoms_by_prefix(self, prefix: str) -> NDArray[np.intp]:
-        """Return for each geom the number behind this prefix in its name, or -1."""
-        numbers = np.full(self.model.ngeom, -1, dtype=np.intp)
-        for g in range(self.model.ngeom):
-            name = self.model.geom(g).name
-            if name.startswith(prefix):
-                numbers[g] = int(name.removeprefix(prefix).split("_")[0])
-        return numbers
+    def geoms(self, prefix: str) -> NDArray[np.intp]:
+        """Return the ids of the geoms whose names begin so."""
+        names = [self.model.geom(g).name for g in range(self.model.ngeom)]
+        return np.array([g for g, name in enumerate(names) if name.startswith(prefix)], dtype=np.intp)
 
     def place_arm(self, name: str, q_joint: NDArray[np.float64], jaw_rad: float) -> None:
         """Put an arm at rest at these joints (6,), its drives holding it there."""
@@ -96,11 +100,10 @@ class World:
 
     def step(self, count: int) -> None:
         """Advance the physics by ``count`` steps."""
-        for effect in self.effects:
-            effect()
+        self.cell.task.act()
         mujoco.mj_step(self.model, self.data, count)
-        if self.data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
-            raise TrocarError(
+        if any(self.data.warning[warning].number for warning in UNSTABLE):
+            raise PhysicsError(
                 f"the physics became unstable at {self.data.time:.3f} s; the trial is void: report its seed"
             )
 
@@ -117,12 +120,21 @@ class World:
         """Return the true opening of the jaws."""
         return 2.0 * float(self.data.qpos[self.arms[name].jaw_qpos])
 
-    def blocks(self) -> SE3:
-        """Return the true poses of the blocks in the world."""
-        qpos = self.data.qpos[self._block_qpos[:, None] + np.arange(7)]
-        return SE3.from_parts(SO3.from_quaternion(qpos[:, 3:]), qpos[:, :3])
+    def free_poses(self) -> NDArray[np.float64]:
+        """Return positions and quaternions wxyz (k, 7) of the free bodies, in the order of ``free_bodies``."""
+        return self.data.qpos[self._free_qpos]
+
+    def pose(self, body: str) -> SE3:
+        """Return the true pose of a body in the world, as of the last step."""
+        index = self.model.body(body).id
+        return SE3.from_parts(SO3(self.data.xmat[index].reshape(3, 3)), self.data.xpos[index])
+
+    def free_pose(self, body: str) -> SE3:
+        """Return the true pose of a free body in the world, now."""
+        row = self.free_poses()[self.free_bodies.index(body)]
+        return SE3.from_parts(SO3.from_quaternion(row[3:]), row[:3])
 
     def settle(self, seconds: float) -> None:
-        """Let the blocks come to rest, then start the clock at zero."""
+        """Let the bodies come to rest, then start the clock at zero."""
         self.step(round(seconds / TIMESTEP_S))
         self.data.time = 0.0

@@ -1,0 +1,14 @@
+"""The simulator as a backend of ``build_cell``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trocar.sim.laboratory import SimLaboratory
+from trocar.station import Station
+from trocar.station.session import draw_session
+
+
+def simulated(station: Station, rng: np.random.Generator) -> SimLaboratory:
+    """Return a simulated laboratory on a day drawn from the generator, nothing on its table."""
+    return SimLaboratory(draw_session(station, rng), rng=rng)

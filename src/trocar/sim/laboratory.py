@@ -1,0 +1,299 @@
+"""A whole simulated laboratory: world, arms, cameras, referee, on one clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import trio
+from numpy.typing import NDArray
+from trio.testing import MockClock, wait_all_tasks_blocked
+
+from trocar.cell import Cell, Result
+from trocar.log import CellLog
+from trocar.perception.image import Image, RgbdImage, StereoImage, StereoRig
+from trocar.robots import TICK_S, ArmGuard, Guarded
+from trocar.sim.camera import RayCamera
+from trocar.sim.mjcf import CellModel, Servo, Surface
+from trocar.sim.pace import Pace, Script, Stepping, Virtual
+from trocar.sim.record import Record
+from trocar.sim.recorder import Recorder
+from trocar.sim.robot import SimRobot
+from trocar.sim.sensor import Light
+from trocar.sim.task_world import TaskWorld
+from trocar.sim.touches import Touches
+from trocar.sim.world import World
+from trocar.station import SensorFlaws, StationCamera
+from trocar.station.session import Session
+from trocar.station.transmission import DriveTrain
+
+REST_S = 0.5
+"""The bodies come to rest for so long before the clock starts."""
+
+
+class SimClock:
+    """The virtual time of a cell: computations take what was declared for them."""
+
+    def __init__(self, now_s: Callable[[], float]):
+        self.now_s = now_s
+
+    async def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        await trio.sleep(seconds)
+
+    async def compute(self, function: Callable[[], Result], budget_s: float) -> tuple[Result, float]:
+        """Return the result and its real time; the clock counts the budget."""
+        begin = time.perf_counter()
+        result = function()
+        seconds = time.perf_counter() - begin
+        await trio.sleep(budget_s)
+        return result, seconds
+
+
+class SimCamera:
+    """A simulated camera behind the ``Camera`` protocol.
+
+    Attributes:
+        taken: (time in s, image) of all that it took.
+    """
+
+    def __init__(self, world: World, camera: StationCamera, eyes: list[RayCamera], rng: np.random.Generator):
+        self._world, self._camera, self._eyes, self._rng = world, camera, eyes, rng
+        self.model = camera.model
+        self.taken: list[Image] = []
+
+    async def capture(self) -> Image:
+        """Expose one image; it shows the end of the exposure."""
+        await trio.sleep(self._camera.exposure_s)
+        seen = [eye.render(self._world.data, self._rng) for eye in self._eyes]
+        now = self._world.time_s
+        if isinstance(self.model, StereoRig):
+            image: Image = StereoImage(seen[0].color, seen[1].color, self.model, now)
+        else:
+            image = RgbdImage(seen[0].color, seen[0].depth_m, seen[0].intrinsics, now)
+        self.taken.append(image)
+        return image
+
+
+class SimLaboratory:
+    """One simulated laboratory with what a task put into it, ready to run scripts.
+
+    Attributes:
+        session: the day that it is; simulator truth.
+        world: the physics; simulator truth, for referee and tests.
+        driver: the arms without their guard; for tests and faults.
+        cell: what scripts are given.
+        log: what they note.
+        cameras: by name.
+        recorder: what was, tick by tick.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        task: TaskWorld | None = None,
+        rng: np.random.Generator | None = None,
+        *,
+        flaws: SensorFlaws | None = None,
+        servo: Servo | None = None,
+        surface: Surface | None = None,
+        listener: Callable[[Mapping[str, object]], None] | None = None,
+    ):
+        """Build the world and put the arms in their places.
+
+        Args:
+            session: which day it is.
+            task: what a task puts into the world; None: nothing.
+            rng: of cables and cameras.
+            flaws: of all cameras, in place of the station's.
+            servo: how the joints are driven, if not as usual.
+            surface: of the contacts, if not as usual.
+            listener: called with each event of the log.
+        """
+        station, self.session, self.task = session.station, session, task or TaskWorld()
+        self._ticks = 0
+        cable_rng, camera_rng = (rng or np.random.default_rng(0)).spawn(2)
+        self.world = World(
+            CellModel(station.models, session.T_world_base, self.task, servo or Servo(), surface or Surface())
+        )
+        self.driver = SimRobot(self.world, self.now_s)
+        for name, arm in station.arms.items():
+            q_cmd = arm.park_q()
+            train = DriveTrain(session.transmissions[name], q_cmd, cable_rng)
+            self.driver.attach_train(name, arm.model, arm.limits, train, q_cmd, arm.park_jaw_rad)
+        self.task.start(self.world)
+        self.world.settle(REST_S)
+        self.log = CellLog(self.now_s, listener=listener)
+        self.cameras = {
+            name: self._camera(camera, session.T_world_camera[name], flaws, camera_rng)
+            for name, camera in station.cameras.items()
+        }
+        guards = {
+            name: ArmGuard(arm.model, arm.limits, session.T_world_base_registered[name], arm.workspace_m)
+            for name, arm in station.arms.items()
+        }
+        guarded = Guarded(self.driver, guards, min_distance_m=station.min_distance_m, note=self.log.event)
+        self._guard = guarded
+        self._touches = Touches(self.world, self.task.hit, self.task.counts)
+        self.recorder = Recorder(self.world, guarded)
+        self.cell = Cell(
+            robot=guarded,
+            cameras=self.cameras,
+            arms=station.models,
+            T_world_base_registered=session.T_world_base_registered,
+            T_world_camera_registered=session.T_world_camera_registered,
+            T_world_fixture=station.T_world_fixture,
+            clock=SimClock(self.now_s),
+            log=self.log,
+            assistants=self.task.assistants(),
+        )
+        self._observe()
+        self._nursery: trio.Nursery | None = None
+
+    def _camera(
+        self, camera: StationCamera, T_world_camera: Any, flaws: SensorFlaws | None, rng: np.random.Generator
+    ) -> SimCamera:
+        light = Light(gain=camera.gain)
+        flaws = flaws or camera.flaws
+        model, lamp = camera.model, np.array(camera.lamp_m)
+        if isinstance(model, StereoRig):
+            right = T_world_camera @ model.T_left_right
+            eyes = [
+                RayCamera(self.world.model, model.left, T_world_camera, lamp, flaws, light),
+                RayCamera(self.world.model, model.right, right, model.T_left_right.inverse().apply(lamp), flaws, light),
+            ]
+        else:
+            eyes = [RayCamera(self.world.model, model, T_world_camera, lamp, flaws, light)]
+        return SimCamera(self.world, camera, eyes, rng)
+
+    def now_s(self) -> float:
+        """Return the cell's clock."""
+        return self._ticks * TICK_S
+
+    def wear(self, wrap: Callable[[Cell], Any]) -> Cell:
+        """Let the robot wear one more wrapper, which ``wrap`` makes of the cell; return the cell with it."""
+        self.cell = replace(self.cell, robot=wrap(self.cell))
+        self.recorder.asked_of = self.cell.robot
+        return self.cell
+
+    def tick(self) -> None:
+        """Advance everything by one period of the controller, 10 ms."""
+        self.driver.tick(self.now_s())
+        self._ticks += 1
+        self.world.data.time = self.now_s()  # steps of 1 ms add up to no round number
+        self._guard.check()
+        self._observe()
+
+    def _observe(self) -> None:
+        now = self.now_s()
+        self.recorder.observe(now)
+        self.task.observe(now)
+        self._touches.observe(now)
+
+    def record(self) -> Record:
+        """Return what was so far; simulator truth."""
+        return self.recorder.record(self._touches.collisions())
+
+    def truth(self) -> Any:
+        """Return what the task's referee makes of it; for the task's score alone."""
+        return self.task.truth(self.record())
+
+    def run(self, script: Script, budget_s: float, pace: Pace | None = None) -> bool:
+        """Run a script to its end on the cell's clock; return whether it ended within its budget.
+
+        However it ends, an error or Ctrl-C included, every arm comes to rest within its limits before this returns.
+
+        Args:
+            script: called with the cell.
+            budget_s: of the cell's clock.
+            pace: how fast the clock runs; default: as fast as it can.
+
+        Raises:
+            BaseException: whatever the script raises, out of the groups that nurseries put it in; an interruption
+                before all else.
+        """
+        clock = MockClock()
+        try:
+            return trio.run(
+                self._run, script, budget_s, pace or Virtual(), clock,
+                clock=clock,
+                restrict_keyboard_interrupt_to_checkpoints=True,
+            )  # fmt: skip
+        except BaseExceptionGroup as group:
+            raise _cause(group) from None
+
+    def stepping(self, script: Script | None = None, budget_s: float = float("inf")) -> Stepping:
+        """Return the cell to be stepped from outside; a context manager."""
+        return Stepping(self, script, budget_s)
+
+    def start_soon(self, script: Script) -> None:
+        """Start one more script beside the one that runs."""
+        if self._nursery is None:
+            raise RuntimeError("a script can be started only while the cell runs")
+        self._nursery.start_soon(script, self.cell)
+
+    def end(self) -> None:
+        """Cancel all scripts that run; the arms come to rest."""
+        if self._nursery is not None:
+            self._nursery.cancel_scope.cancel()
+
+    async def _run(self, script: Script, budget_s: float, pace: Pace, clock: MockClock) -> bool:
+        ended = False
+        async with trio.open_nursery() as outer:
+            outer.start_soon(self._turn, pace, clock)
+            try:
+                with trio.move_on_after(budget_s):
+                    async with trio.open_nursery() as scripts:
+                        self._nursery = scripts
+                        await script(self.cell)
+                        ended = True
+                        scripts.cancel_scope.cancel()
+            finally:
+                # the physics goes on until the arms that scripts left moving have come to rest
+                self._nursery = None
+                with trio.CancelScope(shield=True):
+                    self.cell.robot.hold(reason="the script has ended")
+                    await self.cell.robot.rest()
+                outer.cancel_scope.cancel()
+        return ended
+
+    async def _turn(self, pace: Pace, clock: MockClock) -> None:
+        """Turn the clock: let every script run until it waits, then advance 10 ms; for ever."""
+        try:
+            while True:
+                await wait_all_tasks_blocked()
+                await pace.wait(self.now_s())
+                self.tick()
+                clock.jump(TICK_S)
+        except Exception as error:
+            # else a script that tidies up under a shield waits for ever, for an arm or for the clock
+            self.driver.abandon(f"the simulation has ended: {error}")
+            clock.autojump_threshold = 0.0
+            raise
+
+
+def _cause(group: BaseExceptionGroup) -> BaseException:
+    """Return what a nursery's group of exceptions is about: an interruption, or else the first."""
+    leaves: list[BaseException] = []
+    rest: list[BaseException] = [group]
+    while rest:
+        error = rest.pop(0)
+        if isinstance(error, BaseExceptionGroup):
+            rest.extend(error.exceptions)
+        else:
+            leaves.append(error)
+    return next((leaf for leaf in leaves if not isinstance(leaf, Exception)), leaves[0])
+
+
+def arrays_of(recorder: Recorder) -> dict[str, NDArray]:
+    """Return what a trial keeps of every cell: joints of the arms and poses of free bodies at 100 Hz."""
+    arrays: dict[str, NDArray] = {}
+    for kind in ("asked", "commanded", "measured", "true"):
+        for name, rows in recorder.joints(kind).items():
+            arrays[f"{kind}_{name}"] = rows
+    for body, rows in recorder.free_poses().items():
+        arrays[f"body_{body}"] = rows
+    return arrays

@@ -1,0 +1,149 @@
+"""How fast the clock of a simulated cell runs: as fast as it can, with the wall's, or as somebody outside says."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+import time
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any, Protocol
+
+import trio
+
+from trocar.errors import TrocarError
+from trocar.robots.driver import TICK_S
+
+if TYPE_CHECKING:
+    from trocar.cell import Cell
+    from trocar.sim.laboratory import SimLaboratory
+
+Script = Callable[["Cell"], Awaitable[Any]]
+
+
+class Pace(Protocol):
+    """Asked before each tick."""
+
+    async def wait(self, now_s: float) -> None:
+        """Return when the tick that begins at this time of the cell's clock may begin."""
+        ...
+
+
+class Virtual:
+    """As fast as the machine computes; the same on every machine."""
+
+    async def wait(self, now_s: float) -> None:
+        """Return at once."""
+        del now_s
+
+
+class RealTime:
+    """No faster than the wall's clock.
+
+    Args:
+        speed: seconds of the cell in a second of the wall.
+    """
+
+    def __init__(self, speed: float = 1.0):
+        if not (math.isfinite(speed) and speed > 0):
+            raise TrocarError(f"the speed of a real-time clock is {speed}; give a number above 0")
+        self._speed, self._origin_s = speed, math.nan
+
+    async def wait(self, now_s: float) -> None:
+        """Sleep until the wall's clock has come as far."""
+        if math.isnan(self._origin_s):
+            self._origin_s = time.perf_counter() - now_s / self._speed
+        left_s = self._origin_s + now_s / self._speed - time.perf_counter()
+        if left_s > 0:
+            await trio.to_thread.run_sync(time.sleep, left_s)  # the wall's time: trio's clock is the cell's here
+
+
+class Stepping:
+    """A simulated cell that somebody outside steps: Gymnasium, a server, a person at a console.
+
+    The cell and its scripts run in a thread that moves only while :meth:`step` waits for it, so that the
+    outcome does not depend on the machine. Use it as a context manager.
+
+    Example:
+        with build_cell("peg-transfer").stepping() as cell:
+            cell.call(lambda c: c.robot.jaw("psm1", 0.5))
+            cell.step(0.2)
+            print(cell.cell.robot.read("psm1"))
+
+    Args:
+        laboratory: whose cell.
+        script: that runs beside what is called; None: none.
+        budget_s: of the cell's clock.
+    """
+
+    def __init__(self, laboratory: SimLaboratory, script: Script | None = None, budget_s: float = math.inf):
+        self._laboratory, self._script, self._budget_s = laboratory, script, budget_s
+        self._may_tick: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._at_rest: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._calls: queue.SimpleQueue[Script] = queue.SimpleQueue()
+        self._error: BaseException | None = None
+        self._left = self._over = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    @property
+    def cell(self) -> Cell:
+        """Return the cell, to read from between two steps."""
+        return self._laboratory.cell
+
+    @property
+    def over(self) -> bool:
+        """Return whether script or budget have come to their end."""
+        return self._over
+
+    def __enter__(self) -> Stepping:
+        self._thread.start()
+        self._at_rest.get()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if not self._over:
+            self._may_tick.put(False)
+        self._thread.join()
+
+    def call(self, script: Script) -> None:
+        """Start a script, such as a motion, at the next tick."""
+        self._calls.put(script)
+
+    def step(self, seconds: float = TICK_S) -> None:
+        """Advance the cell by so much, in whole ticks, and return when it waits again.
+
+        Raises:
+            BaseException: whatever a script raised.
+        """
+        for _ in range(max(1, round(seconds / TICK_S))):
+            if not self._over:
+                self._may_tick.put(True)
+                self._at_rest.get()
+            if self._error is not None:
+                error, self._error = self._error, None
+                raise error
+
+    async def wait(self, now_s: float) -> None:
+        """Tell the one outside that the cell waits, and wait for the word."""
+        del now_s
+        if self._left:
+            return
+        self._at_rest.put(None)
+        if not await trio.to_thread.run_sync(self._may_tick.get):
+            self._left = True  # the last ticks, in which the arms come to rest, are nobody's
+            self._laboratory.end()
+        while not self._calls.empty():
+            self._laboratory.start_soon(self._calls.get())
+
+    def _run(self) -> None:
+        try:
+            self._laboratory.run(self._script or _for_ever, self._budget_s, pace=self)
+        except BaseException as error:
+            self._error = error
+        self._over = True
+        self._at_rest.put(None)
+
+
+async def _for_ever(cell: Cell) -> None:
+    del cell
+    await trio.sleep_forever()
