@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from trocar.geometry import TURN
 from trocar.sutures.arcs import UNDECIDED, ArcWalks, cut, merged
 from trocar.sutures.gaps import Walks
 
-TURN = 2 * np.pi
 seeds = st.integers(0, 2**32 - 1)
 POSITIONS = 720
 
@@ -18,8 +18,8 @@ def random_walks(seed):
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 8))
     even = POSITIONS / count
-    least = int(max(1, even * rng.uniform(0.5, 1.0)))
-    most = int(min(POSITIONS, np.ceil(even * rng.uniform(1.0, 1.5))))
+    shortest = int(max(1, even * rng.uniform(0.5, 1.0)))
+    longest = int(min(POSITIONS, np.ceil(even * rng.uniform(1.0, 1.5))))
     ends = np.sort(rng.choice(POSITIONS, 2 * int(rng.integers(1, 5)), replace=False)).reshape(-1, 2)
     if rng.random() < 0.3:
         ends = np.array([[0, POSITIONS]])
@@ -30,18 +30,18 @@ def random_walks(seed):
     through = tuple(dict.fromkeys(through))
     step = TURN / POSITIONS
     arcs = tuple((float(low) * step, float(high) * step) for low, high in ends)
-    real = ArcWalks(arcs, count, least * step, most * step, tuple(place * step for place in through))
-    return real, Walks(POSITIONS, count, least, most, through), allowed
+    real = ArcWalks(arcs, count, shortest * step, longest * step, tuple(place * step for place in through))
+    return real, Walks(POSITIONS, count, shortest, longest, through), allowed
 
 
 def check(walk, walks):
     assert len(walk) == walks.steps
     around = np.sort(np.mod(walk, TURN))
     gaps = np.diff(around, append=around[0] + TURN)
-    assert gaps.min() > walks.least - 1e-9 and gaps.max() < walks.most + 1e-9
+    assert gaps.min() > walks.min_step_rad - 1e-9 and gaps.max() < walks.max_step_rad + 1e-9
     for place in around:
         assert any(low - 1e-9 <= place + k * TURN <= high + 1e-9 for low, high in walks.arcs for k in (-1, 0, 1))
-    for place in walks.through:
+    for place in walks.through_rad:
         assert np.abs((around - place + np.pi) % TURN - np.pi).min() < 1e-9
 
 
@@ -72,8 +72,8 @@ def test_even_gaps_close_only_where_all_arcs_line_up():
 
 def test_nothing_closes_over_no_arcs_or_a_place_outside_them():
     assert ArcWalks((), 3, 1.0, 3.0).find(1e-6) is None
-    assert ArcWalks(((1.0, 2.0),), 1, 1.0, TURN, through=(3.0,)).find(1e-6) is None
-    assert ArcWalks(((1.0, 2.0),), 1, 1.0, TURN, through=(1.5,)).find(1e-6) == [pytest.approx(1.5)]
+    assert ArcWalks(((1.0, 2.0),), 1, 1.0, TURN, through_rad=(3.0,)).find(1e-6) is None
+    assert ArcWalks(((1.0, 2.0),), 1, 1.0, TURN, through_rad=(1.5,)).find(1e-6) == [pytest.approx(1.5)]
 
 
 @given(seed=seeds)

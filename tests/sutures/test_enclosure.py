@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from trocar.arms import ARMS
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3, SO3, TURN
 from trocar.sutures import (
     MARGINS,
     PRESETS,
@@ -19,14 +19,13 @@ from trocar.sutures import (
 )
 from trocar.sutures.interval import Interval
 
-TURN = 2 * np.pi
 seeds = st.integers(0, 2**32 - 1)
 FINE = 100
 REWARDS = [
     Reward(margin, weight=weight, scaling=scaling, at=at, feasible_first=first, joints=joints)
     for margin in MARGINS
     for weight, scaling, at, first, joints in (
-        (0.75, "most", "path", True, "wrist"),
+        (0.75, "max", "path", True, "wrist"),
         (0.3, "range", "stations", False, "all" if margin in ("smallest", "normalised") else "wrist"),
     )
 ]
@@ -40,11 +39,11 @@ def check(found, cells, finer):
     thetas = (edges[:-1, None] + part * (edges[1:] - edges[:-1])[:, None]).ravel()
     fine = found.at(thetas)
     values = fine.values.reshape(2, cells, finer)
-    assert np.all(values.max(2) <= bounds.most)
+    assert np.all(values.max(2) <= bounds.upper)
     if found.reward.margin != "paper":  # the only formula that is not monotone
-        assert np.all(values.min(2) >= bounds.least)
+        assert np.all(values.min(2) >= bounds.lower)
     feasible = fine.joints.feasible.reshape(2, cells, finer)
-    assert np.all(bounds.can | ~feasible.any(2)) and np.all(feasible.all(2) | ~bounds.must)
+    assert np.all(bounds.possible | ~feasible.any(2)) and np.all(feasible.all(2) | ~bounds.certain)
     return bounds, values
 
 
@@ -52,10 +51,10 @@ def check(found, cells, finer):
 def test_the_bounds_hold_a_grid_a_hundred_times_finer_and_are_tight(name):
     found = dexterity(PRESETS[name].setup, PRESETS[name].reward)
     bounds, values = check(found, 360, FINE)
-    assert np.max(bounds.most - values.max(2)) < 0.08 and np.median(bounds.most - values.max(2)) < 0.04
+    assert np.max(bounds.upper - values.max(2)) < 0.08 and np.median(bounds.upper - values.max(2)) < 0.04
     edges = np.linspace(1.0, 1.0 + 1e-4, 101)  # and they close in with the arc
     small = DexterityEnclosure(found).over(edges[:-1], edges[1:])
-    assert np.max(small.most - small.least) < 1e-4
+    assert np.max(small.upper - small.lower) < 1e-4
 
 
 @pytest.mark.parametrize("reward", REWARDS, ids=lambda reward: f"{reward.margin}-{reward.at}-{reward.joints}")
@@ -118,7 +117,7 @@ def test_manipulability_that_was_given_needs_its_bounds():
     edges = np.linspace(0, TURN, 91)
     bounds = DexterityEnclosure(found, interpolated_bounds(places, values)).over(edges[:-1], edges[1:])
     fine = found.at(np.linspace(edges[:-1], edges[1:], 20).ravel()).values.reshape(2, 20, 90)
-    assert np.all(fine.max(1) <= bounds.most) and np.all(fine.min(1) >= bounds.least)
+    assert np.all(fine.max(1) <= bounds.upper) and np.all(fine.min(1) >= bounds.lower)
 
 
 @given(seed=seeds)
@@ -131,9 +130,9 @@ def test_margins_are_largest_at_a_corner_of_a_box(name, seed):
     assert MARGINS[name](limit, inside).max() <= MARGINS[name](limit, corners).max() * (1 + 1e-12) + 1e-12
 
 
-def test_a_setup_out_of_reach_has_no_bound_worth_having():
+def test_a_setup_out_of_reach_has_no_possible_suture():
     far = replace(SutureSetup(), T_world_base=SE3.from_parts(None, [0.0, 0.0, 0.5]))
     with np.errstate(all="ignore"):
         found = dexterity(far)
     bounds, _ = check(found, 60, 10)
-    assert not bounds.can.any()
+    assert not bounds.possible.any()

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_map import made_up_map
 
+from made_up_map import made_up_map
 from trocar.errors import TrocarError
 from trocar.sutures import DIRECTIONS, PRESETS, Reward, dexterity, plan_even, plan_exhaustive
 

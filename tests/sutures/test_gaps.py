@@ -3,13 +3,13 @@ from math import radians
 
 import numpy as np
 import pytest
-from made_up_map import made_up_map
 
+from made_up_map import made_up_map
 from trocar.errors import TrocarError
+from trocar.geometry import TURN
 from trocar.sutures import PRESETS, Spacing, dexterity, plan_even, plan_gaps
 from trocar.sutures.gaps import Walks
 
-TURN = 2 * np.pi
 CASES = 200
 TENSE_CASES = 36
 
@@ -22,13 +22,13 @@ def random_case(seed):
     feasible = rng.random((2, positions)) < rng.choice([0.6, 0.95, 1.0])
     step = TURN / positions
     even = positions / count
-    least = step * min(positions, max(0.3, even - rng.integers(0, 4)))
-    most = min(TURN, max(least, step * (even + rng.integers(0, 4))))
+    min_gap = step * min(positions, max(0.3, even - rng.integers(0, 4)))
+    max_gap = min(TURN, max(min_gap, step * (even + rng.integers(0, 4))))
     arcs = tuple((start, start + rng.uniform(0.05, 1.5)) for start in rng.uniform(0, TURN, rng.integers(0, 3)))
     fixed = tuple(step * rng.choice(positions, rng.integers(0, 3), replace=False)) if rng.random() < 0.4 else ()
     tension = float(rng.choice([0.0, 0.0, 0.1, 1.0]))
     found = made_up_map(values, feasible, bool(rng.integers(2)))
-    return found, count, Spacing(least, most, arcs, fixed, tension)
+    return found, count, Spacing(min_gap, max_gap, arcs, fixed, tension)
 
 
 def tense_case(seed, feasible_share, feasible_first):
@@ -48,13 +48,13 @@ def in_a_forbidden_arc(theta, arcs):
 
 
 def brute_force(found, count, spacing):
-    """Return (feasible, worth) of the best plan by trying every set of positions; None if there is none."""
+    """Return (feasible, value) of the best plan by trying every set of positions; None if there is none."""
     n, best = len(found.thetas_rad), None
     feasible = found.joints.feasible
     for where in itertools.combinations(range(n), count):
         thetas = TURN / n * np.array(where)
         gaps = np.diff(thetas, append=thetas[0] + TURN)
-        if gaps.min() < spacing.least_gap_rad - 1e-7 or gaps.max() > spacing.most_gap_rad + 1e-7:
+        if gaps.min() < spacing.min_gap_rad - 1e-7 or gaps.max() > spacing.max_gap_rad + 1e-7:
             continue
         if any(in_a_forbidden_arc(theta, spacing.forbidden_rad) for theta in thetas):
             continue
@@ -65,8 +65,8 @@ def brute_force(found, count, spacing):
         for k in where:
             rows = sorted((bool(feasible[r, k]) and found.reward.feasible_first, found.values[r, k]) for r in (0, 1))
             sutures.append(rows[-1])
-        first, worth = min(sutures)
-        key = (bool(first), worth - cost)
+        first, reward = min(sutures)
+        key = (bool(first), reward - cost)
         best = key if best is None else max(best, key)
     return best
 
@@ -83,16 +83,16 @@ def test_agrees_with_brute_force_on_small_random_cases():
             continue
         assert wanted is not None, f"case {seed}"
         solved += 1
-        first, worth = wanted
-        assert plan.bound == pytest.approx(worth, abs=1e-12), f"case {seed}"
+        first, value = wanted
+        assert plan.bound == pytest.approx(value, abs=1e-12), f"case {seed}"
         if found.reward.feasible_first:
             assert plan.feasible == first
         if plan.feasible or not found.reward.feasible_first:
-            assert plan.worth == pytest.approx(plan.bound, abs=1e-12)
+            assert plan.value == pytest.approx(plan.bound, abs=1e-12)
         # and the plan is what it says
         assert len(plan.positions_rad) == count and np.all(np.diff(plan.positions_rad) > 0)
-        assert plan.gaps_rad.min() >= spacing.least_gap_rad - 1e-7 and plan.gaps_rad.sum() == pytest.approx(TURN)
-        assert plan.gaps_rad.max() <= spacing.most_gap_rad + 1e-7
+        assert plan.gaps_rad.min() >= spacing.min_gap_rad - 1e-7 and plan.gaps_rad.sum() == pytest.approx(TURN)
+        assert plan.gaps_rad.max() <= spacing.max_gap_rad + 1e-7
         assert not any(in_a_forbidden_arc(theta, spacing.forbidden_rad) for theta in plan.positions_rad)
         for fixed in spacing.fixed_rad:
             assert np.abs(plan.positions_rad - fixed).min() < 1e-9
@@ -104,15 +104,15 @@ def test_agrees_with_brute_force_on_small_random_cases():
 def test_tension_agrees_with_brute_force_whatever_is_feasible_and_whether_that_counts(share, feasible_first):
     for seed in range(TENSE_CASES):
         found, count, spacing = tense_case(seed, share, feasible_first)
-        plan, (first, worth) = plan_gaps(found, count, spacing), brute_force(found, count, spacing)
+        plan, (first, value) = plan_gaps(found, count, spacing), brute_force(found, count, spacing)
         case = f"case {seed}: {plan.positions_rad}, {plan.rewards}"
-        assert plan.bound == pytest.approx(worth, abs=1e-12), case
-        assert plan.worth <= plan.bound + 1e-12, case
+        assert plan.bound == pytest.approx(value, abs=1e-12), case
+        assert plan.value <= plan.bound + 1e-12, case
         if feasible_first:
             assert plan.feasible == first, case
         if plan.feasible or not feasible_first:
-            assert plan.worth == pytest.approx(worth, abs=1e-12), case
-        assert plan.tension_cost == pytest.approx(spacing.tension * plan.uneven, abs=1e-12), case
+            assert plan.value == pytest.approx(value, abs=1e-12), case
+        assert plan.tension_cost == pytest.approx(spacing.tension * plan.unevenness, abs=1e-12), case
 
 
 def test_of_plans_with_the_same_worst_suture_the_largest_sum_is_taken():
@@ -134,8 +134,8 @@ def test_even_gaps_are_the_papers_problem_and_free_ones_are_no_worse(name):
     for count in (3, 4, 6):
         even = plan_even(found, count)
         assert plan_gaps(found, count, Spacing.even(count)).reward == even.reward
-        worths = [plan_gaps(found, count, Spacing(TURN / count - g, TURN / count + g)).reward for g in (0, 0.1, 0.3)]
-        assert even.reward == worths[0] <= worths[1] <= worths[2]
+        rewards = [plan_gaps(found, count, Spacing(TURN / count - g, TURN / count + g)).reward for g in (0, 0.1, 0.3)]
+        assert even.reward == rewards[0] <= rewards[1] <= rewards[2]
 
 
 def test_tension_trades_dexterity_for_even_gaps():

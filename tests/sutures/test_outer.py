@@ -6,7 +6,7 @@ from trocar.sutures import PRESETS, Reward, dexterity
 from trocar.sutures.even import plan_even
 from trocar.sutures.outer import GRASP, PLACEMENT, PORT, free_bounds, jaws_above_m, outer_search
 from trocar.sutures.parameters import with_parameters
-from trocar.sutures.rewards import judged
+from trocar.sutures.rewards import scored
 
 SETUP = PRESETS["default"].setup
 FEW = {"positions": 72, "coarse": 36, "evaluations": 240}
@@ -22,12 +22,12 @@ def found():
     return search
 
 
-def test_the_best_setup_found_is_better_can_be_done_and_held_and_is_worth_what_it_says(found):
+def test_the_best_setup_found_is_better_feasible_and_holdable_and_has_the_reward_that_it_says(found):
     assert found.plan.reward > found.start_plan.reward + 0.02
     assert found.plan.feasible
     assert found.best.setup.grasp.holdable
     assert jaws_above_m(found.best.setup) >= 0
-    again = judged(
+    again = scored(
         found.best.setup, Reward(), dexterity(found.best.setup, positions=72).joints, scales=found.start.scales
     )
     assert plan_even(again).reward == found.plan.reward
@@ -67,7 +67,7 @@ def test_it_finds_the_best_radius_that_a_fine_scan_finds():
     rewards = []
     for radius in np.linspace(0.02, 0.04, 81):
         there = with_parameters(SETUP, {"circle_radius_m": radius})
-        rewards.append(plan_even(judged(there, Reward(), dexterity(there, positions=72).joints, scales=scales)).reward)
+        rewards.append(plan_even(scored(there, Reward(), dexterity(there, positions=72).joints, scales=scales)).reward)
     assert search.plan.reward >= max(rewards) - 1e-3
 
 

@@ -13,7 +13,7 @@ from trocar.sutures.outer import PLACEMENT, outer_search
 from trocar.sutures.outer_bound import bound_of_ball, certified_search
 from trocar.sutures.parameters import with_parameters
 from trocar.sutures.random_setups import random_setup
-from trocar.sutures.rewards import judged
+from trocar.sutures.rewards import scored
 
 SETUP = PRESETS["default"].setup
 NARROW = {"center_x_m": (-0.003, 0.003), "center_y_m": (-0.003, 0.003), "circle_radius_m": (0.028, 0.032)}
@@ -23,7 +23,7 @@ def shifted(here, x_m, y_m, radius_m):
     setup = here.setup
     values = {"center_x_m": x_m, "center_y_m": y_m, "circle_radius_m": setup.circle.radius_m + radius_m}
     there = with_parameters(setup, values)
-    return judged(there, here.reward, suture_joints(there, here.thetas_rad), scales=here.scales)
+    return scored(there, here.reward, suture_joints(there, here.thetas_rad), scales=here.scales)
 
 
 @settings(deadline=None, max_examples=60)
@@ -100,7 +100,7 @@ def test_what_is_found_and_what_is_proven_meet_and_enclose_a_scan_and_a_search()
 def test_stopping_early_leaves_a_true_bound_and_says_so():
     gaps = []
     early = certified_search(
-        SETUP, bounds=NARROW, positions=36, gap=1e-4, most_boxes=20, progress=lambda _, gap: gaps.append(gap)
+        SETUP, bounds=NARROW, positions=36, gap=1e-4, max_boxes=20, progress=lambda _, gap: gaps.append(gap)
     )
     assert early.boxes <= 21
     assert gaps == sorted(gaps, reverse=True)
@@ -111,7 +111,7 @@ def test_stopping_early_leaves_a_true_bound_and_says_so():
 
 def test_where_no_circle_has_a_feasible_plan_that_is_proven():
     far = {"center_x_m": (-0.12, -0.10)}
-    found = certified_search(SETUP, free=("center_x_m",), bounds=far, positions=36, most_boxes=100)
+    found = certified_search(SETUP, free=("center_x_m",), bounds=far, positions=36, max_boxes=100)
     assert found.bound == -np.inf
     assert "no circle within the bounds has a feasible plan" in found.certified
 

@@ -49,7 +49,7 @@ def test_the_base_of_a_preset_is_read_as_it_was_given(name):
     np.testing.assert_allclose(base.matrix, setup.T_world_base.matrix, atol=1e-12)
 
 
-def test_another_azimuth_turns_what_is_worth_what_round_the_circle():
+def test_another_azimuth_rotates_the_joints_round_the_circle():
     setup = PRESETS["default"].setup
     at = parameters_of(setup)["base_azimuth_rad"]
     turned = with_parameters(setup, {"base_azimuth_rad": at + np.radians(40)})

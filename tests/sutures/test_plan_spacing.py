@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trocar.errors import TrocarError
+from trocar.geometry import TURN
 from trocar.sutures import Spacing
 
-TURN = 2 * np.pi
 angles = st.floats(-10, 10)
 
 
@@ -26,7 +26,7 @@ def test_the_ends_of_arcs_are_allowed():
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ((2, 1), "114.592 and 57.2958 deg; give a least gap"),
+        ((2, 1), "114.592 deg and 57.2958 deg; give a smallest gap"),
         ((0, 1), "above 0"),
         ((1, np.nan), "gaps between sutures"),
         ((1, 7), "at most 360"),

@@ -3,7 +3,7 @@ import pytest
 
 from trocar.errors import TrocarError
 from trocar.sutures import MARGINS, suture_joints
-from trocar.sutures.random_setups import JUDGED, random_setup, random_statistics
+from trocar.sutures.random_setups import MEASURES, random_setup, random_statistics
 from trocar.sutures.study import PAPER_TABLE_1
 
 
@@ -42,7 +42,7 @@ def test_the_default_direction_switches_twice_nearly_always(found):
 
 
 def test_percentiles_and_ranks_speak_of_the_same_numbers(found):
-    for name in JUDGED:
+    for name in MEASURES:
         points = found.points[name]
         np.testing.assert_allclose(points[:, 1, 2], 100, rtol=1e-12)
         assert np.all(points[:, 1] >= points[:, 0])

@@ -36,7 +36,7 @@ def test_the_surrogate_is_the_mean_of_det_JJT():
 
 
 @pytest.mark.parametrize("name", MARGINS)
-@pytest.mark.parametrize("scaling", ["most", "range"])
+@pytest.mark.parametrize("scaling", ["max", "range"])
 def test_both_parts_reach_one_at_their_best(name, scaling):
     setup = PRESETS["paper-demo"].setup
     for weight in (0.0, 1.0):
@@ -85,7 +85,7 @@ def test_all_joints_can_count():
         ({"margin": "best"}, "choose one of smallest, normalised, clipped, paper"),
         ({"weight": 1.2}, "lambda is 1.2; give 0 to 1"),
         ({"weight": float("nan")}, "give 0 to 1"),
-        ({"scaling": "log"}, "choose one of most, range"),
+        ({"scaling": "log"}, "choose one of max, range"),
         ({"at": "ends"}, "choose one of stations, path"),
         ({"margin": "paper", "joints": "all"}, "choose smallest or normalised"),
     ],

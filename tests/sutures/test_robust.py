@@ -145,7 +145,7 @@ def test_a_plan_off_the_grid_and_errors_out_of_bounds_are_refused(nominal, scena
 
     with pytest.raises(TrocarError, match="on the map's grid"):
         plan_robust(nominal, scenarios, off_grid)
-    with pytest.raises(TrocarError, match=r"give each 0 to 0\.2"):
+    with pytest.raises(TrocarError, match=r"give 0 to 0\.2 for each"):
         Uncertainty(translation_m=np.nan)
     with pytest.raises(TrocarError, match="at 7 standard deviations"):
         Scenarios.corners(deviations=7)

@@ -118,7 +118,7 @@ def test_bad_input_is_told_in_a_sentence(call, sentence):
         call()
 
 
-def test_a_table_without_a_plan_worth_anything_is_refused():
+def test_a_table_without_a_plan_of_positive_reward_is_refused():
     found = dexterity(DEMO.setup, Reward())
     with pytest.raises(TrocarError, match="no points"):
         table_1(replace(found, values=np.minimum(found.values, -1.0)))

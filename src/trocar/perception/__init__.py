@@ -1,1 +1,1 @@
-"""From images to poses."""
+"""Poses of board and blocks from images and point clouds."""

@@ -1,4 +1,4 @@
-"""A cloud of points from a file."""
+"""Point clouds from files."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def load_capture(path: Path, unit: str | None = None) -> NDArray[np.float64]:
 
     Args:
         path: the file.
-        unit: 'mm' or 'm'; needed where the array's name does not say it.
+        unit: 'mm' or 'm'; required if the array's name does not tell.
 
     Raises:
-        TrocarError: the file is missing, broken, of another shape, or its unit is unknown or contradicted.
+        TrocarError: the file is missing, broken or of another shape, or its unit is unknown or contradictory.
     """
     if unit is not None and unit not in UNITS_M:
         raise TrocarError(f"unit {unit!r} is not one of {', '.join(UNITS_M)}")

@@ -15,11 +15,11 @@ from trocar.perception.image import Intrinsics, RgbdImage
 
 UNDISTORT_STEPS = 40
 UNDISTORT_DONE = 1e-14
-"""Fixed-point steps at most, and the change at which they end; the camera of the paper needs fewer than 30."""
+"""Maximum number of fixed-point steps, and the change at which they end; the paper's camera needs fewer than 30."""
 
 
 def distort(intrinsics: Intrinsics, normalised: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return x/z, y/z (..., 2) as Brown's lens bends them (OpenCV: k1 k2 p1 p2 k3)."""
+    """Return the distorted x/z, y/z (..., 2) by Brown's lens model (OpenCV: k1 k2 p1 p2 k3)."""
     k1, k2, p1, p2, k3 = intrinsics.distortion
     x, y = normalised[..., 0], normalised[..., 1]
     r2 = x * x + y * y
@@ -34,7 +34,7 @@ def distort(intrinsics: Intrinsics, normalised: NDArray[np.float64]) -> NDArray[
 
 
 def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the x/z, y/z (..., 2) that the lens bends to ``distorted`` (fixed-point iteration)."""
+    """Return the x/z, y/z (..., 2) that the lens maps to ``distorted`` (fixed-point iteration)."""
     k1, k2, p1, p2, k3 = intrinsics.distortion
     point = distorted.copy()
     for _ in range(UNDISTORT_STEPS if any(intrinsics.distortion) else 0):
@@ -59,7 +59,7 @@ def pixel_rays(intrinsics: Intrinsics) -> NDArray[np.float64]:
 
 
 def project(intrinsics: Intrinsics, points_m: ArrayLike) -> NDArray[np.float64]:
-    """Return the pixel (..., 2) u, v of points (..., 3) in the camera frame; NaN for those behind it."""
+    """Return the pixels (..., 2) u, v of points (..., 3) in the camera frame; NaN for points behind the camera."""
     p = np.asarray(points_m, dtype=np.float64)
     z = np.where(p[..., 2:] > 0, p[..., 2:], np.nan)
     return distort(intrinsics, p[..., :2] / z) * [intrinsics.fx, intrinsics.fy] + [
@@ -70,11 +70,11 @@ def project(intrinsics: Intrinsics, points_m: ArrayLike) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A rectangle of an image, with its rays.
+    """A rectangle of an image, with the rays of its pixels.
 
     Attributes:
         rays: (m, n, 3) directions in the camera frame, z = 1.
-        depth_m: (m, n) along the optical axis, NaN where there is none.
+        depth_m: (m, n) along the optical axis, NaN where it is unknown.
         color: (m, n, 3) uint8 RGB.
     """
 
@@ -97,8 +97,8 @@ def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_
     Args:
         image: colour and depth.
         T_camera_box: pose of the box's frame in the camera.
-        lower_m: (3,) least corner of the box in its frame.
-        upper_m: (3,) greatest corner.
+        lower_m: (3,) lower corner of the box in its frame.
+        upper_m: (3,) upper corner.
     """
     lower, upper = np.asarray(lower_m, dtype=np.float64), np.asarray(upper_m, dtype=np.float64)
     pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)
@@ -115,7 +115,7 @@ def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_
 
 
 def check_image(image: RgbdImage) -> None:
-    """Refuse an image whose arrays do not fit its intrinsics."""
+    """Raise TrocarError if an image's arrays do not match its intrinsics."""
     size = (image.intrinsics.height, image.intrinsics.width)
     if image.depth_m.shape != size or image.color.shape != (*size, 3):
         raise TrocarError(

@@ -1,4 +1,4 @@
-"""Images and the camera model that every camera, real or simulated, returns."""
+"""Images and the camera model, common to real and simulated cameras."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.geometry import SE3
 
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """Pinhole camera with Brown's distortion, as OpenCV defines it: x right, y down, z forward.
+    """Pinhole camera with Brown's distortion, as in OpenCV: x right, y down, z forward.
 
     Attributes:
-        width: pixels. height: pixels.
-        fx: focal length in pixels. fy: likewise.
-        cx: principal point in pixels. cy: likewise.
+        width: width in pixels.
+        height: height in pixels.
+        fx: focal length in pixels, horizontally.
+        fy: likewise, vertically.
+        cx: principal point in pixels, horizontally.
+        cy: likewise, vertically.
         distortion: k1 k2 p1 p2 k3.
     """
 
@@ -35,9 +39,11 @@ class Intrinsics:
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
     def binned(self, factor: int) -> Intrinsics:
-        """Return the camera whose pixels are ``factor`` x ``factor`` of this one's."""
+        """Return the camera whose pixels combine ``factor`` x ``factor`` pixels of this one."""
         if factor < 1 or self.width % factor or self.height % factor:
-            raise TrocarError(f"binning {factor} does not divide the image of {self.width} x {self.height}")
+            raise TrocarError(
+                f"binning by {factor} does not divide the image of {self.width} x {self.height} pixels; give a divisor"
+            )
         centre = (factor - 1) / 2
         return Intrinsics(
             self.width // factor,
@@ -52,16 +58,52 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage:
-    """One colour and depth image on the same pixels.
+    """A colour and a depth image with common pixels.
 
     Attributes:
         color: (height, width, 3) uint8, RGB.
-        depth_m: (height, width) float32 along the optical axis; NaN where the sensor has no answer.
+        depth_m: (height, width) float32 along the optical axis; NaN where the sensor has no value.
         intrinsics: the camera that took it.
-        time_s: when, on the cell's clock.
+        time_s: time of the image on the cell's clock.
     """
 
     color: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
     intrinsics: Intrinsics
     time_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class StereoRig:
+    """Two cameras side by side that expose together.
+
+    Attributes:
+        left: the camera that poses refer to.
+        right: the other one.
+        T_left_right: pose of the right camera in the left one; for a rectified pair a shift along x alone.
+    """
+
+    left: Intrinsics
+    right: Intrinsics
+    T_left_right: SE3
+
+
+@dataclass(frozen=True, eq=False)
+class StereoImage:
+    """Two colour images of one moment.
+
+    Attributes:
+        left: (height, width, 3) uint8, RGB.
+        right: likewise.
+        rig: the cameras that took them.
+        time_s: when, on the cell's clock.
+    """
+
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    rig: StereoRig
+    time_s: float = 0.0
+
+
+CameraModel = Intrinsics | StereoRig
+Image = RgbdImage | StereoImage

@@ -1,4 +1,4 @@
-"""Where to place stay sutures round a circle, and in which direction to drive them (Thananjeyan et al.)."""
+"""Where to place stay sutures round a circle, and in which direction to drive each (Thananjeyan et al. 2019)."""
 
 from trocar.sutures.continuous import plan_continuous
 from trocar.sutures.enclosure import DexterityEnclosure, interpolated_bounds

@@ -1,4 +1,4 @@
-"""Sutures of a plan that would meet in the tissue: reported, not a constraint of the plan."""
+"""Sutures of a plan that would cross in the tissue: reported, but not a constraint on the plan."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Pair = tuple[int, int]
 
 
 def crossing_sutures(setup: SutureSetup, positions_rad: ArrayLike, directions: ArrayLike) -> tuple[Pair, ...]:
-    """Return the pairs of sutures whose paths, seen from above, cross or come nearer than the wire is thick.
+    """Return the pairs of sutures whose paths, seen from above, cross or come closer than the wire's thickness.
 
-    Depth is not looked at: where two paths cross from above, one may pass a little under the other.
+    Depth is ignored: where two paths cross as seen from above, one may pass below the other.
 
     Args:
         setup: circle, needle, insertion.
-        positions_rad: (n,) of the sutures.
-        directions: (n,) of ``DIRECTIONS``.
+        positions_rad: (n,) positions of the sutures.
+        directions: (n,) each one of ``DIRECTIONS``.
     """
     paths = tip_paths_m(setup, positions_rad, directions)
     pairs = combinations(range(len(paths)), 2)
@@ -29,17 +29,17 @@ def crossing_sutures(setup: SutureSetup, positions_rad: ArrayLike, directions: A
 
 
 def tip_paths_m(setup: SutureSetup, positions_rad: ArrayLike, directions: ArrayLike) -> NDArray[np.float64]:
-    """Return both ends (n, 2, 2) of the tip's paths in the tissue, seen from above, in the circle's frame."""
-    thetas, ways = np.asarray(positions_rad, dtype=np.float64), np.asarray(directions)
+    """Return start and end (n, 2, 2) of the tip's paths in the tissue, seen from above, in the circle's frame."""
+    thetas, signs = np.asarray(positions_rad, dtype=np.float64), np.asarray(directions)
     out = np.stack([np.cos(thetas), np.sin(thetas)], -1)
-    heading = -ways[:, None] * np.stack([-out[:, 1], out[:, 0]], -1)
+    heading = -signs[:, None] * np.stack([-out[:, 1], out[:, 0]], -1)
     back = bite_m(setup) / 2 if setup.insertion.theta_is == "middle" else 0.0
     entry = setup.circle.radius_m * out - back * heading
     return np.stack([entry, entry + tip_farthest_m(setup) * heading], 1)
 
 
 def _distance_m(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Return the least distance between two segments (2, 2) of a plane."""
+    """Return the distance between two line segments (2, 2) in the plane."""
     if _cross(one, other) and _cross(other, one):
         return 0.0
     ends = [(end, segment) for points, segment in ((one, other), (other, one)) for end in points]

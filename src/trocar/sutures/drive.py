@@ -1,4 +1,4 @@
-"""One suture as an arm drives it: dense paths of its joints, with a way in and a way out."""
+"""One suture as an arm drives it: dense joint paths, including the way in and the way out."""
 
 from __future__ import annotations
 
@@ -11,27 +11,26 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, ik_unbounded
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
-from trocar.sutures.joints import LIMIT_TOLERANCE
+from trocar.geometry import SE3, TURN
+from trocar.sutures.joints import INSERTION, LIMIT_TOLERANCE, ROLL
 from trocar.sutures.primitive import exit_turn_rad, needle_poses, steps, tip_poses, turned_to
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
-INSERTION, ROLL = 2, 3
 SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
-"""Between two places of a path."""
+"""Spacing of the places along a path."""
 ROOM_RAD = math.radians(15.0)
-"""High over the tissue, where any other way will do, joints stay this far inside: cables may ask for as much more."""
+"""Above the tissue, where the path is free to end early, joints keep this margin: compensated commands may need it."""
 UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Suture:
-    """What is to be done.
+    """One suture to drive.
 
     Attributes:
         setup: the geometry.
-        theta_rad: where on the circle.
-        direction: of ``DIRECTIONS``.
+        theta_rad: its position on the circle.
+        direction: one of ``DIRECTIONS``.
     """
 
     setup: SutureSetup
@@ -45,7 +44,7 @@ class Suture:
             raise TrocarError(f"the position of a suture is {self.theta_rad} rad; give a finite angle")
 
     def turned(self, T_circle: SE3) -> SE3:
-        """Return poses (2, k) at theta = 0, as the primitive gives them, at this suture's place: (k,)."""
+        """Return the primitive's poses (2, k) at theta = 0, moved to this suture's position and direction: (k,)."""
         return turned_to(T_circle, [self.theta_rad])[DIRECTIONS.index(self.direction), 0]
 
     def needle_tip_m(self, advance_m: NDArray[np.float64], turn_rad: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -55,7 +54,7 @@ class Suture:
 
     @property
     def needle_path_m(self) -> NDArray[np.float64]:
-        """Return the path (k, 3) of the needle's tip in the circle's frame while the jaws drive it."""
+        """Return the path (k, 3) of the needle's tip in the circle's frame while the jaws drive the needle."""
         insertion = self.setup.insertion
         advance = np.linspace(0.0, insertion.straight_m, 1 + math.ceil(insertion.straight_m / SPACING_M))
         last = insertion.rotation_rad + insertion.pushes * insertion.regrasp_rad
@@ -66,12 +65,12 @@ class Suture:
 
     @property
     def entry_m(self) -> NDArray[np.float64]:
-        """Return where (3,) the needle goes into the surface, in the circle's frame."""
+        """Return the point (3,) where the needle enters the surface, in the circle's frame."""
         return self.needle_tip_m(np.zeros(1), np.zeros(1))[0]
 
     @property
     def exit_m(self) -> NDArray[np.float64] | None:
-        """Return where (3,) the needle comes out again, in the circle's frame; None if the primitive ends before."""
+        """Return the point (3,) where the needle comes out again, in the circle's frame; None if it never does."""
         insertion, turn = self.setup.insertion, exit_turn_rad(self.setup)
         if not turn <= insertion.rotation_rad + insertion.pushes * insertion.regrasp_rad:
             return None
@@ -79,7 +78,7 @@ class Suture:
 
 
 def ranges(arm: ArmModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the joints' limits (6,), (6,), the insertion's cut to where the wrist is at its safe depth or below."""
+    """Return the joints' limits (6,), (6,), with the insertion restricted so that the wrist keeps its safe depth."""
     lower, upper = arm.lower.copy(), arm.upper.copy()
     sign = -arm.wrist_sign
     nearest = sign * arm.safe_depth_m - arm.offsets[INSERTION]
@@ -89,13 +88,13 @@ def ranges(arm: ArmModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
-    """A piece of the path between two things that the jaws do.
+class Segment:
+    """A segment of the path, between two actions of the jaws.
 
     Attributes:
-        name: lower, approach, the primitive's steps, withdraw, rise.
-        q: (k, 6) joints; NaN where the arm has no solution. The roll runs on without jumps over all pieces.
-        length_m: of the path of the jaws.
+        name: lower, approach, the name of a step of the primitive, withdraw, or rise.
+        q: (k, 6) joints; NaN where the arm has no solution. The roll is continuous over all segments.
+        length_m: length of the path of the jaws.
     """
 
     name: str
@@ -104,15 +103,15 @@ class Stretch:
 
     @property
     def regrasps(self) -> bool:
-        """Return whether the jaws go back along the wire, open."""
+        """Return whether the open jaws move back along the wire."""
         return self.name.startswith("regrasp")
 
     def first_outside(self, arm: ArmModel, room_rad: float = 0.0) -> tuple[int, int] | None:
-        """Return (place, joint) where the path first leaves a joint's range; joint -1 where there is no solution.
+        """Return (place, joint) where the path first leaves a joint's range, or None; joint -1: no solution there.
 
         Args:
-            arm: whose joints.
-            room_rad: how far joints that turn shall stay inside.
+            arm: the arm.
+            room_rad: margin that rotary joints keep to their limits.
         """
         lower, upper = ranges(arm)
         room = np.where(arm.turns > 0, room_rad, 0.0)
@@ -128,17 +127,17 @@ class Stretch:
 
 def drive(
     suture: Suture, lift_m: float = 0.025, approach_m: float = 0.006, withdraw_m: float = 0.010
-) -> tuple[Stretch, ...]:
-    """Return the pieces of one suture in order: ``lower``, ``approach``, the primitive's steps, ``withdraw``, ``rise``.
+) -> tuple[Segment, ...]:
+    """Return the segments of one suture: ``lower``, ``approach``, the primitive's steps, ``withdraw``, ``rise``.
 
-    The winding of the roll is that of the plan: it looks at the primitive alone. Way in and way out are cut
-    to what the joints' ranges allow; the primitive is not.
+    The roll has the same winding as in the plan, which depends on the primitive alone. The ways in and out are cut
+    short where they would leave the joints' ranges; the primitive is not.
 
     Args:
-        suture: which; its setup holds the base as the laboratory knows it.
-        lift_m: from above the circle's plane the arm comes this much lower, and rises as much in the end.
-        approach_m: last part of the way in, along the needle's first direction.
-        withdraw_m: by how much the open jaws go back along themselves in the end.
+        suture: the suture; the base in its setup is the registered one.
+        lift_m: height from which the arm is lowered at the start, and to which it rises at the end.
+        approach_m: length of the approach along the needle's initial direction.
+        withdraw_m: how far the open jaws back off along their own axis at the end.
     """
     setup = suture.setup
     into = suture.turned(tip_poses(setup, _spread(-approach_m, 0.0, SPACING_M), 0.0))
@@ -160,43 +159,42 @@ def drive(
     ends = np.cumsum([len(matrices) for matrices in poses])
     q = ik_unbounded(setup.arm, setup.T_base_circle @ SE3(np.concatenate(poses)))
     q[:, ROLL] = _unwound(q[:, ROLL], slice(int(ends[1]), int(ends[-3])), setup.arm.middle_floats[ROLL])
-    pieces = np.split(q, ends[:-1])
-    found = [Stretch(*parts) for parts in zip(names, pieces, lengths, strict=True)]
+    found = [Segment(*parts) for parts in zip(names, np.split(q, ends[:-1]), lengths, strict=True)]
     approach, lower = _cut(found[1::-1], setup.arm, -1)
     return (lower, approach, *found[2:-2], *_cut(found[-2:], setup.arm, 1))
 
 
-def _cut(stretches: Sequence[Stretch], arm: ArmModel, order: int) -> list[Stretch]:
-    """Return what the joints allow of stretches, from their starts on (order 1) or from their ends back (-1).
+def _cut(segments: Sequence[Segment], arm: ArmModel, order: int) -> list[Segment]:
+    """Return segments up to the first place out of range, counted from their starts (order 1) or their ends (-1).
 
-    Behind a place that is out of range nothing is left of the stretches that follow.
+    Segments beyond that place are left empty.
     """
-    kept: list[Stretch] = []
+    kept: list[Segment] = []
     broken = False
-    for stretch in stretches:
-        room = ROOM_RAD if stretch.name in ("lower", "rise") else 0.0
-        outside = (0, 0) if broken else replace(stretch, q=stretch.q[::order]).first_outside(arm, room)
+    for segment in segments:
+        room = ROOM_RAD if segment.name in ("lower", "rise") else 0.0
+        outside = (0, 0) if broken else replace(segment, q=segment.q[::order]).first_outside(arm, room)
         broken = outside is not None
         if outside is not None:
-            q = stretch.q[::order][: outside[0]][::order]
-            stretch = replace(stretch, q=q, length_m=stretch.length_m * len(q) / len(stretch.q))  # noqa: PLW2901
-        kept.append(stretch)
+            q = segment.q[::order][: outside[0]][::order]
+            segment = replace(segment, q=q, length_m=segment.length_m * len(q) / len(segment.q))  # noqa: PLW2901
+        kept.append(segment)
     return kept
 
 
 def _spread(start: float, end: float, spacing: float) -> NDArray[np.float64]:
-    """Return two or more evenly spaced values from start to end."""
+    """Return two or more evenly spaced values from start to end, at most ``spacing`` apart."""
     return np.linspace(start, end, 2 + math.floor(abs(end - start) / spacing))
 
 
 def _shifted(T: SE3, along: NDArray[np.float64], start_m: float, end_m: float) -> SE3:
-    """Return a pose at distances along a direction (3,): (k,)."""
+    """Return a pose shifted along a direction (3,), from one distance to another: (k,)."""
     offsets = _spread(start_m, end_m, 4 * SPACING_M)[:, None] * along
     return SE3.from_parts(T.rotation, T.translation_m + offsets)
 
 
 def _unwound(roll: NDArray[np.float64], primitive: slice, middle: float) -> NDArray[np.float64]:
-    """Return roll (k,) without jumps, in the winding that holds the primitive nearest to the middle."""
+    """Return roll (k,) without jumps, in the winding that keeps the primitive nearest to the middle of the range."""
     roll = np.unwrap(roll)
     center = (roll[primitive].max() + roll[primitive].min()) / 2
-    return roll - 2 * np.pi * np.rint((center - middle) / (2 * np.pi))
+    return roll - TURN * np.rint((center - middle) / TURN)

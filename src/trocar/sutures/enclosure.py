@@ -1,9 +1,9 @@
-"""What dexterity can be over whole arcs of the circle: upper and lower bounds, by intervals through the closed form.
+"""Bounds on the dexterity over whole arcs of the circle, by interval arithmetic through the closed form.
 
 The pose of the tip is ``h0 + h1 cos(theta) + h2 sin(theta)``, whose range over an arc is known exactly. The arm's own
-closed-form inverse kinematics, evaluated on these ranges, encloses the joints; the margin is monotone or convex in each
-joint's largest angle, so that it is largest at a corner of their box; manipulability is a product of the joints' sines
-and cosines. Nothing is sampled.
+closed-form inverse kinematics, evaluated on these ranges, encloses the joints. The margin is monotone or convex in each
+joint's largest angle, so that its maximum over a box of angles lies at a corner. Manipulability is a product of the
+joints' sines and cosines. Nothing is sampled.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms import ArmModel
 from trocar.arms.inverse import closed_form
 from trocar.errors import TrocarError
+from trocar.geometry import TURN
 from trocar.sutures.interval import Interval, IntervalMath
 from trocar.sutures.joints import LIMIT_TOLERANCE, ROLL, tip_harmonics
 from trocar.sutures.primitive import places
 from trocar.sutures.rewards import JOINTS, MARGINS, NO_SOLUTION, DexterityMap
 
 YAW = 0
-TURN = 2 * math.pi
 ManipulabilityBounds = Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[NDArray, NDArray]]
 
 
 @dataclass(frozen=True, eq=False)
 class JointRanges:
-    """Where the joints can be along sutures on arcs of the circle.
+    """Ranges of the joints along sutures on arcs of the circle.
 
     Attributes:
-        q: six intervals (2, k, c): directions, places along the suture, arcs. The roll is one winding of two:
-        other_roll: the other; mostly the same.
-        real: (2, k, c) whether the arm surely has a solution.
-        unreal: (2, k, c) whether it surely has none.
+        q: six intervals (2, k, c): directions, places along the suture, arcs. The roll is in one of two windings.
+        other_roll: the roll in the other winding; usually the same.
+        real: (2, k, c) whether the arm certainly has a solution.
+        unreal: (2, k, c) whether it certainly has none.
     """
 
     q: tuple[Interval, ...]
@@ -48,34 +48,35 @@ class JointRanges:
 
     @property
     def windings(self) -> tuple[tuple[Interval, ...], ...]:
-        """Return the joints with the one roll and with the other."""
+        """Return the joints with the roll in the one winding, then in the other."""
         return self.q, (*self.q[:ROLL], self.other_roll, *self.q[ROLL + 1 :])
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Bounds over arcs (c,) of the circle, one row a direction.
+    """Bounds over arcs (c,) of the circle, one row per direction.
 
     Attributes:
-        most: (2, c) no suture on the arc has a larger dexterity.
-        least: (2, c) none has a smaller one, if the margin's formula is monotone in each angle; nothing rests on it.
-        can: (2, c) whether one may be feasible.
-        must: (2, c) whether all are.
+        upper: (2, c) no suture on the arc has a larger dexterity.
+        lower: (2, c) none has a smaller one, if the margin's formula is monotone in each angle; no proof depends on it.
+        possible: (2, c) whether a suture on the arc may be feasible.
+        certain: (2, c) whether all sutures on the arc are certainly feasible.
     """
 
-    most: NDArray[np.float64]
-    least: NDArray[np.float64]
-    can: NDArray[np.bool_]
-    must: NDArray[np.bool_]
+    upper: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    possible: NDArray[np.bool_]
+    certain: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class DexterityEnclosure:
-    """Bounds on the dexterity of a map between its positions.
+    """Bounds on the dexterity between the positions of a map.
 
     Attributes:
-        map: whose setup, reward and scales count.
-        manipulability_bounds: least and largest M over arcs (from (c,), to (c,)); needed where M was given to the map.
+        map: gives setup, reward and scales.
+        manipulability_bounds: takes the ends (c,), (c,) of arcs to the smallest and largest M over them; needed if M
+            was given to the map as a function.
     """
 
     map: DexterityMap
@@ -84,7 +85,7 @@ class DexterityEnclosure:
     def __post_init__(self) -> None:
         if self.map.manipulability_at is not None and self.manipulability_bounds is None:
             raise TrocarError(
-                "manipulability was given to this map as a function of the position, whose values between positions "
+                "manipulability was given to this map as a function of the position, so its values between positions "
                 "are unknown; give manipulability_bounds too, such as interpolated_bounds(places, values)"
             )
 
@@ -95,14 +96,14 @@ class DexterityEnclosure:
             ranges = self.joints(Interval(start, end))
             margin = self._margin(ranges)
             given = self._manipulability(ranges, start, end)
-            (q_less, q_unit), (m_less, m_unit) = self.map.scales
+            (q_offset, q_unit), (m_offset, m_unit) = self.map.scales
             weight = self.map.reward.weight
-            value = weight * (margin - q_less) / q_unit + (1.0 - weight) * ((given - m_less) / m_unit)
-            can, must = self._feasible(ranges)
-        return Bounds(value.high + 1e-12, value.low - 1e-12, can, must)
+            value = weight * (margin - q_offset) / q_unit + (1.0 - weight) * ((given - m_offset) / m_unit)
+            possible, certain = self._feasible(ranges)
+        return Bounds(value.high + 1e-12, value.low - 1e-12, possible, certain)
 
     def joints(self, theta: Interval) -> JointRanges:
-        """Return where the joints can be on arcs (c,)."""
+        """Return the ranges of the joints on arcs (c,)."""
         arm = self._arm
         pose = _turned(self._harmonics, theta)
         rows = [[pose[i, j] for j in range(4)] for i in range(3)]
@@ -110,7 +111,7 @@ class DexterityEnclosure:
         middle = arm.middle_floats
         q[YAW] = _turned_to(q[YAW], middle[YAW])
         q[ROLL], other = _unwound(q[ROLL], middle[ROLL])
-        size = cosine.size()
+        size = abs(cosine)
         return JointRanges(tuple(q), other, size.high <= 1.0, size.low > 1.0)
 
     @cached_property
@@ -133,19 +134,20 @@ class DexterityEnclosure:
         looked_at = self._along.station if reward.at == "stations" else np.ones(len(self._along.station), dtype=bool)
         found = None
         for q in ranges.windings:
-            largest = [(q[i] - arm.middle_floats[i]).size()[:, looked_at] for i in which]
+            largest = [abs(q[i] - arm.middle_floats[i])[:, looked_at] for i in which]
+            # monotone or convex in each angle: the extremes over the box of angles lie at its corners
             ends = [(size.low.max(1), size.high.max(1)) for size in largest]
             values = np.stack([formula(limit, np.stack(corner, -1)) for corner in itertools.product(*ends)])
             margin = Interval.around(values.min(0), values.max(0))
             found = margin if found is None else found.hull(margin)
         assert found is not None
         none = Interval(*np.broadcast_arrays(NO_SOLUTION, NO_SOLUTION, found.low)[:2])
-        # one place without a solution is enough: the roll's course is unknown then
+        # one place without a solution is enough: without it the course of the roll is unknown
         found = found.where(ranges.real.all(1), found.hull(none))
         return none.where(ranges.unreal.any(1), found)
 
     def _manipulability(self, ranges: JointRanges, start: NDArray, end: NDArray) -> Interval:
-        """Return M (c,) before scaling: of the surrogate, or as given."""
+        """Return M (c,) before scaling: that of the surrogate, or the one given."""
         if self.manipulability_bounds:
             return Interval.around(*self.manipulability_bounds(start, end))
         arm = self._arm
@@ -153,33 +155,35 @@ class DexterityEnclosure:
         _, pitch, insertion, _, wrist, _ = (value + offset for value, offset in zip(ranges.q, arm.offsets, strict=True))
         depth = -arm.wrist_sign * insertion
         none = Interval.around(*np.broadcast_arrays(arm.offsets[1], arm.offsets[1], pitch.low)[:2])
-        pitch = none.where(ranges.unreal, pitch.where(ranges.real, pitch.hull(none)))  # 0 where it has no solution
+        # where the arm has no solution, the surrogate takes the pitch as 0: only its offset is left
+        pitch = none.where(ranges.unreal, pitch.where(ranges.real, pitch.hull(none)))
         found = ((s1 * s2 * pitch.sin()) * (depth * (depth * wrist.cos() + arm.wrist_length_m))).square()
         count = found.low.shape[0] * found.low.shape[1]
         low, high = found.low.sum((0, 1)) / count, found.high.sum((0, 1)) / count
         return Interval.around(low - 1e-14 * np.abs(low), high + 1e-14 * np.abs(high))
 
     def _feasible(self, ranges: JointRanges) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return whether sutures (2, c) may, and whether they must, be within the limits and deep enough."""
+        """Return whether sutures (2, c) may be within the limits and deep enough, and whether they certainly are."""
         arm = self._arm
         shallowest = arm.safe_depth_m - LIMIT_TOLERANCE
         depth = -arm.wrist_sign * (ranges.q[2] + arm.offsets[2])
-        can, must = [], []
+        possible, certain = [], []
         for q in ranges.windings:
-            may, shall = ~ranges.unreal & (depth.high >= shallowest), ranges.real & (depth.low >= shallowest)
+            some, every = ~ranges.unreal & (depth.high >= shallowest), ranges.real & (depth.low >= shallowest)
             for value, joint in zip(q, arm.joints, strict=True):
                 lower, upper = joint.lower - LIMIT_TOLERANCE, joint.upper + LIMIT_TOLERANCE
-                may &= (value.high >= lower) & (value.low <= upper)
-                shall &= (value.low >= lower) & (value.high <= upper)
-            can.append(may.all(1))
-            must.append(shall.all(1))
-        return can[0] | can[1], must[0] & must[1]
+                some &= (value.high >= lower) & (value.low <= upper)
+                every &= (value.low >= lower) & (value.high <= upper)
+            possible.append(some.all(1))
+            certain.append(every.all(1))
+        # which of the two windings it is remains unknown: possible in either, certain in both
+        return possible[0] | possible[1], certain[0] & certain[1]
 
 
 def interpolated_bounds(places_rad: ArrayLike, values: ArrayLike) -> ManipulabilityBounds:
-    """Return the bounds over arcs of what is interpolated linearly between places (p,) round the circle.
+    """Return the bounds over arcs of values interpolated linearly between places (p,) round the circle.
 
-    A function of straight pieces is least and largest at the ends of the arc or at the places within.
+    A piecewise linear function has its extremes at the ends of the arc or at the places within it.
     """
     around = np.mod(np.asarray(places_rad, dtype=np.float64), TURN)
     order = np.argsort(around)
@@ -198,8 +202,8 @@ def interpolated_bounds(places_rad: ArrayLike, values: ArrayLike) -> Manipulabil
 def _turned(parts: NDArray[np.float64], theta: Interval) -> Interval:
     """Return ``h0 + h1 cos(theta) + h2 sin(theta)`` (..., c) of parts (3, ...) on arcs (c,).
 
-    On less than half a turn this has at most one crest or trough; its slopes at the ends tell. Rounding is below
-    four units in the last place of the largest term.
+    On less than half a turn this has at most one crest or trough, which the slopes at both ends reveal. Rounding is
+    below four units in the last place of the largest term.
     """
     constant, cosine, sine = parts[..., None]
     swing = np.hypot(cosine, sine)
@@ -215,7 +219,7 @@ def _turned(parts: NDArray[np.float64], theta: Interval) -> Interval:
 
 
 def _turned_to(angle: Interval, middle: float) -> Interval:
-    """Return the angle in the turn nearest to the middle; all of that turn where it may be in two of them."""
+    """Return the angle in the turn nearest to the middle; that whole turn where the angle may be in two of them."""
     turns = np.rint(np.nan_to_num((middle - angle.middle) / TURN)) * TURN
     angle = angle + Interval(turns, turns)
     astray = (angle.low < middle - math.pi) | (angle.high > middle + math.pi)
@@ -224,7 +228,7 @@ def _turned_to(angle: Interval, middle: float) -> Interval:
 
 
 def _unwound(roll: Interval, middle: float) -> tuple[Interval, Interval]:
-    """Return the roll (2, k, c) as ``unwound`` does, in the two windings that are possible; unbounded if unclear."""
+    """Return the roll (2, k, c) as ``joints.unwound`` does, in the two possible windings; unbounded where unknown."""
     known = np.asarray(np.isfinite(roll.width).all(1))
     mid = np.where(known[:, None], np.nan_to_num(roll.middle), 0.0)
     run = np.unwrap(mid, axis=1)

@@ -1,4 +1,4 @@
-"""The paper's problem: sutures evenly spaced, at whole steps of the grid; by a fast search and by full enumeration."""
+"""The paper's problem: evenly spaced sutures on the grid, by a fast search and by full enumeration."""
 
 from __future__ import annotations
 
@@ -10,44 +10,58 @@ from trocar.errors import TrocarError
 from trocar.sutures.plan import SuturePlan, check_count, plan_on_grid, ranks
 from trocar.sutures.rewards import DexterityMap
 
-MOST_PLANS = 20_000_000
+MAX_PLANS = 20_000_000
 
 
 def plan_even(map: DexterityMap, count: int = 4) -> SuturePlan:
-    """Return the best plan of evenly spaced sutures; of several, the one with the first start.
+    """Return the best plan of evenly spaced sutures; ties go to the first start.
 
-    Manipulability does not depend on the direction, so that each suture takes its better direction (paper, III-D1), and
-    the starts alone, a ``count``-th of the circle, decide: 90 plans, not 1440.
+    Manipulability does not depend on the direction, so each suture takes its better direction (paper, III-D1), and only
+    the start remains to be chosen, from a ``count``-th of the circle: 90 plans, not 1440.
+
+    Args:
+        map: dexterity of the sutures on the grid.
+        count: number of sutures.
 
     Raises:
         TrocarError: the positions of the map cannot be divided by ``count``.
+
+    Example:
+        >>> from trocar.sutures import PRESETS, dexterity, plan_even
+        >>> plan = plan_even(dexterity(PRESETS["default"].setup), count=4)
+        >>> plan.positions_rad.shape, round(plan.reward, 3), plan.feasible
+        ((4,), 0.605, True)
     """
     starts = _starts(map, count)
-    every = ranks(map)
-    choice = np.argmax(every, axis=0)
-    worst = every.max(0).reshape(count, starts).min(0)
+    all_ranks = ranks(map)
+    choice = np.argmax(all_ranks, axis=0)
+    worst = all_ranks.max(0).reshape(count, starts).min(0)
     where = int(np.argmax(worst)) + starts * np.arange(count)
     return plan_on_grid(map, where, choice[where])
 
 
 def plan_exhaustive(map: DexterityMap, count: int = 4) -> SuturePlan:
-    """Return the same plan by enumerating every start with every combination of directions (paper, III-H).
+    """Return the plan of ``plan_even`` by enumerating all starts and combinations of directions (paper, III-H).
 
-    Of plans whose worst sutures are alike the first start is taken, and there the largest sum of ranks, since
-    the directions of all but the worst suture do not show in the reward.
+    Ties go to the first start and, there, to the largest sum of ranks, since the reward does not depend on the
+    directions of any but the worst suture.
+
+    Args:
+        map: dexterity of the sutures on the grid.
+        count: number of sutures.
 
     Raises:
         TrocarError: the positions of the map cannot be divided by ``count``, or there are too many plans.
     """
     starts = _starts(map, count)
-    if starts * 2**count > MOST_PLANS:
+    if starts * 2**count > MAX_PLANS:
         raise TrocarError(
             f"{starts} starts with directions for {count} sutures make {starts * 2**count} plans; enumerate at most "
-            f"{MOST_PLANS}, or use plan_even, which finds the same plan"
+            f"{MAX_PLANS}, or use plan_even, which finds the same plan"
         )
-    every = ranks(map).reshape(2, count, starts)
+    all_ranks = ranks(map).reshape(2, count, starts)
     combinations = np.array(list(itertools.product((0, 1), repeat=count)))
-    plans = every[combinations, np.arange(count)]  # (combinations, count, starts)
+    plans = all_ranks[combinations, np.arange(count)]  # (combinations, count, starts)
     worst = plans.min(1)
     start = int(np.argmax(worst.max(0)))
     alike = worst[:, start] == worst[:, start].max()
@@ -56,7 +70,7 @@ def plan_exhaustive(map: DexterityMap, count: int = 4) -> SuturePlan:
 
 
 def _starts(map: DexterityMap, count: int) -> int:
-    """Return how many starts differ."""
+    """Return the number of different starts."""
     check_count(count)
     positions = len(map.thetas_rad)
     if positions % count:

@@ -1,4 +1,4 @@
-"""Interval arithmetic on arrays: every result encloses whatever real numbers the operands stand for can give."""
+"""Interval arithmetic on arrays: each result encloses every value that reals within the operands can give."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 WIDER = 1e-15
-"""Results are widened by this share of themselves: more than four units in the last place, whatever the rounding."""
+"""Results are widened by this share of themselves: more than four units in the last place, in any rounding mode."""
 TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Intervals [low, high], one for each element; unbounded where nothing better is known.
+    """Intervals [low, high], one per element; unbounded where nothing better is known.
 
-    ``+ - * /`` with intervals and floats; ``x * x`` of one and the same object is its square.
+    Supports ``+ - * /`` with intervals and floats, and ``abs``; ``x * x`` of one and the same object is its square.
 
     Attributes:
         low: array of any shape.
@@ -29,13 +29,17 @@ class Interval:
 
     @staticmethod
     def around(low: ArrayLike, high: ArrayLike) -> Interval:
-        """Return the intervals between these floats, widened for the rounding with which they were computed."""
+        """Return the intervals between these floats, widened by the rounding error with which they were computed."""
         low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         below, above = low - (WIDER * np.abs(low) + TINY), high + (WIDER * np.abs(high) + TINY)
         return Interval(np.fmax(below, -np.inf), np.fmin(above, np.inf))  # NaN, as of inf - inf: unbounded
 
     def __neg__(self) -> Interval:
         return Interval(-self.high, -self.low)
+
+    def __abs__(self) -> Interval:
+        smallest = np.maximum(np.maximum(self.low, -self.high), 0.0)
+        return Interval(smallest, np.maximum(np.abs(self.low), np.abs(self.high)))
 
     def __add__(self, other: Interval | float) -> Interval:
         low, high = _ends(other)
@@ -72,37 +76,33 @@ class Interval:
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """Return the middle; NaN of what is unbounded on both sides."""
+        """Return the middle; NaN where an interval is unbounded on both sides."""
         return (self.low + self.high) / 2
 
     @property
     def width(self) -> NDArray[np.float64]:
-        """Return high less low."""
+        """Return high minus low."""
         return self.high - self.low
 
     def square(self) -> Interval:
         """Return the squares."""
-        size = self.size()
+        size = abs(self)
         return Interval.around(size.low**2, size.high**2)
-
-    def size(self) -> Interval:
-        """Return the absolute values."""
-        least = np.maximum(np.maximum(self.low, -self.high), 0.0)
-        return Interval(least, np.maximum(np.abs(self.low), np.abs(self.high)))
 
     def sqrt(self) -> Interval:
         """Return the square roots, 0 of negative numbers."""
         return Interval.around(np.sqrt(np.maximum(self.low, 0.0)), np.sqrt(np.maximum(self.high, 0.0)))
 
     def arctan(self) -> Interval:
-        """Return the arcus tangents."""
+        """Return the arctangents."""
         return Interval.around(np.arctan(self.low), np.arctan(self.high))
 
     def cos(self) -> Interval:
         """Return the cosines."""
         here = Interval.around(self.low, self.high)
         at_low, at_high = np.cos(here.low), np.cos(here.high)
-        first = np.ceil(here.low / math.pi - 1e-12)  # of the multiples of pi within, even ones are crests
+        # multiples of pi within the interval: cos has a crest at even ones and a trough at odd ones
+        first = np.ceil(here.low / math.pi - 1e-12)
         many = here.high / math.pi + 1e-12 - first
         even = np.floor(first / 2) * 2 == first
         crest, trough = (many >= 1) | ((many >= 0) & even), (many >= 1) | ((many >= 0) & ~even)
@@ -117,16 +117,16 @@ class Interval:
         return (self - math.pi / 2).cos()
 
     def hull(self, other: Interval) -> Interval:
-        """Return the smallest intervals that hold both."""
+        """Return the smallest intervals that contain both."""
         return Interval(np.minimum(self.low, other.low), np.maximum(self.high, other.high))
 
     def where(self, condition: ArrayLike, other: Interval) -> Interval:
-        """Return these intervals where the condition holds, and the other ones elsewhere."""
+        """Return these intervals where the condition holds, and the others elsewhere."""
         return Interval(np.where(condition, self.low, other.low), np.where(condition, self.high, other.high))
 
 
 class IntervalMath:
-    """What ``closed_form`` of the arms needs, for intervals."""
+    """The functions that ``closed_form`` of the arms needs, for intervals."""
 
     @staticmethod
     def sqrt(x: Interval) -> Interval:
@@ -137,7 +137,7 @@ class IntervalMath:
 
     @staticmethod
     def copysign(x: Interval, sign: Interval) -> Interval:
-        """Return x >= 0 with the sign of another; of both where it may be either."""
+        """Return x >= 0 with the sign of another interval; from -x to x where that may be either."""
         above, below = sign.low > 0, sign.high < 0
         return Interval(np.where(above, x.low, -x.high), np.where(below, -x.low, x.high))
 
@@ -149,6 +149,7 @@ class IntervalMath:
     @staticmethod
     def atan2(y: Interval, x: Interval) -> Interval:
         """Return the angles of (x, y), up to whole turns; unbounded where (x, y) may lie on any side of the origin."""
+        # turned by the angle of the box's middle, the rest is small, and its tangent a quotient that stays bounded
         angle = np.arctan2(np.nan_to_num(y.middle), np.nan_to_num(x.middle))
         at, c, s = Interval.around(angle, angle), np.cos(angle), np.sin(angle)
         cosine, sine = Interval.around(c, c), Interval.around(s, s)

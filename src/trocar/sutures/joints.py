@@ -1,4 +1,4 @@
-"""The joints of the arm along sutures all round the circle, in both directions, within the limits or not."""
+"""The arm's joints along sutures all round the circle, in both directions, whether within the limits or not."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, ik_unbounded, wrist_depth_m
-from trocar.geometry import SE3
+from trocar.geometry import SE3, TURN
 from trocar.sutures.primitive import Places, places, tip_poses
 from trocar.sutures.setup import SutureSetup
 
 LIMIT_TOLERANCE = 1e-9
-ROLL = 3
+INSERTION, ROLL = 2, 3
 
 
 @dataclass(frozen=True, eq=False)
 class SutureJoints:
-    """Configurations along sutures.
+    """Configurations of the arm along sutures.
 
     Attributes:
-        arm: whose.
+        arm: the arm.
         thetas_rad: (n,) positions on the circle.
-        q: (2, n, k, 6) one row a direction of ``DIRECTIONS``; k places along the suture as ``places`` lists
-            them; rad and m. NaN where the arm has no real solution. The roll runs on without jumps, in the winding
-            whose largest value is least.
+        q: (2, n, k, 6) one row per direction of ``DIRECTIONS``, at the k places along the suture that ``places`` lists;
+            rad and m. NaN where the arm has no real solution. The roll is continuous, in the winding that stays nearest
+            to the middle of its range.
         station: (k,) which places are stations.
     """
 
@@ -37,13 +37,13 @@ class SutureJoints:
 
     @cached_property
     def excess(self) -> NDArray[np.float64]:
-        """Return how far each joint leaves its range at its worst (2, n, 6), rad or m; infinite where q is NaN."""
+        """Return how far each joint leaves its range at worst (2, n, 6), rad or m; infinite where q is NaN."""
         outside = np.maximum(self.arm.lower - self.q.min(2), self.q.max(2) - self.arm.upper)
         return np.where(np.isfinite(outside), np.maximum(outside, 0.0), np.inf)
 
     @cached_property
     def too_shallow_m(self) -> NDArray[np.float64]:
-        """Return how far (2, n) the wrist comes too near to the remote centre at its worst."""
+        """Return by how much (2, n) the wrist falls short of the safe depth at worst; infinite where q is NaN."""
         lacking = self.arm.safe_depth_m - wrist_depth_m(self.arm, self.q).min(2)
         return np.where(np.isfinite(lacking), np.maximum(lacking, 0.0), np.inf)
 
@@ -54,18 +54,18 @@ class SutureJoints:
 
     @cached_property
     def largest_wrist_rad(self) -> NDArray[np.float64]:
-        """Return q_max of the paper (2, n, 3): the largest |angle| of roll, wrist pitch and yaw at the stations."""
+        """Return the paper's q_max (2, n, 3): the largest |angle| of roll, wrist pitch and yaw at the stations."""
         return np.abs(self.q[:, :, self.station, 3:]).max(2)
 
 
 def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
-    """Return the joints along the sutures at these positions (n,), both directions, in closed form."""
+    """Return the joints along the sutures at these positions (n,), in both directions, in closed form."""
     thetas = np.atleast_1d(np.asarray(thetas_rad, dtype=np.float64))
     along = places(setup)
     harmonics = tip_harmonics(setup, along)
     turns = np.stack([np.ones_like(thetas), np.cos(thetas), np.sin(thetas)], -1)
     poses = turns @ np.moveaxis(harmonics.reshape(*harmonics.shape[:3], 16), 0, 2).swapaxes(0, 1)
-    # places lie outermost in memory: what is largest or least along a suture is then found row by row
+    # places are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
     q = np.moveaxis(ik_unbounded(setup.arm, SE3(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
     return SutureJoints(setup.arm, thetas, q, along.station)
@@ -74,8 +74,8 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
 def tip_harmonics(setup: SutureSetup, along: Places) -> NDArray[np.float64]:
     """Return (3, 2, k, 4, 4): the tip's pose in the base is ``h[0] + h[1] cos(theta) + h[2] sin(theta)``.
 
-    A suture at theta is the one at 0 turned about the circle's axis, ``T_base_circle Rz(theta) T_circle_tip``, and
-    ``Rz`` is linear in 1, cos and sin: one sum of products in place of two products of matrices.
+    A suture at theta is the one at 0 rotated about the circle's axis, ``T_base_circle Rz(theta) T_circle_tip``, and
+    ``Rz`` is linear in 1, cos and sin: a sum of three terms replaces two matrix products.
     """
     turns = np.zeros((3, 4, 4))
     turns[0, 2, 2] = turns[0, 3, 3] = turns[1, 0, 0] = turns[1, 1, 1] = turns[2, 1, 0] = 1.0
@@ -87,8 +87,8 @@ def tip_harmonics(setup: SutureSetup, along: Places) -> NDArray[np.float64]:
 def unwound(roll: NDArray[np.float64], middle: float = 0.0) -> NDArray[np.float64]:
     """Return roll (..., k) rad without jumps along its last axis, in the winding that stays nearest to the middle.
 
-    The roll is known up to whole turns alone; wrapped naively, it jumps at some positions (``facts/suture.md``).
+    The roll is known only up to whole turns; wrapped naively, it jumps at some positions (``facts/suture.md``).
     """
     roll = np.unwrap(roll, axis=-1)
     center = (roll.max(-1) + roll.min(-1)) / 2
-    return roll - 2 * np.pi * np.rint((center - middle) / (2 * np.pi))[..., None]
+    return roll - TURN * np.rint((center - middle) / TURN)[..., None]

@@ -1,7 +1,7 @@
-"""Where to put circle, port and grasp so that the best plan of sutures is best: a search round the planner.
+"""Search for the circle, port and grasp whose best plan of sutures scores highest: an outer loop round the planner.
 
-For each setup the plan is exact (on its grid); over setups the search is differential evolution, which proves nothing.
-For up to three numbers that move the circle alone, ``outer_bound.py`` proves how much more there could be.
+For each setup the plan is exact (on its grid). Over setups the search is differential evolution, which proves nothing.
+For up to three parameters that only move or resize the circle, ``outer_bound.py`` proves how much better it could get.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 from trocar.errors import TrocarError
+from trocar.geometry import shown
 from trocar.sutures.even import plan_even
 from trocar.sutures.joints import suture_joints
-from trocar.sutures.parameters import RANGES, check_bounds, check_names, parameters_of, shown, with_parameters
-from trocar.sutures.plan import SuturePlan
+from trocar.sutures.parameters import RANGES, check_bounds, check_names, parameters_of, shown_parameter, with_parameters
+from trocar.sutures.plan import Planner, SuturePlan
 from trocar.sutures.primitive import places, tip_poses
-from trocar.sutures.rewards import DexterityMap, Reward, Scales, dexterity, judged
+from trocar.sutures.rewards import DexterityMap, Reward, Scales, dexterity, scored
 from trocar.sutures.setup import HOLDABLE_RAD, SutureSetup
 
 HEURISTIC = "inner exact, outer heuristic: each setup's plan is the best on its grid; the setup is the best one found"
@@ -31,26 +32,25 @@ PORT = ("base_azimuth_rad", "base_sideways_m", "base_up_m", "base_tilt_rad", "ba
 GRASP = ("grasp_behind_tip_rad", "grasp_approach_rad", "grasp_lean_rad")
 
 POPULATION = 48
-NOT_POSSIBLE = 10.0
-"""Added to the cost of a plan that cannot be done: more than any reward."""
+INFEASIBLE_COST = 10.0
+"""Added to the cost of an infeasible plan: more than any reward."""
 
-Planner = Callable[[DexterityMap], SuturePlan]
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
 class OuterSearch:
-    """What a search over setups found.
+    """Result of a search over setups.
 
     Attributes:
-        start: the map of the setup that it began with.
+        start: map of the initial setup.
         start_plan: the best plan there.
-        best: the map of the best setup found, scaled as ``start``, so that rewards compare.
+        best: map of the best setup found, scaled like ``start``, so that rewards are comparable.
         plan: the best plan there.
-        free: names of the numbers that were searched over.
-        bounds: (f, 2) of them.
-        evaluations: how many setups were looked at.
-        seconds: how long that took.
+        free: names of the parameters that were searched over.
+        bounds: (f, 2) their bounds.
+        evaluations: number of setups evaluated.
+        seconds: duration of the search.
         certified: what is proven and what is not, in words.
     """
 
@@ -66,7 +66,7 @@ class OuterSearch:
 
     @property
     def setups_per_s(self) -> float:
-        """Return how many setups were looked at in a second, planner included."""
+        """Return the number of setups evaluated per second, planner included."""
         return self.evaluations / self.seconds
 
     def summary(self) -> dict[str, Any]:
@@ -92,7 +92,7 @@ class OuterSearch:
 
 
 def _chosen(start: SutureSetup, best: SutureSetup) -> dict[str, float]:
-    """Return the numbers of the best setup as seen from the starting circle, from which the base is measured."""
+    """Return the parameters of the best setup, with the base measured from the initial circle."""
     from_start = replace(best, circle=replace(best.circle, T_world_circle=start.circle.T_world_circle))
     shift = (start.circle.T_world_circle.inverse() @ best.circle.T_world_circle).translation_m
     return {**parameters_of(from_start), "center_x_m": float(shift[0]), "center_y_m": float(shift[1])}
@@ -113,56 +113,58 @@ def outer_search(
     scales: Scales | None = None,
     progress: Progress | None = None,
 ) -> OuterSearch:
-    """Return the best setup found over some of its numbers; never worse than the one it began with.
+    """Return the best setup found over some of its parameters; never worse than the initial one.
 
-    The jaws stay above the tissue; whether arm or port fit beside the patient is not asked, other than by the bounds.
-    Margin and manipulability are scaled alike in all setups: scaled anew for each, rewards would not compare.
+    The jaws stay above the tissue; otherwise only the bounds keep arm and port clear of the patient. Margin and
+    manipulability are scaled alike in all setups; with a scale of its own for each, rewards would not be comparable.
 
     Args:
-        setup: where to begin; numbers that are not free stay.
-        reward: the measure.
-        free: names of ``RANGES``.
-        rng: randomness of the evolution.
-        bounds: of free numbers, in place of ``RANGES``.
-        planner: what makes a plan of a map.
-        positions: grid of the plans that are returned; a multiple of ``coarse``.
-        coarse: grid of the plans during the search.
-        evaluations: about how many setups to look at.
+        setup: the initial setup; parameters that are not free stay.
+        reward: how sutures are scored.
+        free: names of the free parameters, from ``RANGES``.
+        rng: random generator of the evolution.
+        bounds: of free parameters, in place of ``RANGES``.
+        planner: makes the best plan of a map.
+        positions: size of the grid of the returned plans; a multiple of ``coarse``.
+        coarse: size of the grid during the search.
+        evaluations: approximate number of setups to evaluate.
         holdable: whether flat jaws must be able to hold the needle as grasped.
-        scales: of margin and manipulability; default: those of the setup where the search begins.
-        progress: called with how many setups were looked at and how many there will be.
+        scales: of margin and manipulability; default: those of the initial setup.
+        progress: called with the number of setups evaluated and the number planned.
     """
     start = dexterity(setup, reward, positions)
     if scales is not None:
-        start = judged(setup, start.reward, start.joints, scales=scales)
+        start = scored(setup, start.reward, start.joints, scales=scales)
     limits = free_bounds(free, bounds)
     if evaluations < 2 * POPULATION:
-        raise TrocarError(f"the number of setups to look at is {evaluations}; give at least {2 * POPULATION}")
+        raise TrocarError(f"the number of evaluations is {evaluations}; give at least {2 * POPULATION}")
     if positions % coarse:
         raise TrocarError(
-            f"a grid of {positions} positions has no every {coarse}th part for the search; give a multiple of {coarse}"
+            f"a grid of {positions} positions does not contain the search's of {coarse}; give a multiple of {coarse}"
         )
     if holdable and not setup.grasp.holdable and not {"grasp_lean_rad", "grasp_skew_rad"} & set(free):
         raise TrocarError(
-            f"the grasp holds the wire {np.degrees(setup.grasp.out_of_jaws_rad):.0f} deg out of the plane of flat "
-            "jaws; free the grasp's lean and skew, begin with skew 0, or ask for no holdable grasp"
+            f"the grasp holds the wire {shown(setup.grasp.out_of_jaws_rad, 'rad', '.0f')} out of the plane of flat "
+            "jaws; free the grasp's lean or skew, start from skew 0, or allow grasps that flat jaws cannot hold"
         )
     thetas = start.thetas_rad[:: positions // coarse]
-    looked = 0
+    evaluated = 0
 
+    # Infeasible setups cost more the worse they are, in ranks that do not overlap, so that the evolution is led out of
+    # them: no setup at all, jaws in the tissue or unholdable grasp, plan out of reach, feasible plan.
     def cost(x: NDArray[np.float64]) -> float:
-        nonlocal looked
-        looked += 1
-        if progress and looked % POPULATION == 0:
-            progress(min(looked, evaluations), evaluations)
+        nonlocal evaluated
+        evaluated += 1
+        if progress and evaluated % POPULATION == 0:
+            progress(min(evaluated, evaluations), evaluations)
         try:
             there = with_parameters(setup, dict(zip(free, x.tolist(), strict=True)))
         except TrocarError:  # a needle larger than the circle allows, a grasp beyond its tail
-            return 4 * NOT_POSSIBLE
+            return 4 * INFEASIBLE_COST
         if (height := jaws_above_m(there)) < 0:
-            return 3 * NOT_POSSIBLE + 1 - height
+            return 3 * INFEASIBLE_COST + 1 - height
         if holdable and not there.grasp.holdable:
-            return 3 * NOT_POSSIBLE + there.grasp.out_of_jaws_rad - HOLDABLE_RAD
+            return 3 * INFEASIBLE_COST + there.grasp.out_of_jaws_rad - HOLDABLE_RAD
         return plan_cost(there, start.reward, thetas, start.scales, planner)
 
     began = time.perf_counter()
@@ -175,28 +177,28 @@ def outer_search(
     seconds = time.perf_counter() - began
     usual = planner(start)
     found = with_parameters(setup, dict(zip(free, x.tolist(), strict=True)))
-    best = judged(found, start.reward, suture_joints(found, start.thetas_rad), scales=start.scales)
+    best = scored(found, start.reward, suture_joints(found, start.thetas_rad), scales=start.scales)
     plan = planner(best)
     allowed = jaws_above_m(found) >= 0 and (found.grasp.holdable or not holdable)
     if not allowed or (plan.feasible, plan.reward) < (usual.feasible, usual.reward):
         best, plan = start, usual
-    return OuterSearch(start, usual, best, plan, tuple(free), limits, looked, seconds, HEURISTIC)
+    return OuterSearch(start, usual, best, plan, tuple(free), limits, evaluated, seconds, HEURISTIC)
 
 
 def plan_cost(
     setup: SutureSetup, reward: Reward, thetas_rad: NDArray[np.float64], scales: Scales, planner: Planner
 ) -> float:
-    """Return minus the reward of a setup's best plan; of one that cannot be done, how far it is outside the limits."""
-    found = judged(setup, reward, suture_joints(setup, thetas_rad), scales=scales)
+    """Return minus the reward of a setup's best plan or, if that is infeasible, a cost that grows with the excess."""
+    found = scored(setup, reward, suture_joints(setup, thetas_rad), scales=scales)
     plan = planner(found)
     if plan.feasible or not reward.feasible_first:
         return -plan.reward
     outside = found.joints.excess.sum(-1) + found.joints.too_shallow_m
-    return NOT_POSSIBLE + min(float(outside.min(0).max()), NOT_POSSIBLE)
+    return INFEASIBLE_COST + min(float(outside.min(0).max()), INFEASIBLE_COST)
 
 
 def jaws_above_m(setup: SutureSetup) -> float:
-    """Return how far above the tissue's plane the jaws stay, from the held point back to their joint; the least."""
+    """Return the smallest height above the tissue's plane of the jaws, from the held point back to their joint."""
     along = places(setup)
     T_circle_tip = tip_poses(setup, along.advance_m, along.jaws_rad).matrix
     held = T_circle_tip[..., 2, 3]
@@ -204,13 +206,15 @@ def jaws_above_m(setup: SutureSetup) -> float:
 
 
 def free_bounds(free: Sequence[str], bounds: Mapping[str, tuple[float, float]] | None = None) -> NDArray[np.float64]:
-    """Return the bounds (f, 2) of these numbers, or raise a sentence."""
+    """Return the bounds (f, 2) of these parameters, or raise TrocarError."""
     if not free or len(set(free)) != len(free):
-        raise TrocarError(f"the free numbers are {', '.join(free) or 'none'}; name one or more of {', '.join(RANGES)}")
+        raise TrocarError(
+            f"the free parameters are {', '.join(free) or 'none'}; name one or more of {', '.join(RANGES)}, each once"
+        )
     check_names(tuple(free))
     given = dict(bounds or {})
     if strange := [name for name in given if name not in free]:
-        name = shown(strange[0])[1]
+        name = shown_parameter(strange[0])[1]
         raise TrocarError(f"bounds are given for {name!r}, which is not free; free it or drop its bounds")
     limits = np.array([given.get(name, (RANGES[name].low, RANGES[name].high)) for name in free], dtype=np.float64)
     for name, (low, high) in zip(free, limits, strict=True):

@@ -1,4 +1,4 @@
-"""The numbers of a setup that one may choose, by name: what is drawn at random, searched over or fitted."""
+"""The free parameters of a setup, by name: those that are drawn at random, searched over or fitted."""
 
 from __future__ import annotations
 
@@ -8,49 +8,45 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3, SO3, TURN, shown, shown_scale
 from trocar.sutures.setup import Circle, Needle, NeedleGrasp, SutureSetup, base_beside
 
 
 @dataclass(frozen=True)
 class Range:
-    """Bounds of a number, inclusive, and what it is."""
+    """Bounds of a parameter, inclusive, in m or rad."""
 
     low: float
     high: float
-    about: str
 
 
-def _degrees(low: float, high: float, about: str) -> Range:
-    return Range(math.radians(low), math.radians(high), about)
+def _degrees(low: float, high: float) -> Range:
+    return Range(math.radians(low), math.radians(high))
 
 
 RANGES: dict[str, Range] = {
-    "center_x_m": Range(-0.010, 0.010, "shift of the circle's centre along its own x"),
-    "center_y_m": Range(-0.010, 0.010, "shift of the circle's centre along its own y"),
-    "circle_radius_m": Range(0.020, 0.040, "radius of the circle"),
-    "base_azimuth_rad": _degrees(0, 360, "direction from the unshifted centre to the base"),
-    "base_sideways_m": Range(0.030, 0.090, "distance of the base from the circle's axis"),
-    "base_up_m": Range(0.080, 0.150, "height of the base over the circle"),
-    "base_tilt_rad": _degrees(-60, 60, "lean of the base"),
-    "base_spin_rad": _degrees(-180, 180, "turn of the base about its z"),
-    "needle_radius_m": Range(0.006, 0.010, "radius of the needle's curvature"),
-    "grasp_behind_tip_rad": _degrees(90, 150, "arc from the needle's tip back to the jaws"),
-    "grasp_approach_rad": _degrees(-180, 180, "turn of the jaws about the wire"),
-    "grasp_lean_rad": _degrees(0, 90, "turn of the jaws about their closing; less puts the wrist into the tissue"),
-    "grasp_skew_rad": _degrees(-180, 180, "turn about the jaws' length; the jaws hold flat at 0 and 180 deg alone"),
+    "center_x_m": Range(-0.010, 0.010),  # shift of the circle's centre along its own x
+    "center_y_m": Range(-0.010, 0.010),  # likewise along y
+    "circle_radius_m": Range(0.020, 0.040),
+    "base_azimuth_rad": _degrees(0, 360),  # direction from the unshifted centre to the base
+    "base_sideways_m": Range(0.030, 0.090),  # distance of the base from the circle's axis
+    "base_up_m": Range(0.080, 0.150),  # height of the base above the circle
+    "base_tilt_rad": _degrees(-60, 60),  # lean of the base towards the circle
+    "base_spin_rad": _degrees(-180, 180),  # rotation of the base about its z
+    "needle_radius_m": Range(0.006, 0.010),  # radius of the needle's curvature
+    "grasp_behind_tip_rad": _degrees(90, 150),  # arc from the needle's tip back to the jaws
+    "grasp_approach_rad": _degrees(-180, 180),  # rotation of the jaws about the wire
+    "grasp_lean_rad": _degrees(0, 90),  # rotation about the closing direction; below 0 the wrist meets the tissue
+    "grasp_skew_rad": _degrees(-180, 180),  # rotation about the jaws' long axis; flat jaws can hold 0 and 180 deg only
 }
-"""Usual bounds, assumed: what fits under an abdominal wall beside a phantom, with needles of 17 to 28 mm across."""
+"""Default bounds, assumed: what fits under an abdominal wall beside a phantom, with needles 17 to 28 mm across."""
 
-TURNS = ("base_azimuth_rad", "base_spin_rad", "grasp_approach_rad", "grasp_skew_rad")
-"""Those that come round after a whole turn."""
-
-MOST_SHIFT_M = 0.5
-"""Along an axis, of the circle's centre."""
+MAX_SHIFT_M = 0.5
+"""Largest shift of the circle's centre along an axis."""
 
 
 def parameters_of(setup: SutureSetup) -> dict[str, float]:
-    """Return the numbers of a setup; what they leave open (pose of the circle, arm, insertion) is not among them."""
+    """Return the parameters of a setup; pose of the circle, arm and insertion are not among them."""
     T = setup.T_base_circle.inverse()
     x, y, up = T.translation_m
     azimuth = math.atan2(y, x)
@@ -59,7 +55,7 @@ def parameters_of(setup: SutureSetup) -> dict[str, float]:
         "center_x_m": 0.0,
         "center_y_m": 0.0,
         "circle_radius_m": setup.circle.radius_m,
-        "base_azimuth_rad": azimuth % (2 * math.pi),
+        "base_azimuth_rad": azimuth % TURN,
         "base_sideways_m": math.hypot(x, y),
         "base_up_m": float(up),
         "base_tilt_rad": tilt,
@@ -73,12 +69,12 @@ def parameters_of(setup: SutureSetup) -> dict[str, float]:
 
 
 def with_parameters(setup: SutureSetup, values: Mapping[str, float]) -> SutureSetup:
-    """Return the setup with some numbers replaced; the others stay.
+    """Return the setup with some parameters replaced; the others stay.
 
-    A base with another azimuth goes round the circle's axis as a whole.
+    A change of the base's azimuth rotates the whole base about the circle's axis.
 
     Raises:
-        TrocarError: a name is unknown, or the numbers make no setup.
+        TrocarError: a name is unknown, or no setup has these values.
     """
     check_names(values)
     now = parameters_of(setup)
@@ -107,21 +103,22 @@ def with_parameters(setup: SutureSetup, values: Mapping[str, float]) -> SutureSe
 
 
 def check_names(names: Mapping[str, object] | tuple[str, ...]) -> None:
-    """Raise a sentence if a name is none of ``RANGES``."""
+    """Raise TrocarError if a name is not in ``RANGES``."""
     for name in names:
         if name not in RANGES:
-            raise TrocarError(f"a setup has no parameter {name!r}; choose of {', '.join(RANGES)}")
+            raise TrocarError(f"a setup has no parameter {name!r}; choose one of {', '.join(RANGES)}")
 
 
-def shown(name: str) -> tuple[float, str]:
-    """Return what a number is multiplied by to be shown in mm or deg, and its name then, as on the command line."""
+def shown_parameter(name: str) -> tuple[float, str]:
+    """Return the factor that takes a parameter to mm or deg, and its name with that unit, as on the command line."""
     stem, _, unit = name.rpartition("_")
-    return (1e3, f"{stem}_mm") if unit == "m" else (math.degrees(1.0), f"{stem}_deg")
+    scale, shown_unit = shown_scale(unit)
+    return scale, f"{stem}_{shown_unit}"
 
 
 def check_bounds(name: str, low: float, high: float) -> None:
-    """Raise a sentence unless a number of a setup can be searched between these bounds."""
-    scale, said = shown(name)
+    """Raise TrocarError unless a parameter can be searched between these bounds."""
+    scale, said = shown_parameter(name)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise TrocarError(
             f"{said} is bounded by {scale * low:g} and {scale * high:g}; give two finite numbers, the lower first"
@@ -131,7 +128,7 @@ def check_bounds(name: str, low: float, high: float) -> None:
 
 
 def _check_value(name: str, value: float) -> None:
-    """Raise a sentence if no setup has this number."""
+    """Raise TrocarError if no setup can have this value of a parameter."""
     group, _, field = name.partition("_")
     part: dict[str, Any] = {field: value}
     if group == "circle":
@@ -142,18 +139,18 @@ def _check_value(name: str, value: float) -> None:
         NeedleGrasp(**part)
     elif group == "base":
         base_beside(**{"azimuth_rad": 0.0, "sideways_m": 0.0, "up_m": 0.0, **part})
-    elif abs(value) > MOST_SHIFT_M:
+    elif abs(value) > MAX_SHIFT_M:
         raise TrocarError(
-            f"the shift of the circle's centre is {1e3 * value:g} mm; give {-1e3 * MOST_SHIFT_M:g} to "
-            f"{1e3 * MOST_SHIFT_M:g} mm"
+            f"the shift of the circle's centre is {shown(value, 'm', 'g')}; give {shown(-MAX_SHIFT_M, 'm', 'g')} to "
+            f"{shown(MAX_SHIFT_M, 'm', 'g')}"
         )
 
 
 def _facing(rotation: SO3, azimuth_rad: float) -> tuple[float, float, float]:
-    """Return a, b, c of ``Rz(a) Ry(b) Rz(c)`` with a within a quarter turn of the azimuth; b takes either sign."""
+    """Return a, b, c of ``Rz(a) Ry(b) Rz(c)`` with a within a quarter turn of the azimuth; b may have either sign."""
     m = rotation.matrix
     b = math.atan2(math.hypot(m[0, 2], m[1, 2]), m[2, 2])
-    if b < 1e-9:  # a and c cannot be told apart
+    if b < 1e-9:  # a and c turn about the same axis: only their sum is known
         return azimuth_rad, 0.0, _half_turn(math.atan2(m[1, 0], m[0, 0]) - azimuth_rad)
     a, c = math.atan2(m[1, 2], m[0, 2]), math.atan2(m[2, 1], -m[2, 0])
     if abs(_half_turn(a - azimuth_rad)) > math.pi / 2:
@@ -163,4 +160,4 @@ def _facing(rotation: SO3, azimuth_rad: float) -> tuple[float, float, float]:
 
 def _half_turn(angle_rad: float) -> float:
     """Return the angle within half a turn of 0."""
-    return math.remainder(angle_rad, 2 * math.pi)
+    return math.remainder(angle_rad, TURN)

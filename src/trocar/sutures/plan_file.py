@@ -1,4 +1,4 @@
-"""Plans of sutures as plain values in SI units, and read back from the file that ``trocar plan suture`` saves."""
+"""Suture plans as plain values in SI units, and reading them back from the file that ``trocar plan suture`` saves."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from numpy.typing import NDArray
 
 from trocar.arms import ARMS, ArmModel
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, TURN
 from trocar.sutures.drive import Suture
-from trocar.sutures.plan import TURN, check_count
+from trocar.sutures.plan import check_count
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
 RIGID = 1e-6
-"""A rotation's columns may be off unit length and right angles by this."""
+"""Tolerance of unit length and right angles of a rotation's columns."""
 
 MADE_BY = "give the plan.json of `trocar plan suture --out DIR`"
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedSutures:
-    """What has to be known of a plan to drive it; they are driven in this order.
+    """The part of a plan that is needed to drive it; sutures are driven in this order.
 
     Attributes:
         setup: the geometry.
         positions_rad: (n,) in [0, 2 pi].
-        directions: (n,) of ``DIRECTIONS``.
+        directions: (n,) each one of ``DIRECTIONS``.
     """
 
     setup: SutureSetup
@@ -41,29 +41,29 @@ class PlannedSutures:
     directions: NDArray[np.intp]
 
     def __post_init__(self) -> None:
-        thetas, ways = np.asarray(self.positions_rad, dtype=np.float64), np.asarray(self.directions)
-        if thetas.ndim != 1 or ways.shape != thetas.shape:
+        thetas, directions = np.asarray(self.positions_rad, dtype=np.float64), np.asarray(self.directions)
+        if thetas.ndim != 1 or directions.shape != thetas.shape:
             raise TrocarError(
-                f"a plan has positions {thetas.shape} and directions {ways.shape}; give one of each for every suture"
+                f"a plan has positions {thetas.shape} and directions {directions.shape}; give one of each per suture"
             )
         check_count(len(thetas))
         if not np.all((thetas >= 0) & (thetas <= TURN)):
             raise TrocarError(f"the positions of a plan are {np.degrees(thetas).tolist()} deg; give 0 to 360 deg")
-        if not np.isin(ways, DIRECTIONS).all():
+        if not np.isin(directions, DIRECTIONS).all():
             raise TrocarError(
-                f"the directions of a plan are {ways.tolist()}; give 1 (clockwise) or -1 (counterclockwise)"
+                f"the directions of a plan are {directions.tolist()}; give 1 (clockwise) or -1 (counterclockwise)"
             )
         object.__setattr__(self, "positions_rad", thetas)
-        object.__setattr__(self, "directions", ways.astype(np.intp))
+        object.__setattr__(self, "directions", directions.astype(np.intp))
 
     @cached_property
     def sutures(self) -> tuple[Suture, ...]:
-        """Return them one by one."""
+        """Return the sutures one by one."""
         both = zip(self.positions_rad.tolist(), self.directions.tolist(), strict=True)
         return tuple(Suture(self.setup, theta, direction) for theta, direction in both)
 
     def values(self) -> dict[str, Any]:
-        """Return all of it as JSON's values."""
+        """Return the plan as JSON values."""
         return {
             "setup": setup_values(self.setup),
             "positions_rad": self.positions_rad.tolist(),
@@ -75,7 +75,7 @@ def load_plan(path: Path) -> PlannedSutures:
     """Return the sutures of a ``plan.json`` that ``trocar plan suture`` saved.
 
     Raises:
-        TrocarError: there is no such file, or it holds no such plan.
+        TrocarError: the file does not exist, or holds no such plan.
     """
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
@@ -101,21 +101,21 @@ def load_plan(path: Path) -> PlannedSutures:
 
 
 def setup_values(setup: SutureSetup) -> dict[str, Any]:
-    """Return as JSON's values what makes this setup again: its arm by name, the rest in SI units."""
+    """Return a setup as JSON values: its arm by name, the rest in SI units."""
     return _plain(setup)
 
 
 def setup_from(values: object) -> SutureSetup:
-    """Return the setup that ``setup_values`` took apart.
+    """Return the setup that ``setup_values`` described.
 
     Raises:
-        TrocarError: a key is missing or unknown, or a value is none that a setup can have.
+        TrocarError: a key is missing or unknown, or no setup can have one of the values.
     """
     return _made(values, SutureSetup(), "setup")
 
 
 def _plain(value: Any) -> Any:
-    """Return a part of a setup as JSON's values."""
+    """Return a part of a setup as JSON values."""
     if isinstance(value, ArmModel):
         return value.name
     if isinstance(value, SE3):
@@ -126,12 +126,12 @@ def _plain(value: Any) -> Any:
 
 
 def _made(value: object, like: Any, where: str) -> Any:
-    """Return a part of a setup from JSON's values.
+    """Return a part of a setup from JSON values.
 
     Args:
-        value: what was found.
-        like: a part of this kind.
-        where: its keys, for the sentence.
+        value: the JSON value.
+        like: an example of the part, which gives its type.
+        where: its keys, for error sentences.
     """
     if isinstance(like, ArmModel):
         if not isinstance(value, str) or value not in ARMS:
@@ -152,7 +152,7 @@ def _made(value: object, like: Any, where: str) -> Any:
 
 
 def _table(value: object, names: list[str], where: str) -> Mapping[str, object]:
-    """Return a table that has these keys and no others, or raise a sentence."""
+    """Return a table that has exactly these keys, or raise TrocarError."""
     if not isinstance(value, Mapping):
         raise TrocarError(f"{where} is {_short(value)}; give a table of {', '.join(names)}")
     for what, wrong in (
@@ -165,7 +165,7 @@ def _table(value: object, names: list[str], where: str) -> Mapping[str, object]:
 
 
 def _pose(value: object, where: str) -> SE3:
-    """Return a rigid pose, or raise a sentence."""
+    """Return a rigid pose, or raise TrocarError."""
     rows = value if isinstance(value, list) else []
     matrix = np.array([_numbers(row, where) for row in rows if isinstance(row, list) and len(row) == 4])
     if len(rows) != 4 or matrix.shape != (4, 4):
@@ -180,14 +180,14 @@ def _pose(value: object, where: str) -> SE3:
 
 
 def _numbers(value: object, where: str) -> list[float]:
-    """Return a list of finite numbers, or raise a sentence."""
+    """Return a list of finite numbers, or raise TrocarError."""
     if not isinstance(value, list):
         raise TrocarError(f"{where} is {_short(value)}; give a list of numbers")
     return [_number(item, where) for item in value]
 
 
 def _number(value: object, where: str) -> float:
-    """Return a finite number, or raise a sentence."""
+    """Return a finite number, or raise TrocarError."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         number = float(value) if abs(value) < 1e300 else math.inf
         if math.isfinite(number):
@@ -196,6 +196,6 @@ def _number(value: object, where: str) -> float:
 
 
 def _short(value: object) -> str:
-    """Return a value as it is shown in a sentence."""
+    """Return a value as shown in an error sentence, shortened if it is long."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,9 +1,9 @@
-"""The needle primitive: where needle and jaws are while a suture is driven (paper, Fig. 2 and section IV-A1).
+"""The needle primitive: poses of needle and jaws while a suture is driven (paper, Fig. 2 and section IV-A1).
 
-In the circle's frame a suture at theta heads along ``h`` (clockwise: minus the tangent). The needle's tip goes in along
-``t = cos(entry) h - sin(entry) n``, straight at first, then turns about the needle's centre, which lies at the needle's
-radius along ``u = sin(entry) h + cos(entry) n``. The jaws then go back along the wire and push it on, as often as
-the insertion says. A suture at theta is the one at 0 turned about the circle's axis.
+In the circle's frame a suture at theta heads along ``h`` (clockwise: minus the tangent); ``n`` is the tissue's normal.
+The needle's tip first enters straight along ``t = cos(entry) h - sin(entry) n``, then rotates about the needle's
+centre, which lies at the needle's radius along ``u = sin(entry) h + cos(entry) n``. The jaws then move back along the
+wire and push it on, as often as the insertion says. A suture at theta is the one at 0 rotated about the circle's axis.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
 @dataclass(frozen=True)
 class Step:
-    """One movement of the primitive; from and to values of three coordinates.
+    """One movement of the primitive: start and end values of three coordinates.
 
     Attributes:
         name: penetrate, rotate, regrasp 1, push 1, ...
-        advance_m: path of the straight penetration.
-        jaws_rad: turn of the jaws about the needle's centre.
-        needle_rad: turn of the needle about its centre.
+        advance_m: travel along the straight penetration.
+        jaws_rad: rotation of the jaws about the needle's centre.
+        needle_rad: rotation of the needle about its centre.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Step:
 
     @property
     def holds(self) -> bool:
-        """Return whether the jaws hold the needle, so that both move alike."""
+        """Return whether the jaws hold the needle, so that both move together."""
         return not self.name.startswith("regrasp")
 
 
@@ -58,12 +58,12 @@ def steps(setup: SutureSetup) -> tuple[Step, ...]:
 
 
 def exit_turn_rad(setup: SutureSetup) -> float:
-    """Return the needle's turn at which its tip comes out of the tissue's plane; NaN if it never would."""
+    """Return the needle's rotation at which its tip leaves the tissue's surface again; NaN if it never would."""
     return setup.insertion.exit_turn_rad(setup.needle.radius_m)
 
 
 def comes_out(setup: SutureSetup) -> bool:
-    """Return whether the needle is turned far enough for its tip to come out of the tissue's plane."""
+    """Return whether the needle is rotated far enough for its tip to come out of the tissue."""
     return setup.insertion.turn_rad >= exit_turn_rad(setup) - 1e-9
 
 
@@ -73,33 +73,33 @@ def bite_m(setup: SutureSetup) -> float:
 
 
 def tip_end_m(setup: SutureSetup) -> float:
-    """Return how far from its entry, seen from above, the tip comes out, or ends in the tissue if it does not."""
+    """Return how far from its entry, seen from above, the tip comes out, or stops in the tissue if it never does."""
     return bite_m(setup) if comes_out(setup) else _along_m(setup, setup.insertion.turn_rad)
 
 
 def tip_farthest_m(setup: SutureSetup) -> float:
-    """Return how far from its entry, seen from above, the tip comes on its way through the tissue."""
+    """Return how far from its entry, seen from above, the tip gets on its way through the tissue."""
     turn = exit_turn_rad(setup) if comes_out(setup) else setup.insertion.turn_rad
     return _along_m(setup, min(turn, setup.insertion.entry_angle_rad + math.pi / 2))
 
 
 def _along_m(setup: SutureSetup, turn_rad: float) -> float:
-    """Return how far the tip has come along the surface from its entry, after the straight path and this turn."""
+    """Return how far the tip is from its entry, along the surface, after the straight path and this rotation."""
     down = setup.insertion.entry_angle_rad
     arc = setup.needle.radius_m * (math.sin(turn_rad - down) + math.sin(down))
     return setup.insertion.straight_m * math.cos(down) + arc
 
 
 def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) -> SE3:
-    """Return the needle's poses (2, k) in the circle's frame at theta = 0, one row a direction of ``DIRECTIONS``.
+    """Return the needle's poses (2, k) in the circle's frame at theta = 0, one row per direction of ``DIRECTIONS``.
 
-    The needle's frame has its origin in the centre of curvature, x along the motion of the tip, y from the tip to the
-    centre, z the normal of its plane.
+    The needle's frame has its origin at the centre of curvature, x along the motion of the tip, y from the tip to the
+    centre, and z normal to its plane.
 
     Args:
         setup: needle, circle, insertion.
-        advance_m: (k,) path of the straight penetration.
-        turn_rad: (k,) turn about the needle's centre after it.
+        advance_m: (k,) travel along the straight penetration.
+        turn_rad: (k,) rotation about the needle's centre after it.
     """
     advance, turn = np.broadcast_arrays(np.asarray(advance_m, float), np.asarray(turn_rad, float))
     down = setup.insertion.entry_angle_rad
@@ -129,19 +129,19 @@ def tip_poses(setup: SutureSetup, advance_m: ArrayLike, jaws_rad: ArrayLike) -> 
 
 
 def turned_to(T_circle: SE3, thetas_rad: ArrayLike) -> SE3:
-    """Return poses (2, k) at theta = 0 turned to every theta (n,): (2, n, k)."""
+    """Return poses (2, k) given at theta = 0 for every theta (n,): (2, n, k)."""
     turn = SE3.from_parts(SO3.axis("z", np.asarray(thetas_rad, float)))
     return SE3(turn.matrix[:, None] @ T_circle.matrix[:, None])
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places along all that the jaws do, each once, in an order without leaps.
+    """Sampled places along the path of the jaws, each once, ordered so that neighbours are close.
 
     Attributes:
-        advance_m: (k,) path of the straight penetration.
-        jaws_rad: (k,) turn of the jaws about the needle's centre.
-        station: (k,) whether a movement starts or ends here: what the paper's margin looks at.
+        advance_m: (k,) travel along the straight penetration.
+        jaws_rad: (k,) rotation of the jaws about the needle's centre.
+        station: (k,) whether a movement starts or ends here; the paper's margin is evaluated at these places.
     """
 
     advance_m: NDArray[np.float64]
@@ -150,12 +150,12 @@ class Places:
 
 
 def places(setup: SutureSetup, straight: int = 3, turning: int = 8) -> Places:
-    """Return places along the primitive, at least ``straight`` on the straight path and ``turning`` on the turn."""
+    """Return places along the primitive: ``straight`` on the straight path, at least ``turning`` on the rotation."""
     insertion = setup.insertion
     top = insertion.rotation_rad
     again = top - insertion.regrasp_rad if insertion.pushes else top
     turn = np.union1d(np.linspace(min(0.0, again), top, turning), again)
-    turn = turn[np.abs(turn) > 1e-12]  # the end of the straight path is there already
+    turn = turn[np.abs(turn) > 1e-12]  # the end of the straight path is already there
     advance = np.linspace(0.0, insertion.straight_m, straight)
     station = np.isin(turn, (top, again))
     return Places(

@@ -1,4 +1,4 @@
-"""What holds for setups in general, and not for one alone: statistics over random ones."""
+"""Statistics over random setups: what holds in general, not only for one setup."""
 
 from __future__ import annotations
 
@@ -10,37 +10,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.geometry import TURN
 from trocar.sutures.joints import SutureJoints, suture_joints
 from trocar.sutures.parameters import RANGES, with_parameters
-from trocar.sutures.rewards import MARGINS, DexterityMap, Reward, judged
+from trocar.sutures.rewards import MARGINS, DexterityMap, Reward, scored
 from trocar.sutures.setup import SutureSetup
 from trocar.sutures.study import ALLOWED, LOCATIONS, PAPER_TABLE_1, table_1
 
 DRAWN = tuple(name for name in RANGES if not name.startswith(("center", "base_sideways")))
-"""What is drawn evenly from its range; the base's distance follows from the circle."""
+"""Parameters drawn uniformly from their ranges; the distance of the base follows from the circle."""
 
 CLEARANCE_M = (0.010, 0.050)
-"""How far outside the circle the base stands, seen from above: the paper's arm is mounted beside the phantom."""
+"""How far outside the circle the base stands, seen from above; the paper's arm is mounted beside the phantom."""
 
 COARSE = 12
-"""Positions looked at first: most setups fail there already."""
+"""Positions tested first: most setups already fail there."""
 
 DRAWS_PER_SETUP = 100
-"""So many draws for each feasible setup asked for, and no more."""
+"""Maximum number of draws per requested feasible setup."""
 
-JUDGED: dict[str, Reward] = {
+MEASURES: dict[str, Reward] = {
     **{name: Reward(margin=name, at="stations", feasible_first=False) for name in MARGINS},
     "default": Reward(),
 }
-"""The four formulas alone, at the places and without the limits as in the paper, and the default."""
+"""Rewards compared: each margin formula at the stations and without regard to limits, as in the paper; the default."""
 
 
 def random_setup(rng: np.random.Generator, holdable: bool = False) -> SutureSetup:
-    """Return a setup with every number drawn evenly from ``RANGES``, the base ``CLEARANCE_M`` outside the circle.
+    """Return a setup with all parameters drawn uniformly from ``RANGES``, the base ``CLEARANCE_M`` outside the circle.
 
     Args:
-        rng: randomness.
-        holdable: whether flat jaws can hold the needle as it is grasped: the skew is then 0 or half a turn.
+        rng: random generator.
+        holdable: whether flat jaws must be able to hold the needle as grasped: the skew is then 0 or half a turn.
     """
     values = {name: float(rng.uniform(RANGES[name].low, RANGES[name].high)) for name in DRAWN}
     values["base_sideways_m"] = values["circle_radius_m"] + float(rng.uniform(*CLEARANCE_M))
@@ -50,7 +51,7 @@ def random_setup(rng: np.random.Generator, holdable: bool = False) -> SutureSetu
 
 
 def reaches_everywhere(joints: SutureJoints) -> bool:
-    """Return whether each position has at least one direction that can be done: what *feasible* means of a setup."""
+    """Return whether each position has at least one feasible direction: this makes a setup *feasible*."""
     return bool(joints.feasible.any(0).all())
 
 
@@ -59,12 +60,12 @@ class SetupStatistics:
     """Statistics over random feasible setups.
 
     Attributes:
-        setups: m of them, each with at least one direction that can be done at every position.
-        drawn: how many draws it took.
-        positions: at how many positions each was looked at.
-        one_way: (m,) at how many positions exactly one direction can be done.
-        switches: by measure (``JUDGED``), how often (m,) the better direction changes round the circle.
-        wrong: by measure, at how many (m,) of ``one_way`` positions the direction that cannot be done was chosen.
+        setups: m setups, each with at least one feasible direction at every position.
+        drawn: number of draws that it took.
+        positions: number of positions per setup.
+        one_way: (m,) number of positions with exactly one feasible direction.
+        switches: by measure (``MEASURES``), how often (m,) the better direction changes round the circle.
+        wrong: by measure, at how many (m,) of the ``one_way`` positions the infeasible direction was chosen.
         points: by measure, Table I (m, 2, 3).
     """
 
@@ -80,15 +81,15 @@ class SetupStatistics:
         """Return the share of setups with exactly two changes of direction.
 
         Args:
-            measure: name in ``JUDGED``.
-            kept: only of those setups where the measure chooses no direction that cannot be done; NaN if none.
+            measure: name in ``MEASURES``.
+            kept: count only setups where the measure never chooses the infeasible direction; NaN without any.
         """
         counts = self.switches[measure]
         counts = counts[self.wrong[measure] == 0] if kept else counts
         return float((counts == 2).mean()) if len(counts) else float("nan")
 
     def wrong_share(self, measure: str) -> float:
-        """Return the share of positions with one possible direction where the other was chosen; NaN if none."""
+        """Return the share of ``one_way`` positions where the infeasible direction was chosen; NaN without any."""
         total = int(self.one_way.sum())
         return float(self.wrong[measure].sum() / total) if total else float("nan")
 
@@ -97,20 +98,20 @@ class SetupStatistics:
         return np.percentile(self.points[measure], [10, 50, 90], axis=0)
 
     def paper_ranks(self, measure: str) -> NDArray[np.float64]:
-        """Return the share (2, 3) of setups whose entry of Table I is below the paper's."""
+        """Return the share (2, 3) of setups whose entry in Table I is below the paper's."""
         return (self.points[measure] < PAPER_TABLE_1).mean(0)
 
     def nearest_points(self, measure: str) -> float:
-        """Return the largest difference from the paper's Table I of the setup that comes nearest, points."""
+        """Return the largest difference from the paper's Table I, in points, of the setup that comes nearest."""
         return float(np.abs(self.points[measure] - PAPER_TABLE_1).max((1, 2)).min())
 
     def summary(self) -> dict[str, Any]:
-        """Return everything but the setups as plain values."""
+        """Return everything except the setups as plain values."""
         return {
             "setups": len(self.setups),
             "drawn": self.drawn,
             "positions": self.positions,
-            "feasible_means": "at least one direction can be done at every position",
+            "feasible_means": "at least one direction is feasible at every position",
             "one_way_positions": int(self.one_way.sum()),
             "measures": {name: self._measure(name) for name in self.switches},
         }
@@ -148,18 +149,18 @@ def random_statistics(
     """Return statistics over ``count`` random feasible setups.
 
     Args:
-        rng: randomness.
-        count: how many.
-        positions: at how many positions each is looked at, a multiple of 12.
-        holdable: as ``random_setup``.
-        progress: called with how many are found and how many are wanted.
+        rng: random generator.
+        count: number of setups.
+        positions: number of positions per setup, a multiple of 12.
+        holdable: as in ``random_setup``.
+        progress: called with the numbers of setups found and wanted.
     """
     if count < 1 or positions < COARSE or positions % COARSE:
         raise TrocarError(
             f"statistics over {count} setups at {positions} positions cannot be made; give at least one setup and "
             f"a multiple of {COARSE} positions"
         )
-    thetas = np.arange(positions) * (2 * np.pi / positions)
+    thetas = np.arange(positions) * (TURN / positions)
     setups: list[SutureSetup] = []
     rows: list[dict[str, DexterityMap]] = []
     drawn = 0
@@ -174,7 +175,7 @@ def random_statistics(
         if not reaches_everywhere(joints):
             continue
         setups.append(setup)
-        rows.append({name: judged(setup, reward, joints) for name, reward in JUDGED.items()})
+        rows.append({name: scored(setup, reward, joints) for name, reward in MEASURES.items()})
         if progress:
             progress(len(setups), count)
     one_way = [row["default"].joints.feasible.sum(0) == 1 for row in rows]
@@ -183,10 +184,10 @@ def random_statistics(
         drawn,
         positions,
         np.array([where.sum() for where in one_way]),
-        {name: np.array([len(row[name].switches_rad) for row in rows]) for name in JUDGED},
+        {name: np.array([len(row[name].switches_rad) for row in rows]) for name in MEASURES},
         {
             name: np.array([(~row[name].feasible & where).sum() for row, where in zip(rows, one_way, strict=True)])
-            for name in JUDGED
+            for name in MEASURES
         },
-        {name: np.array([table_1(row[name]).points for row in rows]) for name in JUDGED},
+        {name: np.array([table_1(row[name]).points for row in rows]) for name in MEASURES},
     )

@@ -1,4 +1,4 @@
-"""Why a suture or a part of the circle is out of reach: which positions, which joint, by how much."""
+"""Explanations why a suture or a part of the circle is out of reach: which positions, which joint, by how much."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
+from trocar.geometry import shown
 from trocar.sutures.joints import SutureJoints, suture_joints
 from trocar.sutures.plan import SuturePlan
 from trocar.sutures.plan_file import PlannedSutures
-from trocar.sutures.setup import DIRECTIONS, SutureSetup
+from trocar.sutures.setup import DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 REMEDY = "move the base, turn the grasp or change the circle's radius"
 ARCS_NAMED = 3
-NAMES = {1: "clockwise", -1: "counterclockwise"}
 
 
 @dataclass(frozen=True)
 class Arc:
-    """Neighbouring positions that cannot be sutured in either direction, and what hinders most there.
+    """An arc of positions that are infeasible in both directions, and the reason.
 
     Attributes:
-        from_rad: first of them.
-        to_rad: last of them, counterclockwise; less than ``from_rad`` where the arc goes over theta = 0.
-        reason: what the better direction would need at the worst of them, in words.
+        from_rad: first position.
+        to_rad: last position, counterclockwise; below ``from_rad`` if the arc contains theta = 0.
+        reason: what the better direction would need at the worst position, in words.
     """
 
     from_rad: float
@@ -35,7 +35,7 @@ class Arc:
 
 
 def unreachable_arcs(joints: SutureJoints) -> tuple[Arc, ...]:
-    """Return the arcs of these evenly spaced positions at which no direction is feasible, the longest first."""
+    """Return the arcs of these evenly spaced positions at which no direction is feasible, longest first."""
     blocked = np.logical_not(joints.feasible.any(0))
     n = len(joints.thetas_rad)
     if not blocked.any():
@@ -54,7 +54,7 @@ def unreachable_arcs(joints: SutureJoints) -> tuple[Arc, ...]:
 
 
 def circle_out_of_reach(joints: SutureJoints) -> str:
-    """Return one sentence on all arcs that no direction reaches; empty if there are none."""
+    """Return one sentence on all arcs that are out of reach in both directions; empty if there are none."""
     arcs = unreachable_arcs(joints)
     if not arcs:
         return ""
@@ -64,11 +64,11 @@ def circle_out_of_reach(joints: SutureJoints) -> str:
 
 
 def plan_out_of_reach(setup: SutureSetup, plan: SuturePlan | PlannedSutures) -> str:
-    """Return one sentence on the sutures of a plan that are not feasible; empty if all are."""
+    """Return one sentence on the infeasible sutures of a plan; empty if all are feasible."""
     joints = suture_joints(setup, plan.positions_rad)
     rows = [DIRECTIONS.index(int(direction)) for direction in plan.directions]
     parts = [
-        f"at {math.degrees(theta):.4g} deg {NAMES[DIRECTIONS[row]]} {_reason(joints, row, i)}"
+        f"at {shown(theta, 'rad', '.4g')} {DIRECTION_NAMES[DIRECTIONS[row]]} {_reason(joints, row, i)}"
         for i, (theta, row) in enumerate(zip(plan.positions_rad, rows, strict=True))
         if not joints.feasible[row, i]
     ]
@@ -76,14 +76,14 @@ def plan_out_of_reach(setup: SutureSetup, plan: SuturePlan | PlannedSutures) -> 
 
 
 def _lacking(joints: SutureJoints) -> NDArray[np.float64]:
-    """Return by how much (2, n, 7) each joint leaves its range, and the wrist the safe depth, as shares of them."""
+    """Return by how much (2, n, 7) each joint leaves its range, as a share of it, and likewise for the safe depth."""
     arm = joints.arm
     of_ranges = joints.excess / (arm.upper - arm.lower)
     return np.concatenate([of_ranges, joints.too_shallow_m[..., None] / arm.safe_depth_m], axis=-1)
 
 
 def _reason(joints: SutureJoints, row: int, position: int) -> str:
-    """Return what the suture at this position, in this row of ``DIRECTIONS``, would need, in words."""
+    """Return in words what the suture at this position, in this row of ``DIRECTIONS``, would need."""
     q = joints.q[row, position]
     if not np.isfinite(q).all():
         return "no configuration of the arm holds the needle as planned"
@@ -92,27 +92,26 @@ def _reason(joints: SutureJoints, row: int, position: int) -> str:
     if worst == len(lacking) - 1:
         lacking_m, safe_m = joints.too_shallow_m[row, position], joints.arm.safe_depth_m
         return (
-            f"the wrist would be {1e3 * (safe_m - lacking_m):.1f} mm beyond the remote centre, "
-            f"{1e3 * lacking_m:.1f} mm less than the {1e3 * safe_m:.0f} mm that are safe"
+            f"the wrist would be {shown(safe_m - lacking_m, 'm')} beyond the remote centre, "
+            f"{shown(lacking_m, 'm')} less than the safe depth of {shown(safe_m, 'm', '.0f')}"
         )
     return _beyond(joints.arm, worst, q[:, worst])
 
 
 def _beyond(arm: ArmModel, index: int, values: NDArray[np.float64]) -> str:
-    """Return how far a joint would leave its range, in degrees or mm."""
+    """Return in words how far a joint would leave its range."""
     joint = arm.joints[index]
-    scale, unit = (1e3, "mm") if joint.prismatic else (math.degrees(1.0), "deg")
     over, under = float(values.max()) - joint.upper, joint.lower - float(values.min())
     limit, way = (joint.upper, 1) if over >= under else (joint.lower, -1)
     excess = max(over, under)
     return (
-        f"joint '{joint.name}' would reach {scale * (limit + way * excess):.1f} {unit}, {scale * excess:.1f} {unit} "
-        f"beyond its limit of {scale * limit:.0f} {unit}"
+        f"joint '{joint.name}' would reach {joint.shown(limit + way * excess)}, {joint.shown(excess)} "
+        f"beyond its limit of {joint.shown(limit, '.0f')}"
     )
 
 
 def _span(arc: Arc, positions: int) -> str:
-    """Return the positions of an arc in words."""
+    """Return the extent of an arc in words."""
     first, last = math.degrees(arc.from_rad), math.degrees(arc.to_rad)
     if abs((last - first) % 360.0 - (360.0 - 360.0 / positions)) < 1e-6:
         return "all positions"

@@ -1,4 +1,4 @@
-"""What makes a suture good: distance to the joint limits, manipulability, and their weighted sum (paper, III-D)."""
+"""The reward of a suture, its dexterity: weighted joint margin plus manipulability (paper, III-D)."""
 
 from __future__ import annotations
 
@@ -11,32 +11,33 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, manipulability
 from trocar.errors import TrocarError
+from trocar.geometry import TURN
 from trocar.sutures.joints import SutureJoints, suture_joints
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
 SURROGATE = "surrogate: the needle primitive itself, both directions; no demonstrations were given"
 
 NO_SOLUTION = -1e3
-"""The margin of a suture that the arm has no configurations for."""
+"""The margin of a suture that no configuration of the arm can make."""
 
 JOINTS = {"wrist": slice(3, 6), "all": slice(0, 6)}
-"""Which joints a margin looks at, by name; the paper: the wrist's (III-C3)."""
+"""The joints that a margin considers, by name; the paper considers those of the wrist (III-C3)."""
 
 Margin = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 
 
 def paper_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``|| |q_max| - q_limit ||^2`` in square degrees, as printed: it rewards angles beyond a limit too."""
+    """Return ``|| |q_max| - q_limit ||^2`` in square degrees, as printed; it also rewards angles beyond a limit."""
     return (np.degrees(limit - largest) ** 2).sum(-1)
 
 
 def clipped_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the same with differences below zero counted as zero."""
+    """Return the paper's margin with negative differences counted as zero."""
     return (np.degrees(np.maximum(limit - largest, 0.0)) ** 2).sum(-1)
 
 
 def normalised_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sum of squares of the clipped differences, each divided by its limit."""
+    """Return the sum of squared clipped differences, each divided by its limit."""
     return (np.maximum(1.0 - largest / limit, 0.0) ** 2).sum(-1)
 
 
@@ -51,26 +52,26 @@ MARGINS: dict[str, Margin] = {
     "clipped": clipped_margin,
     "paper": paper_margin,
 }
-"""Formulas of the margin by name: of the joints' limits (j,) and their largest distances from the middle (..., j)."""
+"""Margin formulas by name; arguments are the joints' limits (j,) and largest distances from the middle (..., j)."""
 
 
 Scaling = Callable[[NDArray[np.float64]], tuple[float, float]]
 
 
-def by_most(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return what to subtract (nothing) and to divide by, so that the largest value becomes 1."""
-    most = float(values.max())
-    return 0.0, most if most > 0 else 1.0
+def by_max(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the offset (0) to subtract and the unit to divide by, so that the largest value becomes 1."""
+    largest = float(values.max())
+    return 0.0, largest if largest > 0 else 1.0
 
 
 def by_range(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return what to subtract and to divide by, so that the values fill 0 to 1."""
+    """Return the offset to subtract and the unit to divide by, so that the values span 0 to 1."""
     low, high = float(values.min()), float(values.max())
     return low, high - low if high > low else 1.0
 
 
-SCALINGS: dict[str, Scaling] = {"most": by_most, "range": by_range}
-"""How margin and manipulability come to "occupy the same range" (paper, III-D3), by name."""
+SCALINGS: dict[str, Scaling] = {"max": by_max, "range": by_range}
+"""Ways to make margin and manipulability "occupy the same range" (paper, III-D3), by name."""
 
 Scales = tuple[tuple[float, float], tuple[float, float]]
 ManipulabilityAt = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -78,20 +79,21 @@ ManipulabilityAt = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Reward:
-    """How sutures are judged; the paper leaves the formula's units, clipping and scaling open.
+    """How sutures are scored; the paper leaves the formula's units, clipping and scaling open.
 
     Attributes:
         margin: name in ``MARGINS``.
-        weight: lambda, the share of the margin; the rest is manipulability (paper: .75).
+        weight: lambda, the weight of the margin; manipulability has the rest (paper: .75).
         scaling: name in ``SCALINGS``.
-        joints: name in ``JOINTS``; the insertion has no degrees, so ``all`` needs a margin that is normalised.
-        at: ``stations``, where movements start and end, as in the paper, or ``path``, also in between.
-        feasible_first: a direction outside the limits is taken only where there is no other.
+        joints: name in ``JOINTS``; the insertion has no degrees, so ``all`` needs a normalised margin.
+        at: where the margin is evaluated: ``stations``, at the start and end of movements, as in the paper, or
+            ``path``, in between as well.
+        feasible_first: whether an infeasible direction is chosen only where both are infeasible.
     """
 
     margin: str = "smallest"
     weight: float = 0.75
-    scaling: str = "most"
+    scaling: str = "max"
     joints: str = "wrist"
     at: str = "path"
     feasible_first: bool = True
@@ -107,7 +109,7 @@ class Reward:
                 raise TrocarError(f"the {what} {value!r} is unknown; choose one of {', '.join(choices)}")
         if self.joints == "all" and self.margin not in ("smallest", "normalised"):
             raise TrocarError(
-                f"the margin {self.margin!r} counts degrees and the insertion has none; with all joints choose "
+                f"the margin {self.margin!r} is in degrees, which the insertion does not have; with all joints choose "
                 "smallest or normalised"
             )
         if not (math.isfinite(self.weight) and 0.0 <= self.weight <= 1.0):
@@ -116,19 +118,19 @@ class Reward:
 
 @dataclass(frozen=True, eq=False)
 class DexterityMap:
-    """What sutures all round the circle are worth.
+    """Dexterity of sutures all round the circle, in both directions.
 
     Attributes:
-        setup: of which.
-        reward: by what measure.
+        setup: the geometry.
+        reward: how sutures are scored.
         joints: configurations along the sutures.
-        margin: (2, n) joint margin Q before scaling, one row a direction of ``DIRECTIONS``.
+        margin: (2, n) joint margin Q before scaling, one row per direction of ``DIRECTIONS``.
         manipulability: (n,) mean squared manipulability M before scaling; it does not depend on the direction.
         source: where M comes from, in words.
         values: (2, n) dexterity D of each direction.
         choice: (n,) row of the better direction.
-        scales: what margin, then manipulability, were scaled by: (subtracted, divided by) of each.
-        manipulability_at: M at positions (n,) rad; None for the surrogate.
+        scales: (offset, unit) of the margin, then of manipulability: each is scaled as (x - offset) / unit.
+        manipulability_at: returns M at positions (n,) rad; None for the surrogate.
     """
 
     setup: SutureSetup
@@ -143,9 +145,9 @@ class DexterityMap:
     manipulability_at: ManipulabilityAt | None = None
 
     def at(self, thetas_rad: ArrayLike) -> DexterityMap:
-        """Return what sutures at other positions (n,) are worth, scaled as these are."""
+        """Return the dexterity of sutures at other positions (n,), scaled like this map."""
         joints = suture_joints(self.setup, thetas_rad)
-        return judged(self.setup, self.reward, joints, self.manipulability_at, self.source, self.scales)
+        return scored(self.setup, self.reward, joints, self.manipulability_at, self.source, self.scales)
 
     @property
     def thetas_rad(self) -> NDArray[np.float64]:
@@ -159,27 +161,27 @@ class DexterityMap:
 
     @property
     def directions(self) -> NDArray[np.intp]:
-        """Return the better direction (n,), as ``DIRECTIONS`` numbers them."""
+        """Return the better direction (n,), each one of ``DIRECTIONS``."""
         return np.array(DIRECTIONS)[self.choice]
 
     @property
     def feasible(self) -> NDArray[np.bool_]:
-        """Return whether the suture (n,) in the better direction can be done."""
+        """Return whether the suture (n,) in the better direction is feasible."""
         return np.take_along_axis(self.joints.feasible, self.choice[None], 0)[0]
 
     def span(self, rewards: NDArray[np.float64]) -> tuple[float, float]:
-        """Return the least and the largest of rewards (k,) and of all sutures that can be done, in either direction."""
+        """Return the smallest and largest of rewards (k,) and of all feasible sutures, in either direction."""
         seen = np.append(rewards, self.values[self.joints.feasible])
         return float(seen.min()), float(seen.max())
 
     @property
     def switches_rad(self) -> NDArray[np.float64]:
-        """Return the positions from which on the better direction is another than just before."""
+        """Return the positions at which the better direction differs from that of the position before."""
         return self.thetas_rad[self.choice != np.roll(self.choice, 1)]
 
 
 def joint_margin(arm: ArmModel, joints: SutureJoints, reward: Reward) -> NDArray[np.float64]:
-    """Return Q (2, n) of both directions, before scaling; far below zero where the arm has no solution."""
+    """Return Q (2, n) of both directions before scaling; ``NO_SOLUTION`` where the arm has none."""
     which = JOINTS[reward.joints]
     limit = ((arm.upper - arm.lower) / 2)[which]
     q = joints.q[:, :, joints.station] if reward.at == "stations" else joints.q
@@ -188,7 +190,7 @@ def joint_margin(arm: ArmModel, joints: SutureJoints, reward: Reward) -> NDArray
 
 
 def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
-    """Return the mean squared manipulability (n,) over both directions' primitives, for want of demonstrations.
+    """Return the mean squared manipulability (n,) over the primitive in both directions, in place of demonstrations.
 
     ``|J J^T|`` of the paper is the square of Yoshikawa's measure.
     """
@@ -204,23 +206,23 @@ def dexterity(
     manipulability_at: ManipulabilityAt | None = None,
     source: str = "",
 ) -> DexterityMap:
-    """Return what the sutures at evenly spaced positions are worth, in both directions.
+    """Return the dexterity of sutures at evenly spaced positions, in both directions.
 
     Args:
         setup: the geometry.
-        reward: the measure; default: smallest normalised margin, lambda .75.
-        positions: how many, from theta = 0 on.
-        manipulability_at: M at positions (n,) rad, from demonstrations; default: the surrogate.
+        reward: how sutures are scored; default: smallest normalised margin, lambda .75.
+        positions: number of positions, the first at theta = 0.
+        manipulability_at: returns M at positions (n,) rad, from demonstrations; default: the surrogate.
         source: where that M comes from, in words.
     """
     reward = reward or Reward()
     if not 4 <= positions <= 100_000:
         raise TrocarError(f"the number of positions is {positions}; give 4 to 100000")
-    thetas = np.arange(positions, dtype=np.float64) * (2 * math.pi / positions)
-    return judged(setup, reward, suture_joints(setup, thetas), manipulability_at, source)
+    thetas = np.arange(positions, dtype=np.float64) * (TURN / positions)
+    return scored(setup, reward, suture_joints(setup, thetas), manipulability_at, source)
 
 
-def judged(
+def scored(
     setup: SutureSetup,
     reward: Reward,
     joints: SutureJoints,
@@ -228,13 +230,13 @@ def judged(
     source: str = "",
     scales: Scales | None = None,
 ) -> DexterityMap:
-    """Return what sutures with these joints are worth; scaled as they require unless ``scales`` are given."""
+    """Return the dexterity of sutures with these joints, scaled by their own range unless ``scales`` are given."""
     margin = joint_margin(setup.arm, joints, reward)
     given = manipulability_at(joints.thetas_rad) if manipulability_at else surrogate_manipulability(joints)
     source = source if manipulability_at else SURROGATE
     choice = np.argmax(margin - 1e9 * ~joints.feasible if reward.feasible_first else margin, axis=0)
     scale = SCALINGS[reward.scaling]
     scales = scales or (scale(np.take_along_axis(margin, choice[None], 0)[0]), scale(given))
-    (q_less, q_unit), (m_less, m_unit) = scales
-    values = reward.weight * (margin - q_less) / q_unit + (1.0 - reward.weight) * (given - m_less) / m_unit
+    (q_offset, q_unit), (m_offset, m_unit) = scales
+    values = reward.weight * (margin - q_offset) / q_unit + (1.0 - reward.weight) * (given - m_offset) / m_unit
     return DexterityMap(setup, reward, joints, margin, given, source, values, choice, scales, manipulability_at)

@@ -1,4 +1,4 @@
-"""What is given: the arm, the circle on the tissue, the needle, how it is grasped and how it is driven."""
+"""The geometry of a suture task: arm, circle on the tissue, needle, grasp, and how the needle is driven."""
 
 from __future__ import annotations
 
@@ -9,23 +9,25 @@ import numpy as np
 
 from trocar.arms import PSM_CLASSIC, ArmModel
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3, SO3, TURN, shown, shown_scale
 
 CLOCKWISE, COUNTERCLOCKWISE = 1, -1
 DIRECTIONS = (CLOCKWISE, COUNTERCLOCKWISE)
-"""The paper's d (section III-B), as seen from above the tissue; the order of every array's direction axis."""
+"""The paper's d (section III-B), as seen from above the tissue; the direction axis of every array has this order."""
+
+DIRECTION_NAMES = {CLOCKWISE: "clockwise", COUNTERCLOCKWISE: "counterclockwise"}
 
 HOLDABLE_RAD = math.radians(5.0)
-"""Flat jaws turn a wire straight that leaves their plane by no more than this (assumed)."""
+"""Flat jaws straighten a wire that leaves their plane by no more than this (assumed)."""
 
 
 @dataclass(frozen=True)
 class Circle:
-    """The circle round the defect on which the sutures stand.
+    """The circle of sutures round the defect.
 
     Attributes:
-        radius_m: of the circle (the paper gives none; 30 mm fits a da Vinci training phantom).
-        T_world_circle: pose of the circle: z out of the tissue, theta counterclockwise from x.
+        radius_m: radius (the paper gives none; 30 mm fits a da Vinci training phantom).
+        T_world_circle: pose: z out of the tissue, theta counterclockwise from x.
     """
 
     radius_m: float = 0.030
@@ -40,8 +42,8 @@ class Needle:
     """A needle bent to an arc of a circle.
 
     Attributes:
-        radius_m: of its curvature.
-        arc_rad: from tip to tail; 225 degrees is the 5/8 circle, which leaves room for two regrasps.
+        radius_m: radius of curvature.
+        arc_rad: angle from tip to tail; 225 degrees is the 5/8 circle, which leaves room for two regrasps.
         wire_m: thickness of the wire.
     """
 
@@ -60,14 +62,15 @@ class NeedleGrasp:
     """How the jaws hold the needle: a constant of the primitive (paper, III-C2).
 
     In the frame of the grasped point (x along the wire to the needle's tip, y to the needle's centre, z the normal
-    of the needle's plane) the arm's tip is turned by ``Rx(approach) P Rx(lean) Rz(skew)``, where P lays the jaw axis
-    along the wire, with the jaws pointing at the needle's centre.
+    of the needle's plane) the orientation of the arm's tip is ``Rx(approach) P Rx(lean) Rz(skew)``, where P aligns the
+    jaw axis with the wire, the jaws pointing at the needle's centre.
 
     Attributes:
         behind_tip_rad: arc from the needle's tip back to the jaws.
-        approach_rad: turn of the jaws about the wire; 0 comes from outside in the needle's plane.
-        lean_rad: turn of the jaws about the direction in which they close.
-        skew_rad: turn about the jaws' length; 0 or half a turn lays the wire into the plane in which the fingers meet.
+        approach_rad: rotation of the jaws about the wire; at 0 they come from outside, in the needle's plane.
+        lean_rad: rotation of the jaws about the direction in which they close.
+        skew_rad: rotation of the jaws about their long axis; at 0 or half a turn the wire lies in the plane in which
+            the fingers meet.
     """
 
     behind_tip_rad: float = math.radians(120.0)
@@ -78,7 +81,7 @@ class NeedleGrasp:
     def __post_init__(self) -> None:
         _within("grasp behind the tip", self.behind_tip_rad, 0.0, math.radians(300), "rad")
         for name in ("approach_rad", "lean_rad", "skew_rad"):
-            _within(f"grasp {name.removesuffix('_rad')}", getattr(self, name), -2 * math.pi, 2 * math.pi, "rad")
+            _within(f"grasp {name.removesuffix('_rad')}", getattr(self, name), -TURN, TURN, "rad")
 
     @property
     def rotation(self) -> SO3:
@@ -89,26 +92,26 @@ class NeedleGrasp:
 
     @property
     def out_of_jaws_rad(self) -> float:
-        """Return the angle between the wire and the plane in which the fingers meet; closing jaws make it 0."""
+        """Return the angle between the wire and the plane in which the fingers meet; closing jaws force it to 0."""
         return math.asin(min(1.0, abs(float(self.rotation.matrix[0, 0]))))
 
     @property
     def holdable(self) -> bool:
-        """Return whether flat jaws can hold a wire so."""
+        """Return whether flat jaws can hold the wire in this grasp."""
         return self.out_of_jaws_rad <= HOLDABLE_RAD
 
 
 @dataclass(frozen=True)
 class Insertion:
-    """The needle primitive's numbers (paper, Fig. 2); those that the paper leaves open say so.
+    """The parameters of the needle primitive (paper, Fig. 2); those that the paper leaves open are marked.
 
     Attributes:
-        entry_angle_rad: between the needle's first direction and the tissue's surface.
-        straight_m: path of the straight penetration.
-        rotation_rad: turn about the needle's centre that follows.
-        regrasp_rad: how far the jaws go back along the needle, and then push it on (open in the paper).
+        entry_angle_rad: angle between the needle's initial direction and the tissue's surface.
+        straight_m: length of the straight penetration.
+        rotation_rad: rotation about the needle's centre that follows.
+        regrasp_rad: angle by which the jaws move back along the needle, and then push it on (open in the paper).
         pushes: how often they do so.
-        theta_is: which point of the suture stands at theta: ``entry``, or ``middle`` of the bite (open in the paper).
+        theta_is: which point of the suture lies at theta: ``entry``, or ``middle`` of the bite (open in the paper).
     """
 
     entry_angle_rad: float = math.radians(30.0)
@@ -130,25 +133,25 @@ class Insertion:
 
     @property
     def turn_rad(self) -> float:
-        """Return how far the needle is turned in all about its centre."""
+        """Return the total rotation of the needle about its centre."""
         return self.rotation_rad + self.pushes * self.regrasp_rad
 
     def exit_turn_rad(self, needle_radius_m: float) -> float:
-        """Return the turn at which a needle's tip comes out of the tissue's plane; NaN if it never would."""
+        """Return the rotation at which a needle's tip leaves the tissue's surface again; NaN if it never would."""
         cosine = math.cos(self.entry_angle_rad) - self.straight_m * math.sin(self.entry_angle_rad) / needle_radius_m
         return self.entry_angle_rad + math.acos(cosine) if cosine >= -1.0 else math.nan
 
 
 @dataclass(frozen=True)
 class SutureSetup:
-    """Everything that the geometry of a plan depends on.
+    """The complete geometry of a suture task.
 
     Attributes:
-        arm: who sutures; its tip is where the jaws hold the needle.
+        arm: the arm that sutures; its tip is the point where the jaws hold the needle.
         T_world_base: pose of its base (remote centre).
-        circle: where.
-        needle: with what.
-        grasp: how it is held.
+        circle: the circle of sutures.
+        needle: the needle.
+        grasp: how the jaws hold it.
         insertion: how it is driven.
     """
 
@@ -162,23 +165,24 @@ class SutureSetup:
     def __post_init__(self) -> None:
         if 2 * self.needle.radius_m > self.circle.radius_m:
             raise TrocarError(
-                f"a needle of radius {1e3 * self.needle.radius_m:.1f} mm is too large for a circle of radius "
-                f"{1e3 * self.circle.radius_m:.1f} mm: its diameter may be at most the circle's radius; give a needle "
-                f"radius up to {500 * self.circle.radius_m:.1f} mm or a larger circle"
+                f"a needle of radius {shown(self.needle.radius_m, 'm')} is too large for a circle of radius "
+                f"{shown(self.circle.radius_m, 'm')}: its diameter may be at most the circle's radius; give a needle "
+                f"radius up to {shown(self.circle.radius_m / 2, 'm')} or a larger circle"
             )
         last = self.grasp.behind_tip_rad + self.insertion.pushes * self.insertion.regrasp_rad
         if last > self.needle.arc_rad + 1e-9:
             raise TrocarError(
-                f"the last grasp lies {math.degrees(last):.0f} deg behind the needle's tip, beyond its tail at "
-                f"{math.degrees(self.needle.arc_rad):.0f} deg; grasp nearer to the tip, regrasp less or take a "
+                f"the last grasp lies {shown(last, 'rad', '.0f')} behind the needle's tip, beyond its tail at "
+                f"{shown(self.needle.arc_rad, 'rad', '.0f')}; grasp nearer to the tip, regrasp less or take a "
                 "longer needle"
             )
         insertion = self.insertion
         if insertion.theta_is == "middle" and math.isnan(insertion.exit_turn_rad(self.needle.radius_m)):
             raise TrocarError(
-                f"after {1e3 * insertion.straight_m:g} mm straight at {math.degrees(insertion.entry_angle_rad):g} deg "
-                f"a needle of radius {1e3 * self.needle.radius_m:g} mm never comes out: its suture has no middle; "
-                "let theta be the entry, go less far straight or less steeply"
+                f"after {shown(insertion.straight_m, 'm', 'g')} straight at "
+                f"{shown(insertion.entry_angle_rad, 'rad', 'g')} a needle of radius "
+                f"{shown(self.needle.radius_m, 'm', 'g')} never comes out, so its suture has no middle; let theta "
+                "be the entry, shorten the straight path or lower the entry angle"
             )
 
     @property
@@ -190,26 +194,26 @@ class SutureSetup:
 def base_beside(
     azimuth_rad: float, sideways_m: float, up_m: float, tilt_rad: float = 0.0, spin_rad: float = 0.0
 ) -> SE3:
-    """Return a base ``Rz(azimuth) Ry(tilt) Rz(spin)`` beside and above the world's origin.
+    """Return the pose of a base beside and above the world's origin, with rotation ``Rz(azimuth) Ry(tilt) Rz(spin)``.
 
     Args:
         azimuth_rad: direction from the origin to the base, counterclockwise from x.
         sideways_m: horizontal distance.
         up_m: height.
         tilt_rad: lean of the instrument (at rest along -z of the base) towards the origin.
-        spin_rad: turn of the base about its z.
+        spin_rad: rotation of the base about its z.
     """
     for name, value, bound in (("sideways", sideways_m, 0.5), ("up", up_m, 0.5)):
         _within(f"base {name}", value, -bound, bound)
     for name, value in (("azimuth", azimuth_rad), ("tilt", tilt_rad), ("spin", spin_rad)):
         if not math.isfinite(value):
-            raise TrocarError(f"the base {name} is {math.degrees(value):g} deg; give a finite angle")
+            raise TrocarError(f"the base {name} is {shown(value, 'rad', 'g')}; give a finite angle")
     place = [sideways_m * math.cos(azimuth_rad), sideways_m * math.sin(azimuth_rad), up_m]
     return SE3.from_parts(SO3.axis("z", azimuth_rad) @ SO3.axis("y", tilt_rad) @ SO3.axis("z", spin_rad), place)
 
 
 def _within(what: str, value: float, low: float, high: float, unit: str = "m") -> None:
-    """Raise a sentence if a value is not finite or out of bounds; shown in mm or degrees as on the command line."""
-    scale, shown = (1e3, "mm") if unit == "m" else (180 / math.pi, "deg")
+    """Raise TrocarError if a value is not finite or out of bounds; shown in mm or degrees as on the command line."""
     if not (math.isfinite(value) and low - 1e-12 <= value <= high + 1e-12):
-        raise TrocarError(f"the {what} is {scale * value:g} {shown}; give {scale * low:g} to {scale * high:g} {shown}")
+        scale, _ = shown_scale(unit)
+        raise TrocarError(f"the {what} is {shown(value, unit, 'g')}; give {scale * low:g} to {shown(high, unit, 'g')}")

@@ -1,4 +1,4 @@
-"""The paper's experiments (section IV) on any setup: Table I, and the data of Figs. 3 to 7."""
+"""The paper's experiments (section IV) on any setup: Table I and the data of Figs. 3 to 7."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, TURN
 from trocar.sutures.joints import suture_joints
 from trocar.sutures.rewards import DexterityMap, Reward, dexterity, surrogate_manipulability
 from trocar.sutures.setup import SutureSetup
@@ -26,10 +26,10 @@ PAPER_SWITCHES_DEG = (67.0, 228.0)
 """Where the paper's best direction changes (Figs. 3 to 5)."""
 
 PAPER_BEST_THETA_DEG = (28.0, 11.0)
-"""Best theta_1 of the paper at its least and its greatest lambda (Fig. 7), which it does not name."""
+"""The paper's best theta_1 at its smallest and largest lambda (Fig. 7), whose values it does not give."""
 
 NEAR_DEG = 5.0
-"""How near to the paper's an angle counts as the same."""
+"""Angles this near to the paper's count as reproduced."""
 
 SWEEP = tuple(k / 10 for k in range(11))
 """Values of lambda for Fig. 7."""
@@ -39,7 +39,7 @@ SUTURES = 4
 
 @dataclass(frozen=True, eq=False)
 class Table1:
-    """Table I: the mean over all evenly spaced plans and the best of them, by the directions that are allowed.
+    """Table I: mean and maximum over all evenly spaced plans, by the allowed directions.
 
     Attributes:
         points: (2, 3) rows as ``LOCATIONS``, columns as ``ALLOWED``; 100 is the best plan.
@@ -49,11 +49,11 @@ class Table1:
 
     @property
     def off_paper(self) -> NDArray[np.float64]:
-        """Return how far (2, 3) the entries are above the paper's, points."""
+        """Return the differences (2, 3) of the entries from the paper's, in points."""
         return self.points - PAPER_TABLE_1
 
     def gains(self) -> dict[str, dict[str, float]]:
-        """Return what the best plan gains over three baselines, as difference in points and as ratio in percent.
+        """Return the gain of the best plan over three baselines, as a difference in points and a ratio in percent.
 
         The paper's "11-57 %" are differences in points (``facts/suture.md``).
         """
@@ -76,7 +76,7 @@ class Table1:
 
 
 def _gain(best: float, of: float) -> dict[str, float]:
-    """Return difference and ratio; a baseline of nothing or less has no ratio."""
+    """Return difference and ratio; a baseline that is not positive has no ratio."""
     return {"points": float(best - of), "ratio_percent": float(100 * (best / of - 1)) if of > 0 else float("inf")}
 
 
@@ -89,7 +89,7 @@ def _cells(points: NDArray[np.float64]) -> dict[str, dict[str, float]]:
 
 
 def plan_values(values: NDArray[np.float64], count: int = SUTURES) -> NDArray[np.float64]:
-    """Return the worst suture (..., n / count) of each evenly spaced plan, by theta_1, of values (..., n)."""
+    """Return the worst suture (..., n / count) of each evenly spaced plan, by theta_1, from values (..., n)."""
     n = values.shape[-1]
     if count < 1 or n % count:
         raise TrocarError(f"{n} positions do not hold {count} evenly spaced sutures; give a multiple of {count}")
@@ -97,13 +97,13 @@ def plan_values(values: NDArray[np.float64], count: int = SUTURES) -> NDArray[np
 
 
 def table_1(dexterity_map: DexterityMap) -> Table1:
-    """Return Table I of these sutures; the expectation of a random location is exact, over all plans."""
+    """Return Table I of these sutures; the mean over random locations is exact, over all plans."""
     values = np.vstack([dexterity_map.values, dexterity_map.best])
     plans = plan_values(values)
     best = plans[2].max()
     if not best > 0:
         raise TrocarError(
-            f"the best plan is worth {best:.3g}, so that no points of it can be given; "
+            f"the best plan has reward {best:.3g}, so that no points can be given relative to it; "
             "choose a setup with a feasible plan"
         )
     return Table1(100 * np.vstack([plans.mean(-1), plans.max(-1)]) / best)
@@ -111,14 +111,14 @@ def table_1(dexterity_map: DexterityMap) -> Table1:
 
 @dataclass(frozen=True, eq=False)
 class LambdaSweep:
-    """Fig. 7: what each plan is worth at several lambda.
+    """Fig. 7: reward of each evenly spaced plan at several lambda.
 
-    Margin and manipulability are scaled first so that the best plan by either of them alone is worth 10.
+    Margin and manipulability are first scaled so that the best plan by either of them alone has reward 10.
 
     Attributes:
-        weights: (k,) lambda.
+        weights: (k,) values of lambda.
         thetas_rad: (m,) theta_1 of the plans.
-        rewards: (k, m).
+        rewards: (k, m) their rewards.
     """
 
     weights: NDArray[np.float64]
@@ -134,21 +134,21 @@ class LambdaSweep:
     def travel_rad(self) -> float:
         """Return how far the best plan turns from the first lambda to the last, each step the shorter way round.
 
-        Plans a quarter of a turn apart are the same, so theta_1 starts again at the gap between two sutures.
+        Plans a quarter of a turn apart are the same, so theta_1 is periodic in the gap between two sutures.
         """
-        turned = np.unwrap(self.best_theta_rad, period=2 * np.pi / SUTURES)
+        turned = np.unwrap(self.best_theta_rad, period=TURN / SUTURES)
         return float(turned[-1] - turned[0])
 
     @property
     def off_paper_deg(self) -> tuple[float, float, float]:
-        """Return how far theta_1 at the first and at the last lambda, and the way between, are from the paper's."""
+        """Return how far theta_1 at the first and last lambda, and the travel between them, are from the paper's."""
         gap, (start, end) = 360 / SUTURES, PAPER_BEST_THETA_DEG
         ends = np.degrees(self.best_theta_rad[[0, -1]]) - PAPER_BEST_THETA_DEG
         first, last = np.abs((ends + gap / 2) % gap - gap / 2)
         return float(first), float(last), float(abs(np.degrees(self.travel_rad) - (end - start)))
 
     def summary(self) -> dict[str, Any]:
-        """Return everything but the curves as plain values."""
+        """Return everything except the curves as plain values."""
         return {
             "weights": self.weights.tolist(),
             "best_theta_deg": np.degrees(self.best_theta_rad).round(6).tolist(),
@@ -161,7 +161,7 @@ class LambdaSweep:
 
 
 def lambda_sweep(dexterity_map: DexterityMap, weights: Sequence[float] = SWEEP) -> LambdaSweep:
-    """Return the plans' rewards at these lambda, each suture in the map's better direction."""
+    """Return the plans' rewards at these values of lambda, each suture in the map's better direction."""
     if not len(weights) or not all(0 <= weight <= 1 for weight in weights):
         raise TrocarError(f"the weights lambda are {list(weights)}; give one or more, each 0 to 1")
     margin = np.take_along_axis(dexterity_map.margin, dexterity_map.choice[None], 0)[0]
@@ -172,7 +172,7 @@ def lambda_sweep(dexterity_map: DexterityMap, weights: Sequence[float] = SWEEP) 
 
 
 def _to_ten(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values (n,) scaled so that the best plan is worth 10."""
+    """Return values (n,) scaled so that the best plan has reward 10."""
     best = plan_values(values).max()
     return 10 * values / best if best > 0 else values
 
@@ -180,8 +180,8 @@ def _to_ten(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def mirrored(setup: SutureSetup) -> SutureSetup:
     """Return the mirror image of a setup in the y-z plane of its circle: base and grasp on the other side.
 
-    An arm that is symmetric about the plane of its yaw axis, as the PSM is, then does at pi - theta in the other
-    direction what it did at theta. Where the paper's second arm stands and how it holds the needle is open.
+    An arm that is symmetric about the plane of its yaw axis, as the PSM is, then moves at pi - theta, in the other
+    direction, as it did at theta. The paper does not say where its second arm stands or how it holds the needle.
     """
     flip = np.diag([-1.0, 1.0, 1.0, 1.0])
     T_circle_base = setup.T_base_circle.inverse().matrix
@@ -195,12 +195,12 @@ class SutureStudy:
     """The paper's experiments on one setup.
 
     Attributes:
-        dexterity: margins both ways (Fig. 5), directions (Fig. 3), values.
+        dexterity: margins in both directions (Fig. 5), better directions (Fig. 3), dexterities.
         table: Table I.
         sweep: Fig. 7.
-        assistant: setup of the second arm.
-        assistant_manipulability: (n,) M of the second arm (Fig. 6), which extracts the needle.
-        assistant_source: where that comes from, in words.
+        assistant: setup of the second arm, which extracts the needle.
+        assistant_manipulability: (n,) M of the second arm (Fig. 6).
+        assistant_source: where that M comes from, in words.
     """
 
     dexterity: DexterityMap
@@ -217,7 +217,7 @@ class SutureStudy:
 
     @property
     def manipulability(self) -> NDArray[np.float64]:
-        """Return M of both arms (2, n), first the arm that drives the needle (Fig. 6)."""
+        """Return M of both arms (2, n), the arm that drives the needle first (Fig. 6)."""
         return np.stack([self.dexterity.manipulability, self.assistant_manipulability])
 
     @property
@@ -228,16 +228,16 @@ class SutureStudy:
 
     @property
     def best_theta_rad(self) -> float:
-        """Return theta_1 of the best plan at the lambda of the reward."""
+        """Return theta_1 of the best plan at the reward's lambda."""
         return float(self.thetas_rad[np.argmax(plan_values(self.dexterity.best))])
 
     @property
     def wrist_limits_rad(self) -> NDArray[np.float64]:
-        """Return the limits (3,) of the same joints."""
+        """Return the upper limits (3,) of roll, wrist pitch and yaw."""
         return self.dexterity.setup.arm.upper[3:]
 
     def summary(self) -> dict[str, Any]:
-        """Return everything but the curves as plain values."""
+        """Return everything except the curves as plain values."""
         found = self.dexterity
         switches = np.degrees(found.switches_rad)
         return {
@@ -260,7 +260,7 @@ class SutureStudy:
 
 
 def switches_off_deg(switches_deg: NDArray[np.float64]) -> list[float]:
-    """Return how far the nearest switch is from each of the paper's; infinite without any."""
+    """Return the distance from each switch of the paper to the nearest of these; infinite if there are none."""
     off = [np.abs((switches_deg - at + 180) % 360 - 180) for at in PAPER_SWITCHES_DEG]
     return [float(turns.min(initial=np.inf)) for turns in off]
 
@@ -278,11 +278,11 @@ def study(
 
     Args:
         setup: the geometry.
-        reward: the measure.
-        positions: how many, a multiple of four.
-        assistant: the second arm, which extracts the needle; default: the mirror image of the first (assumed).
-        weights: lambda of the sweep.
-        manipulability_at: M at positions (n,) rad, from demonstrations; default: the surrogate.
+        reward: how sutures are scored.
+        positions: number of positions, a multiple of four.
+        assistant: setup of the second arm, which extracts the needle; default: mirror image of the first (assumed).
+        weights: values of lambda for the sweep.
+        manipulability_at: returns M at positions (n,) rad, from demonstrations; default: the surrogate.
         source: where that M comes from, in words.
     """
     found = dexterity(setup, reward, positions, manipulability_at, source)

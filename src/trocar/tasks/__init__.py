@@ -1,9 +1,9 @@
-"""What is to be done: a scene and its score."""
+"""Tasks: one folder each, a wing of its own. They are registered by entry points (``pyproject.toml``)."""
 
-from trocar.tasks.peg_transfer import PegTransfer
-from trocar.tasks.suture import CircleSutures
+from trocar.registry import Registry
+from trocar.tasks.kit import Task
 
-TASKS = {PegTransfer.name: PegTransfer, CircleSutures.name: CircleSutures}
+TASKS: Registry[type[Task]] = Registry("task", "trocar.tasks")
 """Every task by its name on the command line."""
 
-__all__ = ["TASKS", "CircleSutures", "PegTransfer"]
+__all__ = ["TASKS", "Task"]

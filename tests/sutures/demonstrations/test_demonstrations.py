@@ -41,7 +41,7 @@ def test_in_between_it_is_linear_between_the_two_closest_and_periodic(seed, plac
     rng = np.random.default_rng(seed)
     at = np.sort(rng.uniform(0, 2 * np.pi, places))
     demos = demonstrations_from_joints(rng.permutation(at), [recorded(rng) for _ in at], TWO, "made up")
-    assert_allclose(demos.breakpoints, at)
+    assert_allclose(demos.places_rad, at)
     ends = np.append(at, at[0] + 2 * np.pi)
     share = rng.uniform(0, 1, places)
     values = np.append(demos.at_places, demos.at_places[0])

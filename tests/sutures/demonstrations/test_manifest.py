@@ -95,7 +95,7 @@ MILLIMETRES = np.tile([1.0, 1.0, 1e3, 1.0, 1.0, 1.0], 2)
     [
         (Q * DEGREES, TWO, ("a.npy, arm 1", " rad at row", "seems to be in deg", 'angles = "deg"')),
         (Q * MILLIMETRES, TWO, ("'insertion'", " m at row", "seems to be in mm", 'lengths = "mm"')),
-        (Q, TWO + 'angles = "deg"\n', ("no suture", "seems to be in rad", 'angles = "rad"')),
+        (Q, TWO + 'angles = "deg"\n', ("too little for a suture", "seems to be in rad", 'angles = "rad"')),
         (Q * DEGREES, TWO + 'angles = "deg"\nlengths = "mm"\n', ("seems to be in m;", 'lengths = "m"')),
         (Q * DEGREES * MILLIMETRES, TWO, ("seems to be in",)),
         (changed(7, 8, 0.9), TWO, ("arm 2", "'insertion'", "0.9 m at row 7", "order of the columns")),
@@ -156,7 +156,7 @@ def test_broken_files(tmp_path, name, content, words):
     [
         ({"action": Q.tolist()}, "", ("no column 'observation.state'", "action")),
         ({"observation.state": Q[:, 0].tolist()}, "", ("no lists",)),
-        ({"observation.state": [[1.0], [1.0, 2.0]]}, "", ("as many numbers in every row",)),
+        ({"observation.state": [[1.0], [1.0, 2.0]]}, "", ("differ in length",)),
         ({"observation.state": Q.tolist()}, "episode = 1", ("no column 'episode_index'",)),
         ({"observation.state": Q.tolist(), "episode_index": [0] * 24}, "episode = 1", ("no episode 1", "0 to 0")),
         ({"observation.state": Q.tolist(), "episode_index": [0, 1] * 12}, "", ("2 episodes", "name the episode")),

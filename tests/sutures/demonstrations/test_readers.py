@@ -138,7 +138,7 @@ def test_jigsaws_with_known_bases_gives_the_joints_back(tmp_path, sutures, expec
     with (folder / "demonstrations.toml").open("a") as file:
         file.write(bases_toml([move @ base for base in BASES]))
     demos = check(folder, expected, rtol=1e-3)
-    assert "bases as the manifest gives them; 0 % of the poses lie outside" in demos.source
+    assert "bases as given in the manifest; 0 % of the poses then lie outside" in demos.source
 
 
 def test_jigsaws_without_bases_says_what_it_assumed_wherever_the_frame_is(tmp_path, sutures):

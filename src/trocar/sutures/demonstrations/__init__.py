@@ -1,8 +1,8 @@
-"""Recordings of sutures, and how well the arms could move in them: the manipulability reward (paper, IV-A2).
+"""Recorded sutures, and the manipulability of the arms in them, which is part of the reward (paper, IV-A2).
 
-A set of demonstrations is a folder with a ``demonstrations.toml`` that says where round the circle each recorded suture
-stands, which arms were recorded and how the numbers are meant (``manifest``); recordings are NumPy arrays or CSV of
-joint states, JIGSAWS text or LeRobot parquet (``READERS``).
+A set of demonstrations is a folder with a ``demonstrations.toml`` that gives the position of each recorded suture on
+the circle, the arms that were recorded, and units and columns (``manifest``). Recordings are NumPy arrays or CSV of
+joint states, JIGSAWS text, or LeRobot parquet (``READERS``).
 """
 
 from trocar.sutures.demonstrations.convention import Convention

@@ -1,4 +1,4 @@
-"""Joint states in NumPy's own files."""
+"""Joint states in NumPy files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NAMES = ("q", "joints")
 
 
 def read_array(path: Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64]:
-    """Return the joint values (n, 6 arms) of a .npy, or of ``q``, ``joints`` or the only array of an .npz.
+    """Return the joint values (n, 6 arms) of a .npy file, or of ``q``, ``joints`` or the only array of an .npz file.
 
     Raises:
         TrocarError: the file is broken or has another shape.
@@ -29,13 +29,13 @@ def read_array(path: Path, convention: Convention, episode: int | None = None) -
 
 
 def pick_columns(values: NDArray[np.float64], convention: Convention, where: str) -> NDArray[np.float64]:
-    """Return the columns (n, 6 arms) that a convention numbers, of columns (n, m) without names."""
+    """Return the joints' columns (n, 6 arms) out of unnamed columns (n, m), as the convention numbers them."""
     columns, arms, have = convention.columns, len(convention.arms), values.shape[1]
     if columns is None:
         if have != convention.width:
             raise TrocarError(
                 f"{where!r} has {have} columns; {arms} arm(s) need {convention.width}, six joints each: correct the "
-                "arms of the manifest, or number the joints' columns there"
+                "arms in the manifest, or number the joints' columns there"
             )
         return values
     numbers = [column for column in columns if isinstance(column, int)]

@@ -1,4 +1,4 @@
-"""The 76-column text of the JIGSAWS recordings (30 Hz, no header): Cartesian poses, no joints."""
+"""Text files of JIGSAWS recordings (76 columns, 30 Hz, no header): Cartesian poses, no joints."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3, SO3, shown
 from trocar.sutures.demonstrations.convention import LENGTHS, SLIDE, Convention
 
 COLUMNS = 76
 SLAVES = (38, 57)
-"""First column of the slave left, then right: position m (3), rotation row by row (9), velocity (3), angular velocity
-(3, unreliable), gripper (1); the masters come before (``facts/suture.md``)."""
+"""First column of the left slave, then of the right: position m (3), rotation row by row (9), velocity (3), angular
+velocity (3, unreliable), gripper (1); the masters come before (``facts/suture.md``)."""
 
 NAMES = ("left", "right")
 
-LEAST_SPREAD_M = 0.3e-3
-"""A suture's poses spread over more than this; metres taken for mm spread over less."""
+MIN_SPREAD_M = 0.3e-3
+"""A suture's poses spread over more than this; metres read as mm spread over less."""
 
 SKEWED = 0.2
-"""A matrix farther than this from the nearest rotation, in the largest entry, is none."""
+"""A matrix that differs by more than this from the nearest rotation, in the largest entry, is not a rotation."""
 
 
 def read_jigsaws(path: Path, convention: Convention, episode: int | None = None) -> SE3:
     """Return the poses (n, 2) of the slaves' tips, left and right, in the frame of the recording.
 
-    Printed rotations are rounded; each is replaced by the nearest rotation.
+    Recorded rotations are rounded; each is replaced by the nearest rotation.
 
     Raises:
-        TrocarError: the file is no such text, its lengths are in another unit than the manifest says, or the manifest
-            has not two arms.
+        TrocarError: the file is not such a text, its lengths are in another unit than the manifest says, or the
+            manifest does not have two arms.
     """
     if len(convention.arms) != len(SLAVES):
         raise TrocarError(
@@ -42,11 +42,11 @@ def read_jigsaws(path: Path, convention: Convention, episode: int | None = None)
         )
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # an empty file is told of below
+            warnings.simplefilter("ignore", UserWarning)  # an empty file is reported below
             values = np.loadtxt(path, ndmin=2)
     except (OSError, ValueError, UnicodeDecodeError):
         raise TrocarError(
-            f"{str(path)!r} is not a readable text of {COLUMNS} numbers a row, as JIGSAWS writes it; copy it again"
+            f"{str(path)!r} is not a readable text of {COLUMNS} numbers per row, as JIGSAWS writes it; copy it again"
         ) from None
     if values.shape[1] != COLUMNS:
         raise TrocarError(f"{str(path)!r} has {values.shape[1]} columns; a JIGSAWS recording has {COLUMNS}")
@@ -69,20 +69,20 @@ def read_jigsaws(path: Path, convention: Convention, episode: int | None = None)
 
 
 def _check_spread(places_m: NDArray[np.float64], convention: Convention, path: Path) -> None:
-    """Raise if places (n, 2, 3) of the tips lie farther apart than an arm reaches, or so near that mm must be m."""
+    """Raise if positions (n, 2, 3) of the tips exceed an arm's reach, or spread so little that mm must be m."""
     spread_m = np.linalg.norm(np.ptp(places_m, axis=0), axis=-1)
     reach_m = 2 * np.array([arm.upper[SLIDE] + arm.tip_length_m for arm in convention.arms])
     far = int(np.argmax(spread_m - reach_m))
     if spread_m[far] > reach_m[far]:
-        unit = 'say lengths = "mm" in its manifest' if convention.lengths == "m" else "correct them"
+        unit = 'set lengths = "mm" in its manifest' if convention.lengths == "m" else "correct them"
         raise TrocarError(
             f"{str(path)!r}: the poses of the {NAMES[far]} slave spread over {spread_m[far]:.3g} m, more than the "
             f"{reach_m[far]:.2g} m that {convention.arms[far].name} reaches; {unit}"
         )
-    if convention.lengths == "mm" and spread_m.max() < LEAST_SPREAD_M:
+    if convention.lengths == "mm" and spread_m.max() < MIN_SPREAD_M:
         raise TrocarError(
-            f"{str(path)!r}: the poses spread over {1e3 * spread_m.max():.2g} mm only, which is no suture: they seem "
-            'to be in m; say lengths = "m" in its manifest'
+            f"{str(path)!r}: the poses spread over {shown(spread_m.max(), 'm', '.2g')} only, too little for a suture: "
+            'they seem to be in m; set lengths = "m" in its manifest'
         )
 
 

@@ -18,8 +18,8 @@ EPISODE = "episode_index"
 def read_parquet(path: Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64]:
     """Return the joint values (n, 6 arms) of one episode.
 
-    The column named by ``convention.state`` holds a list of numbers a row; ``convention.columns`` numbers those that
-    are joints, in the order of the arms (``meta/info.json`` of the data set says what they are).
+    The column named by ``convention.state`` holds one list of numbers per row; ``convention.columns`` numbers those
+    that are joints, in the order of the arms (``meta/info.json`` of the data set says what they are).
 
     Raises:
         TrocarError: pyarrow is missing, the file is broken, or it has no such column or episode.
@@ -28,7 +28,7 @@ def read_parquet(path: Path, convention: Convention, episode: int | None = None)
     if convention.state not in table.column_names:
         raise TrocarError(
             f"{str(path)!r} has no column {convention.state!r}; it has {', '.join(table.column_names)}: "
-            "name the state in the manifest"
+            "name the state's column in the manifest"
         )
     rows = table.column(convention.state).to_pylist()
     if EPISODE in table.column_names:
@@ -43,11 +43,13 @@ def read_parquet(path: Path, convention: Convention, episode: int | None = None)
             raise TrocarError(f"{str(path)!r} has no episode {episode}; it has {there[0]} to {there[-1]}")
         rows = [row for row, number in zip(rows, numbers, strict=True) if episode is None or number == episode]
     elif episode is not None:
-        raise TrocarError(f"{str(path)!r} has no column {EPISODE!r} to find episode {episode} by; leave it out")
+        raise TrocarError(f"{str(path)!r} has no column {EPISODE!r} with which to find episode {episode}; leave it out")
     try:
         values = np.array(rows, dtype=np.float64)
     except (TypeError, ValueError):
-        raise TrocarError(f"{str(path)!r}: {convention.state} is not a list of as many numbers in every row") from None
+        raise TrocarError(
+            f"{str(path)!r}: the lists in {convention.state} differ in length or hold no numbers; name another column"
+        ) from None
     if values.ndim != 2:
         raise TrocarError(f"{str(path)!r}: {convention.state} holds no lists of numbers; name a column that does")
     return pick_columns(values, convention, str(path))

@@ -1,9 +1,9 @@
-"""``demonstrations.toml``: which file was recorded where round the circle, and how its numbers are meant.
+"""``demonstrations.toml``: the position of each recording on the circle, and the meaning of its numbers.
 
 ::
 
     source = "expert surgeon, training phantom, 2026-03"     # shown beside every figure that depends on it
-    arms = ["psm-classic", "psm-classic"]                    # who was recorded, in the order of the columns
+    arms = ["psm-classic", "psm-classic"]                    # the recorded arms, in the order of the columns
     angles = "deg"                                           # or "rad", the default
     lengths = "mm"                                           # or "m", the default
     columns = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12]        # optional: the joints' columns, by number or name
@@ -12,7 +12,7 @@
     [[sutures]]
     file = "place_0_first.csv"
     theta_deg = 0                                            # counterclockwise from x of the circle
-    rows = [120, 840]                                        # optional: from this row to before that one
+    rows = [120, 840]                                        # optional: first row, and the row after the last
     episode = 3                                              # optional: of a parquet file
 
     [[bases]]                                                # optional, JIGSAWS: pose of each arm's base in the
@@ -52,7 +52,7 @@ class RecordedSuture:
 
     Attributes:
         file: its recording.
-        theta_rad: where it stands.
+        theta_rad: its position on the circle.
         rows: first row, and the row after the last; None: all.
         episode: of a parquet file; None: the only one.
     """
@@ -68,9 +68,9 @@ class Manifest:
     """A set of recorded sutures.
 
     Attributes:
-        source: where they come from, in words.
-        convention: how their numbers are meant.
-        sutures: which there are.
+        source: their origin, in words.
+        convention: the meaning of their numbers.
+        sutures: the recorded sutures.
     """
 
     source: str
@@ -79,10 +79,10 @@ class Manifest:
 
 
 def load_demonstrations(path: str | Path) -> Demonstrations:
-    """Return the demonstrations in a folder with a ``demonstrations.toml``, or that file's own.
+    """Return the demonstrations of a ``demonstrations.toml``, given as that file or its folder.
 
     Raises:
-        TrocarError: the manifest or a recording is missing, broken, or not what it is said to be.
+        TrocarError: the manifest or a recording is missing or broken, or a recording contradicts the manifest.
     """
     manifest = load_manifest(path)
     convention, joints, poses = manifest.convention, {}, {}
@@ -92,7 +92,7 @@ def load_demonstrations(path: str | Path) -> Demonstrations:
         rows = slice(*suture.rows) if suture.rows else slice(None)
         if suture.rows and suture.rows[1] > length:
             raise TrocarError(
-                f"{suture.file}: rows {suture.rows[0]} to {suture.rows[1]} are asked for; it has {length} rows"
+                f"{suture.file}: the manifest asks for rows {suture.rows[0]} to {suture.rows[1]}; it has {length} rows"
             )
         if isinstance(found, SE3):
             poses[index] = found[rows]
@@ -110,7 +110,7 @@ def load_demonstrations(path: str | Path) -> Demonstrations:
 
 
 def load_manifest(path: str | Path) -> Manifest:
-    """Return the manifest at a path: the file, or the folder that holds it.
+    """Return the manifest at a path, which is the file or its folder.
 
     Raises:
         TrocarError: it is missing, broken, has unknown keys or wrong values.
@@ -130,7 +130,7 @@ def load_manifest(path: str | Path) -> Manifest:
     _check_keys(content, KEYS, where)
     sutures = content.get("sutures", [])
     if not (isinstance(sutures, list) and sutures and all(isinstance(entry, dict) for entry in sutures)):
-        raise TrocarError(f"{where} lists no sutures; add a [[sutures]] with file and theta_deg for each recording")
+        raise TrocarError(f"{where} lists no sutures; add [[sutures]] with file and theta_deg for each recording")
     source = content.get("source", f"demonstrations in {path.parent.name}")
     if not isinstance(source, str):
         raise TrocarError(f"{where}: source is {source!r}; say in words where the recordings come from")
@@ -150,12 +150,12 @@ def _convention(content: dict[str, Any], where: str) -> Convention:
     if columns is not None:
         kinds = {type(column) for column in columns} if isinstance(columns, list) else set()
         if kinds not in ({int}, {str}):
-            raise TrocarError(f"{where}: columns is {columns!r}; list numbers from 0, or names, six an arm")
+            raise TrocarError(f"{where}: columns is {columns!r}; list numbers from 0, or names, six per arm")
         columns = tuple(columns)
     bases = content.get("bases")
     if bases is not None:
         if not (isinstance(bases, list) and all(isinstance(base, dict) for base in bases)):
-            raise TrocarError(f"{where}: bases is {bases!r}; add a [[bases]] with xyz_m and wxyz for each arm")
+            raise TrocarError(f"{where}: bases is {bases!r}; add [[bases]] with xyz_m and wxyz for each arm")
         bases = tuple(_base(base, f"{where}, base {i + 1}") for i, base in enumerate(bases))
     tip = _numbers(content.get("recorded_tip_wxyz", [1, 0, 0, 0]), 4, f"{where}: recorded_tip_wxyz")
     try:
@@ -177,8 +177,8 @@ def _suture(entry: dict[str, Any], folder: Path, where: str) -> RecordedSuture:
         raise TrocarError(f"{where} has the file {file!r}; name its recording")
     if not isinstance(theta, int | float) or isinstance(theta, bool) or not math.isfinite(theta):
         raise TrocarError(
-            f"{where} ({file}) has theta_deg = {theta!r}; give its place on the circle in degrees, counterclockwise "
-            "from x"
+            f"{where} ({file}) has theta_deg = {theta!r}; give its position on the circle in degrees, "
+            "counterclockwise from x"
         )
     if rows is not None and not (
         isinstance(rows, list) and len(rows) == 2 and all(type(row) is int for row in rows) and 0 <= rows[0] < rows[1]
@@ -196,7 +196,7 @@ def _base(entry: dict[str, Any], where: str) -> SE3:
 
 
 def _numbers(values: Any, count: int, where: str) -> NDArray[np.float64]:
-    """Return so many finite numbers, not all zero where they are a quaternion, or raise."""
+    """Return ``count`` finite numbers (four are a quaternion, and not all zero), or raise TrocarError."""
     good = isinstance(values, list) and len(values) == count and all(type(v) in (int, float) for v in values)
     if not good or not np.isfinite(values).all() or (count == 4 and not np.any(values)):
         raise TrocarError(f"{where} is {values!r}; give {count} finite numbers")

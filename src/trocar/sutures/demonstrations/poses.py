@@ -1,4 +1,4 @@
-"""From recorded poses to joints, where a recording has none."""
+"""Joints from recorded poses, for recordings without joints."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from trocar.geometry import SE3
 from trocar.sutures.demonstrations.convention import Convention
 from trocar.sutures.demonstrations.jigsaws import nearest_rotations
 
-LEAST_REAL = 0.5
-"""Share of a recording's poses that the arm must be able to point at; with fewer the bases are wrong."""
+MIN_REAL_SHARE = 0.5
+"""Share of a recording's poses for which the arm must have a solution; with fewer the bases are wrong."""
 
 
 def joints_from_poses(
@@ -22,12 +22,12 @@ def joints_from_poses(
 ) -> tuple[list[NDArray[np.float64]], str]:
     """Return joints (n, arms, 6) of recorded poses (n, arms), and what was assumed, in words.
 
-    Poses that the arm cannot point at are left out.
+    Poses without a solution are left out.
 
     Args:
-        recordings: poses as recorded, of all sutures of a set: they share the bases.
-        convention: whose, and where the bases stand if that is known.
-        where: the files' names, for errors.
+        recordings: poses as recorded, of all sutures of a set, which share the bases.
+        convention: the recorded arms, and the poses of their bases if known.
+        where: names of the files, for error sentences.
 
     Raises:
         TrocarError: most poses of a recording cannot be reached from the bases.
@@ -39,7 +39,7 @@ def joints_from_poses(
     for tip, name in zip(tips, where, strict=True):
         q = np.stack([ik_unbounded(arm, bases[a].inverse() @ tip[:, a]) for a, arm in enumerate(convention.arms)], 1)
         real = np.asarray(np.isfinite(q).all((1, 2)))
-        if real.mean() < LEAST_REAL or real.sum() < 2:
+        if real.mean() < MIN_REAL_SHARE or real.sum() < 2:
             raise TrocarError(
                 f"{name}: {100 * (1 - real.mean()):.0f} % of the poses cannot be reached from the arms' bases; "
                 "correct the bases, or the frame of the recorded tip, in the manifest"
@@ -49,21 +49,21 @@ def joints_from_poses(
         lost, total = lost + int((~real).sum()), total + real.size
         joints.append(q[real])
     given = (
-        "bases as the manifest gives them"
+        "bases as given in the manifest"
         if convention.T_frame_base
-        else "assumed bases: each arm's mean recorded pose is that of the middle of its joints' ranges"
+        else "assumed bases, from which each arm's mean recorded pose is that at the middle of its joints' ranges"
     )
     return joints, (
-        f"joints by inverse kinematics from Cartesian poses, {given}; {100 * outside / total:.0f} % of the poses lie "
-        f"outside the joints' limits then, {100 * lost / total:.0f} % have no solution"
+        f"joints by inverse kinematics from Cartesian poses, {given}; {100 * outside / total:.0f} % of the poses then "
+        f"lie outside the joints' limits, {100 * lost / total:.0f} % have no solution"
     )
 
 
 def assumed_bases(tips: Sequence[SE3], convention: Convention) -> tuple[SE3, ...]:
-    """Return a base for each arm that the recording does not contradict: one from which it works mid-range.
+    """Return a plausible base for each arm: one from which it works in the middle of its joints' ranges.
 
-    The remote centre cannot be told from poses of the tip (any place has an inverse kinematics), so it is assumed:
-    the mean pose of the tip over all recordings (n, arms) is where the middle of the joints' ranges puts it.
+    Poses of the tip do not determine the remote centre (the inverse kinematics has solutions for any), so it is assumed
+    such that the mean pose of the tip over all recordings (n, arms) is that at the middle of the joints' ranges.
     """
     bases = []
     for a, arm in enumerate(convention.arms):

@@ -1,4 +1,4 @@
-"""Files of recorded sutures: one reader a format, by the ending of the file's name."""
+"""Readers of recorded sutures, one per file format."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from trocar.sutures.demonstrations.lerobot import read_parquet
 from trocar.sutures.demonstrations.table import read_table
 
 Reader = Callable[[Path, Convention, int | None], NDArray[np.float64] | SE3]
-"""Takes a file, how it is meant and which episode is wanted; returns joint values (n, 6 arms) as they stand in the
-file, or poses (n, arms) of the tips where the format has no joints."""
+"""Takes a file, its convention and the episode; returns joint values (n, 6 arms) in the file's units, or poses
+(n, arms) of the tips if the format has no joints."""
 
 READERS: dict[str, Reader] = {
     ".npy": read_array,
@@ -27,14 +27,14 @@ READERS: dict[str, Reader] = {
     ".txt": read_jigsaws,
     ".parquet": read_parquet,
 }
-"""Readers by the ending of the file's name."""
+"""Readers by file extension."""
 
 
 def read_recording(path: Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64] | SE3:
-    """Return what a file holds, by the reader for its ending.
+    """Return the content of a file, read by the reader for its extension.
 
     Raises:
-        TrocarError: the file is missing, empty or broken, or its ending or content is none that is known.
+        TrocarError: the file is missing, empty or broken, or its extension or content is unknown.
     """
     if path.suffix not in READERS:
         raise TrocarError(f"{str(path)!r} ends in {path.suffix!r}; recordings end in one of {', '.join(READERS)}")
@@ -43,5 +43,5 @@ def read_recording(path: Path, convention: Convention, episode: int | None = Non
     if path.stat().st_size == 0:
         raise TrocarError(f"recording {str(path)!r} is empty; copy it again")
     if episode is not None and path.suffix != ".parquet":
-        raise TrocarError(f"recording {str(path)!r} has no episodes, but {episode} is asked for; leave it out")
+        raise TrocarError(f"recording {str(path)!r} has no episodes, but episode {episode} was requested; leave it out")
     return READERS[path.suffix](path, convention, episode)

@@ -1,6 +1,6 @@
-"""A small synthetic set of demonstrations, and how it was made: no person and no robot recorded it.
+"""A small synthetic set of demonstrations, and the program that made it; it was not recorded on any robot.
 
-``python -m trocar.sutures.demonstrations.synthetic FOLDER`` writes it anew.
+``python -m trocar.sutures.demonstrations.synthetic FOLDER`` generates it again.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ik_unbounded
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3, SO3, TURN
 from trocar.sutures.demonstrations.demonstrations import Demonstrations
 from trocar.sutures.demonstrations.manifest import NAME, load_demonstrations
 from trocar.sutures.presets import PRESETS
@@ -29,24 +29,24 @@ PLACES = 8  # two sutures at each of eight places, as in the paper (IV-A2)
 TAKES = 2
 ROWS = 24
 SECOND_BASE = base_beside(radians(315.0), 0.070, 0.130, tilt_rad=radians(40.0), spin_rad=radians(-45.0))
-"""As the first arm's mirrored in the plane x = 0, but farther away, which keeps it off its joints' limits."""
+"""The first arm's base mirrored in the plane x = 0, but farther away, which keeps the arm off its joints' limits."""
 
 WANDER_M, WANDER_RAD = 0.003, radians(8.0)
 HOVER_M, PULL_M = 0.020, 0.045
 
 
 def synthetic_demonstrations() -> Demonstrations:
-    """Return the synthetic set that ships with the package; named synthetic in its ``source``."""
+    """Return the synthetic set that ships with the package; its ``source`` says that it is synthetic."""
     with as_file(files("trocar.sutures.demonstrations") / "synthetic_set") as folder:
         return load_demonstrations(folder)
 
 
 def synthetic_suture(theta_rad: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return joints (rows, 2, 6) of a made-up teleoperated suture: the first arm drives the needle, the second pulls.
+    """Return joints (rows, 2, 6) of a simulated teleoperated suture: the first arm drives the needle, the second pulls.
 
     The first arm comes down, follows the needle primitive in the direction that the default reward prefers, and lifts
-    the thread; the second hovers beside the exit, meets the needle's tip there and pulls it out and up. Both wander
-    smoothly about that, and are kept within their joints' ranges.
+    the thread; the second hovers beside the exit, grasps the needle's tip there and pulls it out and up. Both wander
+    smoothly about these paths, and are kept within their joints' ranges.
     """
     hover, pull = HOVER_M * rng.uniform(0.7, 1.3), PULL_M * rng.uniform(0.7, 1.3)
     row, sign = _preferred(theta_rad)
@@ -62,12 +62,12 @@ def synthetic_suture(theta_rad: float, rng: np.random.Generator) -> NDArray[np.f
 
 
 def write_synthetic(folder: Path, rng: np.random.Generator) -> None:
-    """Write the manifest and one CSV a suture into a folder."""
+    """Write the manifest and one CSV file per suture to a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     names = [joint.name for joint in SETUP.arm.joints]
     header = ",".join(f"{arm}_{name}" for arm in ("psm1", "psm2") for name in names)
     lines = [f'source = "{SOURCE}"', f'arms = ["{SETUP.arm.name}", "{SETUP.arm.name}"]']
-    for theta in np.arange(PLACES) * (2 * np.pi / PLACES):
+    for theta in np.arange(PLACES) * (TURN / PLACES):
         for take in range(1, TAKES + 1):
             name = f"synthetic_{degrees(theta):03.0f}_{take}.csv"
             values = synthetic_suture(float(theta), rng).reshape(ROWS, 12)
@@ -96,7 +96,7 @@ def _driving(theta_rad: float, row: int, hover_m: float, pull_m: float) -> SE3:
 
 
 def _pulling(theta_rad: float, row: int, sign: int, hover_m: float, pull_m: float) -> SE3:
-    """Return poses (rows,) of the second arm's tip in the circle's frame; it points as at the middle of its ranges."""
+    """Return poses (rows,) of the second arm's tip in the circle's frame, in the orientation of its base."""
     straight, turn = SETUP.insertion.straight_m, exit_turn_rad(SETUP)
     needle = turned_to(needle_poses(SETUP, [straight], [turn]), [theta_rad])[row, 0, 0]
     way_out = needle.apply([0.0, -SETUP.needle.radius_m, 0.0])
@@ -110,7 +110,7 @@ def _pulling(theta_rad: float, row: int, sign: int, hover_m: float, pull_m: floa
 
 
 def _eased(knots: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rows (ROWS, m) that go from knot to knot (k, m) and slow down at each."""
+    """Return rows (ROWS, m) that move from knot to knot (k, m) and slow down at each."""
     place = np.linspace(0.0, len(knots) - 1.0, ROWS)
     start = np.minimum(place.astype(int), len(knots) - 2)
     part = place - start
@@ -119,9 +119,9 @@ def _eased(knots: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _wander(rng: np.random.Generator) -> SE3:
-    """Return smooth small motions (rows,) about nothing: three slow waves on every axis."""
+    """Return small smooth motions (rows,) about the identity: three slow waves per axis."""
     time = np.linspace(0.0, 1.0, ROWS)[:, None, None]
-    waves = np.sin(2 * np.pi * (np.array([0.7, 1.6, 2.9]) * time + rng.uniform(0, 1, (6, 3))))
+    waves = np.sin(TURN * (np.array([0.7, 1.6, 2.9]) * time + rng.uniform(0, 1, (6, 3))))
     twist = (waves * rng.normal(size=(6, 3)) * np.array([0.6, 0.3, 0.1])).sum(-1)
     return SE3.exp(twist * np.repeat([WANDER_M, WANDER_RAD], 3))
 

@@ -1,4 +1,4 @@
-"""Joint states in a CSV with a header."""
+"""Joint states in CSV files with a header."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from trocar.sutures.demonstrations.convention import Convention
 
 
 def read_table(path: Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64]:
-    """Return the joint values (n, 6 arms) of a CSV with a header.
+    """Return the joint values (n, 6 arms) of a CSV file with a header.
 
     Unless the manifest names or numbers them, the columns are ``q1`` to ``q6`` or the arm's joint names (``yaw``,
-    ``pitch``, ...), with one prefix an arm where there are several (``psm1_yaw``, ``psm2_yaw``); others, such as times,
-    are passed over.
+    ``pitch``, ...), with a prefix per arm if there are several (``psm1_yaw``, ``psm2_yaw``); other columns, such as
+    times, are ignored.
 
     Raises:
-        TrocarError: the file is no such table.
+        TrocarError: the file is not such a table.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -46,7 +46,7 @@ def read_table(path: Path, convention: Convention, episode: int | None = None) -
 
 
 def _columns(header: list[str], convention: Convention, path: Path) -> list[int]:
-    """Return which columns hold the joints, in order."""
+    """Return the indices of the joints' columns, in order."""
     if all(_is_number(name) for name in header):
         raise TrocarError(f"{str(path)!r} has no header; write the joints' names, or q1 to q6, into its first row")
     if len(set(header)) < len(header):

@@ -1,0 +1,38 @@
+"""What a task must have, and what its scripts can use."""
+
+from trocar.tasks.kit.arm_script import ArmScript
+from trocar.tasks.kit.method import (
+    METHODS,
+    PERCEPTIONS,
+    Agent,
+    Brief,
+    Method,
+    methods_of,
+    perceptions_of,
+    pick_method,
+    pick_perception,
+)
+from trocar.tasks.kit.task import Score, Task, check_budget, check_task, option, stopped, told
+from trocar.tasks.kit.task_report import PaperRow, TaskReport
+
+__all__ = [
+    "METHODS",
+    "PERCEPTIONS",
+    "Agent",
+    "ArmScript",
+    "Brief",
+    "Method",
+    "PaperRow",
+    "Score",
+    "Task",
+    "TaskReport",
+    "check_budget",
+    "check_task",
+    "methods_of",
+    "option",
+    "perceptions_of",
+    "pick_method",
+    "pick_perception",
+    "stopped",
+    "told",
+]

@@ -1,0 +1,81 @@
+"""One arm as a script uses it: what it does is noted in the cell's log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, MotionLimits
+from trocar.calibration.excitation import WAKE_RAD
+from trocar.cell import Cell, Execution, Result
+from trocar.errors import TrocarError
+from trocar.motion import rest_to_rest
+from trocar.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class ArmScript:
+    """One arm of a cell.
+
+    Attributes:
+        cell: the laboratory.
+        name: of the arm.
+        limits: of velocity and acceleration where only start and end of a motion are given.
+        settle_s: rest after a motion before the jaws act.
+    """
+
+    cell: Cell
+    name: str
+    limits: MotionLimits
+    settle_s: float
+
+    def __post_init__(self) -> None:
+        if self.name not in self.cell.arms:
+            raise TrocarError(f"arm {self.name!r} is not in this cell; choose one of {', '.join(self.cell.arms)}")
+
+    @property
+    def model(self) -> ArmModel:
+        """Return the arm's model."""
+        return self.cell.arms[self.name]
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """Return the joints (6,) that the arm is told now: where a motion starts."""
+        return self.cell.robot.setpoint(self.name).q
+
+    @property
+    def jaw_rad(self) -> float:
+        """Return the jaws' opening as the robot tells it now."""
+        return self.cell.robot.read(self.name).jaw_rad
+
+    async def wake(self) -> None:
+        """Turn the wrist to and fro: afterwards the slack in the cables is known, whatever it was before."""
+        home, swing = self.q, np.array([0.0, 0.0, 0.0, *WAKE_RAD])
+        for q in (home + swing, home - swing, home):
+            await self.go(q)
+
+    async def go(self, q: NDArray[np.float64]) -> Execution:
+        """Move from rest to rest at these joints (6,)."""
+        return await self.move(rest_to_rest(self.q, q, self.limits))
+
+    async def move(self, trajectory: Trajectory) -> Execution:
+        """Run a trajectory."""
+        with self.cell.log.span(self.name, "motion"):
+            return (await self.cell.robot.move({self.name: trajectory}))[self.name]
+
+    async def jaw(self, angle_rad: float) -> Execution:
+        """Drive the jaws to an opening."""
+        with self.cell.log.span(self.name, "jaw"):
+            return await self.cell.robot.jaw(self.name, angle_rad)
+
+    async def settle(self) -> None:
+        """Rest, so that the jaws act on something that holds still."""
+        with self.cell.log.span(self.name, "settling"):
+            await self.cell.clock.sleep(self.settle_s)
+
+    async def compute(self, what: str, budget_s: float, function: Callable[[], Result]) -> Result:
+        """Compute; in simulation the clock counts the declared budget, and the real time is noted beside it."""
+        return await self.cell.compute(self.name, what, function, budget_s)

@@ -1,0 +1,150 @@
+"""How a task is done: an agent, and what it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from trocar.cell import Cell
+from trocar.errors import TrocarError
+from trocar.motion.plan import Planner
+from trocar.registry import Lazy, Registry
+from trocar.tasks.kit.task import Task
+
+
+class Agent(Protocol):
+    """A script that tries to reach a task's goals."""
+
+    async def run(self) -> None:
+        """Do it; return when there is nothing left to do."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Brief:
+    """What an agent is given.
+
+    Attributes:
+        cell: devices, and what registration found.
+        goals: what is to be done, in order.
+        known: what anybody knows of the scene beforehand, such as shapes; the task says.
+        arms: names of those that work.
+        planner: of its motions.
+        perception: what it sees with; None where the task has none.
+        rng: its own stream of randomness.
+        settings: of its method.
+    """
+
+    cell: Cell
+    goals: Sequence[Any]
+    known: Any
+    arms: tuple[str, ...]
+    planner: Planner
+    perception: Any
+    rng: np.random.Generator
+    settings: Any
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to do a task.
+
+    Attributes:
+        about: one line.
+        agent: class of its agent, or any function of a brief; lazy where importing it is expensive.
+        settings: class of its settings; as they come they are the defaults. Lazy likewise.
+        calibrated: whether the arms' cables are compensated by a fitted model.
+        stop_at_limits: whether a motion is refused whose compensation would leave a joint's range; else what cannot
+            be corrected stays uncorrected.
+        planner: name in ``PLANNERS``, if none is asked for.
+        perception: name among the task's, if none is asked for; empty where it has none.
+    """
+
+    about: str
+    agent: Callable[[Brief], Agent] | Lazy
+    settings: Callable[[], Any] | Lazy
+    calibrated: bool = True
+    stop_at_limits: bool = False
+    planner: str = "spline"
+    perception: str = ""
+
+    def made(self, brief: Brief) -> Agent:
+        """Return an agent with its brief."""
+        return _loaded(self.agent)(brief)
+
+    def default_settings(self) -> Any:
+        """Return the settings as they come."""
+        return _loaded(self.settings)()
+
+
+METHODS: Registry[Method] = Registry("method", "trocar.methods")
+"""Methods from outside, under ``TASK/METHOD``; a task brings its own along."""
+
+PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions")
+"""Perceptions from outside, under ``TASK/NAME``; a task brings its own along."""
+
+
+def methods_of(task: type[Task]) -> dict[str, Method | Lazy]:
+    """Return all methods of a task by name: its own, then those from outside."""
+    return {**task.methods, **_from_outside(METHODS, task.name)}
+
+
+def pick_method(task: type[Task], name: str) -> Method:
+    """Return the method of this name; empty: the task's first.
+
+    Raises:
+        TrocarError: the task has none of that name.
+    """
+    name = name or next(iter(task.methods))
+    method = _pick(methods_of(task), name, "method", task.name)
+    if not isinstance(method, Method):
+        raise TrocarError(f"method {name!r} of {task.name} is {method!r}; register a trocar.tasks.kit.Method")
+    return method
+
+
+def pick_perception(task: type[Task], name: str) -> Any:
+    """Return a new instance of what this task's agents see with.
+
+    Raises:
+        TrocarError: the task has none of that name.
+    """
+    return _pick({**task.perceptions, **_from_outside(PERCEPTIONS, task.name)}, name, "perception", task.name)()
+
+
+def perceptions_of(task: type[Task]) -> tuple[str, ...]:
+    """Return the names of all that this task's agents may see with."""
+    return (*task.perceptions, *_from_outside(PERCEPTIONS, task.name))
+
+
+def _from_outside(registry: Registry[Any], task: str) -> dict[str, Lazy]:
+    prefix = f"{task}/"
+    return {name.removeprefix(prefix): _Deferred(registry, name) for name in registry if name.startswith(prefix)}
+
+
+@dataclass(frozen=True)
+class _Deferred(Lazy):
+    """An entry of a registry that is loaded when it is picked."""
+
+    registry: Registry[Any]
+    where: str
+
+    def __init__(self, registry: Registry[Any], where: str):
+        object.__setattr__(self, "registry", registry)
+        object.__setattr__(self, "where", where)
+
+    def load(self) -> Any:
+        return self.registry[self.where]
+
+
+def _pick(choices: Mapping[str, Any], name: str, what: str, task: str) -> Any:
+    if name not in choices:
+        known = ", ".join(choices) or "none"
+        raise TrocarError(f"{what} {name!r} of {task} is unknown; choose one of {known}")
+    return _loaded(choices[name])
+
+
+def _loaded(thing: Any) -> Any:
+    return thing.load() if isinstance(thing, Lazy) else thing

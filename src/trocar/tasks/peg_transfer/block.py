@@ -1,0 +1,117 @@
+"""The triangular block of the FLS peg transfer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry import SE3
+
+HOLE_MM = ((0, 3.85), (10, 4.03), (20, 4.42), (30, 4.90), (45, 4.80), (60, 4.80))
+"""Radius of the hole over the angle in degrees from the middle of a side to the next corner.
+
+Measured on the top face of the authors' model (`shared/data/dvrk/blocks/capture: block_top_model_mm`), averaged over
+its six-fold symmetry.
+"""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rounded triangular prism with a hole, in the frame of the authors' model.
+
+    The origin is the middle of the top face. The x axis is parallel to one side, which lies at y = +5.55 mm; the
+    opposite corner is at y = -8.95 mm. **z points into the block**, away from a viewer of its top face. The block is
+    symmetric under rotations by 120 deg about z.
+
+    Attributes:
+        side_m: distance of a side from the middle.
+        corner_m: distance of a corner's tip from the middle.
+        height_m: extent along z.
+        density_kg_m3: printed ABS (assumed).
+    """
+
+    side_m: float = 5.57e-3
+    corner_m: float = 8.95e-3
+    height_m: float = 14.9e-3
+    density_kg_m3: float = 1040.0
+
+    @property
+    def corner_radius_m(self) -> float:
+        """Return the radius of the corners' circles: tangent to both sides, with the tip at ``corner_m``."""
+        return 2 * self.side_m - self.corner_m
+
+    def hole_radius_m(self, angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the hole's radius in the direction ``angle_rad`` from +x (...,)."""
+        from_side = np.degrees(np.asarray(angle_rad)) - 90.0
+        folded = np.abs((from_side + 60.0) % 120.0 - 60.0)
+        angles, radii = np.array(HOLE_MM).T
+        return 1e-3 * np.interp(folded, angles, radii)
+
+    def outer_radius_m(self, angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the outline's radius in the direction ``angle_rad`` from +x (...,)."""
+        from_side = np.degrees(np.asarray(angle_rad)) - 90.0
+        folded = np.radians(np.abs((from_side + 60.0) % 120.0 - 60.0))
+        flat = self.side_m / np.cos(folded)
+        centre = self.corner_m - self.corner_radius_m
+        off = np.radians(60.0) - folded
+        under = np.maximum(self.corner_radius_m**2 - (centre * np.sin(off)) ** 2, 0.0)
+        arc = centre * np.cos(off) + np.sqrt(under)
+        return np.where(folded <= self.tangent_rad, flat, arc)
+
+    def gap_m(self, T_a: SE3, T_b: SE3) -> float:
+        """Return the gap between two upright blocks, measured along their radii; negative if they overlap."""
+        angle = np.linspace(-np.pi, np.pi, 120, endpoint=False)
+        radius = self.outer_radius_m(angle)
+        rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)])
+        gaps = []
+        for first, second in ((T_a, T_b), (T_b, T_a)):
+            x, y, _ = (second.inverse() @ first).apply(rim).T
+            gaps.append(np.min(np.hypot(x, y) - self.outer_radius_m(np.arctan2(y, x))))
+        return float(min(gaps))
+
+    @cached_property
+    def tangent_rad(self) -> float:
+        """Return the angle from the middle of a side to where the rounding of its corner begins."""
+        centre = self.corner_m - self.corner_radius_m
+        return float(np.arctan2(centre * np.sin(np.radians(60.0)), self.side_m))
+
+    def corners_m(self) -> NDArray[np.float64]:
+        """Return the centres (3, 3) of the corners' circles on the top face."""
+        angle = np.radians(90.0 + 60.0 + 120.0 * np.arange(3))
+        radius = self.corner_m - self.corner_radius_m
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(3)])
+
+    def convex_pieces(self) -> list[NDArray[np.float64]]:
+        """Return the nine convex pieces of the prism as corner points (2 k, 3) in m, in the block frame.
+
+        There are three walls along the sides, where the hole bulges inwards, and two pieces at each corner. The chords
+        that replace the hole's outline are at most 0.17 mm inside the true hole.
+        """
+        pieces = []
+        for side in range(3):
+            middle = np.radians(90.0 + 120.0 * side)
+            walls = [
+                ([-30, 0, 30], [30, -30]),
+                ([30, 60], [60, 54, np.degrees(self.tangent_rad), 30]),
+                ([60, 90], [90, 120 - np.degrees(self.tangent_rad), 66, 60]),
+            ]
+            for inner_deg, outer_deg in walls:
+                inner = middle + np.radians(inner_deg)
+                outer = middle + np.radians(outer_deg)
+                angle = np.concatenate([inner, outer])
+                radius = np.concatenate([self.hole_radius_m(inner), self.outer_radius_m(outer)])
+                flat = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
+                top = np.column_stack([flat, np.zeros(len(flat))])
+                pieces.append(np.concatenate([top, top + [0, 0, self.height_m]]))
+        return pieces
+
+    def top_face_m(self, spacing_m: float = 0.4e-3) -> NDArray[np.float64]:
+        """Return points (n, 3) on the top face, on a square grid with this spacing."""
+        ticks = np.arange(-self.corner_m, self.corner_m + spacing_m, spacing_m)
+        x, y = (a.ravel() for a in np.meshgrid(ticks, ticks))
+        radius, angle = np.hypot(x, y), np.arctan2(y, x)
+        keep = (radius >= self.hole_radius_m(angle)) & (radius <= self.outer_radius_m(angle))
+        return np.column_stack([x, y, np.zeros_like(x)])[keep]

@@ -1,0 +1,225 @@
+"""The six grasps of a block, and the choice between them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, Instrument, Unreachable, ik
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3, shown
+from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.pegboard import Pegboard
+
+GRASP_XY_MM = ((-1.0, 5.0), (1.0, 5.0))
+"""Grasp points on the side at +y in the block frame, then rotated by +-120 deg (facts/peg_transfer.md, The board and
+the blocks)."""
+
+MIN_OPENING_M = 2.0e-3
+OPENING_STEP_M = 0.1e-3
+SELF_M = 2e-3
+REACH_M = 30e-3
+
+
+NEAR_END_M = 3.0e-3
+"""A finger counts as thick as it is this far behind its end: about so deep it is in a block."""
+
+
+@dataclass(frozen=True)
+class Jaws:
+    """Dimensions of the two fingers, and the clearance that they need.
+
+    Attributes:
+        thickness_m: thickness of a finger near its tip, along the opening.
+        width_m: width of a finger, across the opening.
+        min_gap_m: smallest gap between a finger and a wall, peg or neighbour; with less, a grasp is rejected.
+        max_opening_m: largest distance between the inner faces of the open fingers.
+    """
+
+    thickness_m: float
+    width_m: float
+    min_gap_m: float = 0.15e-3
+    max_opening_m: float = 8.0e-3
+
+    @staticmethod
+    def of(instrument: Instrument) -> Jaws:
+        """Return the jaws of an instrument."""
+        return Jaws(instrument.finger_thickness_m(NEAR_END_M), instrument.finger_width_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """A feasible grasp.
+
+    Attributes:
+        T_board_tip: pose of the tip: tool vertical, tip in the wall of the block, jaws opening along the tip's x.
+        q: (6,) joints in this pose, before cable compensation.
+        jaw_rad: opening of the jaws during the approach, with the largest clearance.
+        clearance_m: smallest gap between an open finger and a wall, peg or neighbour.
+        candidate: 0-5, which of the six grasps.
+    """
+
+    T_board_tip: SE3
+    q: NDArray[np.float64]
+    jaw_rad: float
+    clearance_m: float
+    candidate: int
+
+
+@dataclass(frozen=True)
+class NoGrasp:
+    """No grasp is feasible; ``reason`` is one sentence."""
+
+    reason: str
+
+
+def grasp_candidates(depth_m: float = 4.0e-3) -> SE3:
+    """Return ``T_block_tip`` (6,): tip z out of the block, tip x along the outward normal of the side.
+
+    Args:
+        depth_m: depth of the tip below the top face.
+    """
+    yaws = np.radians(120.0) * np.arange(3)
+    turn = SO3.axis("z", np.repeat(yaws, 2))
+    points = np.array([(x * 1e-3, y * 1e-3, depth_m) for x, y in GRASP_XY_MM] * 3)
+    outward = SO3(np.column_stack([(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)]))
+    return SE3.from_parts(turn @ outward, turn.apply(points))
+
+
+def choose_grasp(
+    arm: ArmModel,
+    T_base_board: SE3,
+    T_board_block: SE3,
+    board: Pegboard,
+    block: Block,
+    others: SE3 | None = None,
+    *,
+    avoid: Collection[int] = (),
+    reference: NDArray[np.float64] | None = None,
+    max_roll_rad: float = np.radians(70.0),
+    margin_rad: float = np.radians(5.0),
+    depth_m: float = 4.0e-3,
+    jaws: Jaws | None = None,
+) -> Grasp | NoGrasp:
+    """Return the feasible grasp with the largest clearance of the fingers.
+
+    The block hangs loosely on its peg, so the wall that is farthest from the peg leaves the inner finger the most room
+    (the paper's choice). Each grasp is tried with both orientations of the tool.
+
+    Args:
+        arm: the arm that grasps.
+        T_base_board: pose of the board in the arm's base.
+        T_board_block: perceived pose; only position and yaw matter, since the tool stays vertical.
+        board: its pegs are obstacles.
+        block: shape of the blocks.
+        others: poses (n,) of the other blocks on the board, which are obstacles too.
+        avoid: candidates that have failed; chosen only if no other is feasible.
+        reference: (6,) joints that the solution should be near.
+        max_roll_rad: largest |roll| (facts: 70 deg).
+        margin_rad: margin to the wrist's limits.
+        depth_m: depth of the tip below the top face.
+        jaws: shape of the fingers; None: the arm's.
+
+    Raises:
+        TrocarError: a pose is not a single finite one.
+    """
+    if T_board_block.matrix.shape != (4, 4) or not np.isfinite(T_board_block.matrix).all():
+        raise TrocarError("choose_grasp needs one finite pose (4, 4) as T_board_block")
+    jaws = jaws or Jaws.of(arm.instrument)
+    near = _neighbours(T_board_block, others)
+    best: Grasp | None = None
+    blocked: list[str] = []
+    for candidate, T_board_tip in enumerate(_vertical(T_board_block, depth_m)):
+        opening, gap = _opening(T_board_tip, T_board_block, board, block, near, jaws)
+        if gap < jaws.min_gap_m:
+            blocked.append(f"{candidate}: {gap * 1e3:.2f} mm of clearance")
+            continue
+        for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):
+            try:
+                q = ik(arm, T_base_board @ pose, reference)
+            except Unreachable:
+                blocked.append(f"{candidate}: out of reach")
+                continue
+            if not _comfortable(arm, q, max_roll_rad, margin_rad):
+                blocked.append(f"{candidate}: roll {shown(q[3], 'rad', '.0f')} or wrist at its limit")
+                continue
+            jaw = 2 * float(np.arcsin(min(opening / 2 / arm.tip_length_m, 1.0)))
+            grasp = Grasp(pose, q, jaw, gap, candidate)
+            if best is None or _rank(grasp, avoid) > _rank(best, avoid):
+                best = grasp
+    return best or NoGrasp(f"none of the six grasps is feasible ({'; '.join(blocked)})")
+
+
+def _rank(grasp: Grasp, avoid: Collection[int]) -> tuple[bool, float, float]:
+    """Return the sort key of a grasp: not failed before, then clearance, then small roll."""
+    return grasp.candidate not in avoid, round(grasp.clearance_m, 5), -abs(float(grasp.q[3]))
+
+
+def _neighbours(T_board_block: SE3, others: SE3 | None) -> list[SE3]:
+    """Return the other blocks that a finger could touch, without the block itself."""
+    if others is None:
+        return []
+    away = others.translation_m[:, :2] - T_board_block.translation_m[:2]
+    distance = np.linalg.norm(away, axis=-1)
+    return [SE3(m) for m, d in zip(others.matrix, distance, strict=True) if SELF_M < d < REACH_M]
+
+
+def _vertical(T_board_block: SE3, depth_m: float) -> list[SE3]:
+    """Return the candidates in the board frame, with the tool vertical whatever the block's tilt."""
+    poses = []
+    for matrix in (T_board_block @ grasp_candidates(depth_m)).matrix:
+        x = np.array([matrix[0, 0], matrix[1, 0], 0.0])
+        x /= np.linalg.norm(x)
+        z = np.array([0.0, 0.0, 1.0])
+        poses.append(SE3.from_parts(SO3(np.column_stack([x, np.cross(z, x), z])), matrix[:3, 3]))
+    return poses
+
+
+def _opening(
+    T_board_tip: SE3, T_board_block: SE3, board: Pegboard, block: Block, near: list[SE3], jaws: Jaws
+) -> tuple[float, float]:
+    """Return the opening (distance of the fingers' inner faces) with the largest clearance, and the clearance, in m.
+
+    The inner finger is in the hole, the outer one beside the block; gaps to walls are measured along the radius.
+    """
+    openings = np.arange(MIN_OPENING_M, jaws.max_opening_m + 1e-9, OPENING_STEP_M)
+    inner = _finger(T_board_tip, -openings / 2, jaws)
+    outer = _finger(T_board_tip, openings / 2, jaws)
+    gaps = []
+    radius, angle = _polar(T_board_block, inner)
+    gaps.append(block.hole_radius_m(angle) - radius)
+    for pose in (T_board_block, *near):
+        radius, angle = _polar(pose, outer)
+        gaps.append(radius - block.outer_radius_m(angle))
+    pegs = board.pegs_m[:, :2]
+    for finger in (inner, outer):
+        gaps.append(np.linalg.norm(finger[:, :, None] - pegs, axis=-1).min(-1) - board.peg_radius_m)
+    clearance = np.min(gaps, axis=(0, 2))
+    best = int(np.argmax(clearance))
+    return float(openings[best]), float(clearance[best])
+
+
+def _finger(T_board_tip: SE3, face_m: NDArray[np.float64], jaws: Jaws) -> NDArray[np.float64]:
+    """Return points (n, m, 2) in the board's plane on a finger's outline, for positions (n,) of its inner face."""
+    across, along = np.linspace(-0.5, 0.5, 9), np.linspace(0, 1, 5)
+    square = [(a, b) for a in (0.0, 1.0) for b in across] + [(a, b) for a in along for b in (-0.5, 0.5)]
+    outline = np.array(square) * [jaws.thickness_m, jaws.width_m]
+    sign = np.sign(face_m)[:, None]
+    x = face_m[:, None] + sign * outline[:, 0]
+    local = np.stack([x, np.broadcast_to(outline[:, 1], x.shape)], -1)
+    return local @ T_board_tip.matrix[:2, :2].T + T_board_tip.translation_m[:2]
+
+
+def _polar(T_board_block: SE3, xy_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return radius and angle, in a block's frame, of points (..., 2) in the board's plane."""
+    local = (xy_m - T_board_block.translation_m[:2]) @ T_board_block.matrix[:2, :2]
+    return np.hypot(local[..., 0], local[..., 1]), np.arctan2(local[..., 1], local[..., 0])
+
+
+def _comfortable(arm: ArmModel, q: NDArray[np.float64], max_roll_rad: float, margin_rad: float) -> bool:
+    wrist = (arm.joints[4], arm.joints[5])
+    inside = all(j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in zip(wrist, q[4:], strict=True))
+    return inside and abs(q[3]) <= max_roll_rad

@@ -1,0 +1,1 @@
+"""Perception of the peg transfer."""

@@ -1,0 +1,106 @@
+"""Pictures, rows of the paper and figures of the peg transfer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trocar.geometry import SE3
+from trocar.replay import Viewpoint
+from trocar.tasks.kit import PaperRow, TaskReport
+from trocar.tasks.peg_transfer.goals import PegSet
+from trocar.tasks.peg_transfer.report.paths import draw_paths
+
+if TYPE_CHECKING:
+    from trocar.trials.trial import Trial
+
+PAPER: dict[str, tuple[PaperRow, ...]] = {
+    "unilateral": (
+        PaperRow("volunteers", 12.3, 610, 636),
+        PaperRow("surgeon", 4.7, 120, 120),
+        PaperRow("robot, uncalibrated", 5.6, 26, 75),
+        PaperRow("robot, calibrated", 5.7, 120, 120),
+        PaperRow("robot, calibrated and optimised", 5.2, 120, 120),
+    ),
+}
+"""Hwang et al. 2022, Table II, by variant. Attempted there: transfers whose block was on its source, see
+``available``."""
+
+MAX_FAILURES = 3
+"""Failed transfers that get a picture."""
+
+
+class PegReport(TaskReport):
+    """What a report of the peg transfer shows besides the usual."""
+
+    view = Viewpoint((0.13, -0.46, 0.33), (0.004, 0.0, 0.030))
+    colours: Mapping[str, tuple[float, float, float]] = {"block": (0.86, 0.55, 0.13)}
+
+    def moments(self, trial: Trial) -> list[tuple[str, float]]:
+        """Return the first transfer step by step, quarters of the trial, failures."""
+        found: list[tuple[str, float]] = [("start", 0.0)]
+        if trial.scores:
+            found += _first_transfer(trial)
+        for number, score in enumerate(trial.scores, start=1):
+            if number % 3 == 0:
+                found.append((f"after {number} transfers", score["end_s"]))
+        failed = [s for s in trial.scores if not s["succeeded"]][:MAX_FAILURES]
+        found += [(f"peg {s['source']} to {s['target']}: {_words(s['failure'])}", s["end_s"]) for s in failed]
+        return sorted(found, key=lambda item: item[1])
+
+    def pictures(self, folder: Path, trials: Sequence[Trial]) -> list[Path]:
+        """Draw the path of the working tip over the board in the first trial."""
+        trial = trials[0]
+        arm = trial.about["arms"][0]
+        T_board_world = SE3(trial.arrays["T_world_board"].astype(np.float64)).inverse()
+        tips = T_board_world.apply(trial.replay().tools[arm].p_world_driven_m)
+        title = f"Path of {arm}'s tip over the board, {trial.about['method']}"
+        index = _transfer_at(trial)
+        pegs = PegSet().board.pegs_m
+        return [draw_paths(trial.times_s, tips, index, pegs, folder / "paths.png", title=title)]
+
+    def summary(self, trials: Sequence[Trial]) -> dict[str, Any]:
+        """Return how many transfers there were whose block stood on its source: the paper's denominator."""
+        return {"available": sum(bool(s["available"]) for trial in trials for s in trial.scores)}
+
+    def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
+        """Return Table II of the paper."""
+        return PAPER.get(str(summary["variant"]), ())
+
+    def notes(self, trials: Sequence[Trial]) -> list[str]:
+        """Return what the paper counts."""
+        available = self.summary(trials)["available"]
+        done = sum(bool(s["succeeded"]) for trial in trials for s in trial.scores)
+        return [
+            f"counted as in the paper, from the transfers whose block stood on its source: {done} of {available}",
+            "blocks are amber in the pictures only; the camera sees them red",
+        ]
+
+
+def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
+    """Return the steps of the first transfer: its first motion comes to the block, its last carries it."""
+    score = trial.scores[0]
+    inside = [s for s in trial.spans if score["start_s"] <= s.start_s and s.end_s <= score["end_s"]]
+    motions = [s for s in inside if s.name == "motion"]
+    steps = [(f"jaws round the wall on peg {score['source']}", motions[0].end_s)] if motions else []
+    if len(motions) > 1 and score["succeeded"]:
+        carry = motions[-1]
+        length = carry.end_s - carry.start_s
+        steps += [("lifted", carry.start_s + 0.35 * length), ("over the target", carry.start_s + 0.65 * length)]
+        steps.append((f"released on peg {score['target']}", score["end_s"]))
+    return steps
+
+
+def _transfer_at(trial: Trial) -> np.ndarray:
+    """Return the number of the transfer that runs at each time of a trial, -1 where none does."""
+    index = np.full(len(trial.times_s), -1)
+    for number, score in enumerate(trial.scores):
+        index[(trial.times_s >= score["start_s"] - 1e-9) & (trial.times_s < score["end_s"] - 1e-9)] = number
+    return index
+
+
+def _words(name: str) -> str:
+    return name.lower().replace("_", " ")

@@ -1,0 +1,116 @@
+"""FLS peg transfer: six triangular blocks from one half of the board to the other, and back (paper, section III)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3, TURN
+from trocar.registry import Lazy
+from trocar.station import Station
+from trocar.tasks.kit import Method, Task, check_budget, option
+from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.goals import BACK, THERE, PegSet, Transfer
+from trocar.tasks.peg_transfer.scene import PegScene
+from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
+from trocar.tasks.peg_transfer.truth import PegTruth
+
+if TYPE_CHECKING:
+    from trocar.sim.task_world import TaskWorld
+
+BOARD_SHIFT_M = 2e-3
+BOARD_TURN_RAD = np.radians(3.0)
+BLOCK_SHIFT_M = 1.6e-3
+"""How far a person leaves a block off its peg's middle; the hole's clearance is 2.1 mm."""
+
+MIN_GAP_M = 0.5e-3
+"""Between two blocks as they are laid down at the start."""
+
+VARIANTS = ("unilateral",)
+
+_UNILATERAL = {
+    "agent": Lazy("trocar.tasks.peg_transfer.agents.unilateral:Unilateral"),
+    "settings": Lazy("trocar.tasks.peg_transfer.agents.unilateral:Settings"),
+    "perception": "depth",
+}
+_WORLD = Lazy("trocar.tasks.peg_transfer.world.peg_world:PegWorld")
+
+
+@dataclass(frozen=True)
+class PegTransfer(Task):
+    """Twelve transfers on a board that was moved a little, with blocks that lie loosely."""
+
+    variant: str = option("unilateral", "Which arms do it: unilateral, one arm does all.", choices=VARIANTS)
+    transfers: int = option(12, "Only the first N of the twelve transfers.", metavar="N")
+    budget_s: float = option(180.0, "A trial that takes longer is stopped.", flag="budget", metavar="S")
+
+    name = "peg-transfer"
+    about = "six blocks from peg to peg and back, twelve transfers (Hwang et al. 2022)"
+    piece = "transfer"
+    station = "peg-transfer"
+    methods: ClassVar = {
+        "calibrated": Method("cables compensated by a model that was fitted in this session", **_UNILATERAL),
+        "uncalibrated": Method("encoder readings taken for the joints", calibrated=False, **_UNILATERAL),
+    }
+    perceptions: ClassVar = {"depth": Lazy("trocar.tasks.peg_transfer.perception.depth_view:DepthView")}
+    report = Lazy("trocar.tasks.peg_transfer.report:PegReport")
+
+    def __post_init__(self) -> None:
+        if self.variant not in VARIANTS:
+            raise TrocarError(
+                f"variant {self.variant!r} of peg-transfer is unknown; choose one of {', '.join(VARIANTS)}"
+            )
+        if not 1 <= self.transfers <= len(THERE + BACK):
+            raise TrocarError(
+                f"the number of transfers is {self.transfers}; give 1 to {len(THERE + BACK)} with --transfers"
+            )
+        check_budget(self.budget_s)
+
+    def at(self, station: Station) -> Station:
+        """Return the station, if a board is fixed there."""
+        if "board" not in station.T_world_fixture:
+            raise TrocarError(f"station {station.name!r} has no fixture 'board', which peg-transfer needs; add it")
+        return station
+
+    def goals(self) -> tuple[Transfer, ...]:
+        """Return the transfers in order."""
+        return (THERE + BACK)[: self.transfers]
+
+    def known(self) -> PegSet:
+        """Return the shapes of board and blocks."""
+        return PegSet()
+
+    def scene(self, rng: np.random.Generator, station: Station) -> PegScene:
+        """Return a board moved by millimetres with a block lying loosely on each of its left six pegs."""
+        board, block = self.known().board, self.known().block
+        shift = np.append(rng.uniform(-BOARD_SHIFT_M, BOARD_SHIFT_M, 2), 0.0)
+        turn = SO3.axis("z", rng.uniform(-BOARD_TURN_RAD, BOARD_TURN_RAD))
+        T_world_board = station.T_world_fixture["board"] @ SE3.from_parts(turn, shift)
+        poses: list[SE3] = []
+        for peg in board.pegs_m[:6]:
+            pose = _lay(block, peg, rng)
+            while any(block.gap_m(pose, other) < MIN_GAP_M for other in poses):
+                pose = _lay(block, peg, rng)
+            poses.append(pose)
+        T_board_blocks = SE3(np.stack([pose.matrix for pose in poses]))
+        return PegScene(T_world_board, T_world_board @ T_board_blocks, board, block)
+
+    def world(self, scene: PegScene) -> TaskWorld:
+        """Return board, blocks and referee."""
+        return _WORLD.load()(scene)
+
+    def score(self, truth: PegTruth, events: Sequence[Mapping[str, Any]]) -> list[TransferScore]:
+        """Return one score for each of the transfers."""
+        return score_transfers(self.goals(), truth, events)
+
+
+def _lay(block: Block, peg_m: np.ndarray, rng: np.random.Generator) -> SE3:
+    """Return a pose of a block round a peg in the board's frame: any yaw, off the middle."""
+    off = BLOCK_SHIFT_M * np.sqrt(rng.uniform())
+    angle = rng.uniform(0.0, TURN)
+    place = peg_m + [off * np.cos(angle), off * np.sin(angle), block.height_m]
+    return SE3.from_parts(SO3.axis("x", np.pi) @ SO3.axis("z", rng.uniform(0.0, TURN)), place)

@@ -1,0 +1,1 @@
+"""The simulator's side of the peg transfer: bodies and referee. No agent may import this."""

@@ -1,0 +1,187 @@
+"""One arm drives sutures along the needle primitive (paper, III-C2 and section IV)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from trocar.arms import MOTION_LIMITS, MotionLimits
+from trocar.errors import TrocarError
+from trocar.sutures.drive import Segment, Suture, drive, ranges
+from trocar.tasks.kit import ArmScript, Brief
+from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.trajectory import Trajectory
+
+KNOT_S = 0.020
+"""Spacing of a motion's knots: two control periods."""
+
+TRAVELS = ("lower", "withdraw", "rise")
+"""Segments on which nothing is near the needle's way: done at the speed of travel."""
+
+JOINED = 1e-3
+"""A segment that starts no further (rad, m) from where the arm is goes on from there."""
+
+
+LOAD = "load needle"
+"""What a person does: ``await assistants[LOAD](arm)`` puts the needle between the open jaws and holds it there until
+they close."""
+
+
+def _gentle() -> MotionLimits:
+    limits = MOTION_LIMITS["paper"]
+    return MotionLimits(0.2 * limits.velocity, 0.2 * limits.acceleration)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the agent works; lengths in m, angles in rad, times on the cell's clock in s.
+
+    Attributes:
+        planning_budget_s: declared for the joint paths of a suture.
+        settle_s: rest after a motion before the jaws act.
+        driving_speed_m_s: mean speed of the jaws along the primitive, m/s.
+        travel_speed_m_s: mean speed on the way in and out, m/s.
+        jaw_open_rad: opening that clears the wire.
+        jaw_closed_rad: target that lets the drive press.
+        jaw_empty_rad: jaws that close further than this hold nothing; a wire of .9 mm keeps them open by .09.
+        limits: of velocity and acceleration on the way from suture to suture.
+    """
+
+    planning_budget_s: float = 0.05
+    settle_s: float = 0.1
+    driving_speed_m_s: float = 0.008
+    travel_speed_m_s: float = 0.020
+    jaw_open_rad: float = 0.40
+    jaw_closed_rad: float = -0.17
+    jaw_empty_rad: float = 0.04
+    limits: MotionLimits = field(default_factory=_gentle)
+
+
+class CircleSuturing:
+    """One arm drives one suture after the other; a person loads the needle before each."""
+
+    def __init__(self, brief: Brief):
+        cell, settings = brief.cell, brief.settings
+        self.hand = ArmScript(cell, brief.arms[0], settings.limits, settings.settle_s)
+        if LOAD not in cell.assistants:
+            raise TrocarError("nobody in this cell loads the needle; give the cell an assistant for 'load needle'")
+        self.cell, self.settings, self.load, self.sutures = cell, settings, cell.assistants[LOAD], brief.goals
+        self.arm, self.name = self.hand.model, self.hand.name
+        self.home = self.hand.q
+
+    async def run(self) -> None:
+        """Drive the sutures one after the other; where a joint's limit is hit, stop there and do no more."""
+        await self.hand.wake()
+        for number, suture in enumerate(self.sutures):
+            start_s = self.cell.clock.now_s()
+            outcome, reason = await self._suture(number, suture)
+            if outcome is not SutureOutcome.JOINT_LIMIT:
+                await self.hand.go(self.home)
+            self.cell.log.event(
+                "suture",
+                suture=number,
+                theta_rad=suture.theta_rad,
+                direction=suture.direction,
+                start_s=round(start_s, 6),
+                outcome=outcome.name,
+                reason=reason,
+            )
+            if outcome is SutureOutcome.JOINT_LIMIT:
+                self.cell.log.event("stopped", outcome=outcome.name, reason=reason)
+                return
+
+    async def _suture(self, number: int, suture: Suture) -> tuple[SutureOutcome, str]:
+        """Load, drive, let go; return how it ended, and a sentence where it went wrong."""
+        segments = await self.hand.compute(
+            "planning", self.settings.planning_budget_s, lambda: drive(self._here(suture))
+        )
+        await self.hand.jaw(self.settings.jaw_open_rad)
+        with self.cell.log.span(self.name, "loading"):
+            await self.load(self.name)
+        if not await self._grip():
+            return _missed(number, "the jaws did not hold the needle that they were given")
+        for segment in segments:
+            self.cell.log.event("step", suture=number, step=segment.name)
+            if segment.regrasps or segment.name == "withdraw":
+                await self.hand.jaw(self.settings.jaw_open_rad)
+            reason = await self._follow(number, segment)
+            if reason:
+                return SutureOutcome.JOINT_LIMIT, reason
+            if segment.regrasps and not await self._grip():
+                await self.hand.jaw(self.settings.jaw_open_rad)
+                await self._leave(number, segments[-2:])
+                return _missed(number, f"the jaws closed on nothing after {segment.name}")
+        return SutureOutcome.DONE, ""
+
+    def _here(self, suture: Suture) -> Suture:
+        """Return the suture as this laboratory's registration places arm and circle."""
+        setup = suture.setup
+        circle = replace(setup.circle, T_world_circle=self.cell.T_world_fixture["circle"])
+        base = self.cell.T_world_base_registered[self.name]
+        return replace(suture, setup=replace(setup, arm=self.arm, T_world_base=base, circle=circle))
+
+    async def _follow(self, number: int, segment: Segment) -> str:
+        """Move along a segment, as far as the joints' ranges allow; return a sentence where they do not."""
+        outside = segment.first_outside(self.arm)
+        q = segment.q if outside is None else segment.q[: outside[0]]
+        reason = "" if outside is None else self._limit(number, segment, *outside)
+        travels = segment.name in TRAVELS
+        speed = self.settings.travel_speed_m_s if travels else self.settings.driving_speed_m_s
+        seconds = segment.length_m / speed * len(q) / max(1, len(segment.q))
+        try:
+            if len(q) and np.abs(q[0] - self.hand.q).max() > JOINED:
+                await self.hand.go(q[0])
+            if len(q) > 1:
+                await self.hand.move(along(np.concatenate([self.hand.q[None], q[1:]]), seconds))
+        except TrocarError as error:
+            return f"suture {number + 1}, {segment.name}: {error}; stopped before it"
+        return reason
+
+    def _limit(self, number: int, segment: Segment, place: int, joint: int) -> str:
+        """Return what a path asks of a joint that the joint cannot do."""
+        where = f"suture {number + 1}, {segment.name}"
+        if joint < 0:
+            return f"{where}: no configuration of {self.arm.name} reaches the pose {place} of {len(segment.q)}"
+        limits, values = self.arm.joints[joint], segment.q[place:, joint]
+        lower, upper = (float(bound[joint]) for bound in ranges(self.arm))
+        lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
+        wanted = lowest if lower - lowest > highest - upper else highest
+        return (
+            f"{where}: joint '{limits.name}' would go to {limits.shown(wanted)}, outside "
+            f"[{limits.shown(lower)}, {limits.shown(upper)}]; stopped there"
+        )
+
+    async def _leave(self, number: int, way_out: Sequence[Segment]) -> None:
+        """Go from where a suture was given up as one goes from its end: back along the jaws, then up."""
+        for segment in way_out:
+            self.cell.log.event("step", suture=number, step=segment.name)
+            if len(segment.q) > 1:
+                path = np.clip(self.hand.q + segment.q - segment.q[0], self.arm.lower, self.arm.upper)
+                await self.hand.move(along(path, segment.length_m / self.settings.travel_speed_m_s))
+
+    async def _grip(self) -> bool:
+        """Close the jaws; return whether they stalled on a wire."""
+        await self.hand.settle()
+        await self.hand.jaw(self.settings.jaw_closed_rad)
+        await self.hand.settle()
+        return self.hand.jaw_rad > self.settings.jaw_empty_rad
+
+
+def _missed(number: int, why: str) -> tuple[SutureOutcome, str]:
+    return SutureOutcome.NEEDLE_MISSED, f"suture {number + 1}: {why}"
+
+
+def along(q: NDArray[np.float64], seconds: float) -> Trajectory:
+    """Return the motion through a dense joint path (k, 6), k > 1, from rest to rest with the least jerk."""
+    count = max(2, math.ceil(seconds / KNOT_S))
+    times = np.linspace(0.0, max(seconds, count * 1e-3), count + 1)
+    tau = times / times[-1]
+    share = tau**3 * (10 - 15 * tau + 6 * tau**2)
+    rate = 30 * tau**2 * (1 - tau) ** 2 / times[-1]
+    path = CubicSpline(np.linspace(0.0, 1.0, len(q)), q)
+    return Trajectory.hermite(times, path(share), rate[:, None] * path(share, 1))

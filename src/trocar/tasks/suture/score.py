@@ -1,0 +1,236 @@
+"""What became of each suture, from where needle and jaws really were. No agent may import this."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.sutures.drive import Suture
+from trocar.tasks.kit import Score, told
+from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.truth import NeedleTruth
+
+ON_TARGET_M = 1.0e-3
+"""Where the needle goes in and comes out may be off by this (assumed; FLS marks off the suture's dots by the mm)."""
+
+TOUCH_M = 0.5e-3
+"""The tip has gone in when it is deeper than this."""
+
+SLIP_M, SLIP_RAD = 0.5e-3, math.radians(10.0)
+"""A needle that moves more than this in closed jaws has slipped (assumed)."""
+
+SETTLED_S = 0.25
+"""Jaws that close turn and centre the needle for so long; what it moves afterwards is slip."""
+
+FLICKER_S = 0.05
+"""Fingers that press less for no longer than this have not let go."""
+
+MEANT_M = 0.010
+"""A needle that goes in no further than this from a planned entry was meant for it."""
+
+
+@dataclass(frozen=True)
+class SutureScore(Score):
+    """One suture as the referee saw it; lengths in m.
+
+    Attributes:
+        theta_deg: where on the circle.
+        direction: 1 clockwise, -1 counterclockwise.
+        entry_error_m: from the planned point of entry to the true one, on the surface; None if it never went in.
+        exit_error_m: likewise where it comes out.
+        tip_rms_m: distance of the needle's tip from its planned path while it was driven; None if it was not.
+        tip_max_m: the largest.
+        slip_m: largest movement of the grasped point in closed jaws.
+        slip_rad: largest turn of the needle in closed jaws.
+        driven_s: when the needle was driven first and last; None if it was not.
+    """
+
+    theta_deg: float
+    direction: int
+    entry_error_m: float | None
+    exit_error_m: float | None
+    tip_rms_m: float | None
+    tip_max_m: float | None
+    slip_m: float
+    slip_rad: float
+    driven_s: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Loading:
+    """What was done with the needle between two times that a person held it: rows of the truth.
+
+    Attributes:
+        first: row at which the person let go.
+        last: row before the next time that a person holds it, or the last of all.
+        entry: row before the tip goes in; None if it never does.
+        exit: row before it comes out again; None if it does not.
+    """
+
+    first: int
+    last: int
+    entry: int | None
+    exit: int | None
+
+
+def score_sutures(
+    sutures: Sequence[Suture], truth: NeedleTruth, events: Sequence[Mapping[str, Any]]
+) -> list[SutureScore]:
+    """Return one score for each planned suture: of the last time that the needle went in near its entry."""
+    tips = truth.p_circle_needle_tip_m
+    loadings = loadings_of(truth, tips)
+    meant: dict[int, Loading] = {}
+    for loading in loadings:
+        number = _nearest(sutures, tips, loading)
+        if number is not None:
+            meant[number] = loading
+    return [_score(k, suture, meant.get(k), truth, tips, events) for k, suture in enumerate(sutures)]
+
+
+def loadings_of(truth: NeedleTruth, tips_m: NDArray[np.float64]) -> list[Loading]:
+    """Return what was done with the needle, from one time that a person held it to the next."""
+    free = np.flatnonzero(~truth.in_hand)
+    if not len(free):
+        return []
+    runs = np.split(free, np.flatnonzero(np.diff(free) > 1) + 1)
+    found = []
+    for run in runs:
+        entry, exit_ = crossings(tips_m[run])
+        at = [None if row is None else int(run[0]) + row for row in (entry, exit_)]
+        found.append(Loading(int(run[0]), int(run[-1]), *at))
+    return found
+
+
+def crossings(tips_m: NDArray[np.float64]) -> tuple[int | None, int | None]:
+    """Return the rows before the tip's path (n, 3) first goes below z = 0, and before it comes up again.
+
+    A dip shallower than ``TOUCH_M`` is no entry: between two steps the tip rests on the surface and trembles.
+    """
+    below = tips_m[:, 2] < 0.0
+    down = np.flatnonzero(~below[:-1] & below[1:])
+    up = np.flatnonzero(below[:-1] & ~below[1:])
+    for start in down:
+        later = up[up > start]
+        end = int(later[0]) if len(later) else len(tips_m) - 1
+        if tips_m[start : end + 1, 2].min() < -TOUCH_M:
+            return int(start), (end if len(later) else None)
+    return None, None
+
+
+def at_surface(tips_m: NDArray[np.float64], row: int) -> NDArray[np.float64]:
+    """Return where (3,) a path crosses z = 0 between a row and the next."""
+    first, second = tips_m[row], tips_m[row + 1]
+    return first + (second - first) * first[2] / (first[2] - second[2])
+
+
+def _nearest(sutures: Sequence[Suture], tips_m: NDArray[np.float64], loading: Loading) -> int | None:
+    """Return which suture a needle was meant for; None if it never went in near one."""
+    if loading.entry is None:
+        return None
+    entry = at_surface(tips_m, loading.entry)
+    away = [float(np.linalg.norm(entry - suture.entry_m)) for suture in sutures]
+    number = int(np.argmin(away))
+    return number if away[number] <= MEANT_M else None
+
+
+def _score(
+    number: int,
+    suture: Suture,
+    loading: Loading | None,
+    truth: NeedleTruth,
+    tips: NDArray[np.float64],
+    events: Sequence[Mapping[str, Any]],
+) -> SutureScore:
+    noted = next((e for e in reversed(events) if e["name"] == "suture" and e.get("suture") == number), None)
+    entry = exit_ = None
+    off, slipped, driven = np.zeros(0), (0.0, 0.0), None
+    if loading is not None and loading.entry is not None:
+        entry = float(np.linalg.norm(at_surface(tips, loading.entry) - suture.entry_m))
+        if loading.exit is not None and suture.exit_m is not None:
+            exit_ = float(np.linalg.norm(at_surface(tips, loading.exit) - suture.exit_m))
+        grips = grips_of(truth, loading)
+        slipped = _worst([slip(truth, *grip) for grip in grips])
+        rows = [np.arange(max(first, loading.entry), last + 1) for first, last in grips if last > loading.entry]
+        off = np.concatenate([path_distance_m(tips[r], suture.needle_path_m) for r in rows]) if rows else off
+        if rows:
+            driven = float(truth.times_s[rows[0][0]]), float(truth.times_s[rows[-1][-1]])
+    on_target = entry is not None and entry <= ON_TARGET_M
+    on_target &= suture.exit_m is None or (exit_ is not None and exit_ <= ON_TARGET_M)
+    held = slipped[0] <= SLIP_M and slipped[1] <= SLIP_RAD
+    succeeded = on_target and held
+    failure, reason = ("", "") if succeeded else _why(noted, loading, held, events)
+    end = float(truth.times_s[-1])
+    start_s, end_s = driven or (end, end)
+    if noted is not None:
+        end_s = float(noted["time_s"])
+        start_s = float(noted.get("start_s", min(start_s, end_s)))
+    return SutureScore(
+        True,
+        succeeded,
+        failure,
+        reason,
+        start_s,
+        end_s,
+        round(math.degrees(suture.theta_rad), 6),
+        suture.direction,
+        entry,
+        exit_,
+        float(np.sqrt(np.mean(off**2))) if len(off) else None,
+        float(off.max()) if len(off) else None,
+        *slipped,
+        driven,
+    )
+
+
+def _why(
+    noted: Mapping[str, Any] | None, loading: Loading | None, held: bool, events: Sequence[Mapping[str, Any]]
+) -> tuple[str, str]:
+    """Return the name of what went wrong, and a sentence: the script's own word where it gave one, else the truth's."""
+    said = told(noted, events)
+    if said is not None:
+        return said
+    if loading is None:
+        return SutureOutcome.NOT_DRIVEN.name, SutureOutcome.NOT_DRIVEN.value
+    if not held:
+        return SutureOutcome.NEEDLE_SLIPPED.name, SutureOutcome.NEEDLE_SLIPPED.value
+    return SutureOutcome.OFF_TARGET.name, SutureOutcome.OFF_TARGET.value
+
+
+def grips_of(truth: NeedleTruth, loading: Loading) -> list[tuple[int, int]]:
+    """Return (first, last) row of each time that the jaws held the needle; a flicker is no end of it."""
+    rows = loading.first + np.flatnonzero(truth.gripped[loading.first : loading.last + 1])
+    if not len(rows):
+        return []
+    gaps = np.flatnonzero(np.diff(truth.times_s[rows]) > FLICKER_S) + 1
+    return [(int(run[0]), int(run[-1])) for run in np.split(rows, gaps)]
+
+
+def slip(truth: NeedleTruth, first: int, last: int) -> tuple[float, float]:
+    """Return how far the needle moved (at the jaws, m) and turned (rad) in a grip, once the jaws had settled."""
+    first = int(np.searchsorted(truth.times_s, truth.times_s[first] + SETTLED_S - 1e-9))
+    if last - first < 1:
+        return 0.0, 0.0
+    rows = slice(first, last + 1)
+    T_tip_needle = truth.T_circle_tip[rows].inverse() @ truth.T_circle_needle[rows]
+    # the point of the needle that was between the jaws at first, where it is in the jaws later
+    p_needle = T_tip_needle[0].inverse().apply([0.0, 0.0, 0.0])
+    moved = np.linalg.norm(T_tip_needle.apply(p_needle), axis=-1)
+    turned = np.linalg.norm((T_tip_needle[0].rotation.inverse() @ T_tip_needle.rotation).log(), axis=-1)
+    return float(moved.max()), float(turned.max())
+
+
+def _worst(slips: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    return max((s[0] for s in slips), default=0.0), max((s[1] for s in slips), default=0.0)
+
+
+def path_distance_m(points_m: NDArray[np.float64], path_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distances (n,) of points (n, 3) from a path through (k, 3) points, straight between them."""
+    start, step = path_m[:-1], np.diff(path_m, axis=0)
+    since = points_m[:, None] - start
+    share = np.clip((since * step).sum(-1) / np.maximum((step * step).sum(-1), 1e-30), 0.0, 1.0)
+    return np.linalg.norm(since - share[..., None] * step, axis=-1).min(axis=1)

@@ -1,0 +1,193 @@
+"""Sutures round a circle, each driven along the needle primitive where the planner put it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from trocar.calibration.excitation import PSM1_BOX, MotionBox
+from trocar.errors import TrocarError
+from trocar.geometry import shown
+from trocar.registry import Lazy
+from trocar.station import Station
+from trocar.sutures import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, SutureSetup, dexterity, plan_even
+from trocar.sutures.drive import Suture, drive
+from trocar.sutures.plan import check_count
+from trocar.sutures.plan_file import PlannedSutures, load_plan
+from trocar.sutures.primitive import grasp_pose
+from trocar.sutures.reach import plan_out_of_reach
+from trocar.tasks.kit import Method, Task, check_budget, option
+from trocar.tasks.suture.scene import SutureScene
+from trocar.tasks.suture.score import SutureScore, score_sutures
+from trocar.tasks.suture.truth import NeedleTruth
+
+if TYPE_CHECKING:
+    from trocar.sim.task_world import TaskWorld
+
+DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
+
+PRESET, DIRECTION, SUTURES = "default", "best", 4
+"""What is driven where nothing is said."""
+
+ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
+"""How far the calibration's motion goes beyond the plan's joints, rad and m: room for the corrections."""
+
+_CIRCLE = {
+    "agent": Lazy("trocar.tasks.suture.agents.circle:CircleSuturing"),
+    "settings": Lazy("trocar.tasks.suture.agents.circle:Settings"),
+    "stop_at_limits": True,
+}
+_WORLD = Lazy("trocar.tasks.suture.world.suture_world:SutureWorld")
+
+
+@dataclass(frozen=True)
+class CircleSutures(Task):
+    """The best even plan of a preset, or any plan that is given."""
+
+    preset: str | None = option(None, f"Setup and reward of the plan (default: {PRESET}).", choices=tuple(PRESETS))
+    direction: str | None = option(
+        None,
+        "Of all sutures, even where a joint cannot: clockwise or counterclockwise; best: each its own (default).",
+        choices=tuple(DIRECTIONS_BY_NAME),
+    )
+    sutures: int | None = option(None, f"How many, evenly spaced (default: {SUTURES}).", metavar="N")
+    plan_file: Path | None = option(
+        None,
+        "Drive this plan.json of `trocar plan suture --out DIR`, which says all that a preset does.",
+        flag="plan",
+        metavar="FILE",
+    )
+    budget_s: float = option(
+        600.0, "A trial that takes longer on its own clock is stopped.", flag="budget", metavar="S"
+    )
+
+    name = "suture"
+    about = "sutures round a circle, driven as planned (Thananjeyan et al. 2019)"
+    piece = "suture"
+    variant = "single-arm"
+    station = "suture"
+    methods: ClassVar = {
+        "calibrated": Method("cables compensated by a model that was fitted in this session", **_CIRCLE),
+        "uncalibrated": Method("encoder readings taken for the joints", calibrated=False, **_CIRCLE),
+    }
+    report = Lazy("trocar.tasks.suture.report:SutureReport")
+
+    def __post_init__(self) -> None:
+        if self.planned is None:
+            for name, usual in (("preset", PRESET), ("direction", DIRECTION), ("sutures", SUTURES)):
+                if getattr(self, name) is None:
+                    object.__setattr__(self, name, usual)
+        for what, value, choices in (
+            ("preset", self.preset, tuple(PRESETS)),
+            ("direction", self.direction, tuple(DIRECTIONS_BY_NAME)),
+        ):
+            if value is not None and value not in choices:
+                raise TrocarError(f"{what} {value!r} of suture is unknown; choose one of {', '.join(choices)}")
+        if self.sutures is not None:
+            check_count(self.sutures)
+        check_budget(self.budget_s)
+        if self.planned is not None:
+            self._keep_to(self.planned)
+        what = f"preset {self.preset!r}" if self.preset else "the plan"
+        if not self.setup.grasp.holdable:
+            can = ", ".join(name for name, preset in PRESETS.items() if preset.setup.grasp.holdable)
+            raise TrocarError(
+                f"{what} cannot be driven: its wire stands "
+                f"{shown(self.setup.grasp.out_of_jaws_rad, 'rad', '.0f')} out of the plane in which flat jaws meet; "
+                + (f"choose one of {can}" if self.preset else "plan with --grasp-skew-deg 0")
+            )
+
+    def _keep_to(self, planned: PlannedSutures) -> None:
+        """Raise a sentence if something else is asked for than what is planned; count its sutures."""
+        for what in ("preset", "direction"):
+            if getattr(self, what) is not None:
+                raise TrocarError(f"{what} {getattr(self, what)!r} cannot be combined with a plan; give one of both")
+        count = len(planned.sutures)
+        if self.sutures not in (None, count):
+            raise TrocarError(f"the number of sutures is {self.sutures}, but the plan has {count}; give one of both")
+        object.__setattr__(self, "sutures", count)
+
+    def options(self) -> dict[str, Any]:
+        """Return the options; of a plan all that it says, for its file may change."""
+        return super().options() | {"plan_file": self.planned.values() if self.planned else None}
+
+    @cached_property
+    def planned(self) -> PlannedSutures | None:
+        """Return the plan of the file that was given."""
+        return load_plan(self.plan_file) if self.plan_file else None
+
+    @property
+    def setup(self) -> SutureSetup:
+        """Return the geometry: the plan's or the preset's."""
+        return self.planned.setup if self.planned else PRESETS[self.preset or PRESET].setup
+
+    @cached_property
+    def plan(self) -> PlannedSutures:
+        """Return the plan that was given, or the best even plan of the preset."""
+        if self.planned:
+            return self.planned
+        count = self.sutures or SUTURES
+        best = plan_even(dexterity(self.setup, PRESETS[self.preset or PRESET].reward, 360 - 360 % count), count)
+        return PlannedSutures(self.setup, best.positions_rad, best.directions)
+
+    def at(self, station: Station) -> Station:
+        """Return the station with the circle and the working arm's base where the plan has them."""
+        name = self.working_arms(station)[0]
+        arm = station.arm(name)
+        if arm.model.name != self.setup.arm.name:
+            what = f"preset {self.preset!r}" if self.preset else "the plan"
+            raise TrocarError(
+                f"{what} is for {self.setup.arm.name!r}; arm {name!r} of station {station.name!r} is {arm.model.name!r}"
+                + ("" if self.preset else f": plan with --arm {arm.model.name}")
+            )
+        arms = dict(station.arms) | {name: replace(arm, T_world_base=self.setup.T_world_base)}
+        fixtures = dict(station.T_world_fixture) | {"circle": self.setup.circle.T_world_circle}
+        return replace(station, arms=arms, T_world_fixture=fixtures)
+
+    def goals(self) -> tuple[Suture, ...]:
+        """Return the sutures of the plan, in the forced direction where there is one."""
+        forced = DIRECTIONS_BY_NAME[self.direction or DIRECTION]
+        return tuple(replace(suture, direction=forced or suture.direction) for suture in self.plan.sutures)
+
+    def calibration(self, station: Station, arm: str) -> MotionBox:
+        """Return everywhere that the plan goes, and a little beyond.
+
+        Raises:
+            TrocarError: the plan is out of reach, and leaves no room to move in.
+        """
+        q = np.concatenate([segment.q for suture in self.goals() for segment in drive(suture)])
+        model = self.setup.arm
+        inside = (model.lower + 1e-3, model.upper - 1e-3)
+        q = q[np.isfinite(q).all(1)]
+        lower = np.clip(q.min(0, initial=np.inf) - ROOM, *inside)
+        upper = np.clip(q.max(0, initial=-np.inf) + ROOM, *inside)
+        if not (lower < upper).all():
+            raise TrocarError(plan_out_of_reach(self.setup, self.plan))
+        return MotionBox(lower, upper, PSM1_BOX.step)
+
+    def scene(self, rng: np.random.Generator, station: Station) -> tuple[SutureScene, str]:
+        """Return the phantom where the plan expects it, and the arm that drives; nothing is drawn so far."""
+        del rng
+        needle = self.setup.needle
+        scene = SutureScene(
+            station.T_world_fixture["circle"],
+            self.setup.circle.radius_m,
+            needle.radius_m,
+            needle.arc_rad,
+            needle.wire_m,
+            grasp_pose(self.setup).inverse(),
+        )
+        return scene, self.working_arms(station)[0]
+
+    def world(self, scene: tuple[SutureScene, str]) -> TaskWorld:
+        """Return phantom, needle and referee."""
+        return _WORLD.load()(*scene)
+
+    def score(self, truth: NeedleTruth, events: Sequence[Mapping[str, Any]]) -> list[SutureScore]:
+        """Return one score for each suture of the plan."""
+        return score_sutures(self.goals(), truth, events)

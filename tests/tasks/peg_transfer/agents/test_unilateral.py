@@ -1,0 +1,241 @@
+"""What the script of one arm does when things go well, and when they do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trio
+
+from simulated import ideal_laboratory, standing
+from trocar.errors import TrocarError
+from trocar.motion import PLANNERS
+from trocar.perception.image import RgbdImage
+from trocar.robots import TICK_S
+from trocar.tasks.kit import Brief
+from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
+from trocar.tasks.peg_transfer.goals import THERE, PegSet, Transfer, TransferOutcome
+from trocar.tasks.peg_transfer.perception.blocks import BlockFit
+from trocar.tasks.peg_transfer.perception.depth_view import DepthView
+from trocar.tasks.peg_transfer.score import score_transfers
+
+FIRST, SECOND = THERE[:2]
+EMPTY = Transfer(10, 4)
+SETTINGS = Settings()
+
+
+class Wrapped:
+    """A device that does what another does, but for what a subclass changes."""
+
+    def __init__(self, inner):
+        self.inner = inner
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+
+class StuckJaws(Wrapped):
+    """The jaws never close."""
+
+    async def jaw(self, arm, angle_rad):
+        return await self.inner.jaw(arm, max(angle_rad, SETTINGS.jaw_open_rad))
+
+
+class Butterfingers(Wrapped):
+    """The first block that is lifted is lost on its way."""
+
+    lost = False
+    closed = False
+
+    async def jaw(self, arm, angle_rad):
+        self.closed = angle_rad < 0
+        return await self.inner.jaw(arm, angle_rad)
+
+    async def move(self, motions):
+        if not self.closed or self.lost:
+            return await self.inner.move(motions)
+        self.lost = True
+        ((arm, trajectory),) = motions.items()
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._lose, arm, trajectory.duration_s / 3)
+            return await self.inner.move(motions)
+
+    async def _lose(self, arm, after_s):
+        await trio.sleep(after_s)
+        await self.inner.jaw(arm, 0.6)
+        await self.inner.jaw(arm, SETTINGS.jaw_closed_rad)
+
+
+class Fault(Wrapped):
+    """The controller of the arm gives up on its fifth motion."""
+
+    moves = 0
+
+    async def move(self, motions):
+        self.moves += 1
+        if self.moves == 5:
+            raise ConnectionError("the controller does not answer")
+        return await self.inner.move(motions)
+
+
+class Dark(Wrapped):
+    """The camera sees nothing."""
+
+    async def capture(self):
+        image = await self.inner.capture()
+        return RgbdImage(np.zeros_like(image.color), np.full_like(image.depth_m, np.nan), image.intrinsics, 0.0)
+
+
+class Blinkered(DepthView):
+    """Sees the board and no block."""
+
+    def find_block(self, image, T_camera_board, board, block, peg):
+        return BlockFit(False, "these eyes see no block")
+
+
+def briefed(lab, goals=(FIRST,), settings=SETTINGS, perception=None, arms=("psm1",)):
+    return Brief(
+        cell=lab.cell,
+        goals=goals,
+        known=PegSet(),
+        arms=arms,
+        planner=PLANNERS["spline"],
+        perception=perception or DepthView(),
+        rng=np.random.default_rng(0),
+        settings=settings,
+    )
+
+
+def play(goals, blocks=None, robot=Wrapped, camera=Wrapped, budget_s=60.0, **brief):
+    """Let the agent do transfers in an ideal cell; return the laboratory, whether it ended in time, and the scores."""
+    lab = ideal_laboratory(*(blocks or [standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg) for peg in range(6)]))
+    lab.wear(lambda cell: robot(cell.robot))
+    lab.cell = replace(lab.cell, cameras={name: camera(device) for name, device in lab.cell.cameras.items()})
+    agent = Unilateral(briefed(lab, goals, **brief))
+    in_time = lab.run(lambda cell: agent.run(), budget_s)
+    return lab, in_time, score_transfers(goals, lab.truth(), lab.log.events)
+
+
+def named(lab, name):
+    return [event for event in lab.log.events if event["name"] == name]
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return play([EMPTY, FIRST])
+
+
+def test_a_transfer_ends_with_the_block_on_its_target(clean):
+    lab, in_time, (_, score) = clean
+    assert in_time
+    assert score.attempted and score.succeeded
+    assert named(lab, "transfer")[1]["outcome"] == TransferOutcome.DONE.name
+    assert lab.record().collisions == ()
+
+
+def test_an_empty_peg_is_said_so_and_the_script_goes_on(clean):
+    lab, _, (empty, _) = clean
+    assert named(lab, "transfer")[0]["outcome"] == TransferOutcome.NO_BLOCK.name
+    assert (empty.available, empty.failure) == (False, "NO_BLOCK")
+    assert all("peg" in event and event["reason"] for event in named(lab, "no grasp"))
+
+
+def test_every_part_is_noted_and_computing_takes_its_declared_time(clean):
+    lab, _, (_, score) = clean
+    spans = [span for span in lab.log.spans if score.start_s <= span.start_s and span.end_s <= score.end_s]
+    assert {span.name for span in spans} == {"capture", "perception", "planning", "motion", "jaw", "settling"}
+    assert {span.arm for span in spans} == {"psm1"}
+    lasts = {span.name: span.end_s - span.start_s for span in spans}
+    assert 0 <= lasts["perception"] - SETTINGS.perception_budget_s < TICK_S
+    assert 0 <= lasts["planning"] - SETTINGS.planning_budget_s < TICK_S
+    assert lasts["capture"] > 0.1
+    assert all(computation.seconds > 0 for computation in lab.log.computations)
+
+
+def test_the_arm_leaves_the_board_at_the_end(clean):
+    lab, _, _ = clean
+    start = lab.session.station.arms["psm1"].park_q()
+    assert np.abs(lab.cell.robot.setpoint("psm1").q - start).max() < 1e-6
+    assert [span.name for span in lab.log.spans[-2:]] == ["capture", "perception"]
+
+
+def test_the_other_arm_stays_where_it_was(clean):
+    lab, _, _ = clean
+    assert np.ptp(lab.recorder.joints("commanded")["psm2"], axis=0)[:6].max() == 0.0
+
+
+def test_what_is_sent_keeps_the_limits(clean):
+    lab, _, _ = clean
+    velocity, acceleration = lab.driver.limit_use("psm1")
+    assert 0.9 < acceleration <= 1.0 + 1e-3 and velocity <= 1.0 + 1e-3
+    assert named(lab, "guard") == []
+
+
+def test_a_last_look_says_which_blocks_lie_where_they_were_set_down(clean):
+    lab, _, (_, score) = clean
+    (check,) = named(lab, "check")
+    assert score.target in check["pegs"] and not check["missing"]
+    assert score.target in lab.truth().pegs()[-1]
+
+
+def test_a_pick_that_fails_is_tried_again_with_another_grasp_and_then_given_up():
+    lab, _, (score,) = play([FIRST], robot=StuckJaws)
+    assert len(named(lab, "pick failed")) == 1 + SETTINGS.retries
+    assert named(lab, "transfer")[0]["outcome"] == TransferOutcome.NOT_GRASPED.name
+    assert score.attempted and score.failure == "NOT_GRASPED"
+    tip_m = lab.truth().p_board_tips["psm1"]
+    low = tip_m[tip_m[:, 2] < 0.013]
+    assert np.ptp(low, axis=0)[:2].max() > 1e-3
+
+
+def test_a_block_lost_on_the_way_is_noticed_and_the_next_is_moved():
+    lab, _, (lost, following) = play([FIRST, SECOND], robot=Butterfingers)
+    assert named(lab, "transfer")[0]["outcome"] == TransferOutcome.DROPPED.name
+    assert lost.attempted and lost.failure == "DROPPED"
+    assert following.succeeded, following.failure
+
+
+def test_a_blind_camera_ends_the_trial_with_a_sentence():
+    lab, in_time, scores = play([FIRST, SECOND], camera=Dark)
+    assert in_time
+    (stopped,) = named(lab, "stopped")
+    assert stopped["outcome"] == TransferOutcome.BOARD_NOT_FOUND.name and "plate" in stopped["reason"]
+    assert {(s.succeeded, s.failure, s.reason) for s in scores} == {(False, "BOARD_NOT_FOUND", stopped["reason"])}
+
+
+def test_it_sees_with_the_perception_that_it_is_given():
+    lab, in_time, (score,) = play([FIRST], perception=Blinkered())
+    assert in_time and (score.succeeded, score.failure) == (False, "NO_BLOCK")
+    assert {event["reason"] for event in named(lab, "no grasp")} == {"these eyes see no block"}
+
+
+def test_a_fault_of_the_robot_ends_the_trial_and_is_named():
+    with pytest.raises(ConnectionError, match="does not answer"):
+        play([FIRST], robot=Fault)
+
+
+def test_a_spent_budget_ends_the_script_where_it_is():
+    lab, in_time, scores = play([FIRST, SECOND], budget_s=4.0)
+    assert not in_time
+    assert 4.0 < lab.now_s() < 4.6
+    assert [score.succeeded for score in scores] == [False, False]
+    assert named(lab, "transfer") == []
+
+
+def test_an_arm_that_is_not_there_is_named():
+    with pytest.raises(TrocarError, match=r"'psm3'.*psm1, psm2"):
+        play([FIRST], arms=("psm3",))
+
+
+def test_a_cell_without_a_depth_camera_is_refused():
+    lab = ideal_laboratory(standing(0))
+    lab.cell = replace(lab.cell, cameras={})
+    with pytest.raises(TrocarError, match=r"needs an RGBD camera.*add one to the station"):
+        Unilateral(briefed(lab))
+
+
+def test_a_way_that_leaves_the_joints_ranges_is_an_outcome_and_not_the_end():
+    lab, in_time, (score, _) = play([FIRST, SECOND], settings=replace(SETTINGS, lift_m=0.5))
+    assert [event["outcome"] for event in named(lab, "transfer")] == [TransferOutcome.OUT_OF_REACH.name] * 2
+    assert named(lab, "no motion")[0]["reason"]
+    assert score.attempted and score.failure == "OUT_OF_REACH"
+    assert in_time

@@ -1,0 +1,120 @@
+"""The task: where blocks lie at first, and what is to be done with them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.station import load_station
+from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.report.peg_report import PAPER
+from trocar.tasks.peg_transfer.task import BOARD_SHIFT_M, BOARD_TURN_RAD, VARIANTS, PegTransfer
+from trocar.tasks.peg_transfer.truth import pegs_under
+
+TASK = PegTransfer()
+STATION = load_station("peg-transfer")
+
+
+def scene(rng, station=STATION):
+    return TASK.scene(rng, station)
+
+
+def outline(pose: SE3) -> np.ndarray:
+    """Return points (n, 2) on an upright block's outline in the board's plane."""
+    angle = np.linspace(-np.pi, np.pi, 180, endpoint=False)
+    radius = Block().outer_radius_m(angle)
+    rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)])
+    return pose.apply(rim)[:, :2]
+
+
+def overlap(a: SE3, b: SE3) -> bool:
+    local = b.inverse().apply(np.column_stack([outline(a), np.full(180, Block().height_m)]))
+    return bool((np.hypot(*local[:, :2].T) < Block().outer_radius_m(np.arctan2(local[:, 1], local[:, 0]))).any())
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_every_scene_can_be_played(seed):
+    laid = scene(np.random.default_rng(seed))
+    shift, turn = laid.T_world_board.translation_m, laid.T_world_board.rotation.log()
+    assert np.abs(shift).max() <= BOARD_SHIFT_M and shift[2] == 0.0
+    assert np.abs(turn[2]) <= BOARD_TURN_RAD and np.abs(turn[:2]).max() < 1e-12
+    blocks = laid.T_world_board.inverse() @ laid.T_world_blocks
+    assert pegs_under(blocks, laid.board, laid.block).tolist() == [*range(6)]
+    assert np.allclose(blocks.translation_m[:, 2], Block().height_m)
+    for peg in range(6):
+        hole = Block().hole_radius_m(np.linspace(0, 2 * np.pi, 90)).min()
+        off = np.hypot(*(blocks[peg].translation_m - Pegboard().pegs_m[peg])[:2])
+        assert off < hole - Pegboard().peg_radius_m
+        assert not any(overlap(blocks[peg], blocks[k]) or overlap(blocks[k], blocks[peg]) for k in range(peg))
+
+
+def test_scenes_differ_by_seed_alone():
+    first, same, other = (scene(np.random.default_rng(seed)).T_world_blocks.matrix for seed in (1, 1, 2))
+    assert np.array_equal(first, same)
+    assert np.abs(first - other).max() > 1e-3
+
+
+def test_all_yaws_and_offsets_occur():
+    rng = np.random.default_rng(0)
+    scenes = [scene(rng) for _ in range(60)]
+    blocks = SE3(np.concatenate([(s.T_world_board.inverse() @ s.T_world_blocks).matrix for s in scenes]))
+    yaw = np.arctan2(blocks.matrix[:, 1, 0], blocks.matrix[:, 0, 0])
+    assert np.histogram(yaw, bins=6, range=(-np.pi, np.pi))[0].min() > 30
+    off = np.linalg.norm((blocks.translation_m - np.tile(Pegboard().pegs_m[:6], (60, 1)))[:, :2], axis=1)
+    assert off.max() > 1.5e-3
+
+
+def test_the_board_stands_where_the_station_has_it():
+    moved = SE3.from_parts(SO3.axis("z", 0.4), [0.01, -0.02, 0.003])
+    elsewhere = replace(STATION, T_world_fixture={"board": moved})
+    here, there = (scene(np.random.default_rng(3), station) for station in (STATION, elsewhere))
+    assert np.allclose(there.T_world_board.matrix, (moved @ here.T_world_board).matrix)
+    assert np.allclose(there.T_world_blocks.matrix, (moved @ here.T_world_blocks).matrix)
+
+
+def test_there_and_back_is_twelve_transfers_that_end_where_they_began():
+    goals = TASK.goals()
+    assert len(goals) == 12
+    lies = {peg: peg for peg in range(6)}
+    for source, target in goals:
+        assert target not in lies
+        lies[target] = lies.pop(source)
+    assert lies == {peg: peg for peg in range(6)}
+
+
+def test_the_budget_leaves_room_for_the_papers_slowest_robot():
+    assert TASK.budget_s > 12 * 6.3
+
+
+def test_every_variant_has_its_rows_of_the_paper():
+    assert set(VARIANTS) <= set(PAPER)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"variant": "sideways"}, "variant 'sideways' of peg-transfer is unknown; choose one of unilateral"),
+        ({"budget_s": 0.0}, "budget of a trial is 0.0 s.*--budget"),
+        ({"budget_s": float("inf")}, "budget of a trial is inf s; give a finite time.*--budget"),
+        ({"budget_s": float("nan")}, "budget of a trial is nan s.*--budget"),
+    ],
+)
+def test_nonsense_is_refused_in_a_sentence(options, words):
+    with pytest.raises(TrocarError, match=words):
+        PegTransfer(**options)
+
+
+def test_a_station_without_a_board_is_refused_in_a_sentence():
+    with pytest.raises(TrocarError, match="station 'suture' has no fixture 'board'"):
+        TASK.at(load_station("suture"))
+
+
+def test_the_options_are_what_tells_one_run_from_another():
+    assert json.loads(json.dumps(TASK.options())) == {"variant": "unilateral", "transfers": 12, "budget_s": 180.0}

@@ -1,0 +1,148 @@
+"""One arm drives sutures in a cell without cable errors."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simulated import ideal_session
+from trocar.arms import limit_violations
+from trocar.errors import TrocarError
+from trocar.motion import PLANNERS
+from trocar.sim.laboratory import SimLaboratory
+from trocar.station import SensorFlaws, load_station
+from trocar.sutures import suture_joints
+from trocar.sutures.drive import Suture
+from trocar.tasks.kit import Brief
+from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings, along
+from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.score import score_sutures
+from trocar.tasks.suture.task import CircleSutures
+
+TASK = CircleSutures()
+GOALS = TASK.goals()
+STATION = TASK.at(load_station("suture"))
+SETUP = TASK.setup
+QUICK = Settings(driving_speed_m_s=0.016, travel_speed_m_s=0.05)
+"""Twice as fast as the defaults, so that the tests are too."""
+
+
+async def nobody(arm):
+    """Load nothing."""
+    del arm
+
+
+def laboratory():
+    world = TASK.world(TASK.scene(np.random.default_rng(0), STATION))
+    return SimLaboratory(ideal_session(STATION), world, np.random.default_rng(0), flaws=SensorFlaws.none())
+
+
+def briefed(cell, sutures=GOALS[:1], arms=("psm1",)):
+    return Brief(
+        cell=cell,
+        goals=sutures,
+        known=None,
+        arms=arms,
+        planner=PLANNERS["spline"],
+        perception=None,
+        rng=np.random.default_rng(0),
+        settings=QUICK,
+    )
+
+
+def drive(sutures, load=None):
+    """Return the laboratory in which these sutures were driven, and their scores."""
+    lab = laboratory()
+    if load:
+        lab.cell = replace(lab.cell, assistants={LOAD: load})
+    agent = CircleSuturing(briefed(lab.cell, sutures))
+    assert lab.run(lambda cell: agent.run(), TASK.budget_s)
+    return lab, score_sutures(sutures, lab.truth(), lab.log.events)
+
+
+def named(lab, name):
+    return [event for event in lab.log.events if event["name"] == name]
+
+
+def outcomes(lab):
+    return [event["outcome"] for event in named(lab, "suture")]
+
+
+@pytest.fixture(scope="module")
+def two_sutures():
+    return drive(GOALS[:2])
+
+
+def test_sutures_are_driven_in_and_out_where_they_were_planned(two_sutures):
+    _, scores = two_sutures
+    assert [score.failure for score in scores] == ["", ""]
+    for score in scores:
+        assert score.entry_error_m < 0.3e-3 and score.exit_error_m < 0.5e-3
+        assert score.tip_max_m < 0.6e-3
+        assert score.slip_m < 0.3e-3
+
+
+def test_each_step_of_the_primitive_is_done_once_in_order(two_sutures):
+    lab, _ = two_sutures
+    names = [event["step"] for event in named(lab, "step") if event["suture"] == 1]
+    primitive = ["penetrate", "rotate", *(f"{w} {k}" for k in (1, 2) for w in ("regrasp", "push"))]
+    assert names == ["lower", "approach", *primitive, "withdraw", "rise"]
+
+
+def test_no_joint_is_ever_asked_out_of_its_range(two_sutures):
+    lab, _ = two_sutures
+    assert limit_violations(SETUP.arm, lab.recorder.joints("asked")["psm1"][:, :6]) == []
+
+
+def test_every_part_is_noted_and_what_is_sent_keeps_the_limits(two_sutures):
+    lab, _ = two_sutures
+    assert {span.name for span in lab.log.spans} == {"planning", "loading", "motion", "jaw", "settling"}
+    assert max(lab.driver.limit_use("psm1")) <= 1.0 + 1e-3
+    assert lab.log.events[-1]["outcome"] == SutureOutcome.DONE.name
+    assert np.abs(lab.cell.robot.setpoint("psm1").q - STATION.arms["psm1"].park_q()).max() < 1e-6
+
+
+def test_a_joint_limit_stops_it_there_and_it_says_which():
+    bad = GOALS[1]
+    forced = Suture(SETUP, bad.theta_rad, -bad.direction)
+    assert not suture_joints(SETUP, [bad.theta_rad]).feasible[0 if forced.direction == 1 else 1, 0]
+    lab, scores = drive([forced, GOALS[2]])
+    assert outcomes(lab) == [SutureOutcome.JOINT_LIMIT.name]  # the next is not even begun
+    (event,) = named(lab, "suture")
+    for words in ("suture 1, rotate", "wrist_pitch", "outside [-80.0 deg, 80.0 deg]", "stopped there"):
+        assert words in event["reason"]
+    (stopped,) = named(lab, "stopped")
+    assert (stopped["outcome"], stopped["reason"]) == ("JOINT_LIMIT", event["reason"])
+    last = lab.cell.robot.setpoint("psm1").q
+    near = np.minimum(SETUP.arm.upper - last, last - SETUP.arm.lower)[[0, 1, 3, 4, 5]]
+    assert 0.0 <= near.min() < math.radians(3.0)  # it drove up to the limit
+    assert {(score.succeeded, score.failure) for score in scores} == {(False, "JOINT_LIMIT")}
+
+
+def test_jaws_that_were_given_nothing_say_so():
+    lab, (score,) = drive(GOALS[:1], nobody)
+    assert outcomes(lab) == [SutureOutcome.NEEDLE_MISSED.name]
+    assert named(lab, "step") == []
+    assert (score.succeeded, score.failure) == (False, "NEEDLE_MISSED")
+    assert score.entry_error_m is None
+
+
+def test_a_cell_without_an_assistant_is_refused():
+    lab = laboratory()
+    with pytest.raises(TrocarError, match="nobody in this cell loads the needle"):
+        CircleSuturing(briefed(replace(lab.cell, assistants={})))
+    with pytest.raises(TrocarError, match="arm 'psm3' is not in this cell; choose one of psm1"):
+        CircleSuturing(briefed(lab.cell, arms=("psm3",)))
+
+
+def test_a_motion_along_a_path_keeps_to_it_and_rests_at_both_ends():
+    share = np.linspace(0.0, 1.0, 30)[:, None]
+    path = np.hstack([np.sin(share * (k + 1)) for k in range(6)])
+    motion = along(path, 2.0)
+    assert motion.duration_s == pytest.approx(2.0)
+    np.testing.assert_allclose(motion([0.0, 2.0]), path[[0, -1]], atol=1e-12)
+    np.testing.assert_allclose(motion([0.0, 2.0], 1), 0.0, atol=1e-12)
+    q = motion(np.linspace(0.0, 2.0, 200))
+    fine = np.hstack([np.sin(np.linspace(0, 1, 60_000)[:, None] * (k + 1)) for k in range(6)])
+    assert max(np.abs(fine - row).max(axis=1).min() for row in q) < 1e-4

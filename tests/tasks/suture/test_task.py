@@ -1,0 +1,153 @@
+"""The sutures' task: what is to be driven, where, and what is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trocar.arms import ARMS
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.station import load_station
+from trocar.sutures import CLOCKWISE, DIRECTIONS, PRESETS, suture_joints
+from trocar.sutures.drive import drive
+from trocar.sutures.plan_file import PlannedSutures, setup_from
+from trocar.sutures.primitive import grasp_pose
+from trocar.tasks.suture.task import CircleSutures
+
+TASK = CircleSutures()
+SETUP = TASK.setup
+STATION = load_station("suture")
+MOVED = SE3.from_parts(SO3.axis("z", 0.1), [0.002, -0.003, 0.001])
+
+
+def planned(positions=(1.0,), directions=(CLOCKWISE,), **changes):
+    """Return a plan in a changed setup."""
+    return PlannedSutures(replace(SETUP, **changes), np.array(positions), np.array(directions))
+
+
+def kept(plan, folder):
+    """Write the file of a plan, as ``trocar plan suture`` does."""
+    values = plan.values()
+    text = {"setup": values["setup"], "positions_deg": np.degrees(plan.positions_rad).tolist()}
+    path = folder / "plan.json"
+    path.write_text(json.dumps({**text, "directions": values["directions"]}))
+    return path
+
+
+def test_the_goals_are_the_plan_or_a_forced_direction():
+    assert [s.direction for s in TASK.goals()] == TASK.plan.directions.tolist()
+    forced = CircleSutures(direction="clockwise").goals()
+    assert {s.direction for s in forced} == {CLOCKWISE}
+    assert [s.theta_rad for s in forced] == [s.theta_rad for s in TASK.goals()]
+
+
+@pytest.mark.parametrize("count", [1, 3, 7])
+def test_as_many_sutures_as_are_asked_for_stand_evenly_round_the_circle(count):
+    goals = CircleSutures(sutures=count).goals()
+    angles = np.sort([s.theta_rad for s in goals])
+    assert len(goals) == count
+    assert np.diff(angles) == pytest.approx(2 * np.pi / count, abs=np.radians(1.1))
+
+
+def test_a_plan_of_ones_own_is_driven_in_its_setup(tmp_path):
+    circle = replace(SETUP.circle, radius_m=0.025)
+    path = kept(planned([4.0, 1.0, 1.5], [1, -1, -1], circle=circle, T_world_base=MOVED @ SETUP.T_world_base), tmp_path)
+    task = CircleSutures(plan_file=path)
+    assert (task.preset, task.direction, task.sutures) == (None, None, 3)
+    assert [s.direction for s in task.goals()] == [1, -1, -1]
+    assert [s.theta_rad for s in task.goals()] == pytest.approx([4.0, 1.0, 1.5])
+    assert all(s.setup is task.setup for s in task.goals())
+    station = task.at(STATION)
+    assert np.array_equal(station.arms["psm1"].T_world_base.matrix, (MOVED @ SETUP.T_world_base).matrix)
+    scene, arm = task.scene(np.random.default_rng(0), station)
+    assert scene.circle_radius_m == 0.025 and arm == "psm1"
+    box, joints = task.calibration(station, "psm1"), suture_joints(task.setup, task.plan.positions_rad)
+    for i, direction in enumerate(task.plan.directions):
+        q = joints.q[DIRECTIONS.index(direction), i]
+        assert (q >= box.lower).all() and (q <= box.upper).all()
+
+
+def test_the_presets_plan_given_is_the_preset(tmp_path):
+    given = CircleSutures(plan_file=kept(TASK.plan, tmp_path))
+    assert [s.direction for s in given.goals()] == [s.direction for s in TASK.goals()]
+    assert [s.theta_rad for s in given.goals()] == pytest.approx([s.theta_rad for s in TASK.goals()], abs=1e-12)
+    assert given.plan.values()["setup"] == TASK.plan.values()["setup"]
+
+
+def test_the_calibrations_motion_covers_the_plan():
+    box = TASK.calibration(STATION, "psm1")
+    for suture in TASK.goals():
+        q = np.concatenate([piece.q for piece in drive(suture)])
+        assert (q >= box.lower).all() and (q <= box.upper).all()
+
+
+def test_a_plan_that_is_out_of_reach_leaves_no_room_to_calibrate_in(tmp_path):
+    away = SE3.from_parts(translation_m=[0.0, 0.0, 0.5]) @ SETUP.T_world_base
+    task = CircleSutures(plan_file=kept(planned(T_world_base=away), tmp_path))
+    with pytest.raises(TrocarError, match="reach"):
+        task.calibration(task.at(STATION), "psm1")
+
+
+def test_the_needle_is_given_as_the_grasp_asks():
+    scene, _ = TASK.scene(np.random.default_rng(0), TASK.at(STATION))
+    twist = (grasp_pose(SETUP) @ scene.T_tip_needle).log()
+    assert np.abs(twist).max() < 1e-9
+    lengths = np.linalg.norm(scene.wire_points_m, axis=1)
+    np.testing.assert_allclose(lengths, SETUP.needle.radius_m)
+    last = SO3.axis("z", -SETUP.needle.arc_rad).apply(scene.wire_points_m[0])
+    np.testing.assert_allclose(scene.wire_points_m[-1], last, atol=1e-12)
+
+
+def test_the_station_of_the_task_is_that_of_its_default_plan():
+    """The numbers in ``suture.toml`` are those of the preset: nothing has to be moved."""
+    station = TASK.at(STATION)
+    assert np.abs(station.arms["psm1"].T_world_base.matrix - STATION.arms["psm1"].T_world_base.matrix).max() < 1e-9
+    assert np.array_equal(station.T_world_fixture["circle"].matrix, STATION.T_world_fixture["circle"].matrix)
+
+
+def test_the_options_hold_all_of_a_plan_for_its_file_may_change(tmp_path):
+    assert json.loads(json.dumps(TASK.options())) == {
+        "preset": "default",
+        "direction": "best",
+        "sutures": 4,
+        "plan_file": None,
+        "budget_s": 600.0,
+    }
+    task = CircleSutures(plan_file=kept(planned(), tmp_path))
+    options = json.loads(json.dumps(task.options(), allow_nan=False))
+    assert (options["preset"], options["direction"], options["sutures"]) == (None, None, 1)
+    assert setup_from(options["plan_file"]["setup"]).needle == SETUP.needle
+    assert options["plan_file"]["directions"] == [CLOCKWISE]
+
+
+ONE = planned()
+
+
+@pytest.mark.parametrize(
+    ("plan", "options", "words"),
+    [
+        (None, {"preset": "paper-demo"}, "cannot be driven.*flat jaws.*default"),
+        (None, {"preset": "nowhere"}, "preset 'nowhere' of suture is unknown; choose one of default"),
+        (None, {"direction": "up"}, "direction 'up'.*clockwise"),
+        (None, {"sutures": 0}, "number of sutures is 0"),
+        (None, {"budget_s": 0.0}, "budget of a trial is 0.0 s.*--budget"),
+        (ONE, {"preset": "default"}, "preset 'default' cannot be combined with a plan"),
+        (ONE, {"direction": "best"}, "direction 'best' cannot be combined with a plan"),
+        (ONE, {"sutures": 2}, "number of sutures is 2, but the plan has 1"),
+        (planned(grasp=PRESETS["paper-demo"].setup.grasp), {}, "cannot be driven.*--grasp-skew-deg 0"),
+    ],
+)
+def test_nonsense_is_refused_in_a_sentence(plan, options, words, tmp_path):
+    given = {"plan_file": kept(plan, tmp_path)} if plan else {}
+    with pytest.raises(TrocarError, match=words):
+        CircleSutures(**given, **options).goals()
+
+
+def test_a_plan_for_another_arm_is_refused_where_the_station_has_none(tmp_path):
+    task = CircleSutures(plan_file=kept(planned(arm=ARMS["psm-si"]), tmp_path))
+    with pytest.raises(TrocarError, match=r"plan is for 'psm-si'.*'psm-classic'.*plan with --arm psm-classic"):
+        task.at(STATION)
+    with pytest.raises(TrocarError, match=r"preset 'default' is for 'psm-classic'; arm 'left'.*'raven2-left'"):
+        TASK.at(load_station("raven-pair"))

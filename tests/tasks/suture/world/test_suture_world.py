@@ -1,0 +1,141 @@
+"""A needle is held by friction, by the phantom's drag, or not at all."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from simulated import ideal_session
+from trocar.arms import MOTION_LIMITS, fk
+from trocar.motion import rest_to_rest
+from trocar.sim.laboratory import SimLaboratory
+from trocar.sim.mjcf import CellModel, build_mjcf
+from trocar.station import SensorFlaws, load_station
+from trocar.tasks.suture.agents.circle import LOAD
+from trocar.tasks.suture.task import CircleSutures
+from trocar.tasks.suture.world.needle import Tissue
+from trocar.tasks.suture.world.suture_world import LOADING_S, SutureWorld
+
+TASK = CircleSutures(sutures=1)
+STATION = TASK.at(load_station("suture"))
+SCENE, ARM = TASK.scene(np.random.default_rng(0), STATION)
+LIMITS = MOTION_LIMITS["dvrk"]
+CLOSED, OPEN = -0.17, 0.4
+
+
+@pytest.fixture
+def lab():
+    """A laboratory whose arm may move as fast as a da Vinci's can."""
+    day = ideal_session(STATION, LIMITS)
+    return SimLaboratory(day, SutureWorld(SCENE, ARM), np.random.default_rng(0), flaws=SensorFlaws.none())
+
+
+def in_jaws(lab):
+    """Return ``T_tip_needle`` as it truly is."""
+    T_world_base = lab.session.T_world_base[ARM]
+    return (T_world_base @ fk(lab.cell.arms[ARM], lab.world.joints(ARM))).inverse() @ lab.world.free_pose("needle")
+
+
+async def load(cell):
+    await cell.robot.jaw(ARM, OPEN)
+    await cell.assistants[LOAD](ARM)
+    await cell.robot.jaw(ARM, CLOSED)
+
+
+async def move(cell, shift):
+    q = cell.robot.setpoint(ARM).q
+    await cell.robot.move({ARM: rest_to_rest(q, q + shift, LIMITS)})
+
+
+def test_no_weld_holds_it():
+    root = ET.fromstring(build_mjcf(CellModel(STATION.models, {ARM: TASK.setup.T_world_base}, SutureWorld(SCENE, ARM))))
+    assert [e.tag for e in root.find("equality")] == ["joint"]  # the fingers' coupling
+    assert root.find("contact") is None
+
+
+def test_jaws_hold_a_loaded_needle_through_fast_motions_by_friction(lab):
+    shift = np.array([0.2, 0.2, 0.03, 0.8, 0.5, -0.5])
+
+    async def script(cell):
+        await load(cell)
+        for sign in (1, -1, 1):
+            await move(cell, sign * shift)
+
+    assert lab.run(script, 60.0)
+    assert lab.driver.limit_use(ARM)[1] == pytest.approx(1.0, abs=1e-3), "the motions were not as fast as that"
+    moved = (SCENE.T_tip_needle.inverse() @ in_jaws(lab)).log()
+    assert np.linalg.norm(in_jaws(lab).translation_m - SCENE.T_tip_needle.translation_m) < 0.5e-3
+    assert np.linalg.norm(moved[3:]) < np.radians(5.0)
+
+
+def test_open_jaws_let_it_fall(lab):
+    async def script(cell):
+        await load(cell)
+        await cell.robot.jaw(ARM, OPEN)
+        await move(cell, np.array([0, 0, 0.02, 0, 0, 0]))
+
+    assert lab.run(script, 60.0)
+    lost = in_jaws(lab).translation_m - SCENE.T_tip_needle.translation_m
+    assert np.linalg.norm(lost) > 2e-3
+
+
+def test_a_person_holds_it_still_until_both_fingers_press(lab):
+    held, begun = lab.task._needle, []
+
+    async def script(cell):
+        await cell.robot.jaw(ARM, OPEN)
+        begun.append(cell.clock.now_s())
+        await cell.assistants[LOAD](ARM)
+        assert cell.clock.now_s() - begun[0] == pytest.approx(LOADING_S, abs=0.011)
+        await cell.robot.jaw(ARM, 0.2)  # straddles the wire without touching it
+        assert held.in_hand
+        await cell.robot.jaw(ARM, CLOSED)
+        assert not held.in_hand
+
+    assert lab.run(script, 60.0)
+    truth = lab.truth()
+    assert truth.in_hand[0] and not truth.in_hand[-1] and np.diff(truth.in_hand.astype(int)).tolist().count(-1) == 1
+    assert truth.gripped[-1] and not truth.gripped[truth.in_hand][:-1].any()
+    still = truth.p_circle_needle_tip_m[truth.in_hand & (truth.times_s > begun[0] + LOADING_S + 0.02)]
+    assert len(still) > 5 and np.ptp(still, axis=0).max() < 1e-9
+
+
+def test_nobody_beside_this_robot_does_anything_else(lab):
+    assert set(lab.cell.assistants) == {LOAD}
+
+
+def test_truth_is_told_in_the_circles_frame(lab):
+    lab.run(load, 60.0)
+    truth = lab.truth()
+    T_circle_world = SCENE.T_world_circle.inverse()
+    needle = T_circle_world @ lab.world.free_pose("needle")
+    tip = T_circle_world @ lab.session.T_world_base[ARM] @ fk(lab.cell.arms[ARM], lab.world.joints(ARM))
+    assert np.abs(truth.T_circle_needle.matrix[-1] - needle.matrix).max() < 1e-9
+    assert np.abs(truth.T_circle_tip.matrix[-1] - tip.matrix).max() < 1e-9
+    assert np.abs(truth.p_circle_needle_tip_m[-1] - needle.apply(SCENE.wire_points_m[0])).max() < 1e-9
+    assert len(truth.times_s) == len(truth.gripped) == len(truth.in_hand) == len(truth.T_circle_needle.matrix)
+
+
+def test_drag_holds_it_only_below_the_surface(lab):
+    held = lab.task._needle
+    free = slice(lab.world.model.joint("needle").dofadr[0], None)
+    for height_m, drag in ((0.02, 0.0), (-0.001, Tissue().drag_ns_m)):
+        held.in_hand = False
+        at = SCENE.T_world_circle.matrix.copy()
+        at[2, 3] += height_m
+        lab.world.data.qpos[held._qpos][:3] = at[:3, 3]
+        lab.world.data.qvel[:] = 0.0
+        held.act()
+        assert lab.world.model.dof_damping[free][0] == drag
+
+
+def test_the_phantom_bears_its_weight(lab):
+    held = lab.task._needle
+    held.in_hand = False
+    inside = SCENE.T_world_circle.apply([0.0, 0.0, -0.001])
+    lab.world.data.qpos[held._qpos] = [*inside, 1.0, 0.0, 0.0, 0.0]
+    lab.world.data.qvel[:] = 0.0
+    before = held.T_world_needle.translation_m
+    for _ in range(500):
+        lab.world.step(2)
+    assert np.linalg.norm(held.T_world_needle.translation_m - before) < 1e-6
