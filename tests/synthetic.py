@@ -1,61 +1,114 @@
-"""Trials that nobody played, for tests of files, summaries and commands."""
+"""Trials that nobody played, for tests of files, summaries, reports and commands: no simulator in them."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import numpy as np
 
-from trocar.tasks import PegTransfer
-from trocar.trials import Computation, Plan, Span, Trial, versions
+from trocar.geometry import SE3
+from trocar.log import Computation, Span
+from trocar.replay import Solid
+from trocar.tasks.peg_transfer.task import PegTransfer
+from trocar.trials.config import RunConfig
+from trocar.trials.scenery import Scenery
+from trocar.trials.trial import Trial
 
 TRANSFER_S = 5.0
 PARTS_S = {"capture": 0.2, "perception": 0.1, "planning": 0.2, "motion": 3.0, "jaw": 0.5, "settling": 0.25}
 """Of each transfer; .75 s are left to nothing in particular."""
+TICK_S = 0.01
+GOALS = PegTransfer().goals()
 
 
-def synthetic_trial(plan: Plan, index: int = 0, failures: dict[int, str] | None = None) -> Trial:
+def config(**options: object) -> RunConfig:
+    """Return a run of peg transfers; options as ``RunConfig`` has them."""
+    return RunConfig(PegTransfer(), **options)  # type: ignore[arg-type]
+
+
+def synthetic_trial(
+    run: RunConfig | None = None, index: int = 0, failures: dict[int, str] | None = None, session: int = 0
+) -> Trial:
     """Return a trial of twelve transfers of 5 s, of which those in ``failures`` ended as named there."""
-    failures = failures or {}
-    transfers, spans, computations, events = [], [], [], []
-    for number, (source, target) in enumerate(PegTransfer().transfers):
-        start = number * TRANSFER_S
+    run, failures = run or config(), failures or {}
+    scores, spans, computations, events = [], [], [], []
+    for number, (source, target) in enumerate(GOALS):
+        start_s = number * TRANSFER_S
         failure = failures.get(number, "")
-        transfers.append(
+        scores.append(
             {
                 "source": source,
                 "target": target,
-                "attempted": failure != "NO_BLOCK",
+                "attempted": True,
+                "available": failure != "NO_BLOCK",
                 "succeeded": not failure,
                 "failure": failure,
-                "start_s": start,
-                "end_s": start + TRANSFER_S,
+                "reason": f"made up: {failure}" if failure else "",
+                "start_s": start_s,
+                "end_s": start_s + TRANSFER_S,
             }
         )
-        at = start
-        for name, length in PARTS_S.items():
-            spans.append(Span("psm1", name, round(at, 6), round(at + length, 6)))
-            at += length
+        at_s = start_s
+        for name, length_s in PARTS_S.items():
+            halves = 2 if name == "motion" else 1  # to the block, and with it
+            for _ in range(halves):
+                spans.append(Span("psm1", name, round(at_s, 6), round(at_s + length_s / halves, 6)))
+                at_s += length_s / halves
         computations += [Computation("perception", 0.03, 0.098), Computation("planning", 0.2, 0.103)]
-        events.append({"name": "transfer", "time_s": start + TRANSFER_S, "outcome": failure or "DONE"})
-    times = np.arange(0.0, 12 * TRANSFER_S + 1e-9, 0.05)
-    rng = np.random.default_rng(index)
+        events.append({"name": "transfer", "time_s": start_s + TRANSFER_S, "outcome": failure or "DONE"})
+    hit = {"time_s": 3.0, "end_s": 3.1, "arm": "psm1", "what": "arm", "against": "peg 4", "force_n": 2.0}
     return Trial(
         about={
-            **asdict(plan),
-            "trials": None,
+            **run.about(),
+            "fingerprint": run.fingerprint,
+            "session": session,
             "index": index,
             "settings": {},
-            "cables": {"psm1": "none", "psm2": "none"},
-            "versions": versions(),
+            "transmissions": {"psm1": "none", "psm2": "none"},
         },
-        transfers=transfers,
+        scores=scores,
         spans=spans,
         events=events,
-        collisions=[{"time_s": 3.0, "arm": "psm1", "what": "arm", "against": "peg 4", "force_n": 2.0}] * (index + 1),
-        finished=True,
-        duration_s=12 * TRANSFER_S,
-        arrays={"times_s": times, "tip_psm1": rng.normal(0.0, 0.02, (len(times), 3)).astype(np.float32)},
+        collisions=[hit | {"p_world_m": [0.0, 0.0, 0.02]}] * (index + 1),
+        ended="done",
+        reason="",
+        duration_s=len(GOALS) * TRANSFER_S,
+        command_limit_use={"psm1": (0.5, 0.99), "psm2": (0.0, 0.0)},
+        arrays=_arrays(run, np.random.default_rng([session, index])),
+        scenery=_scenery(run),
         computations=computations,
         wall_s=10.0,
+    )
+
+
+def _arrays(run: RunConfig, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return joints that wave a little round where the arms rest, and a block that is carried along."""
+    times_s = TICK_S * np.arange(round(len(GOALS) * TRANSFER_S / TICK_S) + 1)
+    wave = 0.05 * np.sin(np.outer(times_s, rng.uniform(0.5, 2.0, 7)) + rng.uniform(0.0, 6.0, 7))
+    arrays = {}
+    for name, arm in run.laboratory.arms.items():
+        q = np.append(arm.park_q(), arm.park_jaw_rad) + wave * [1, 1, 0.2, 1, 1, 1, 1]
+        for kind in ("asked", "commanded", "measured", "true"):
+            arrays[f"{kind}_{name}"] = (q + 0.01 * (kind == "true")).astype(np.float32)
+    block = np.zeros((len(times_s), 7))
+    block[:, :3], block[:, 3] = wave[:, :3], 1.0
+    return arrays | {"body_block0": block.astype(np.float32), "T_world_board": np.eye(4)}
+
+
+def _scenery(run: RunConfig) -> Scenery:
+    station = run.laboratory
+    grey, red = (0.6, 0.6, 0.6, 1.0), (0.8, 0.2, 0.1, 1.0)
+    tools = [
+        Solid(f"{arm}_link6", "sphere", (0.003,), SE3.identity(), grey)  # where the jaws begin
+        for arm in station.arms
+    ]
+    plate = Solid("board", "box", (0.05, 0.03, 0.005), SE3.from_parts(translation_m=[0.0, 0.0, -0.005]), red)
+    block = Solid("block0", "box", (0.007, 0.007, 0.007), SE3.identity(), red)
+    bases = {name: arm.T_world_base for name, arm in station.arms.items()}
+    return Scenery(
+        solids=(plate, block, *tools),
+        T_world_body={"world": SE3.identity(), "board": SE3.identity()},
+        arms=station.models,
+        T_world_base=bases,
+        T_world_base_registered=bases,
+        cameras={name: [] for name in station.cameras},
+        tick_s=TICK_S,
     )

@@ -1,19 +1,6 @@
-"""Trials: run, kept, loaded."""
+"""Trials: run (``trocar.trials.run``, which needs the simulator), kept, loaded."""
 
-from trocar.trials.log import Computation, Span, TrialLog
-from trocar.trials.run import METHODS, Plan, open_folder, prepare, run_trial, versions
-from trocar.trials.trial import Trial, trial_file
+from trocar.trials.folder import load_trials, open_folder
+from trocar.trials.trial import Trial, trial_file, trial_files
 
-__all__ = [
-    "METHODS",
-    "Computation",
-    "Plan",
-    "Span",
-    "Trial",
-    "TrialLog",
-    "open_folder",
-    "prepare",
-    "run_trial",
-    "trial_file",
-    "versions",
-]
+__all__ = ["Trial", "load_trials", "open_folder", "trial_file", "trial_files"]

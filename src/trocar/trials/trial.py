@@ -1,122 +1,174 @@
-"""One trial as it is kept: what was done, what the referee saw, and how to do it again."""
+"""One trial as it is kept: what was done, what the referee saw, and all that a replay needs."""
 
 from __future__ import annotations
 
 import json
-import os
-import zipfile
-import zlib
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.archive import Archive, read_archive, read_header
 from trocar.errors import TrocarError
-from trocar.trials.log import Computation, Span
+from trocar.log import Computation, Span
+from trocar.replay import Replay
+from trocar.trials.scenery import Scenery
 
 FORMAT = "trocar trial"
-VERSION = 1
+VERSION = 2
 
-UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
-"""What NumPy, zip and JSON raise on files that are damaged or not ours."""
+Notes = list[dict[str, Any]]
+
+NUMBER = (int, float)
+ABOUT = {
+    **dict.fromkeys(("task", "variant", "piece", "station", "method", "planner", "fingerprint"), str),
+    **dict.fromkeys(("seed", "session", "index"), int),
+    **{"model": (str, type(None)), "arms": list, "flaws": dict, "versions": dict},
+}
+"""What every trial says of itself, and of which type it is."""
+SCORE = {"attempted": bool, "succeeded": bool, "failure": str, "reason": str, "start_s": NUMBER, "end_s": NUMBER}
+EVENT = {"name": str, "time_s": NUMBER}
+COLLISION = {
+    **dict.fromkeys(("time_s", "end_s", "force_n"), NUMBER),
+    **{"arm": str, "what": str, "against": str, "p_world_m": list},
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
     """A finished trial.
 
-    The ``.npz`` holds nothing that depends on the machine's speed: the same seed writes the same bytes. The real
+    The file holds nothing that depends on the machine's speed: the same seed writes the same bytes. The real
     times of computations lie beside it, in ``.timing.json``.
 
     Attributes:
-        about: task, variant, method, model, seed, index, settings, versions.
-        transfers: one dict a transfer (``TransferScore``).
+        about: what tells its run from others, its number, settings, versions; ``fingerprint`` sums that up.
+        scores: one dict a goal (the task's ``Score``).
         spans: of the scripts.
         events: of the scripts.
-        collisions: dicts (``Collision``).
-        finished: whether the script ended within the task's budget.
+        collisions: dicts (``trocar.sim.touches.Collision``).
+        ended: ``done``, or what stopped the script: ``OUT_OF_TIME``, ``FAULT``.
+        reason: why, in a sentence; empty when done.
         duration_s: on the trial's clock.
-        arrays: ``times_s``, ``blocks`` (n, blocks, 4, 4), ``tip_ARM`` (n, 3), ``qpos`` (n, nq) at 20 Hz;
-            ``commanded_ARM`` and ``measured_ARM`` (m, 7) at 100 Hz; pictures as PNG bytes ``picture_K``.
-        captions: of the pictures.
-        computations: real times; not in the ``.npz``.
-        wall_s: real time of the whole trial; not in the ``.npz``.
+        command_limit_use: largest share of the limits of velocity and of acceleration that was sent to each arm.
+        arrays: (n, 7) ``asked_ARM``, ``commanded_ARM``, ``measured_ARM``, ``true_ARM`` (six joints and the jaw) and
+            ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on, and the task's own.
+        scenery: solids, arms and where they stand.
+        images: as the cameras took them, and when.
+        computations: real times; not in the file.
+        wall_s: real time of the whole trial; not in the file.
     """
 
-    about: dict[str, object]
-    transfers: list[dict[str, object]]
+    about: dict[str, Any]
+    scores: Notes
     spans: list[Span]
-    events: list[dict[str, object]]
-    collisions: list[dict[str, object]]
-    finished: bool
+    events: Notes
+    collisions: Notes
+    ended: str
+    reason: str
     duration_s: float
+    command_limit_use: dict[str, tuple[float, float]]
     arrays: dict[str, NDArray]
-    captions: list[str] = field(default_factory=list)
+    scenery: Scenery
+    images: Mapping[str, bytes] = field(default_factory=dict)
     computations: list[Computation] = field(default_factory=list)
     wall_s: float = 0.0
 
-    def save(self, path: Path) -> None:
+    @property
+    def finished(self) -> bool:
+        """Return whether the script came to its end within its budget."""
+        return self.ended == "done"
+
+    @property
+    def piece(self) -> str:
+        """Return what one of its goals is called."""
+        return str(self.about["piece"])
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Return the names of its arms, those that worked first."""
+        working = list(self.about["arms"])
+        return (*working, *(name for name in self.scenery.arms if name not in working))
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """Return the times (n,) of the rows of its arrays: 100 Hz from 0 s on."""
+        rows = max((len(array) for name, array in self.arrays.items() if name.startswith("true_")), default=0)
+        return self.scenery.tick_s * np.arange(rows, dtype=np.float64)
+
+    def replay(self) -> Replay:
+        """Return all that is needed to watch it."""
+        return self.scenery.replay(self)
+
+    def save(self, path: str | Path) -> Path:
         """Write ``path`` and, beside it, the real times; an interrupted write leaves nothing half-done."""
-        log = {
+        path = Path(path)
+        header = {
             "format": FORMAT,
             "version": VERSION,
             "about": self.about,
-            "transfers": self.transfers,
+            "scores": self.scores,
             "spans": [asdict(span) for span in self.spans],
             "events": self.events,
             "collisions": self.collisions,
-            "finished": self.finished,
+            "ended": self.ended,
+            "reason": self.reason,
             "duration_s": self.duration_s,
-            "captions": self.captions,
+            "command_limit_use": self.command_limit_use,
+            "scenery": self.scenery.values(),
         }
-        text = np.frombuffer(json.dumps(log, sort_keys=True).encode(), dtype=np.uint8)
         timing = {"wall_s": self.wall_s, "computations": [asdict(c) for c in self.computations]}
-        timing_path = timing_file(path)
         try:
-            draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-            with draft.open("wb") as file:
-                np.savez_compressed(file, log=text, **self.arrays)  # type: ignore[arg-type]
-            timing_path.write_text(json.dumps(timing))
-            draft.replace(path)
+            timing_file(path).write_text(json.dumps(timing))
         except OSError as error:
             raise TrocarError(
-                f"cannot write trial {str(path)!r} ({error.strerror}); choose another folder with --out"
+                f"cannot write {str(timing_file(path))!r} ({error.strerror}); choose another folder"
             ) from None
+        return Archive(header, self.arrays, self.images).save(path)
 
     @staticmethod
-    def load(path: Path) -> Trial:
-        """Return the trial in a file that :meth:`save` wrote."""
+    def load(path: str | Path) -> Trial:
+        """Return the trial in a file that :meth:`save` wrote.
+
+        Raises:
+            TrocarError: there is no such file, or it is no trial of this version.
+        """
+        path = Path(path)
+        archive = read_archive(path, FORMAT, VERSION)
+        computations, wall_s = _timing(timing_file(path))
         try:
-            with np.load(path, allow_pickle=False) as data:
-                arrays = {key: data[key] for key in data.files}
-            log = json.loads(arrays.pop("log").tobytes().decode())
-            timing = json.loads(timing_file(path).read_text())
-            found = log["format"], log["version"]
-            if found != (FORMAT, VERSION):
-                raise TrocarError(
-                    f"{str(path)!r} is a {found[0]!r} of version {found[1]}, not a {FORMAT!r} "
-                    f"of version {VERSION}; run the trial again"
-                )
-            return Trial(
-                about=log["about"],
-                transfers=log["transfers"],
+            log = archive.header
+            trial = Trial(
+                about=_note(log["about"], ABOUT),
+                scores=_notes(log["scores"], SCORE),
                 spans=[Span(**span) for span in log["spans"]],
-                events=log["events"],
-                collisions=log["collisions"],
-                finished=log["finished"],
-                duration_s=log["duration_s"],
-                arrays=arrays,
-                captions=log["captions"],
-                computations=[Computation(**c) for c in timing["computations"]],
-                wall_s=timing["wall_s"],
+                events=_notes(log["events"], EVENT),
+                collisions=_notes(log["collisions"], COLLISION),
+                ended=str(log["ended"]),
+                reason=str(log["reason"]),
+                duration_s=float(log["duration_s"]),
+                command_limit_use={arm: (float(v), float(a)) for arm, (v, a) in log["command_limit_use"].items()},
+                arrays=dict(archive.arrays),
+                scenery=Scenery.of(log["scenery"]),
+                images=archive.blobs,
+                computations=computations,
+                wall_s=wall_s,
             )
-        except FileNotFoundError as error:
-            raise TrocarError(f"trial file {error.filename!r} does not exist; run the trial again") from None
-        except TrocarError:
-            raise
-        except UNREADABLE:
-            raise TrocarError(f"{str(path)!r} is not a readable trial; delete it and run again") from None
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise TrocarError(f"{str(path)!r} is no readable {FORMAT}; run that trial again") from None
+        _check(trial, path)
+        return trial
+
+
+def trial_about(path: str | Path) -> dict[str, Any]:
+    """Return what a trial's file says of itself, without reading its arrays."""
+    try:
+        return _note(read_header(path, FORMAT, VERSION).get("about"), ABOUT)
+    except TypeError:
+        raise TrocarError(f"{str(path)!r} is no readable {FORMAT}; run that trial again") from None
 
 
 def timing_file(path: Path) -> Path:
@@ -124,6 +176,53 @@ def timing_file(path: Path) -> Path:
     return path.with_suffix(".timing.json")
 
 
-def trial_file(folder: Path, index: int) -> Path:
-    """Return where the trial of this number lies."""
-    return folder / f"trial_{index:03d}.npz"
+def trial_file(folder: Path, session: int, index: int) -> Path:
+    """Return where a trial of a session of a run lies."""
+    return session_folder(folder, session) / f"trial_{index:03d}.npz"
+
+
+def session_folder(folder: Path, session: int) -> Path:
+    """Return where the files of one session of a run lie."""
+    return folder / f"session_{session:02d}"
+
+
+def trial_files(folder: Path) -> list[Path]:
+    """Return the trials in a run's folder, in order."""
+    return sorted(folder.glob("session_*/trial_*.npz"))
+
+
+def _timing(path: Path) -> tuple[list[Computation], float]:
+    """Return the real times beside a trial; none where they are lost: the trial does not need them."""
+    try:
+        timing = json.loads(path.read_text())
+        return [Computation(**c) for c in timing["computations"]], float(timing["wall_s"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return [], 0.0
+
+
+def _note(value: Any, kinds: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a dict of a header if it has these keys, with values of these types; raise TypeError otherwise."""
+    if not isinstance(value, dict) or not all(isinstance(value.get(key, ...), kind) for key, kind in kinds.items()):
+        raise TypeError
+    return value
+
+
+def _notes(values: Any, kinds: Mapping[str, Any]) -> Notes:
+    """Return a list of such dicts."""
+    if not isinstance(values, list):
+        raise TypeError
+    return [_note(value, kinds) for value in values]
+
+
+def _check(trial: Trial, path: Path) -> None:
+    """Raise a sentence if the arrays of a trial cannot be what they are called."""
+    for arm in trial.scenery.arms:
+        if f"true_{arm}" not in trial.arrays:
+            raise TrocarError(f"{str(path)!r} is damaged: it lacks 'true_{arm}'")
+    rows = len(trial.times_s)
+    for name, array in trial.arrays.items():
+        sampled = name.startswith(("asked_", "commanded_", "measured_", "true_", "body_"))
+        if sampled and array.shape != (rows, 7):
+            raise TrocarError(f"{str(path)!r} is damaged: {name!r} has shape {array.shape}, not ({rows}, 7)")
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise TrocarError(f"{str(path)!r} is damaged: {name!r} is not finite")

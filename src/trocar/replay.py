@@ -34,6 +34,21 @@ class Solid:
     vertices_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
 
 
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where a picture of the cell is taken from.
+
+    Attributes:
+        eye_m: (3,) in the world.
+        target_m: (3,) what it looks at.
+        gain: of the light: nearer is brighter.
+    """
+
+    eye_m: tuple[float, float, float]
+    target_m: tuple[float, float, float]
+    gain: float = 0.95
+
+
 @dataclass(frozen=True, eq=False)
 class ToolPath:
     """Where the tip of one arm was to be and where it was.

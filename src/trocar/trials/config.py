@@ -1,0 +1,153 @@
+"""What a run is made of."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from trocar.calibration.models import MODELS
+from trocar.errors import TrocarError
+from trocar.motion import PLANNERS
+from trocar.registry import load_plugin
+from trocar.station import Station, load_station
+from trocar.station.toml import station_digest
+from trocar.tasks.kit import Method, Task, pick_method, pick_perception
+
+PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headless", "piqp")
+"""Packages that a trial's numbers depend on."""
+
+SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
+"""Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunConfig:
+    """What a run is made of; the same configuration writes the same trials.
+
+    Attributes:
+        task: what is to be done, with its options.
+        station: where: name of a built-in station or path of a TOML file; empty: where the task is usually done.
+        method: how; empty: the task's first.
+        model: cable model of methods that compensate.
+        planner: of the motions; empty: the method's.
+        perception: what agents see with; empty: the method's.
+        sessions: how many days are drawn, each registered and calibrated anew.
+        trials: in each session.
+        seed: of everything random.
+        new_session: mount the instruments again between calibration and trials.
+        refit_offsets: refit the model's offsets from 30 samples before the trials.
+        flawless_camera: switch the sensors' flaws off.
+        plugins: files that were loaded for this run.
+    """
+
+    task: Task
+    station: str = ""
+    method: str = ""
+    model: str = "play"
+    planner: str = ""
+    perception: str = ""
+    sessions: int = 1
+    trials: int = 1
+    seed: int = 0
+    new_session: bool = False
+    refit_offsets: bool = False
+    flawless_camera: bool = False
+    plugins: tuple[str, ...] = ()
+    _built: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        kind = type(self.task)
+        method = pick_method(kind, self.method)
+        usual = {
+            "station": kind.station,
+            "method": self.method or next(iter(kind.methods)),
+            "planner": method.planner,
+            "perception": method.perception,
+        }
+        for name, value in usual.items():
+            if not getattr(self, name):
+                object.__setattr__(self, name, value)
+        for name in ("sessions", "trials"):
+            if getattr(self, name) < 1:
+                raise TrocarError(f"the number of {name} is {getattr(self, name)}; give 1 or more with --{name}")
+        if self.seed < 0:
+            raise TrocarError(f"the seed is {self.seed}; give 0 or more with --seed")
+        MODELS.pick(self.model)
+        PLANNERS.pick(self.planner)
+        if self.perception:
+            pick_perception(kind, self.perception)
+        if self.refit_offsets and not method.calibrated:
+            raise TrocarError(f"there is no model to refit with --method {self.method}; drop --refit-offsets")
+        station = self.task.at(load_station(self.station))
+        arms = self.task.working_arms(station)
+        if method.calibrated:  # what cannot be calibrated says so before anything is written
+            for arm in arms:
+                self.task.calibration(station, arm)
+        self._built.update(method=method, station=station, arms=arms)
+
+    @property
+    def chosen_method(self) -> Method:
+        """Return the method."""
+        return self._built["method"]
+
+    @property
+    def laboratory(self) -> Station:
+        """Return the station as the task needs it."""
+        return self._built["station"]
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Return the names of the arms that work."""
+        return self._built["arms"]
+
+    def about(self) -> dict[str, Any]:
+        """Return as JSON's values what tells this run from others: everything but how many sessions and trials."""
+        return {
+            "task": self.task.name,
+            "variant": self.task.variant,
+            "options": self.task.options(),
+            "piece": self.task.piece,
+            "station": self.laboratory.name,
+            "station_digest": station_digest(self.station),
+            "arms": list(self.arms),
+            "method": self.method,
+            "model": self.model if self.chosen_method.calibrated else None,
+            "planner": self.planner,
+            "perception": self.perception,
+            "seed": self.seed,
+            "new_session": self.new_session,
+            "refit_offsets": self.refit_offsets,
+            "flawless_camera": self.flawless_camera,
+            "plugins": [load_plugin(path) for path in self.plugins],
+            "flaws": self.laboratory.flaws(flawless_camera=self.flawless_camera),
+            "versions": versions(),
+        }
+
+    @property
+    def fingerprint(self) -> str:
+        """Return what every file of this run carries: a digest of :meth:`about`."""
+        return fingerprint(self.about())
+
+    def rng(self, session: int, *stream: int) -> np.random.Generator:
+        """Return the generator of one of a session's streams."""
+        return np.random.default_rng(self.seeds(session, *stream))
+
+    def seeds(self, session: int, *stream: int) -> np.random.SeedSequence:
+        """Return the seeds of one of a session's streams."""
+        return np.random.SeedSequence([self.seed, session, *stream])
+
+
+def fingerprint(about: dict[str, Any]) -> str:
+    """Return the digest of what tells a run from others."""
+    text = json.dumps(about, sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the packages that a trial's numbers depend on."""
+    return {name: version(name) for name in PACKAGES}

@@ -1,0 +1,137 @@
+"""The folder of a run: what is done, what is still to do, and whether it is this run's at all."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from trocar.errors import TrocarError
+from trocar.trials.config import RunConfig
+from trocar.trials.trial import Trial, trial_about, trial_file, trial_files
+
+RECORD = "run.json"
+
+
+def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
+    """Make a run's folder, or take up an interrupted run; return (session, trial) of what is still to do.
+
+    A trial that cannot be read counts as not done: the same command runs it again.
+
+    Raises:
+        TrocarError: the folder holds another run, a trial of another run, or cannot be written.
+    """
+    folder = Path(folder)
+    record, about = folder / RECORD, config.about()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if record.is_file() and any(folder.glob("session_*")):  # else nothing was computed that could be mixed up
+            _require_same(_recorded(record), about, folder)
+        text = {**about, "fingerprint": config.fingerprint, "sessions": config.sessions, "trials": config.trials}
+        draft = record.with_name(f".{record.name}.{os.getpid()}.part")
+        draft.write_text(json.dumps(text, indent=1) + "\n")
+        draft.replace(record)
+    except OSError as error:
+        raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
+    wanted = [(session, index) for session in range(config.sessions) for index in range(config.trials)]
+    return [place for place in wanted if not _done(folder, place, config.fingerprint)]
+
+
+def load_trials(folder: str | Path) -> tuple[list[Trial], list[str]]:
+    """Return the finished trials of a run's folder in order, and a sentence for each that cannot be used.
+
+    Whose folder it is, its ``run.json`` says; where that is lost, the first trial.
+
+    Raises:
+        TrocarError: there is no such folder, or no trial in it.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise TrocarError(f"folder {str(folder)!r} does not exist; make one with `trocar run`")
+    trials: list[Trial] = []
+    strange: list[str] = []
+    run = _recorded_fingerprint(folder)
+    for path in trial_files(folder):
+        try:
+            trial = Trial.load(path)
+        except TrocarError as error:
+            strange.append(f"left aside: {error}")
+            continue
+        run = run or trial.about["fingerprint"]
+        if trial.about["fingerprint"] != run:
+            strange.append(f"left aside: {str(path)!r} is of another run")
+        elif trial_file(folder, *_place(trial.about)) != path:
+            session, index = _place(trial.about)
+            strange.append(f"left aside: {str(path)!r} is session {session}, trial {index} under another name")
+        else:
+            trials.append(trial)
+    if not trials:
+        more = f" ({strange[0]})" if strange else ""
+        raise TrocarError(f"folder {str(folder)!r} holds no trial that can be read{more}; make some with `trocar run`")
+    return trials, strange
+
+
+def _place(about: dict[str, Any]) -> tuple[int, int]:
+    """Return session and index of a trial."""
+    return about["session"], about["index"]
+
+
+def _recorded_fingerprint(folder: Path) -> str:
+    """Return the fingerprint of the run that a folder was made for; empty if its record is lost."""
+    try:
+        return str(json.loads((folder / RECORD).read_text())["fingerprint"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+
+
+def _done(folder: Path, place: tuple[int, int], fingerprint: str) -> bool:
+    """Return whether a trial of this run is there; refuse one of another run."""
+    path = trial_file(folder, *place)
+    if not path.is_file():
+        return False
+    try:
+        about = trial_about(path)
+    except TrocarError:
+        return False
+    if about["fingerprint"] != fingerprint:
+        raise TrocarError(f"{str(path)!r} is a trial of another run; move it away, or choose another folder with --out")
+    return _place(about) == place and _readable(path)
+
+
+def _readable(path: Path) -> bool:
+    """Return whether the whole file can be read, not only its header."""
+    try:
+        Trial.load(path)
+    except TrocarError:
+        return False
+    return True
+
+
+def _recorded(record: Path) -> dict[str, Any]:
+    """Return what a folder's record says, or raise."""
+    try:
+        found = json.loads(record.read_text())
+    except (UnicodeDecodeError, json.JSONDecodeError):
+        found = None
+    if not isinstance(found, dict):
+        raise TrocarError(
+            f"{str(record)!r} is damaged, so that nobody knows whose trials lie beside it; choose another folder with "
+            "--out, or move it away if they are of this run"
+        )
+    return found
+
+
+def _require_same(found: dict[str, Any], about: dict[str, Any], folder: Path) -> None:
+    other = [_said(key, found.get(key), value) for key, value in about.items() if found.get(key) != value]
+    if other:
+        raise TrocarError(f"{str(folder)!r} holds another run ({', '.join(other)}); choose another folder with --out")
+
+
+def _said(key: str, found: object, wanted: object) -> str:
+    """Return what a folder holds under a key where that differs; a whole plan of sutures would fill a page."""
+    if isinstance(found, dict) and isinstance(wanted, dict):
+        other = [_said(k, found.get(k), value) for k, value in wanted.items() if found.get(k) != value]
+        return ", ".join(other) or f"other {key}"
+    text = f"{key} {found!r}"
+    return text if len(text) <= 60 else f"other {key}"

@@ -1,0 +1,40 @@
+"""Camera images as a trial keeps them: small, and good enough to see what the camera saw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+
+from trocar.perception.image import RgbdImage
+from trocar.sim.laboratory import SimCamera
+
+QUALITY = 70
+"""Of WebP, of 100."""
+THINNED = 4
+"""Depth is kept at every so manyth pixel, in whole millimetres."""
+
+
+def encoded(cameras: Mapping[str, SimCamera]) -> tuple[dict[str, bytes], dict[str, list[tuple[float, str]]]]:
+    """Return the images that cameras took as files by name; and for each camera the times and names of its images.
+
+    Colour is WebP. Depth is a 16-bit PNG in mm, 0 where there was none, beside it under ``NAME_depth.png``.
+    """
+    blobs: dict[str, bytes] = {}
+    taken: dict[str, list[tuple[float, str]]] = {}
+    for name, camera in cameras.items():
+        taken[name] = []
+        for number, image in enumerate(camera.taken):
+            stem = f"{name}_{number:03d}"
+            color = image.color if isinstance(image, RgbdImage) else np.hstack([image.left, image.right])
+            blobs[f"{stem}.webp"] = _file(".webp", color[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+            if isinstance(image, RgbdImage):
+                depth_mm = np.rint(1e3 * np.nan_to_num(image.depth_m[::THINNED, ::THINNED]))
+                blobs[f"{stem}_depth.png"] = _file(".png", depth_mm.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+            taken[name].append((round(image.time_s, 6), f"{stem}.webp"))
+    return blobs, taken
+
+
+def _file(kind: str, image: np.ndarray, how: list[int]) -> bytes:
+    return cv2.imencode(kind, np.ascontiguousarray(image), how)[1].tobytes()
