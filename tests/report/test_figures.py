@@ -1,25 +1,38 @@
 import io
+from dataclasses import replace
 
 import matplotlib.image
 import numpy as np
 import pytest
 from rich.console import Console
 
+from synthetic import synthetic_trial
 from trocar.errors import TrocarError
-from trocar.report import draw_paths, draw_storyboard, draw_timechart, parts_table, run_table
+from trocar.log import Span
+from trocar.report.files import draw_trial
+from trocar.report.storyboard import draw_storyboard
+from trocar.report.tables import parts_table, run_table
+from trocar.report.timechart import draw_timechart
+from trocar.tasks.peg_transfer.report import PegReport
+from trocar.tasks.peg_transfer.report.paths import draw_paths
+from trocar.tasks.peg_transfer.report.peg_report import PAPER
 
 SPANS = [
-    {"arm": "psm1", "name": "capture", "start_s": 0.0, "end_s": 0.5, "transfer": 0},
-    {"arm": "psm1", "name": "move", "start_s": 0.5, "end_s": 2.0, "transfer": 0},
-    {"arm": "psm1", "name": "a part of its own", "start_s": 2.0, "end_s": 2.5, "transfer": 1},
-    {"arm": "psm1", "name": "home", "start_s": 2.5, "end_s": 3.0, "transfer": None},
+    Span("psm1", "capture", 0.0, 0.5),
+    Span("psm1", "move", 0.5, 2.0),
+    Span("psm1", "a part of its own", 2.0, 2.5),
+    Span("psm1", "home", 2.5, 3.0),
 ]
+SCORES = [{"start_s": 0.0, "end_s": 2.0}, {"start_s": 2.0, "end_s": 3.0}]
 PEGS_M = np.array([[-0.0405, 0.0], [0.0407, 0.0109]])
 SUMMARY = {
     "task": "peg-transfer",
     "variant": "unilateral",
     "method": "calibrated",
-    "trials": 1,
+    "model": "play",
+    "piece": "transfer",
+    "trials": 2,
+    "sessions": 1,
     "attempted": 12,
     "succeeded": 11,
     "success_rate": 11 / 12,
@@ -36,6 +49,10 @@ def drawn(path):
     return image
 
 
+def trial_of(*spans, scores=SCORES):
+    return replace(synthetic_trial(), spans=list(spans), scores=scores)
+
+
 def tool_path():
     times = np.linspace(0, 6, 120)
     tips = np.stack([0.04 * np.sin(times), 0.01 * np.cos(times), 0.03 + 0.02 * np.sin(2 * times)], axis=1)
@@ -43,7 +60,7 @@ def tool_path():
 
 
 def test_figures_are_written_small_and_not_empty(tmp_path):
-    drawn(draw_timechart(SPANS, tmp_path / "new" / "time.png"))
+    drawn(draw_timechart(trial_of(*SPANS), tmp_path / "new" / "time.png"))
     drawn(draw_paths(*tool_path(), PEGS_M, tmp_path / "paths.png"))
     rng = np.random.default_rng(0)
     frames = [(f"step {k}", rng.integers(0, 255, (480, 640, 3), dtype=np.uint8)) for k in range(30)]
@@ -53,23 +70,55 @@ def test_figures_are_written_small_and_not_empty(tmp_path):
 
 
 def test_two_arms_have_rows_of_their_own(tmp_path):
-    one = drawn(draw_timechart(SPANS, tmp_path / "one.png"))
-    both = drawn(draw_timechart([*SPANS, {**SPANS[0], "arm": "psm2"}], tmp_path / "both.png"))
+    one = drawn(draw_timechart(trial_of(*SPANS), tmp_path / "one.png"))
+    both = drawn(draw_timechart(trial_of(*SPANS, replace(SPANS[0], arm="psm2")), tmp_path / "both.png"))
     assert both.shape[0] > one.shape[0]
 
 
-def test_what_an_arm_does_after_the_last_transfer_has_a_row_of_its_own(tmp_path):
-    late = {**SPANS[3], "start_s": 60.0, "end_s": 61.0, "transfer": -1}
-    early = {**SPANS[3], "start_s": -1.0, "end_s": 0.0, "transfer": -1}
-    both = drawn(draw_timechart([early, *SPANS[:3], late], tmp_path / "both.png"))
-    one = drawn(draw_timechart([early, *SPANS[:3]], tmp_path / "one.png"))
-    assert both.shape[0] > one.shape[0]
+def test_what_an_arm_does_before_the_first_and_after_the_last_goal_has_a_row_of_its_own(tmp_path):
+    scores = [{"start_s": s["start_s"] + 1.0, "end_s": s["end_s"] + 1.0} for s in SCORES]
+    inside = [replace(span, start_s=span.start_s + 1.0, end_s=span.end_s + 1.0) for span in SPANS[:3]]
+    early, late = Span("psm1", "home", 0.0, 1.0), Span("psm1", "home", 60.0, 61.0)
+    heights = [
+        drawn(draw_timechart(trial_of(*spans, scores=scores), tmp_path / "chart.png")).shape[0]
+        for spans in (inside, [early, *inside], [early, *inside, late])
+    ]
+    assert heights[0] < heights[1] < heights[2]
+
+
+def test_between_two_goals_is_before_the_next_and_not_after_the_last(tmp_path):
+    scores = [{"start_s": 0.0, "end_s": 1.0}, {"start_s": 5.0, "end_s": 6.0}]
+    inside = [Span("psm1", "move", 0.0, 1.0), Span("psm1", "move", 5.0, 6.0)]
+    plain = drawn(draw_timechart(trial_of(*inside, scores=scores), tmp_path / "plain.png"))
+    between = Span("psm1", "move", 2.0, 3.0)
+    more = drawn(draw_timechart(trial_of(*inside, between, scores=scores), tmp_path / "more.png"))
+    start = drawn(
+        draw_timechart(
+            trial_of(*inside, between, replace(between, start_s=3.5, end_s=4.0), scores=scores), tmp_path / "start.png"
+        )
+    )
+    assert plain.shape[0] < more.shape[0] == start.shape[0]
+
+
+def test_the_storyboard_of_a_trial_shows_its_moments(tmp_path):
+    trial = synthetic_trial(failures={3: "DROPPED"})
+    image = drawn(draw_trial(trial, tmp_path / "story.png"))
+    assert image.shape[1] > 1000
+    captions = [caption for caption, _ in PegReport().moments(trial)]
+    assert captions[0] == "start" and "peg 2 to 9: dropped" in captions and "after 12 transfers" in captions
+    assert "lifted" in captions and "released on peg 7" in captions
+
+
+def test_the_path_of_the_tool_is_drawn_over_the_board_where_it_was(tmp_path):
+    (path,) = PegReport().pictures(tmp_path, [synthetic_trial()])
+    assert path.name == "paths.png"
+    drawn(path)
 
 
 def test_nothing_to_draw_is_one_sentence_and_no_file(tmp_path):
     times, tips, index = tool_path()
     with pytest.raises(TrocarError, match="at least one span"):
-        draw_timechart([], tmp_path / "a.png")
+        draw_timechart(trial_of(), tmp_path / "a.png")
     with pytest.raises(TrocarError, match="tool path needs"):
         draw_paths(times[:-1], tips, index, PEGS_M, tmp_path / "a.png")
     with pytest.raises(TrocarError, match="at least one picture"):
@@ -81,11 +130,20 @@ def test_nothing_to_draw_is_one_sentence_and_no_file(tmp_path):
 
 def test_tables_show_the_run_beside_the_paper():
     console = Console(width=120, record=True, file=io.StringIO())
-    console.print(run_table(SUMMARY))
+    console.print(run_table(SUMMARY, PAPER["unilateral"]))
     console.print(parts_table(SUMMARY))
     text = console.export_text()
     for words in ("11 of 12", "91.7 %", "64.6 % to 98.5 %", "34.7 %", "12.30", "75.0 %"):
         assert words in text
+    assert "2 trials in 1 session, simulated" in " ".join(text.split()) and "trocar, calibrated (play)" in text
+    assert "paper: surgeon" in text and "120 of 120" in text
+
+
+def test_a_run_without_a_paper_and_without_a_model_has_a_table_too():
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(run_table({**SUMMARY, "model": None, "success_rate": None, "attempted": 0, "succeeded": 0}))
+    text = console.export_text()
+    assert "paper" not in text.replace("the paper's rows", "") and "trocar, calibrated " in text and "0 of 0" in text
 
 
 def test_a_part_of_less_than_nothing_by_rounding_is_nothing():

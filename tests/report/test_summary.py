@@ -1,20 +1,25 @@
 """The summary of a run says what its trials say."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
-from synthetic import PARTS_S, TRANSFER_S, synthetic_trial
+from synthetic import PARTS_S, TRANSFER_S, config, synthetic_trial
 from trocar.errors import TrocarError
-from trocar.report import load_trials, summarise, wilson_interval, write_report
+from trocar.log import Span
+from trocar.report.files import report_of, write_report
+from trocar.report.statistics import session_interval
+from trocar.report.summary import summarise
 from trocar.report.tables import parts_table, run_table
-from trocar.trials import Plan, trial_file
+from trocar.tasks.kit import TaskReport
+from trocar.trials import load_trials, open_folder, trial_file
 
-PLAN = Plan(seed=3, trials=2)
+RUN = config(seed=3, trials=2)
 KEYS = {
-    *("task", "variant", "method", "seed", "trials", "attempted", "succeeded", "success_rate", "success_ci95"),
-    *("mean_time_s", "parts_s", "collisions_per_trial", "failures", "compute_ms", "missed_budgets"),
-    *("realtime_factor", "versions"),
+    *("task", "variant", "method", "seed", "trials", "sessions", "attempted", "succeeded", "success_rate"),
+    *("success_ci95", "mean_time_s", "parts_s", "collisions_per_trial", "failures", "command_limit_use"),
+    *("compute_ms", "missed_budgets", "realtime_factor", "flaws", "versions"),
 }
 """What DESIGN.md promises scripts."""
 
@@ -22,8 +27,8 @@ KEYS = {
 @pytest.fixture
 def trials():
     return [
-        synthetic_trial(PLAN, 0, {2: "DROPPED", 5: "NOT_PLACED", 7: "NO_BLOCK"}),
-        synthetic_trial(PLAN, 1, {1: "DROPPED"}),
+        synthetic_trial(RUN, 0, {2: "DROPPED", 5: "NOT_PLACED", 7: "NO_BLOCK"}),
+        synthetic_trial(RUN, 1, {1: "DROPPED"}),
     ]
 
 
@@ -39,26 +44,56 @@ def test_every_promised_key_is_there_and_is_json(trials):
     )
 
 
-def test_transfers_are_counted_as_attempted(trials):
+def test_all_goals_are_counted_whatever_the_script_came_to(trials):
     summary = summarise(trials)
-    assert summary["trials"] == 2
-    assert summary["attempted"] == 23
+    assert (summary["trials"], summary["sessions"]) == (2, 1)
+    assert summary["attempted"] == 24
     assert summary["succeeded"] == 20
-    assert summary["success_rate"] == pytest.approx(20 / 23)
-    assert summary["success_ci95"] == pytest.approx(wilson_interval(20, 23))
-    assert summary["failures"] == {"DROPPED": 2, "NOT_PLACED": 1}
+    assert summary["success_rate"] == pytest.approx(20 / 24)
+    assert summary["success_ci95"] == pytest.approx(session_interval([20], [24]))
+    assert summary["failures"] == {"DROPPED": 2, "NOT_PLACED": 1, "NO_BLOCK": 1}
     assert summary["collisions_per_trial"] == 1.5
     assert summary["complete_trials"] == 0
 
 
+def test_what_the_paper_counts_is_said_beside_it(trials):
+    """There, a transfer was attempted only if its block stood on its source."""
+    report = report_of(trials[0])
+    assert summarise(trials, report)["available"] == 23
+    sentence = "counted as in the paper, from the transfers whose block stood on its source: 20 of 23"
+    assert sentence in report.notes(trials)
+
+
+def test_the_interval_counts_sessions():
+    runs = [synthetic_trial(RUN, index, {1: "DROPPED"}, session=session) for session in range(4) for index in range(2)]
+    summary = summarise(runs)
+    assert (summary["sessions"], summary["trials"]) == (4, 8)
+    assert summary["success_ci95"] == pytest.approx(session_interval([22] * 4, [24] * 4))
+
+
 def test_parts_add_up_to_the_mean_time():
-    summary = summarise([synthetic_trial(PLAN, 0), synthetic_trial(PLAN, 1)])
+    summary = summarise([synthetic_trial(RUN, 0), synthetic_trial(RUN, 1)])
     assert summary["mean_time_s"] == pytest.approx(TRANSFER_S)
     assert sum(summary["parts_s"].values()) == pytest.approx(summary["mean_time_s"])
     for name, seconds in PARTS_S.items():
         assert summary["parts_s"][name] == pytest.approx(seconds)
     assert summary["parts_s"]["other"] == pytest.approx(TRANSFER_S - sum(PARTS_S.values()))
+    assert list(summary["parts_s"])[-1] == "other"
     assert summary["complete_trials"] == 2
+
+
+def test_parts_of_two_arms_that_work_are_their_mean():
+    trial = synthetic_trial(RUN)
+    both = replace(trial, about=trial.about | {"arms": ["psm1", "psm2"]})
+    summary = summarise([both])
+    assert summary["parts_s"]["motion"] == pytest.approx(PARTS_S["motion"] / 2)
+    assert sum(summary["parts_s"].values()) == pytest.approx(summary["mean_time_s"])
+
+
+def test_a_part_that_no_table_knows_is_shown_too():
+    trial = synthetic_trial(RUN)
+    odd = replace(trial, spans=[*trial.spans, Span("psm1", "singing", 4.5, 4.9)])
+    assert summarise([odd])["parts_s"]["singing"] == pytest.approx(0.4 / 12)
 
 
 def test_compute_is_real_time_and_budgets_are_counted(trials):
@@ -71,39 +106,77 @@ def test_compute_is_real_time_and_budgets_are_counted(trials):
     assert summary["realtime_factor"] == pytest.approx(12 * TRANSFER_S / 10.0)
 
 
-def test_no_success_and_no_attempt_are_values_of_json():
-    nothing = summarise([synthetic_trial(PLAN, 0, dict.fromkeys(range(12), "NO_BLOCK"))])
+def test_the_largest_share_of_the_limits_is_that_of_any_arm_in_any_trial(trials):
+    harder = replace(trials[1], command_limit_use={"psm1": (0.2, 0.3), "psm2": (0.7, 0.1)})
+    assert summarise([trials[0], harder])["command_limit_use"] == {"velocity": 0.7, "acceleration": 0.99}
+
+
+def test_no_success_and_no_goal_are_values_of_json():
+    failed = summarise([synthetic_trial(RUN, 0, dict.fromkeys(range(12), "NO_BLOCK"))])
+    assert failed["attempted"] == 12 and failed["success_rate"] == 0.0
+    assert failed["success_ci95"][0] == 0.0 < failed["success_ci95"][1] < 0.9
+    nothing = summarise([replace(synthetic_trial(RUN), scores=[])])
     assert nothing["attempted"] == 0
     assert nothing["success_rate"] is None and nothing["mean_time_s"] is None
     json.dumps(nothing, allow_nan=False)
     assert run_table(nothing) is not None and parts_table(nothing) is not None
-    failed = summarise([synthetic_trial(PLAN, 0, dict.fromkeys(range(12), "DROPPED"))])
-    assert failed["success_rate"] == 0.0
-    assert failed["success_ci95"][0] == 0.0 < failed["success_ci95"][1] < 0.3
 
 
 def test_uncalibrated_runs_name_no_model():
-    assert summarise([synthetic_trial(Plan(method="uncalibrated"))])["model"] is None
+    assert summarise([synthetic_trial(config(method="uncalibrated"))])["model"] is None
+    assert summarise([synthetic_trial(RUN)])["model"] == "play"
+
+
+def test_what_was_not_perfect_is_in_the_summary():
+    flaws = summarise([synthetic_trial(RUN)])["flaws"]
+    assert "psm1" in " ".join(flaws) and any("mm an axis" in how for how in flaws.values())
+    off = summarise([synthetic_trial(config(flawless_camera=True))])["flaws"]
+    assert off["flaws of camera overhead"] == "switched off" != flaws["flaws of camera overhead"]
 
 
 def test_no_trials_are_said_so(tmp_path):
     with pytest.raises(TrocarError, match="no finished trials"):
         summarise([])
-    with pytest.raises(TrocarError, match=r"holds no trial_\*\.npz"):
+    with pytest.raises(TrocarError, match="holds no trial that can be read"):
         load_trials(tmp_path)
     with pytest.raises(TrocarError, match="does not exist"):
         load_trials(tmp_path / "nowhere")
 
 
+def test_a_task_that_is_not_registered_here_has_a_plain_report():
+    trial = synthetic_trial(RUN)
+    assert type(report_of(replace(trial, about=trial.about | {"task": "knitting"}))) is TaskReport
+    moments = TaskReport().moments(synthetic_trial(RUN, 0, {1: "NOT_PLACED"}))
+    assert moments[:3] == [("start", 0.0), ("transfer 1: done", 5.0), ("transfer 2: not placed", 10.0)]
+    assert moments[-1] == ("end", 60.0)
+
+
 def test_a_report_writes_what_it_names_and_the_same_again(trials, tmp_path):
+    open_folder(RUN, tmp_path)
     for index, trial in enumerate(trials):
-        trial.save(trial_file(tmp_path, index))
-    summary, files = write_report(tmp_path, load_trials(tmp_path))
+        path = trial_file(tmp_path, 0, index)
+        path.parent.mkdir(exist_ok=True)
+        trial.save(path)
+    summary, files = write_report(tmp_path, *load_trials(tmp_path))
     first = (tmp_path / "summary.json").read_bytes()
     assert json.loads(first) == summary
     assert all(file.stat().st_size > 0 for file in files)
-    assert {"summary.json", "paths.png", "timechart.png", "report.html"} <= {file.name for file in files}
-    write_report(tmp_path, load_trials(tmp_path))
+    names = {"summary.json", "storyboard.png", "paths.png", "timechart.png", "replay.html", "report.html"}
+    assert names <= {file.name for file in files}
+    write_report(tmp_path, *load_trials(tmp_path))
     assert (tmp_path / "summary.json").read_bytes() == first
     page = (tmp_path / "report.html").read_text()
-    assert "paths.png" in page and "20" in page
+    assert "paths.png" in page and "20 of 24" in page and "replay.html" in page
+
+
+def test_what_is_strange_in_a_folder_is_told_in_the_page(trials, tmp_path):
+    write_report(tmp_path, trials[:1], ["left aside: <b> is of another run"])
+    assert "left aside: &lt;b&gt; is of another run" in (tmp_path / "report.html").read_text()
+
+
+def test_pictures_are_of_the_trial_and_not_of_the_machine(trials, tmp_path):
+    for name in ("first", "again"):
+        (tmp_path / name).mkdir()
+        write_report(tmp_path / name, trials[:1])
+    for picture in ("storyboard.png", "paths.png", "timechart.png"):
+        assert (tmp_path / "first" / picture).read_bytes() == (tmp_path / "again" / picture).read_bytes()

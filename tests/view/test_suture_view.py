@@ -14,7 +14,7 @@ from trocar.sutures import PRESETS, Circle, SutureSetup, base_beside, dexterity,
 from trocar.sutures.drive import Suture
 from trocar.sutures.primitive import grasp_pose, needle_poses, tip_poses, turned_to
 from trocar.view.motion import suture_motion
-from trocar.view.worth import ring_radii_m
+from trocar.view.painting import ring_radii_m
 
 pytest.importorskip("viser")
 from trocar.view import SutureView, show_plan
@@ -127,8 +127,8 @@ def test_colours_run_over_both_directions_as_in_the_picture_of_the_plan():
             expected = view.scale.colour(map.values[row, i]) if can[row, i] else (205, 205, 205)
             shown = view.painting.at(radius * np.cos(theta), radius * np.sin(theta))
             assert_allclose(shown, [*expected, 255], atol=1)
-    for (start, end), worth in zip(arrows, plan.rewards, strict=True):
-        assert_allclose(view.painting.at(*(start + end) / 2), [*view.scale.colour(worth), 255], atol=1)
+    for (start, end), reward in zip(arrows, plan.rewards, strict=True):
+        assert_allclose(view.painting.at(*(start + end) / 2), [*view.scale.colour(reward), 255], atol=1)
     assert view.painting.at(0.0, 0.0)[3] == 0, "the mesh within stays visible"
 
 
@@ -198,8 +198,8 @@ def test_what_is_not_there_cannot_be_shown(view, number, place, what):
 
 
 def test_a_port_out_of_range(view):
-    with pytest.raises(TrocarError, match="port is 0"):
-        SutureView(view.setup, view.plan, port=0)
+    with pytest.raises(TrocarError, match="port is 70000"):
+        SutureView(view.setup, view.plan, port=70000)
 
 
 def test_a_suture_without_solution_is_told():

@@ -7,14 +7,18 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betaln
 
 from trocar.errors import TrocarError
 
 Z_95 = 1.959963984540054  # 97.5 % quantile of the standard normal
+GRID = 400
+"""Points of the grids over mean rate and correlation."""
 
 
 def wilson_interval(succeeded: int, attempted: int) -> tuple[float, float]:
-    """Return the 95 % interval of a success rate (Wilson 1927); of no attempts it is (0, 1).
+    """Return the 95 % interval of a success rate of independent attempts (Wilson 1927); of none it is (0, 1).
 
     Unlike the textbook's normal interval it stays inside [0, 1] and is honest at 120 of 120.
     """
@@ -29,6 +33,48 @@ def wilson_interval(succeeded: int, attempted: int) -> tuple[float, float]:
     low = 0.0 if succeeded == 0 else (middle - half) / scale
     high = 1.0 if succeeded == attempted else (middle + half) / scale
     return low, high
+
+
+def session_interval(succeeded: Sequence[int], attempted: Sequence[int]) -> tuple[float, float]:
+    """Return the 95 % interval of a success rate over sessions that differ; of no attempts it is (0, 1).
+
+    Attempts of one session share its cables and its registration, so that they are no independent evidence. The rate of
+    a session is taken to be drawn from a beta distribution whose mean is what is asked for (beta-binomial model). The
+    mean has Jeffreys' prior Beta(1/2, 1/2), the correlation within sessions (ICC) the prior Beta(1, 2), and the
+    interval is the central one of the mean's posterior. It is honest where all succeeded, counts sessions and not
+    attempts, and says of a single session how little that is. Its coverage is tested in
+    ``tests/report/test_statistics.py``.
+
+    Args:
+        succeeded: in each session.
+        attempted: likewise.
+    """
+    y, n = np.asarray(succeeded, dtype=np.float64), np.asarray(attempted, dtype=np.float64)
+    if y.shape != n.shape or (y < 0).any() or (y > n).any():
+        raise TrocarError(f"{list(succeeded)} successes of {list(attempted)} attempts; give 0 <= successes <= attempts")
+    used = n > 0
+    if not used.any():
+        return 0.0, 1.0
+    low, high = _posterior_quantiles(y[used], n[used])
+    total = y.sum() / n.sum()
+    return (0.0 if total == 0 else min(low, float(total))), (1.0 if total == 1 else max(high, float(total)))
+
+
+def _posterior_quantiles(y: NDArray[np.float64], n: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the 2.5 and 97.5 % quantiles of the mean rate of a beta-binomial model."""
+    mean = (np.arange(GRID) + 0.5) / GRID
+    icc = (np.arange(GRID) + 0.5) / GRID
+    precision = 1.0 / icc - 1.0  # a + b of the beta distribution
+    a, b = mean[:, None] * precision, (1.0 - mean[:, None]) * precision
+    log_likelihood = np.zeros((GRID, GRID))
+    for pair, count in zip(*np.unique(np.column_stack([y, n]), axis=0, return_counts=True), strict=True):
+        log_likelihood += count * (betaln(a + pair[0], b + pair[1] - pair[0]) - betaln(a, b))
+    log_posterior = log_likelihood - 0.5 * (np.log(mean) + np.log1p(-mean))[:, None] + np.log1p(-icc)
+    weight = np.exp(log_posterior - log_posterior.max()).sum(axis=1)
+    cumulative = np.concatenate([[0.0], np.cumsum(weight)]) / weight.sum()
+    edges = np.arange(GRID + 1) / GRID
+    low, high = np.interp([0.025, 0.975], cumulative, edges)
+    return float(low), float(high)
 
 
 @dataclass(frozen=True)

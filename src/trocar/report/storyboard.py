@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.report import style
 
-MOST = 12  # pictures; more are thinned evenly, first and last kept
+MAX_PICTURES = 12  # more are thinned evenly, first and last kept
 LARGEST_PX = 400  # a picture is thinned to at most this width
 
 
@@ -33,7 +33,7 @@ def draw_storyboard(
             raise TrocarError(
                 f"picture '{caption}' is {image.dtype} of shape {image.shape}; it must be uint8 (h, w, 3)"
             )
-    kept = [frames[i] for i in np.linspace(0, len(frames) - 1, min(MOST, len(frames))).round().astype(int)]
+    kept = [frames[i] for i in np.linspace(0, len(frames) - 1, min(MAX_PICTURES, len(frames))).round().astype(int)]
     columns = min(columns, len(kept))
     rows = -(-len(kept) // columns)
     height, width = kept[0][1].shape[:2]

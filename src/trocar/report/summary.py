@@ -9,97 +9,98 @@ from typing import Any
 import numpy as np
 
 from trocar.errors import TrocarError
-from trocar.report.driven import driven_summary
-from trocar.report.statistics import Spread, wilson_interval
+from trocar.report.parts import OTHER, parts_of
+from trocar.report.statistics import Spread, session_interval
+from trocar.tasks.kit import TaskReport
 from trocar.trials.trial import Trial
-
-PARTS = {
-    "peg-transfer": ("capture", "perception", "planning", "motion", "jaw", "settling"),
-    "suture": ("planning", "loading", "motion", "jaw", "settling"),
-}
-"""Spans that the time of a transfer or suture is made of, by task; what is left is ``other``."""
-
-COLLIDES = ("peg-transfer",)
-"""Tasks whose referee looks for collisions; the phantom of sutures is solid to nothing."""
-
-MORE = {"suture": driven_summary}
-"""What tasks add to the summary."""
 
 MISSED_WARNING = 0.01
 """A run says so when more than this share of computations took longer than the trial's clock counted."""
 
 
-def summarise(trials: Sequence[Trial]) -> dict[str, Any]:
+def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> dict[str, Any]:
     """Return the content of ``summary.json`` (keys: docs, "Files of a run"); times of an empty run are None.
 
-    ``mean_time_s`` is the completion time over the number of transfers, as in the paper's tables; ``parts_s`` adds
-    up to it.
+    ``mean_time_s`` is the completion time over the number of goals, as in the paper's tables; ``parts_s`` adds up to
+    it, averaged over the arms that worked.
+
+    Args:
+        trials: of one run.
+        report: what the task adds; None: nothing.
     """
     if not trials:
         raise TrocarError("there are no finished trials to summarise; run some with `trocar run`")
+    report = report or TaskReport()
     about = trials[0].about
-    more = MORE.get(str(about["task"]))
-    transfers = [transfer for trial in trials for transfer in trial.transfers]
-    attempted = [transfer for transfer in transfers if transfer["attempted"]]
-    succeeded = sum(bool(transfer["succeeded"]) for transfer in attempted)
+    scores = [score for trial in trials for score in trial.scores]
+    attempted = [score for score in scores if score["attempted"]]
+    done, count = sum(bool(score["succeeded"]) for score in attempted), len(attempted)
     total_s = sum(trial.duration_s for trial in trials)
-    count = len(attempted)
-    compute, missed = _compute(trials)
     wall_s = sum(trial.wall_s for trial in trials)
+    compute, missed = _compute(trials)
+    durations = Spread.of([trial.duration_s for trial in trials])
     return {
-        "task": about["task"],
-        "variant": about["variant"],
-        "method": about["method"],
-        "model": about["model"] if about["method"] == "calibrated" else None,
-        "seed": about["seed"],
+        **{key: about[key] for key in ("task", "variant", "station", "method", "model", "planner", "seed")},
+        "piece": about["piece"],
+        "sessions": len({trial.about["session"] for trial in trials}),
         "trials": len(trials),
         "attempted": count,
-        "succeeded": succeeded,
-        "success_rate": succeeded / count if count else None,
-        "success_ci95": list(wilson_interval(succeeded, count)),
+        "succeeded": done,
+        "success_rate": done / count if count else None,
+        "success_ci95": list(session_interval(*_by_session(trials))),
         "complete_trials": sum(_complete(trial) for trial in trials),
         "mean_time_s": total_s / count if count else None,
-        "completion_time_s": {
-            "mean": Spread.of([trial.duration_s for trial in trials]).mean,
-            "sd": Spread.of([trial.duration_s for trial in trials]).sd if len(trials) > 1 else None,
-        },
-        "parts_s": _parts(trials, count),
-        "collisions_per_trial": _collisions(trials),
-        "failures": dict(Counter(str(transfer["failure"]) for transfer in attempted if transfer["failure"])),
+        "completion_time_s": {"mean": durations.mean, "sd": durations.sd if len(trials) > 1 else None},
+        "parts_s": _parts(trials, count, report.parts),
+        "collisions_per_trial": sum(len(trial.collisions) for trial in trials) / len(trials),
+        "failures": dict(Counter(str(score["failure"]) for score in attempted if score["failure"])),
+        "command_limit_use": _limit_use(trials),
         "compute_ms": compute,
         "missed_budgets": missed,
         "realtime_factor": total_s / wall_s if wall_s else None,
-        "cables": about["cables"],
+        "flaws": about["flaws"],
         "versions": about["versions"],
-        **(more(trials) if more else {}),
+        "fingerprint": about["fingerprint"],
+        **report.summary(trials),
     }
 
 
-def _collisions(trials: Sequence[Trial]) -> float | None:
-    """Return the mean number; None for a task whose referee looks for none."""
-    if trials[0].about["task"] not in COLLIDES:
-        return None
-    return sum(len(trial.collisions) for trial in trials) / len(trials)
+def _by_session(trials: Sequence[Trial]) -> tuple[list[int], list[int]]:
+    """Return how many goals succeeded and how many were attempted in each session."""
+    succeeded: Counter[int] = Counter()
+    attempted: Counter[int] = Counter()
+    for trial in trials:
+        for score in trial.scores:
+            succeeded[trial.about["session"]] += bool(score["attempted"] and score["succeeded"])
+            attempted[trial.about["session"]] += bool(score["attempted"])
+    sessions = sorted(attempted)
+    return [succeeded[s] for s in sessions], [attempted[s] for s in sessions]
 
 
 def _complete(trial: Trial) -> bool:
-    """Return whether all succeeded: twelve transfers, which is the paper's successful trial, or all sutures."""
-    pieces = trial.about.get("sutures") or 12
-    return len(trial.transfers) == pieces and all(transfer["succeeded"] for transfer in trial.transfers)
+    """Return whether everything was done, which is the paper's successful trial."""
+    return bool(trial.scores) and all(score["succeeded"] for score in trial.scores)
 
 
-def _parts(trials: Sequence[Trial], transfers: int) -> dict[str, float]:
-    """Return the mean time a transfer of each part; they add up to the mean transfer time."""
-    if not transfers:
+def _parts(trials: Sequence[Trial], count: int, order: Sequence[str]) -> dict[str, float]:
+    """Return the mean time a goal of each part, over the arms that worked."""
+    if not count:
         return {}
-    seconds: dict[str, float] = {name: 0.0 for name in PARTS[str(trials[0].about["task"])]}
+    seconds: dict[str, float] = {name: 0.0 for name in order}
     for trial in trials:
-        for span in trial.spans:
-            seconds[span.name] = seconds.get(span.name, 0.0) + span.end_s - span.start_s
-    total = sum(trial.duration_s for trial in trials)
-    parts = {name: value / transfers for name, value in seconds.items()}
-    parts["other"] = total / transfers - sum(parts.values())
-    return parts
+        arms = trial.about["arms"]
+        for arm in arms:
+            for name, part_s in parts_of(trial.spans, arm, trial.duration_s).items():
+                seconds[name] = seconds.get(name, 0.0) + part_s / len(arms)
+    other = seconds.pop(OTHER)
+    return {name: value / count for name, value in seconds.items()} | {OTHER: other / count}
+
+
+def _limit_use(trials: Sequence[Trial]) -> dict[str, float]:
+    """Return the largest share of the limits of velocity and acceleration in all that was sent."""
+    shares = np.array([use for trial in trials for use in trial.command_limit_use.values()])
+    velocity, acceleration = shares.max(axis=0).tolist()
+    return {"velocity": velocity, "acceleration": acceleration}
 
 
 def _compute(trials: Sequence[Trial]) -> tuple[dict[str, Mapping[str, float]], float]:

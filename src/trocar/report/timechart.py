@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 
 from trocar.errors import TrocarError
 from trocar.report import style
+from trocar.trials.trial import Trial
 
 COLOURS = {
     "capture": style.SKY,
@@ -22,31 +23,30 @@ COLOURS = {
     "loading": style.GREEN,
 }
 START, END = -1, sys.maxsize
-"""In the place of a transfer: what an arm does before the first one, and after the last."""
+"""In the place of a goal: what an arm does before the first one, and after the last."""
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 
-def draw_timechart(
-    spans: Sequence[Mapping[str, Any]], path: Path, title: str = "Time chart", piece: str = "transfer"
-) -> Path:
-    """Draw one row per transfer and arm, coloured by what was done, and return the path.
+def draw_timechart(trial: Trial, path: Path, title: str = "Time chart") -> Path:
+    """Draw one row per goal and arm, coloured by what was done, and return the path.
 
-    What belongs to no transfer is "start" before the last of them begins and "end" after it.
+    What belongs to no goal is "start" before the last of them begins and "end" after it.
 
     Args:
-        spans: each with ``arm``, ``name``, ``start_s``, ``end_s`` and ``transfer`` (index; None or -1: none).
+        trial: whose spans and scores.
         path: of the picture.
         title: above the chart.
-        piece: what a row is called.
     """
+    spans = _with_goals(trial)
+    piece = trial.piece
     if not spans:
         raise TrocarError("a time chart needs at least one span; the trial's log has none")
     names = list(dict.fromkeys(span["name"] for span in spans))
     spare = iter(SPARE * (1 + len(names) // len(SPARE)))
     colours = {name: COLOURS.get(name) or next(spare) for name in names}
     spans_of: dict[tuple[int, str], list[Mapping[str, Any]]] = {}
-    for span, transfer in zip(spans, _transfers(spans), strict=True):
-        spans_of.setdefault((transfer, span["arm"]), []).append(span)
+    for span in spans:
+        spans_of.setdefault((span["goal"], span["arm"]), []).append(span)
     rows = {key: row for row, key in enumerate(sorted(spans_of))}
     several = len({arm for _, arm in rows}) > 1
     with style.figure(9.0, 1.3 + 0.24 * len(rows), path) as figure:
@@ -66,8 +66,8 @@ def draw_timechart(
             end = max(span["end_s"] for span in spans_of[key]) - start
             axes.text(end, row, f"  {end:.1f} s", va="center", fontsize=8, color=style.QUIET)
         labels = [
-            {START: "start", END: "end"}.get(transfer, f"{piece} {transfer + 1}") + (f", {arm}" if several else "")
-            for transfer, arm in rows
+            {START: "start", END: "end"}.get(goal, f"{piece} {goal + 1}") + (f", {arm}" if several else "")
+            for goal, arm in rows
         ]
         axes.set_yticks(range(len(rows)), labels)
         axes.invert_yaxis()
@@ -85,11 +85,14 @@ def draw_timechart(
     return path
 
 
-def _transfers(spans: Sequence[Mapping[str, Any]]) -> list[int]:
-    """Return each span's transfer; START or END where it belongs to none."""
-    given = [span.get("transfer") for span in spans]
-    indices = [START if index is None else int(index) for index in given]
-    last_s = max((s["start_s"] for s, index in zip(spans, indices, strict=True) if index >= 0), default=float("inf"))
-    return [
-        END if index < 0 and span["start_s"] > last_s else index for span, index in zip(spans, indices, strict=True)
-    ]
+def _with_goals(trial: Trial) -> list[dict[str, Any]]:
+    """Return a trial's spans as dicts with the number of the goal that each belongs to; START or END where to none."""
+    last_s = max((float(score["start_s"]) for score in trial.scores), default=float("inf"))
+    found = []
+    for span in trial.spans:
+        goal = END if span.start_s > last_s else START
+        for number, score in enumerate(trial.scores):
+            if score["start_s"] - 1e-9 <= span.start_s < score["end_s"] - 1e-9:
+                goal = number
+        found.append({**vars(span), "goal": goal})
+    return found

@@ -1,4 +1,4 @@
-"""One suture, frame by frame: where needle and joints are along the primitive."""
+"""One suture, frame by frame: needle and joints along the primitive."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, ik_unbounded
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, shown
 from trocar.sutures.drive import Suture
 from trocar.sutures.joints import unwound
 from trocar.sutures.primitive import needle_poses, steps, tip_poses
 
 OPEN_RAD = math.radians(40.0)
-"""Between the fingers while they go back along the needle, drawn only."""
+"""Opening of the jaws while they move back along the needle; for drawing only."""
 
 
 @dataclass(frozen=True, eq=False)
 class SutureMotion:
-    """A suture as it is drawn.
+    """A suture as a sequence of frames to draw.
 
     Attributes:
-        arm: whose.
-        step: (k,) name of the primitive's step of each frame.
+        arm: the arm.
+        step: (k,) name of the primitive's step in each frame.
         q: (k, 6) joints, rad and m.
-        T_world_tip: (k,) the arm's tip as the primitive wants it.
-        T_world_needle: (k,) the needle.
-        opening_rad: (k,) between the fingers.
+        T_world_tip: (k,) pose of the arm's tip that the primitive asks for.
+        T_world_needle: (k,) pose of the needle.
+        opening_rad: (k,) opening of the jaws.
     """
 
     arm: ArmModel
@@ -43,21 +43,21 @@ class SutureMotion:
         """Return the joints at one frame as a Markdown table: value, range, distance to the nearer limit."""
         rows = ["| joint | value | range | to limit |", "|:--|--:|:-:|--:|"]
         for joint, value in zip(self.arm.joints, self.q[place].tolist(), strict=True):
-            scale, unit = (1e3, "mm") if joint.prismatic else (180 / math.pi, "deg")
+            scale, _ = joint.shown_scale
             left = min(value - joint.lower, joint.upper - value)
-            shown = f"{scale * left:.0f}" if left >= 0 else f"**{scale * left:.0f} outside**"
+            to_limit = f"{scale * left:.0f}" if left >= 0 else f"**{scale * left:.0f} outside**"
             rows.append(
-                f"| {joint.name.replace('_', ' ')} | {scale * value:.1f} {unit} | "
-                f"{scale * joint.lower:.0f} to {scale * joint.upper:.0f} | {shown} |"
+                f"| {joint.name.replace('_', ' ')} | {joint.shown(value)} | "
+                f"{scale * joint.lower:.0f} to {scale * joint.upper:.0f} | {to_limit} |"
             )
         return "\n".join(rows)
 
 
 def suture_motion(suture: Suture, frames_a_step: int = 16) -> SutureMotion:
-    """Return one suture in so many frames for each step of the primitive.
+    """Return one suture with this number of frames for each step of the primitive.
 
     Raises:
-        TrocarError: the arm has no joint values for some of it.
+        TrocarError: the arm has no solution for part of it.
     """
     setup, names, coordinates = suture.setup, [], []
     for step in steps(setup):
@@ -69,7 +69,7 @@ def suture_motion(suture: Suture, frames_a_step: int = 16) -> SutureMotion:
     q = ik_unbounded(setup.arm, setup.T_world_base.inverse() @ T_world_tip)
     if not np.isfinite(q).all():
         raise TrocarError(
-            f"the suture at {math.degrees(suture.theta_rad):.0f} deg cannot be drawn: arm '{setup.arm.name}' cannot "
+            f"the suture at {shown(suture.theta_rad, 'rad', '.0f')} cannot be drawn: arm '{setup.arm.name}' cannot "
             "point its instrument there; move the circle or the base"
         )
     q[:, 3] = unwound(q[:, 3], setup.arm.middle_floats[3])

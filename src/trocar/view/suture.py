@@ -1,11 +1,9 @@
-"""A suture plan in the browser: arm, needle, tissue and plan in three dimensions, with a slider along the primitive."""
+"""A suture plan in the browser: arm, needle and tissue in three dimensions, with a slider along the primitive."""
 
 from __future__ import annotations
 
 import math
-import sys
 import time
-from contextlib import redirect_stdout
 from typing import Any
 
 import numpy as np
@@ -13,19 +11,20 @@ from numpy.typing import NDArray
 
 from trocar.arms import frames
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3, SO3, TURN, shown
 from trocar.sutures.drive import Suture
 from trocar.sutures.plan import SuturePlan
 from trocar.sutures.primitive import tip_end_m
 from trocar.sutures.rewards import DexterityMap
-from trocar.sutures.setup import CLOCKWISE, SutureSetup
+from trocar.sutures.setup import DIRECTION_NAMES, SutureSetup
 from trocar.view import shapes
+from trocar.view.mesh import Mesh, tube
 from trocar.view.motion import SutureMotion, suture_motion
-from trocar.view.shapes import Mesh, tube
-from trocar.view.worth import Scale, paint
+from trocar.view.painting import Scale, paint
+from trocar.view.server import close_server, open_server
 
 STEEL, DARK, GOLD, TISSUE, INK = (170, 176, 184), (92, 98, 106), (214, 150, 30), (222, 150, 135), (60, 60, 60)
-LABEL_M = 0.004  # how far outside the middle of an arrow its number stands
+LABEL_M = 0.004  # distance of an arrow's number from the middle of the arrow, outwards
 RINGS = ". Outer ring: clockwise sutures, inner ring: counterclockwise ones, grey: beyond the limits"
 FRAMES_PER_S = 12.0
 
@@ -33,15 +32,15 @@ FRAMES_PER_S = 12.0
 class SutureView:
     """A plan drawn in a browser, with a menu of its sutures and a slider along the needle primitive.
 
-    Everything is in metres, in the world's frame, z up. Nodes of the scene: ``/circle`` (tissue, rim, arrows and
+    All lengths are in metres, in the world's frame, z up. Nodes of the scene: ``/circle`` (tissue, rim, arrows and
     rings; in the circle's frame), ``/needle``, and ``/arm/shaft``, ``/arm/wrist``, ``/arm/jaws`` in the arm's frames 4,
     5 and 7.
 
     Attributes:
-        server: viser's server.
-        sutures: what the menu offers, in words.
-        motions: the sutures frame by frame.
-        scale: of the colours, that of ``plan.png``.
+        server: the viser server.
+        sutures: entries of the menu.
+        motions: the sutures, frame by frame.
+        scale: colour scale, the same as in ``plan.png``.
         painting: arrows and rings on the tissue.
     """
 
@@ -49,13 +48,13 @@ class SutureView:
         """Draw a plan and serve it.
 
         Args:
-            setup: of which.
-            plan: what is drawn.
-            map: what sutures elsewhere are worth, for two coloured rings round the circle; None: no rings.
-            port: of the server; if it is taken, the next that is free.
+            setup: the geometry.
+            plan: the plan to draw.
+            map: dexterity of all sutures, for two coloured rings round the circle; None: no rings.
+            port: port of the server; if it is taken, the next free one.
 
         Raises:
-            TrocarError: viser is not installed, or the arm cannot point its instrument at a suture.
+            TrocarError: viser is not installed, or the arm has no solution for a suture.
         """
         self.setup, self.plan, self.map = setup, plan, map
         planned = zip(plan.positions_rad.tolist(), plan.directions.tolist(), strict=True)
@@ -64,7 +63,7 @@ class SutureView:
         self.sutures = tuple(_named(i, plan) for i in range(len(self.motions)))
         self.scale = Scale(*(map.span(plan.rewards) if map else (plan.rewards.min(), plan.rewards.max())))
         self._number = 0
-        self.server = _server(port)
+        self.server = open_server(port)
         self._draw_circle()
         self._draw_arm()
         self._add_controls()
@@ -76,17 +75,17 @@ class SutureView:
 
     @property
     def motion(self) -> SutureMotion:
-        """Return the suture that is shown."""
+        """Return the suture that is currently shown."""
         return self.motions[self._number]
 
     @property
     def port(self) -> int:
-        """Return the port that the server got."""
+        """Return the port of the server."""
         return self.server.get_port()
 
     @property
     def _eye(self) -> NDArray[np.float64]:
-        """Return where (2, 3) one looks from and to: from beside the arm, so that it hides little."""
+        """Return the camera's position and target (2, 3): beside the arm, so that the arm hides little."""
         circle = self.setup.circle
         x, y, _ = (self.setup.T_base_circle.inverse()).translation_m
         beside = SO3.axis("z", math.atan2(y, x) + math.radians(115.0)).apply([3.3 * circle.radius_m, 0.0, 0.0])
@@ -94,7 +93,7 @@ class SutureView:
         return circle.T_world_circle.apply(np.stack([beside + [0.0, 0.0, high], [0.0, 0.0, aim]]))
 
     def show(self, number: int, place: int) -> None:
-        """Show one suture of the plan, counted from 0, at one of its frames; menu and slider follow.
+        """Show a suture of the plan, counted from 0, at one of its frames; menu and slider follow.
 
         Raises:
             TrocarError: there is no such suture or frame.
@@ -106,7 +105,7 @@ class SutureView:
         self._draw(number, place)
 
     def _draw(self, number: int, place: int) -> None:
-        """Put needle, arm and text where they belong."""
+        """Update needle, arm and text."""
         self._number = number
         motion = self.motion
         T_world_frame = self.setup.T_world_base @ frames(self.setup.arm, motion.q[place])
@@ -118,8 +117,8 @@ class SutureView:
                 turn = SO3.axis("y", -side * motion.opening_rad[place])
                 half = SO3.identity() if side > 0 else SO3.axis("z", math.pi)
                 _move(finger, SE3.from_parts(turn @ half, [0.0, 0.0, self.setup.arm.tip_length_m]))
-            worth = self.plan.rewards[number]
-            self._text.content = f"Worth {worth:.3f}. Now: **{motion.step[place]}**\n\n{motion.joint_table(place)}"
+            reward = self.plan.rewards[number]
+            self._text.content = f"Reward {reward:.3f}. Step: **{motion.step[place]}**\n\n{motion.joint_table(place)}"
 
     def play(self) -> None:
         """Show the frames one after another while the box is ticked; ends with Ctrl-C."""
@@ -130,10 +129,10 @@ class SutureView:
 
     def close(self) -> None:
         """Stop serving."""
-        self.server.stop()
+        close_server(self.server)
 
     def _draw_circle(self) -> None:
-        """Draw tissue and rim, and on it arrows and rings in the colours of what sutures are worth."""
+        """Draw tissue and rim and, on them, arrows and rings coloured by reward."""
         circle = self.setup.circle
         T = circle.T_world_circle
         add = self.server.scene.add_frame
@@ -142,16 +141,16 @@ class SutureView:
         self.painting = paint(arrows, self.plan.rewards.tolist(), self.scale, self.map)
         wide = max(1.9 * circle.radius_m, 0.53 * self.painting.side_m)
         self._add("/circle/tissue", tube([[0, 0, -1e-3], [0, 0, 0]], wide, 64), TISSUE, opacity=0.8)
-        turn = np.linspace(0.0, 2 * math.pi, 181)
+        turn = np.linspace(0.0, TURN, 181)
         rim = circle.radius_m * np.stack([np.cos(turn), np.sin(turn), 0 * turn], -1) + [0.0, 0.0, 2e-4]
         self._add("/circle/rim", tube(rim, 3e-4, 8), INK)
         self.server.scene.add_image(
-            "/circle/worth",
+            "/circle/rewards",
             self.painting.rgba,
             self.painting.side_m,
             self.painting.side_m,
             format="png",
-            position=(0.0, 0.0, 6e-4),  # above tissue and rim, to be seen
+            position=(0.0, 0.0, 6e-4),  # above tissue and rim, so that it is visible
         )
         for i, (start, end) in enumerate(arrows):
             middle = (start + end) / 2
@@ -159,12 +158,12 @@ class SutureView:
             self.server.scene.add_label(f"/circle/label_{i + 1}", f"{i + 1}", position=(*beside.tolist(), 1e-3))
 
     def _arrow_m(self, suture: Suture) -> NDArray[np.float64]:
-        """Return where (2, 2) a suture starts and where its tip comes out, or ends in the tissue."""
+        """Return start and end (2, 2) of a suture: its entry, and where its tip comes out or stops in the tissue."""
         heading = SO3.axis("z", suture.theta_rad).apply([0.0, -float(suture.direction), 0.0])
         return (suture.entry_m + np.outer([0.0, tip_end_m(self.setup)], heading))[:, :2]
 
     def _draw_arm(self) -> None:
-        """Draw remote centre, shaft, wrist, jaws and needle; ``show`` puts them in their places."""
+        """Add remote centre, shaft, wrist, jaws and needle to the scene; ``show`` places them."""
         base = self.setup.T_world_base
         self.server.scene.add_icosphere(
             "/remote_centre", radius=0.004, color=GOLD, position=tuple(base.translation_m.tolist())
@@ -174,7 +173,7 @@ class SutureView:
         self._wrist = self._add("/arm/wrist", shapes.wrist_link(self.setup.arm), STEEL)
         self._jaws = self.server.scene.add_frame("/arm/jaws", show_axes=False)
         self._fingers = [
-            self._add(f"/arm/jaws/{side}", shapes.finger(), STEEL, flat_shading=True) for side in ("left", "right")
+            self._add(f"/arm/jaws/{side}", shapes.finger(self.setup.arm), STEEL) for side in ("left", "right")
         ]
         self._needle = self._add("/needle", shapes.wire(self.setup.needle), GOLD)
 
@@ -182,7 +181,7 @@ class SutureView:
         """Add the menu, the slider and the text."""
         gui = self.server.gui
         gui.add_markdown(
-            f"The worst suture is worth **{self.plan.reward:.3f}**; {self.plan.certified}.\n\n"
+            f"Reward of the worst suture: **{self.plan.reward:.3f}**; {self.plan.certified}.\n\n"
             f"Colours: {self.scale.low:.2f} to {self.scale.high:.2f}{RINGS if self.map else ''}"
         )
         gui.add_image(self.scale.bar(), format="png")
@@ -207,14 +206,14 @@ class SutureView:
 def show_plan(
     setup: SutureSetup, plan: SuturePlan, map: DexterityMap | None = None, port: int = 8080, block: bool = True
 ) -> SutureView:
-    """Serve a plan to the browser and return the view; its ``port`` says where.
+    """Serve a plan to the browser and return the view, whose ``port`` tells where.
 
     Args:
-        setup: of which.
-        plan: what is drawn.
-        map: what sutures elsewhere are worth, for two coloured rings; None: no rings.
-        port: of the server; if it is taken, the next that is free.
-        block: stay until Ctrl-C.
+        setup: the geometry.
+        plan: the plan to draw.
+        map: dexterity of all sutures, for two coloured rings; None: no rings.
+        port: port of the server; if it is taken, the next free one.
+        block: whether to serve until Ctrl-C before returning.
 
     Raises:
         TrocarError: as ``SutureView``.
@@ -229,23 +228,10 @@ def show_plan(
 
 
 def _named(i: int, plan: SuturePlan) -> str:
-    """Return one suture of a plan in words."""
-    way = "clockwise" if plan.directions[i] == CLOCKWISE else "counterclockwise"
-    return f"{i + 1}: {math.degrees(plan.positions_rad[i]):.0f} deg {way}"
+    """Return the menu entry of a suture: number, position and direction."""
+    return f"{i + 1}: {shown(plan.positions_rad[i], 'rad', '.0f')} {DIRECTION_NAMES[int(plan.directions[i])]}"
 
 
 def _move(node: Any, T: SE3) -> None:
-    """Put a node of the scene into a pose in its parent."""
+    """Set the pose of a scene node in its parent."""
     node.wxyz, node.position = T.rotation.as_quaternion(), T.translation_m
-
-
-def _server(port: int) -> Any:
-    """Return a server of viser's."""
-    if not 1 <= port <= 65535:
-        raise TrocarError(f"the port is {port}; give 1 to 65535")
-    try:
-        from viser import ViserServer  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise TrocarError("3D in the browser needs viser; install the extra with: pip install 'trocar[view]'") from None
-    with redirect_stdout(sys.stderr):  # its banner says where to look; stdout is for results
-        return ViserServer(port=port, verbose=False)

@@ -1,4 +1,4 @@
-"""The circle with its sutures, over rings that show what sutures all round it are worth."""
+"""The circle with the sutures of a plan, over rings that show the reward of sutures all round it."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from matplotlib.colors import Normalize
 from matplotlib.patches import Circle, FancyArrowPatch, Patch, Wedge
 from numpy.typing import NDArray
 
+from trocar.geometry import TURN
 from trocar.report import style
-from trocar.report.sutures.summary import NAMES
 from trocar.sutures.joints import suture_joints
 from trocar.sutures.plan import SuturePlan
 from trocar.sutures.primitive import bite_m, comes_out, tip_end_m
 from trocar.sutures.rewards import DexterityMap
-from trocar.sutures.setup import CLOCKWISE, DIRECTIONS, SutureSetup
+from trocar.sutures.setup import CLOCKWISE, DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 MESH, BLOCKED = "#F7F5EF", "#D9D9D9"
-RING, GAP = 0.17, 0.03  # width of a ring and what lies between them, of the rings' inner radius
+RING, GAP = 0.17, 0.03  # width of a ring, and gap between the two, as shares of the rings' inner radius
 
-LABEL_RAD = math.radians(25.0)  # so far apart labels do not overlap
+LABEL_RAD = math.radians(25.0)  # labels this far apart do not overlap
 
 
 def draw_plan(map: DexterityMap, plan: SuturePlan, path: Path, title: str = "") -> Path:
-    """Draw a plan from above the tissue, in mm, and return the path.
+    """Draw a plan as seen from above the tissue, in mm, and return the path.
 
-    The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise ones;
-    grey hatching marks what the arm cannot reach in that direction. Arrows are the sutures from entry to
-    exit, or to where the tip ends in the tissue.
+    The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise sutures;
+    grey hatching marks positions out of reach in that direction. Arrows are the sutures from entry to exit, or to where
+    the tip stops in the tissue.
 
     Args:
-        map: what the sutures are worth.
-        plan: which are chosen.
-        path: of the picture.
-        title: above it; default: what the plan is worth.
+        map: dexterity of all sutures.
+        plan: the plan to draw.
+        path: file of the picture.
+        title: title; default: number of sutures and reward.
     """
     setup = map.setup
     inner = _rings_from(setup)
@@ -64,13 +64,13 @@ def draw_plan(map: DexterityMap, plan: SuturePlan, path: Path, title: str = "") 
 
 
 def _title(plan: SuturePlan) -> str:
-    """Return what a plan is worth in words."""
-    worth = f"{len(plan.rewards)} sutures, the worst worth {plan.reward:.3f}"
-    return worth if plan.feasible else f"{worth}, out of reach"
+    """Return the title of a plan: number of sutures, reward, and whether it is out of reach."""
+    title = f"{len(plan.rewards)} sutures, reward of the worst {plan.reward:.3f}"
+    return title if plan.feasible else f"{title}, out of reach"
 
 
 def _rings_from(setup: SutureSetup) -> float:
-    """Return the rings' inner radius, mm: all arrows stay within."""
+    """Return the rings' inner radius in mm, which encloses all arrows."""
     return 1.1e3 * math.hypot(setup.circle.radius_m, tip_end_m(setup))
 
 
@@ -87,16 +87,16 @@ def _draw_tissue(axes: Axes, setup: SutureSetup) -> None:
 
 
 def _draw_ring(axes: Axes, map: DexterityMap, row: int, radius: float, width: float, norm: Normalize) -> None:
-    """Draw one ring, a cell centred at each position, and hatch what cannot be reached."""
+    """Draw one ring, with a cell centred at each position, and hatch what is out of reach."""
     n = len(map.thetas_rad)
-    edges = (np.arange(n + 1) - 0.5) * (2 * np.pi / n)
+    edges = (np.arange(n + 1) - 0.5) * (TURN / n)
     radii = np.array([radius, radius + width])[:, None]
     feasible = map.joints.feasible[row]
     shown = np.ma.masked_array(map.values[row], ~feasible)[None]
     axes.pcolormesh(
         radii * np.cos(edges), radii * np.sin(edges), shown, cmap=style.PATHS, norm=norm, rasterized=True, zorder=1
     )
-    for start, end in _runs(~feasible):
+    for start, end in runs(~feasible):
         arc = np.degrees(edges[[start, end]])
         wedge = Wedge(
             (0, 0), radius + width, arc[0], arc[1], width=width, facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////"
@@ -107,8 +107,8 @@ def _draw_ring(axes: Axes, map: DexterityMap, row: int, radius: float, width: fl
         axes.add_patch(Circle((0, 0), edge, fill=False, edgecolor="white", linewidth=0.8, zorder=2))
 
 
-def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return runs (from, to) of marked cells, ends excluded; a run over the end of the array is two."""
+def runs(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return runs (from, to), ends excluded, of marked cells; a run across the end of the array counts as two."""
     steps = np.diff(marked.astype(int), prepend=0, append=0)
     return list(zip(np.flatnonzero(steps == 1).tolist(), np.flatnonzero(steps == -1).tolist(), strict=True))
 
@@ -126,7 +126,7 @@ def _draw_angles(axes: Axes, outer: float) -> None:
 
 
 def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
-    """Draw in which direction the arm's base stands, if it stands beside the circle."""
+    """Draw the direction of the arm's base, if the base stands beside the circle."""
     place = 1e3 * setup.T_base_circle.inverse().translation_m
     away = math.hypot(place[0], place[1])
     if away < 1e-6:
@@ -154,7 +154,7 @@ def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
 
 
 def _draw_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan, inner: float, norm: Normalize) -> None:
-    """Draw the sutures as arrows to where the tip ends, red-edged if out of reach, and their place in the ring."""
+    """Draw the sutures as arrows to where the tip ends, red-edged if out of reach, and mark them in their ring."""
     joints = suture_joints(setup, plan.positions_rad)
     radius, length = 1e3 * setup.circle.radius_m, 1e3 * tip_end_m(setup)
     back = 1e3 * bite_m(setup) / 2 if setup.insertion.theta_is == "middle" else 0.0
@@ -185,22 +185,23 @@ def _draw_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan, inner: float
         x, y = 0.70 * radius * np.array([math.cos(plan.positions_rad[i]), math.sin(plan.positions_rad[i])])
         text = f"{math.degrees(plan.positions_rad[i]):.4g}°\n{plan.rewards[i]:.3f}"
         axes.text(x, y, text, ha="center", va="center", fontsize=8, color=style.INK, zorder=6)
-    order = ", ".join(f"{where} ring {NAMES[d]}" for where, d in zip(("outer", "inner"), DIRECTIONS, strict=True))
+    order = ", ".join(
+        f"{where} ring {DIRECTION_NAMES[d]}" for where, d in zip(("outer", "inner"), DIRECTIONS, strict=True)
+    )
     notes = [order]
     if len(labelled) < len(plan.rewards):
-        notes.append(f"{len(labelled)} of {len(plan.rewards)} sutures labelled, the worst among them")
+        notes.append(f"{len(labelled)} of {len(plan.rewards)} sutures labelled, including the worst")
     if not comes_out(setup):
-        notes.append("the needle never comes out: arrows end where its tip ends in the tissue")
+        notes.append("the needle never comes out: arrows end where its tip stops in the tissue")
     axes.text(0, 0.0, "\n".join(notes), transform=axes.transAxes, color=style.QUIET, fontsize=8, va="bottom")
 
 
 def apart(plan: SuturePlan) -> list[int]:
-    """Return which sutures have room for a label, ``LABEL_RAD`` from one to the next: from the worst one round."""
+    """Return the sutures to label: the worst and, from there round, each at least ``LABEL_RAD`` from the last one."""
     worst = int(np.argmin(plan.rewards))
     chosen = [worst]
-    turn = 2 * math.pi
     for i in (np.arange(1, len(plan.rewards)) + worst) % len(plan.rewards):
-        behind, ahead = (plan.positions_rad[[i, worst]] - plan.positions_rad[[chosen[-1], i]]) % turn
+        behind, ahead = (plan.positions_rad[[i, worst]] - plan.positions_rad[[chosen[-1], i]]) % TURN
         if min(behind, ahead) > LABEL_RAD:
             chosen.append(int(i))
     return chosen

@@ -1,4 +1,4 @@
-"""Curves over the circle that explain a plan, and the paper's Figs. 3 to 7."""
+"""Curves round the circle that explain a plan, and the paper's Figs. 3 to 7."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from trocar.report import style
-from trocar.report.sutures.summary import NAMES
+from trocar.report.sutures.circle import runs
 from trocar.sutures.plan import SuturePlan
 from trocar.sutures.rewards import SURROGATE, DexterityMap
-from trocar.sutures.setup import DIRECTIONS
+from trocar.sutures.setup import DIRECTION_NAMES, DIRECTIONS
 from trocar.sutures.study import ALLOWED, LOCATIONS, PAPER_SWITCHES_DEG, PAPER_TABLE_1, SutureStudy
 
 if TYPE_CHECKING:
@@ -39,12 +39,12 @@ MARGIN_UNITS = {
 
 
 def draw_reasons(map: DexterityMap, plan: SuturePlan, path: Path) -> Path:
-    """Draw what a plan rests on over the circle: reward, margin, joints, manipulability; return the path.
+    """Draw the reasons for a plan round the circle: reward, margin, joints, manipulability; return the path.
 
     Args:
-        map: what the sutures are worth.
-        plan: marked in the first panel.
-        path: of the picture.
+        map: dexterity of all sutures.
+        plan: the plan, marked in the first panel.
+        path: file of the picture.
     """
     with style.figure(8.2, 8.6, path) as figure:
         axes = figure.subplots(4, 1, sharex=True, height_ratios=[1.3, 1, 1, 0.8])
@@ -60,12 +60,12 @@ def draw_reasons(map: DexterityMap, plan: SuturePlan, path: Path) -> Path:
 
 
 def draw_study(study: SutureStudy, folder: Path, recorded: Demonstrations | None = None) -> list[Path]:
-    """Draw the paper's Figs. 3 to 7 and Table I for a setup, each alone and all together; return the paths.
+    """Draw the paper's Figs. 3 to 7 and Table I for a setup, separately and together; return the paths.
 
     Args:
         study: the data.
-        folder: of the pictures.
-        recorded: demonstrations that the study's manipulability comes from, whose arms Fig. 6 then shows.
+        folder: folder of the pictures.
+        recorded: demonstrations that the study's manipulability comes from; Fig. 6 then shows their arms.
     """
     found = study.dexterity
     arms, by_arm = ("arm 1", "arm 2 (assumed)"), study.manipulability
@@ -100,17 +100,17 @@ def _together(figure: Figure, panels: list[Callable[[Axes], None]]) -> None:
 
 
 def directions(axes: Axes, map: DexterityMap, title: str = "Better direction") -> None:
-    """Draw the better direction over the circle (Fig. 3), grey where neither is within the limits."""
+    """Draw the better direction round the circle (Fig. 3), hatched where it is infeasible."""
     theta = np.degrees(map.thetas_rad)
     cell = theta[1] - theta[0]
     for row, direction in enumerate(DIRECTIONS):
-        for start, length in _runs(map.choice == row):
+        for start, end in runs(map.choice == row):
             color = WAY[direction]
-            axes.broken_barh([(theta[start] - cell / 2, length * cell)], (row - 0.35, 0.7), color=color)
-    for start, length in _runs(~map.feasible):
+            axes.broken_barh([(theta[start] - cell / 2, (end - start) * cell)], (row - 0.35, 0.7), color=color)
+    for start, end in runs(~map.feasible):
         axes.axvspan(
             theta[start] - cell / 2,
-            theta[start] + (length - 0.5) * cell,
+            theta[start] + (end - start - 0.5) * cell,
             facecolor="none",
             edgecolor=style.QUIET,
             hatch="////",
@@ -149,10 +149,10 @@ def wrist_angles(
 
 
 def margins(axes: Axes, map: DexterityMap, title: str = "Joint margin") -> None:
-    """Draw the joint margin both ways (Fig. 5), thin where a direction is beyond the limits."""
+    """Draw the joint margin in both directions (Fig. 5), thin where a direction is beyond the limits."""
     theta = np.degrees(map.thetas_rad)
     for row, direction in enumerate(DIRECTIONS):
-        _thin_beyond(axes, theta, map.margin[row], map.joints.feasible[row], WAY[direction], NAMES[direction])
+        _thin_beyond(axes, theta, map.margin[row], map.joints.feasible[row], WAY[direction], DIRECTION_NAMES[direction])
     axes.set_ylim(*_padded(map.margin))
     axes.set_ylabel(f"margin Q\n{MARGIN_UNITS[map.reward.margin]}")
     _legend_above(axes, 2)
@@ -162,7 +162,7 @@ def margins(axes: Axes, map: DexterityMap, title: str = "Joint margin") -> None:
 def manipulability(
     axes: Axes, map: DexterityMap, values: NDArray[np.float64], names: tuple[str, ...], title: str = "Manipulability"
 ) -> None:
-    """Draw the mean squared manipulability of each arm over the circle (Fig. 6), in m^4 as ``det J`` is in m^2."""
+    """Draw the mean squared manipulability of each arm round the circle (Fig. 6), in m^4 as ``det J`` is in m^2."""
     theta = np.degrees(map.thetas_rad)
     exponent = int(np.floor(np.log10(max(values.max(), 1e-300))))
     for curve, name, color in zip(values, names, (style.BLUE, style.VERMILION), strict=False):
@@ -176,7 +176,7 @@ def manipulability(
 
 
 def lambda_curves(axes: Axes, study: SutureStudy, title: str = "Plans at several λ (dots: the best)") -> None:
-    """Draw what each plan is worth at several lambda, over theta of its first suture (Fig. 7)."""
+    """Draw the reward of each plan at several lambda, over theta of its first suture (Fig. 7)."""
     sweep = study.sweep
     theta, colours = np.degrees(sweep.thetas_rad), mpl.colormaps[style.PATHS]
     for weight, curve in zip(sweep.weights, sweep.rewards, strict=True):
@@ -219,10 +219,10 @@ def table_bars(axes: Axes, study: SutureStudy, title: str = "Table I") -> None:
 
 
 def _reward(axes: Axes, map: DexterityMap, plan: SuturePlan) -> None:
-    """Draw the reward both ways and the plan's sutures."""
+    """Draw the reward in both directions, and the plan's sutures."""
     theta = np.degrees(map.thetas_rad)
     for row, direction in enumerate(DIRECTIONS):
-        _thin_beyond(axes, theta, map.values[row], map.joints.feasible[row], WAY[direction], NAMES[direction])
+        _thin_beyond(axes, theta, map.values[row], map.joints.feasible[row], WAY[direction], DIRECTION_NAMES[direction])
     for position, direction, reward in zip(plan.positions_rad, plan.directions, plan.rewards, strict=True):
         color = WAY[int(direction)]
         axes.plot(np.degrees(position), reward, "o", color=color, markeredgecolor=style.INK, markersize=8, zorder=4)
@@ -256,15 +256,8 @@ def _thin_beyond(
     axes.plot(theta_deg, values, color=color, linewidth=0.9, linestyle=":")
 
 
-def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return runs (from, length) of marked cells."""
-    steps = np.diff(marked.astype(int), prepend=0, append=0)
-    starts = np.flatnonzero(steps == 1)
-    return list(zip(starts.tolist(), (np.flatnonzero(steps == -1) - starts).tolist(), strict=True))
-
-
 def _padded(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return limits of an axis with a little room; what lies far below, out of all reach, is left out if it can be."""
+    """Return padded limits of an axis; values far below the others, out of all reach, are left out if possible."""
     finite = values[np.isfinite(values)]
     near = finite[finite > -10]
     shown = near if len(near) else finite
@@ -274,7 +267,7 @@ def _padded(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _legend_above(axes: Axes, columns: int, handles: Sequence[Artist] | None = None) -> None:
-    """Put the legend to the right above the axes, where no data are."""
+    """Put the legend above the axes on the right, where there are no data."""
     axes.legend(
         handles=handles,
         loc="lower right",

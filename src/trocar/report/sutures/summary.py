@@ -1,4 +1,4 @@
-"""A suture plan as plain values: what the command prints and saves."""
+"""A suture plan as plain values, which the command prints and saves."""
 
 from __future__ import annotations
 
@@ -14,17 +14,15 @@ from trocar.sutures.plan import SuturePlan
 from trocar.sutures.plan_file import setup_values
 from trocar.sutures.reach import circle_out_of_reach, plan_out_of_reach, unreachable_arcs
 from trocar.sutures.rewards import DexterityMap
-from trocar.sutures.setup import DIRECTIONS
-
-NAMES = {1: "clockwise", -1: "counterclockwise"}
+from trocar.sutures.setup import DIRECTION_NAMES, DIRECTIONS
 
 
 def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
-    """Return a plan and what it rests on as plain values, angles in degrees.
+    """Return a plan and the reasons for it as plain values, angles in degrees.
 
     Args:
-        map: what the sutures are worth.
-        plan: of this map's setup.
+        map: dexterity of all sutures.
+        plan: a plan for this map's setup.
     """
     setup, reward = map.setup, map.reward
     joints = suture_joints(setup, plan.positions_rad)
@@ -33,13 +31,13 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
     found = {
         "positions_deg": _degrees(plan.positions_rad),
         "directions": [int(direction) for direction in plan.directions],
-        "direction_names": [NAMES[int(direction)] for direction in plan.directions],
+        "direction_names": [DIRECTION_NAMES[int(direction)] for direction in plan.directions],
         "rewards": [float(value) for value in plan.rewards],
         "gaps_deg": _degrees(plan.gaps_rad),
         "joint_room": [dict(zip(room_names(joints), row, strict=True)) for row in room(joints, plan).tolist()],
         "reward": plan.reward,
         "tension_cost": plan.tension_cost,
-        "worth": plan.worth,
+        "value": plan.value,
         "bound": plan.bound,
         "certified": plan.certified,
         "feasible": plan.feasible,
@@ -67,7 +65,7 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
 
 
 def finite(value: Any) -> Any:
-    """Return plain values with None for numbers that are not finite, which JSON does not know."""
+    """Return plain values with None in place of numbers that are not finite, which JSON lacks."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -79,21 +77,21 @@ def room(joints: SutureJoints, plan: SuturePlan) -> NDArray[np.float64]:
     """Return how far (n, 6) each joint stays from the nearer end of its range along each suture, deg or mm.
 
     Args:
-        joints: at the plan's positions.
-        plan: whose directions count.
+        joints: configurations at the plan's positions.
+        plan: gives the directions.
     """
     rows = np.array([DIRECTIONS.index(int(direction)) for direction in plan.directions])
     q = joints.q[rows, np.arange(len(rows))]
     arm = joints.arm
     left = np.minimum(q - arm.lower, arm.upper - q).min(1)
-    return left * np.array([1e3 if joint.prismatic else np.degrees(1.0) for joint in arm.joints])
+    return left * np.array([joint.shown_scale[0] for joint in arm.joints])
 
 
 def room_names(joints: SutureJoints) -> list[str]:
     """Return a name with its unit for each column of ``room``."""
-    return [f"{joint.name}_{'mm' if joint.prismatic else 'deg'}" for joint in joints.arm.joints]
+    return [f"{joint.name}_{joint.shown_scale[1]}" for joint in joints.arm.joints]
 
 
 def _degrees(angles_rad: NDArray[np.float64]) -> list[float]:
-    """Return angles in degrees, rid of the last bits that the conversion leaves."""
+    """Return angles in degrees, rounded to remove the error of the conversion."""
     return np.degrees(angles_rad).round(9).tolist()

@@ -11,7 +11,7 @@ SHORT = {"clockwise": "clockwise", "counterclockwise": "counterclockw."}
 
 
 def plan_table(summary: Mapping[str, Any]) -> Table:
-    """Return the sutures of a plan: where, which way, how far the joints stay from their limits, worth.
+    """Return the sutures of a plan: position, direction, distance of the joints from their limits, reward.
 
     Args:
         summary: as ``plan_summary`` returns it.
@@ -43,11 +43,11 @@ def plan_table(summary: Mapping[str, Any]) -> Table:
 
 
 def points_table(points: Mapping[str, Mapping[str, float]], paper: Mapping[str, Mapping[str, float]]) -> Table:
-    """Return Table I beside the paper's: 100 is the best plan of each.
+    """Return Table I beside the paper's; 100 is the best plan of each.
 
     Args:
-        points: by location and allowed directions.
-        paper: the same, printed in the paper.
+        points: entries by location and allowed directions.
+        paper: the same as printed in the paper.
     """
     table = Table(title="Table I: points, the best plan 100")
     for column in ("location", "directions"):
@@ -62,11 +62,11 @@ def points_table(points: Mapping[str, Mapping[str, float]], paper: Mapping[str, 
 
 
 def gains_table(gains: Mapping[str, Mapping[str, float]], paper: Mapping[str, Mapping[str, float]]) -> Table:
-    """Return what the best plan gains over baselines, in points and as ratio, ours and from the paper's table.
+    """Return the gain of the best plan over baselines, in points and as a ratio, ours and from the paper's table.
 
     Args:
-        gains: by baseline: ``points``, ``ratio_percent``.
-        paper: the same of the paper's Table I; its text calls the points percent.
+        gains: ``points`` and ``ratio_percent`` by baseline.
+        paper: the same from the paper's Table I; its text calls the points percent.
     """
     table = Table(title="Gain of the best plan")
     table.add_column("over")
@@ -96,14 +96,14 @@ def sweep_table(sweep: Mapping[str, Any]) -> Table:
 
 
 def choices_table(random: Mapping[str, Any]) -> Table:
-    """Return how well each formula of the margin chooses directions in random setups.
+    """Return how well each margin formula chooses directions in random setups.
 
     Args:
         random: ``SetupStatistics.summary()``.
     """
     table = Table(title=f"Directions in {random['setups']} random setups")
     table.add_column("margin", no_wrap=True)
-    for column in ("two changes", "two changes where none is wrong", "wrong", "nearest, points"):
+    for column in ("two changes", "two changes without a wrong choice", "wrong", "nearest, points"):
         table.add_column(column, justify="right")
     for name, measure in random["measures"].items():
         table.add_row(
@@ -117,7 +117,7 @@ def choices_table(random: Mapping[str, Any]) -> Table:
 
 
 def spread_table(random: Mapping[str, Any]) -> Table:
-    """Return the 10th, 50th and 90th percentile of Table I over random setups, by formula of the margin.
+    """Return the 10th, 50th and 90th percentile of Table I over random setups, by margin formula.
 
     Args:
         random: ``SetupStatistics.summary()``.
@@ -141,12 +141,12 @@ def spread_table(random: Mapping[str, Any]) -> Table:
 
 
 def fits_table(fits: Sequence[Mapping[str, Any]]) -> Table:
-    """Return setups that reproduce Table I, one for each formula of the margin.
+    """Return setups that reproduce Table I, one for each margin formula.
 
     Args:
-        fits: ``TableFit.summary()`` of each.
+        fits: ``TableFit.summary()`` of each setup.
     """
-    table = Table(title="Table I from four setups, one for each formula of the margin")
+    table = Table(title="Table I from four setups, one for each margin formula")
     for column in ("margin", "random cw ccw best", "optimal cw ccw", "off", "changes deg"):
         table.add_column(column, justify="left" if column == "margin" else "right", no_wrap=True)
     for fit in fits:
@@ -162,18 +162,18 @@ def fits_table(fits: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def setup_table(free: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the numbers of a setup that were searched over.
+    """Return the parameters of a setup that were searched over.
 
     Args:
-        free: of each: ``name`` with its unit, ``from``, ``to``, ``low``, ``high``.
+        free: ``name`` with its unit, ``from``, ``to``, ``low`` and ``high`` of each parameter.
     """
     table = Table(title="The best setup found")
-    table.add_column("number", no_wrap=True)
+    table.add_column("parameter", no_wrap=True)
     for column in ("preset", "found", "from", "to"):
         table.add_column(column, justify="right", no_wrap=True)
-    for number in free:
-        shown = (f"{number[key]:.1f}" for key in ("from", "to", "low", "high"))
-        table.add_row(number["name"].replace("_", " "), *shown)
+    for parameter in free:
+        shown = (f"{parameter[key]:.1f}" for key in ("from", "to", "low", "high"))
+        table.add_row(parameter["name"].replace("_", " "), *shown)
     return table
 
 

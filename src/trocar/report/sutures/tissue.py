@@ -1,4 +1,4 @@
-"""What a plan would do in the tissue that the planner does not look at: as plain values, and as warnings."""
+"""What a plan would do in the tissue, which the planner ignores: as plain values and as warnings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def tissue_summary(setup: SutureSetup, plan: SuturePlan) -> dict[str, Any]:
 
 
 def tissue_warnings(summary: Mapping[str, Any]) -> list[str]:
-    """Return a sentence for each thing that is wrong in the tissue, from the values of ``tissue_summary``."""
+    """Return one sentence per problem in the tissue, from the values of ``tissue_summary``."""
     found = []
     if pairs := summary["crossing_deg"]:
         named = ", ".join(f"{one:.4g} and {other:.4g}" for one, other in pairs[:PAIRS_NAMED])
@@ -38,9 +38,9 @@ def tissue_warnings(summary: Mapping[str, Any]) -> list[str]:
         )
     if not summary["needle_comes_out"]:
         out = summary["needle_exit_turn_deg"]
-        enough = "no turn brings its tip out" if out is None else f"its tip comes out at {out:.1f} deg"
+        enough = "but no rotation brings its tip out" if out is None else f"but its tip comes out at {out:.1f} deg"
         found.append(
-            f"warning: the needle never comes out of the tissue: it is turned {summary['needle_turn_deg']:.1f} deg, "
-            f"{enough}; {'go less far straight' if out is None else 'turn it farther or push it more often'}"
+            f"warning: the needle never comes out of the tissue: it is turned by {summary['needle_turn_deg']:.1f} deg, "
+            f"{enough}; {'shorten the straight path' if out is None else 'turn it farther or push it more often'}"
         )
     return found

@@ -1,0 +1,130 @@
+"""Which moments of a replay are drawn, and which bodies have moved at each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.replay import Replay
+
+FRAME_RATES = (30.0, 25.0, 20.0, 15.0, 12.0, 10.0, 7.5, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
+"""Frames a second of the trial's clock, the finest first."""
+
+STILL_M = 20e-6
+STILL_RAD = 100e-6
+"""A body is put elsewhere once it has moved or turned by more than this since it was last put somewhere: less than a
+fifth of a pixel where the picture is 200 mm wide."""
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Frames of a replay.
+
+    Attributes:
+        rate_hz: frames a second of the trial's clock.
+        ticks: (k,) which of ``Replay.times_s`` are frames.
+        times_s: (k,) of the frames.
+        bodies: names of those that move, m of them.
+        position_m: (m, k, 3) of each.
+        wxyz: (m, k, 4) of each.
+        moved: (m, k) whether it has to be put elsewhere at a frame; all at the first.
+    """
+
+    rate_hz: float
+    ticks: NDArray[np.intp]
+    times_s: NDArray[np.float64]
+    bodies: tuple[str, ...]
+    position_m: NDArray[np.float64]
+    wxyz: NDArray[np.float64]
+    moved: NDArray[np.bool_]
+
+    def frame_at(self, time_s: float) -> int:
+        """Return the last frame that is not after a time; before the first one, the first."""
+        return max(0, int(np.searchsorted(self.times_s, time_s + 1e-9, side="right")) - 1)
+
+
+def shoot(replay: Replay, rates_hz: Sequence[float] = FRAME_RATES, max_poses: int | None = None) -> Film:
+    """Return a replay's film at the first of these rates at which no more than ``max_poses`` poses change.
+
+    Args:
+        replay: what was done.
+        rates_hz: frames a second, the finest first; the last one is taken in any case.
+        max_poses: None: as many as there are.
+
+    Raises:
+        TrocarError: there are no times, or a body or a path has another number of them.
+    """
+    _check(replay)
+    seen = {solid.body for solid in replay.solids}
+    moving = {body: T for body, T in replay.T_world_body.items() if body in seen and T.matrix.ndim == 3}
+    n = len(replay.times_s)
+    bodies = tuple(moving)
+    position = np.array([T.translation_m for T in moving.values()]).reshape(-1, n, 3)
+    wxyz = np.array([_steady(T.rotation.as_quaternion()) for T in moving.values()]).reshape(-1, n, 4)
+    for rate_hz in rates_hz[:-1]:
+        film = _film(rate_hz, replay.times_s, bodies, position, wxyz)
+        if max_poses is None or film.moved.sum() <= max_poses:
+            return film
+    return _film(rates_hz[-1], replay.times_s, bodies, position, wxyz)
+
+
+def _film(
+    rate_hz: float,
+    times_s: NDArray[np.float64],
+    bodies: tuple[str, ...],
+    position_m: NDArray[np.float64],
+    wxyz: NDArray[np.float64],
+) -> Film:
+    """Return a film at a rate of bodies that are here and there (m, n, 3) (m, n, 4) at times (n,)."""
+    ticks = _ticks(times_s, rate_hz)
+    at, turned = position_m[:, ticks], wxyz[:, ticks]
+    return Film(rate_hz, ticks, times_s[ticks], bodies, at, turned, _moved(at, turned))
+
+
+def _check(replay: Replay) -> None:
+    """Raise a sentence unless times and poses fit."""
+    n = len(replay.times_s)
+    if n == 0:
+        raise TrocarError("a replay without times cannot be shown; give at least one tick")
+    for body, T in replay.T_world_body.items():
+        if T.matrix.shape[:-2] not in ((), (n,)):
+            raise TrocarError(f"body '{body}' has poses {T.matrix.shape}; give one, or one for each of the {n} times")
+    for arm, path in replay.tools.items():
+        for kind, points in (("planned", path.p_world_planned_m), ("driven", path.p_world_driven_m)):
+            if points.shape != (n, 3):
+                raise TrocarError(f"the {kind} path of '{arm}' has shape {points.shape}; give {(n, 3)}")
+    missing = sorted({solid.body for solid in replay.solids} - set(replay.T_world_body))
+    if missing:
+        raise TrocarError(f"there is no pose of body '{missing[0]}'; the replay has {', '.join(replay.T_world_body)}")
+
+
+def _ticks(times_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.intp]:
+    """Return the ticks nearest to a clock of this rate, each once, and the last one."""
+    wanted = np.arange(times_s[0], times_s[-1], 1 / rate_hz)
+    after = np.clip(np.searchsorted(times_s, wanted), 1, max(1, len(times_s) - 1))
+    before_is_nearer = wanted - times_s[after - 1] <= times_s[np.minimum(after, len(times_s) - 1)] - wanted
+    return np.unique(np.append(np.where(before_is_nearer, after - 1, after), len(times_s) - 1))
+
+
+def _steady(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return quaternions (k, 4) with signs that do not leap from one to the next."""
+    leaps = np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1]) < 0
+    return wxyz * np.where(np.append(False, np.cumsum(leaps) % 2 == 1), -1.0, 1.0)[:, None]
+
+
+def _moved(position_m: NDArray[np.float64], wxyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether each body (m, k) has to be put elsewhere.
+
+    Its way since the first frame is counted in units of ``STILL_M`` and of ``STILL_RAD``; each full unit puts it
+    elsewhere, so between two of them it stays within one unit of where it was put.
+    """
+    way = np.linalg.norm(np.diff(position_m, axis=1), axis=-1) / STILL_M
+    turn = 2 * np.linalg.norm(np.diff(wxyz, axis=1), axis=-1) / STILL_RAD  # |dq| is half a small angle
+    units = np.floor(np.cumsum(np.maximum(way, turn), axis=1))
+    moved = np.ones(position_m.shape[:2], dtype=bool)
+    moved[:, 1:] = np.diff(units, axis=1, prepend=0.0) > 0
+    return moved

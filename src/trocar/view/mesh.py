@@ -1,0 +1,163 @@
+"""Meshes of triangles, with edges where the solid has edges: the browser smooths over vertices that faces share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, TURN
+
+CREASE_RAD = math.radians(30.0)
+"""Faces that meet at less than this are shaded as one rounded surface."""
+
+WELD_M = 1e-6
+"""Corners that lie in one cell of a grid this fine are one corner."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles.
+
+    Attributes:
+        vertices_m: (v, 3).
+        faces: (f, 3) indices, counterclockwise as seen from outside.
+    """
+
+    vertices_m: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+
+    def moved(self, T_a_mesh: SE3) -> Mesh:
+        """Return the mesh in frame a."""
+        return Mesh(T_a_mesh.apply(self.vertices_m.astype(np.float64)).astype(np.float32), self.faces)
+
+
+def joined(meshes: Sequence[Mesh]) -> Mesh:
+    """Return several meshes as one."""
+    starts = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes)])
+    faces = [mesh.faces + np.uint32(start) for mesh, start in zip(meshes, starts, strict=False)]
+    return Mesh(np.concatenate([mesh.vertices_m for mesh in meshes]), np.concatenate(faces))
+
+
+def box(half_m: ArrayLike) -> Mesh:
+    """Return a box about the origin with these half lengths (3,)."""
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")).reshape(3, 8).T
+    return hull(signs * np.asarray(half_m, dtype=np.float64))
+
+
+def hull(points_m: ArrayLike) -> Mesh:
+    """Return the convex hull of points (n, 3).
+
+    Raises:
+        TrocarError: the points span no volume.
+    """
+    points = np.asarray(points_m, dtype=np.float64)
+    try:
+        found = ConvexHull(points)
+    except (QhullError, ValueError):
+        raise TrocarError(
+            f"a hull of {len(points)} points spans no volume; give at least four that do not lie in one plane"
+        ) from None
+    faces = found.simplices
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0
+    faces = np.where(inward[:, None], faces[:, ::-1], faces)
+    return creased(Mesh(points.astype(np.float32), faces.astype(np.uint32)))
+
+
+def creased(mesh: Mesh) -> Mesh:
+    """Return a mesh whose faces share vertices where they meet at less than ``CREASE_RAD``, and nowhere else."""
+    _, vertex = np.unique(np.round(mesh.vertices_m / WELD_M), axis=0, return_inverse=True)
+    faces = vertex.ravel()[mesh.faces]
+    real = (faces != np.roll(faces, 1, axis=1)).all(1)
+    faces, corners = faces[real], mesh.faces[real]
+    surface = _smooth_surfaces(faces, _normals(mesh.vertices_m[corners]))
+    pairs = np.stack([np.repeat(surface, 3), faces.ravel()], -1)
+    _, first, index = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+    return Mesh(mesh.vertices_m[corners.ravel()[first]], index.reshape(-1, 3).astype(np.uint32))
+
+
+def _normals(corners_m: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the unit normals (f, 3) of triangles (f, 3, 3)."""
+    a, b, c = np.moveaxis(corners_m.astype(np.float64), 1, 0)
+    normal = np.cross(b - a, c - a)
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+
+
+def _smooth_surfaces(faces: NDArray[np.intp], normals: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Return for each face (f,) the number of the smooth surface that it belongs to.
+
+    Args:
+        faces: (f, 3) vertices, one number for each place.
+        normals: (f, 3) outward units.
+    """
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort(edges.T)
+    edges, owner = edges[order], owner[order]
+    links = []
+    for step in (1, 2, 3):  # two faces meet at an edge, four where two solids lie side by side
+        same = (edges[step:] == edges[:-step]).all(1)
+        a, b = owner[:-step][same], owner[step:][same]
+        links.append(np.stack([a, b])[:, np.einsum("ij,ij->i", normals[a], normals[b]) > math.cos(CREASE_RAD)])
+    a, b = np.concatenate(links, axis=1)
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(faces), len(faces)))
+    return connected_components(graph, directed=False)[1]
+
+
+def tube(points_m: ArrayLike, radii_m: ArrayLike, sides: int = 24) -> Mesh:
+    """Return a closed tube along a path; with radii that change it is a cone or a disc.
+
+    Args:
+        points_m: (k, 3) its middle line; neighbours may coincide where the radius leaps.
+        radii_m: (k,) or one for all.
+        sides: corners of its cross-section.
+    """
+    points = np.asarray(points_m, dtype=np.float64)
+    radii = np.broadcast_to(np.asarray(radii_m, dtype=np.float64), (len(points),))
+    along = _directions(points)
+    across = _carried(along)
+    angle = np.arange(sides) * (TURN / sides)
+    third = np.cross(along, across)
+    circle = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * third[:, None]
+    rings = points[:, None] + radii[:, None, None] * circle
+    start, end = rings[0], rings[-1]  # once more: caps have edges
+    vertices = np.concatenate([rings.reshape(-1, 3), start, points[:1], end, points[-1:]])
+    i, j = np.arange(sides), (np.arange(sides) + 1) % sides
+    faces = []
+    for k in range(len(points) - 1):
+        a, b, c, d = k * sides + i, k * sides + j, (k + 1) * sides + i, (k + 1) * sides + j
+        faces += [np.stack([a, b, d], -1), np.stack([a, d, c], -1)]
+    first = len(points) * sides
+    last = first + sides + 1
+    faces += [np.stack([first + j, first + i, np.full(sides, first + sides)], -1)]
+    faces += [np.stack([last + i, last + j, np.full(sides, last + sides)], -1)]
+    return Mesh(vertices.astype(np.float32), np.concatenate(faces).astype(np.uint32))
+
+
+def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return unit directions (k, 3) of a path; where neighbours coincide, those of the path around."""
+    steps = np.diff(points, axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    good = np.flatnonzero(length > 0)
+    units = (steps / np.where(length > 0, length, 1.0)[:, None])[good[np.searchsorted(good[:-1], range(len(steps)))]]
+    mean = np.concatenate([units[:1], units[:-1] + units[1:], units[-1:]])
+    return mean / np.linalg.norm(mean, axis=1, keepdims=True)
+
+
+def _carried(along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return unit vectors (k, 3) across a path that turn about it as little as can be."""
+    across = np.cross(along[0], np.eye(3)[np.argmin(np.abs(along[0]))])
+    found = []
+    for direction in along:
+        across = across - direction * (across @ direction)
+        across = across / np.linalg.norm(across)
+        found.append(across)
+    return np.array(found)

@@ -1,0 +1,95 @@
+"""A trial as one file that any browser plays, without a network: ``replay.html``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trocar.errors import TrocarError
+from trocar.replay import Replay
+from trocar.view.film import FRAME_RATES, Film, shoot
+from trocar.view.overlay import with_overlay
+from trocar.view.server import close_server, open_server
+from trocar.view.stage import Stage
+
+if TYPE_CHECKING:
+    from viser.infra import StateSerializer
+
+    from trocar.view.bodies import Bodies
+
+LARGEST_BYTES = 3_000_000
+MAX_POSES = 40_000
+"""So many changes of pose make a page of less than ``LARGEST_BYTES``; a longer trial gets fewer frames a second."""
+
+END_S = 1.0
+"""The player begins again after its last frame; it stands still for so long before."""
+
+
+def write_replay(replay: Replay, path: str | Path) -> Path:
+    """Write a page that plays a replay in 3D, and return its path.
+
+    The page holds everything that it needs and asks no network for anything. It plays 30 frames a second of the
+    trial's clock or, where more than ``MAX_POSES`` poses would change, the next smaller rate of ``FRAME_RATES`` at
+    which they do not; each frame shows a tick as it was, nothing is interpolated. A body is moved once it is more than
+    20 um or 0.1 mrad from where it is drawn.
+
+    Args:
+        replay: what is played.
+        path: of the page; what is there already is replaced.
+
+    Raises:
+        TrocarError: viser is not installed, the replay does not fit together, or the file cannot be written.
+    """
+    page = _page(replay)
+    path = Path(path)
+    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        draft.write_text(page, encoding="utf-8")
+        draft.replace(path)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise TrocarError(f"cannot write {str(path)!r} ({error.strerror}); choose another folder") from None
+    return path
+
+
+def _page(replay: Replay) -> str:
+    """Return the finest page that is small enough; where there is a great deal beside the poses, a coarse one."""
+    for share in (1, 2, 4):
+        film = shoot(replay, FRAME_RATES, MAX_POSES // share)
+        page = with_overlay(_recorded(replay, film), replay, film)
+        if len(page.encode()) <= LARGEST_BYTES:
+            break
+    return page
+
+
+def _recorded(replay: Replay, film: Film) -> str:
+    """Return viser's own page of a film. The server that it takes answers this machine only, and is gone again."""
+    server = open_server(0)
+    try:
+        with server.atomic():  # wakes no one at each message
+            stage = Stage(server, replay, film)
+            recording = server.get_scene_serializer()
+            for frame, pause_s in enumerate(np.diff(film.times_s).tolist(), 1):
+                recording.insert_sleep(pause_s)
+                _record_poses(recording, stage.bodies, frame)
+                stage.show_moments(frame)
+            recording.insert_sleep(END_S)
+            return recording.as_html()
+    finally:
+        close_server(server)
+
+
+def _record_poses(recording: StateSerializer, bodies: Bodies, frame: int) -> None:
+    """Record what has moved at a frame.
+
+    Setting the nodes' poses would do the same, but a node compares each number with the one before and tells the
+    server; as most messages of a page are poses, it would take three times as long.
+    """
+    from viser._messages import SetOrientationMessage, SetPositionMessage  # noqa: PLC0415
+
+    for name, position, wxyz in bodies.moved(frame):
+        recording._insert_message(SetPositionMessage(name, tuple(position.tolist())))
+        recording._insert_message(SetOrientationMessage(name, tuple(wxyz.tolist())))

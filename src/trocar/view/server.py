@@ -1,0 +1,58 @@
+"""Servers of viser's, opened and closed without a word on stdout."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import rich
+
+from trocar.errors import TrocarError
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+LOCAL = "127.0.0.1"
+"""Nobody but this machine's own programs reaches a server there."""
+
+
+def open_server(port: int) -> ViserServer:
+    """Return a server that only this machine reaches.
+
+    Args:
+        port: if it is taken, the next that is free; 0: any that is free.
+
+    Raises:
+        TrocarError: viser is not installed, or there is no such port.
+    """
+    if not 0 <= port <= 65535:
+        raise TrocarError(f"the port is {port}; give 1 to 65535, or 0 for any that is free")
+    try:
+        from viser import ViserServer  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise TrocarError("3D in the browser needs viser; install the extra with: pip install 'trocar[view]'") from None
+    with _quiet():
+        return ViserServer(host=LOCAL, port=port, verbose=False)
+
+
+def close_server(server: ViserServer) -> None:
+    """Stop a server; its thread and its port are gone afterwards."""
+    with _quiet():
+        server.stop()
+
+
+_CONSOLE = threading.Lock()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence the console on which viser announces itself; other consoles and stdout stay as they are."""
+    console = rich.get_console()
+    with _CONSOLE:  # or two threads would restore each other's silence
+        before, console.quiet = console.quiet, True
+        try:
+            yield
+        finally:
+            console.quiet = before

@@ -1,0 +1,185 @@
+"""A trial in the browser: the scene of ``replay.html``, and what a page alone cannot show beside it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+from trocar.replay import Replay
+from trocar.view.film import shoot
+from trocar.view.overlay import NOTICE
+from trocar.view.panels import panels
+from trocar.view.server import close_server, open_server
+from trocar.view.stage import Stage
+
+SPEEDS = {"x 0.1": 0.1, "x 0.25": 0.25, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 4": 4.0, "x 8": 8.0}
+FRAMES_PER_S = 30.0
+PANELS_PER_S = 8.0  # of the numbers and pictures beside the scene, while it plays
+PANEL_PX = 460
+
+
+class TrialView:
+    """A replay on a server that only this machine reaches.
+
+    Attributes:
+        server: viser's server.
+        stage: what is drawn.
+        jumps: time in s of each event and contact, by the words in the menu.
+    """
+
+    def __init__(self, replay: Replay, port: int = 8080) -> None:
+        """Draw a replay and serve it.
+
+        Args:
+            replay: what is shown.
+            port: of the server; if it is taken, the next that is free; 0: any that is free.
+
+        Raises:
+            TrocarError: viser is not installed, or the replay does not fit together.
+        """
+        film = shoot(replay, (FRAMES_PER_S,))
+        self._times_s = replay.times_s
+        self._time_s = float(replay.times_s[0])
+        self._plays, self._lock = False, threading.RLock()
+        self._panels_due_s = 0.0
+        self.jumps = jumps(replay)
+        self.server = open_server(port)
+        with self.server.atomic():
+            self.stage = Stage(self.server, replay, film)
+            self._add_controls(replay)
+            self._panels = panels(self.server.gui, replay)
+        self.show(self._time_s)
+
+    @property
+    def port(self) -> int:
+        """Return the port that the server got."""
+        return self.server.get_port()
+
+    @property
+    def time_s(self) -> float:
+        """Return the time that is shown."""
+        return self._time_s
+
+    @property
+    def plays(self) -> bool:
+        """Return whether time runs while :meth:`play` does."""
+        return self._plays
+
+    def show(self, time_s: float) -> None:
+        """Show a time; before the first and after the last, these."""
+        with self._lock:
+            self._show_scene(time_s)
+            self._show_panels()
+
+    def run(self, plays: bool) -> None:
+        """Let time run, from the start if it is at the end, or stop it."""
+        with self._lock:
+            if plays and self._time_s >= self._times_s[-1]:
+                self.show(float(self._times_s[0]))
+            self._plays = plays
+            self._button.label = "Pause" if plays else "Play"
+            if not plays:
+                self._show_panels()
+
+    def advance(self, seconds: float) -> None:
+        """Show what is so many seconds of the wall's clock later, at the chosen speed; stop at the end."""
+        with self._lock:
+            self._show_scene(self._time_s + SPEEDS[self._speed.value] * seconds)
+            if time.monotonic() >= self._panels_due_s:
+                self._show_panels()
+            if self._time_s >= self._times_s[-1]:
+                self.run(False)
+
+    def play(self) -> None:
+        """Let time go by while it runs; ends with Ctrl-C."""
+        before = time.monotonic()
+        while True:
+            time.sleep(1.0 / FRAMES_PER_S)
+            now = time.monotonic()
+            if self._plays:
+                self.advance(now - before)
+            before = now
+
+    def close(self) -> None:
+        """Stop serving."""
+        close_server(self.server)
+
+    def _show_scene(self, time_s: float) -> None:
+        self._time_s = float(np.clip(time_s, self._times_s[0], self._times_s[-1]))
+        with self.server.atomic():
+            self.stage.show(self.stage.film.frame_at(self._time_s))
+
+    def _show_panels(self) -> None:
+        tick = int(np.searchsorted(self._times_s, self._time_s + 1e-9, side="right")) - 1
+        with self.server.atomic():
+            self._slider.value = round(self._time_s, 2)
+            for panel in self._panels:
+                panel.show(tick)
+        self._panels_due_s = time.monotonic() + 1.0 / PANELS_PER_S
+
+    def _add_controls(self, replay: Replay) -> None:
+        """Add title, button, slider, speed and menu of events."""
+        gui = self.server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.set_panel_label(replay.title)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(PANEL_PX)
+        gui.add_markdown(f"*{NOTICE}*")
+        self._button = gui.add_button("Play")
+        start, end = float(self._times_s[0]), float(self._times_s[-1])
+        self._slider = gui.add_slider("time, s", start, max(end, start + 0.01), 0.01, start)
+        self._speed = gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
+        self._button.on_click(lambda _: self.run(not self._plays))
+        self._slider.on_update(self._slid)
+        if self.jumps:
+            self._menu = gui.add_dropdown("jump to", ("choose", *self.jumps))
+            self._menu.on_update(self._chosen)
+
+    def _slid(self, event: Any) -> None:
+        if event.client is not None:  # somebody's hand, not this program
+            self.show(self._slider.value)
+
+    def _chosen(self, event: Any) -> None:
+        if event.client is not None and self._menu.value in self.jumps:
+            self.run(False)
+            self.show(self.jumps[self._menu.value])
+
+
+def jumps(replay: Replay) -> dict[str, float]:
+    """Return the time in s of each event and contact, by what is said of it, in order of time."""
+    found = [(float(event["time_s"]), _said(event)) for event in replay.events]  # type: ignore[arg-type]
+    found += [(c.time_s, f"contact: {' - '.join(c.between)}, {c.force_n:.1f} N") for c in replay.contacts]
+    return {f"{at:.2f} s  {words}": at for at, words in sorted(found)}
+
+
+def _said(event: Any) -> str:
+    """Return an event in words: its name, then whatever else was noted that is short."""
+    rest = [
+        f"{key} {value}"
+        for key, value in event.items()
+        if key not in ("name", "time_s") and isinstance(value, str | int | bool)
+    ]
+    return ", ".join([str(event["name"]), *rest])
+
+
+def show_replay(replay: Replay, port: int = 8080, block: bool = True) -> TrialView:
+    """Serve a replay to the browser and return the view; its ``port`` says where.
+
+    Args:
+        replay: what is shown.
+        port: of the server; if it is taken, the next that is free; 0: any that is free.
+        block: stay until Ctrl-C.
+
+    Raises:
+        TrocarError: as ``TrialView``.
+    """
+    view = TrialView(replay, port)
+    if block:
+        try:
+            view.play()
+        except KeyboardInterrupt:
+            view.close()
+    return view

@@ -1,0 +1,134 @@
+"""Where to look at a replay from, so that its arms and what they handle fill the picture."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.replay import Replay
+from trocar.view.film import Film
+from trocar.view.solids import solid_mesh
+
+ELEVATION_RAD = math.radians(33.0)
+FIELD_RAD = math.radians(34.0)  # from the upper to the lower edge; narrow: parallel edges stay nearly parallel
+FILLED = 0.54  # of the picture's height and width by where objects are handled; above are the instruments
+MIN_EDGE = 0.08  # of the same, between a parked arm's tip and the edge
+HANDLING_M = 0.04  # a tip so near to where objects are handles them
+OBJECT_M = 0.01  # half of an object, whose middle is in the workspace
+ASPECT = 1.25  # of a window, or narrower than it
+MIN_RADIUS_M = 0.03
+STEP_RAD = math.radians(45.0)  # of the camera's way round: boards and tables stand along axes
+UPRIGHT = 0.5  # instruments that lean by less than this tangent to the front or the back lean to neither
+MOMENTS = 9  # of the film at which one looks where the arms are
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A camera and what it looks at.
+
+    Attributes:
+        eye_m: (3,) where it is.
+        centre_m: (3,) middle of the workspace, which it looks at.
+        radius_m: of a ball that holds the workspace.
+        right: (3,) unit, to the right in the picture, level.
+        front: (3,) unit, level, from the middle towards the camera.
+    """
+
+    eye_m: NDArray[np.float64]
+    centre_m: NDArray[np.float64]
+    radius_m: float
+    right: NDArray[np.float64]
+    front: NDArray[np.float64]
+
+
+def viewpoint(replay: Replay, film: Film) -> Viewpoint:
+    """Return where to look from.
+
+    The workspace is where objects are, and tips that are near them. The camera looks across the line from arm to arm,
+    or across a single arm: along it, one would hide the other, or its own tip. Of the two sides it takes the one that
+    the instruments lean away from; if they lean to neither, the side of negative y. It stands so far off that the
+    workspace fills ``FILLED`` of the picture, and that arms which are parked elsewhere are in it too.
+    """
+    tips = _tips(replay, film)
+    near = _handling(tips, _objects(replay, film))
+    low, high = near.min(0), near.max(0)
+    centre = (low + high) / 2
+    radius = max(MIN_RADIUS_M, float(np.linalg.norm(high - low)) / 2)
+    right = _right(np.array([_from_middle(replay, film, arm, centre) for arm in replay.tools]).reshape(-1, 2))
+    front = np.cross(right, UP)
+    back = -(math.cos(ELEVATION_RAD) * front + math.sin(ELEVATION_RAD) * UP)
+    everything = np.concatenate([near, tips])
+    distance = max(
+        _distance(near - centre, right, back, FILLED), _distance(everything - centre, right, back, 1 - MIN_EDGE)
+    )
+    eye = centre - distance * back
+    return Viewpoint(eye, centre, radius, right, front)
+
+
+def _right(arms_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what is right (3,) in the picture, from where arms (m, 2) are from the workspace's middle."""
+    spread = arms_m - arms_m.mean(0) if len(arms_m) > 1 else arms_m
+    x, y = np.linalg.eigh(spread.T @ spread)[1][:, 1] if np.abs(spread).sum() > 0 else (1.0, 0.0)
+    turn = STEP_RAD * round(math.atan2(y, x) / STEP_RAD)
+    right = np.array([math.cos(turn), math.sin(turn), 0.0])
+    front = np.cross(right, UP)
+    lean, width = float((arms_m @ front[:2]).sum()), float(np.abs(arms_m @ right[:2]).sum())
+    leans = abs(lean) > UPRIGHT * width
+    return -right if (leans and lean > 0) or (not leans and front[1] > 1e-9) else right
+
+
+def _from_middle(replay: Replay, film: Film, arm: str, centre_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where (2,) an arm is on average, all of its solids counted alike; 0 if it has none."""
+    bodies = {body for body in replay.T_world_body if body.startswith(arm)}
+    frames = np.linspace(0, len(film.ticks) - 1, MOMENTS).astype(int)
+    centres = np.concatenate([_centres(replay, film, bodies, frame) for frame in frames])
+    return centres.mean(0)[:2] - centre_m[:2] if len(centres) else np.zeros(2)
+
+
+def _distance(
+    points_m: NDArray[np.float64], right: NDArray[np.float64], back: NDArray[np.float64], filled: float
+) -> float:
+    """Return how far from the middle points (n, 3), given from the middle, fill this share of the picture."""
+    slope = filled * math.tan(FIELD_RAD / 2)
+    sideways, upwards = np.abs(points_m @ right), np.abs(points_m @ np.cross(right, back))
+    needed = ((np.maximum(sideways / ASPECT, upwards) + OBJECT_M) / slope - points_m @ back).max()
+    return max(float(needed), MIN_RADIUS_M / slope)
+
+
+def _tips(replay: Replay, film: Film) -> NDArray[np.float64]:
+    """Return where tips are (n, 3), of all arms at all frames."""
+    points = [path.p_world_driven_m[film.ticks] for path in replay.tools.values()]
+    together = np.concatenate([*points, np.zeros((0, 3))])
+    return together[np.isfinite(together).all(1)]
+
+
+def _objects(replay: Replay, film: Film) -> NDArray[np.float64]:
+    """Return where objects are (n, 3) at all frames: bodies that can move and are on no arm.
+
+    An arm's bodies have names that begin with its own.
+    """
+    mine = [not body.startswith(tuple(replay.tools)) for body in film.bodies]
+    return film.position_m[mine].reshape(-1, 3)
+
+
+def _handling(tips_m: NDArray[np.float64], objects_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return objects (n, 3) and tips near to them; all tips if there are no objects, the origin if there is neither."""
+    if not len(objects_m):
+        return tips_m if len(tips_m) else np.zeros((1, 3))
+    low, high = objects_m.min(0) - HANDLING_M, objects_m.max(0) + HANDLING_M
+    return np.concatenate([objects_m, tips_m[((low <= tips_m) & (tips_m <= high)).all(1)]])
+
+
+def _centres(replay: Replay, film: Film, bodies: set[str], frame: int) -> NDArray[np.float64]:
+    """Return the middles (n, 3) of the solids on these bodies at a frame."""
+    found = []
+    for solid in replay.solids:
+        if solid.body in bodies:
+            T = replay.T_world_body[solid.body]
+            T = T if T.matrix.ndim == 2 else T[film.ticks[frame]]
+            found.append((T @ solid.T_body_solid).apply(solid_mesh(solid).vertices_m.mean(0)))
+    return np.array(found).reshape(-1, 3)
