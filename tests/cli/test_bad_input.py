@@ -11,7 +11,9 @@ import pytest
 
 from trocar.calibration.plant import PSM1_GREY
 from trocar.cli import main
-from trocar.scene import Block
+from trocar.station import station_text
+from trocar.tasks.peg_transfer.block import Block
+from trocar.trials import trial_file
 
 WAYPOINTS = [
     [0.2, -0.3, 0.15, 0.1, 0.3, 0.2],
@@ -67,19 +69,36 @@ def folder(tmp_path):
     (tmp_path / "folder").mkdir()
     (tmp_path / "halfdata").mkdir()
     np.save(tmp_path / "halfdata" / "q_cmd.npy", q)
-    for name in ("badtrial", "cuttrial", "damagedtrial", "otherrun", "badplan"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "badtrial" / "trial_000.npz").write_bytes(b"")
-    (tmp_path / "cuttrial" / "trial_000.npz").write_bytes((tmp_path / "recording.npz").read_bytes()[:500])
-    (tmp_path / "damagedtrial" / "trial_000.npz").write_bytes(damaged)
-    np.savez(tmp_path / "otherrun" / "trial_000.npz", q=q)
+    trials = {name: trial_file(tmp_path / name, 0, 0) for name in ("badtrial", "cuttrial", "damagedtrial", "otherrun")}
+    for path in trials.values():
+        path.parent.mkdir(parents=True)
+    trials["badtrial"].write_bytes(b"")
+    trials["cuttrial"].write_bytes((tmp_path / "recording.npz").read_bytes()[:500])
+    trials["damagedtrial"].write_bytes(damaged)
+    np.savez(trials["otherrun"], q=q)
     (tmp_path / "otherrun" / "run.json").write_text(json.dumps({"task": "peg-transfer", "seed": 99}))
-    (tmp_path / "badplan" / "run.json").write_text("{")
+    (tmp_path / "badrecord").mkdir()
+    (tmp_path / "badrecord" / "run.json").write_text("{")
+    (tmp_path / "broken.py").write_text("1 / 0\n")
+    text = station_text("peg-transfer")
+    (tmp_path / "nan.toml").write_text(text.replace("133.2", "nan", 1))
+    (tmp_path / "key.toml").write_text("colour = 'red'\n" + text)
+    (tmp_path / "cut.toml").write_text(text[:200])
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     return tmp_path
 
 
 RUN, FIT = "run peg-transfer", "calibrate fit"
 BAD_ARRAYS = ("missing", "empty", "text", "cut", "words")
+BAD_STATIONS = ("missing", "nan", "key", "cut", "bytes")
+BAD_PLUGINS = ("missing.py", "broken.py", "recording.npz", "folder")
+PLUGGED = (
+    "report badtrial",
+    "station show suture",
+    "plan transfer waypoints.npy",
+    f"{FIT} recording.npz --out m.npz",
+    "calibrate evaluate model.npz recording.npz",
+)
 BAD = [
     "run peg-transfers",
     "run debridement",
@@ -93,7 +112,33 @@ BAD = [
     f"{RUN} --out recording.npz",
     f"{RUN} --out recording.npz/inside",
     f"{RUN} --out otherrun",
-    f"{RUN} --out badplan",
+    f"{RUN} --out badrecord",
+    f"{RUN} --sessions 0",
+    f"{RUN} --planner magic",
+    f"{RUN} --perception magic",
+    f"{RUN} --transfers 0",
+    f"{RUN} --transfers 13",
+    f"{RUN} --budget 0",
+    f"{RUN} --budget nan",
+    f"{RUN} --station kitchen",
+    f"{RUN} --station suture",
+    *(f"{RUN} --station {name}.toml" for name in BAD_STATIONS),
+    *(f"{RUN} --plugin {name}" for name in BAD_PLUGINS),
+    *(f"run --plugin {name} peg-transfer" for name in BAD_PLUGINS),
+    "run suture --budget 0",
+    "run suture --sutures 0",
+    "run suture --sutures 1000",
+    "run suture --plan missing.json",
+    "run suture --plan text.npy",
+    "run suture --station raven-pair",
+    *(f"station {command} {name}.toml" for command in ("show", "check") for name in BAD_STATIONS),
+    "station show kitchen",
+    "station check folder",
+    *(f"{line} --plugin {name}" for line in PLUGGED for name in BAD_PLUGINS),
+    "view missing",
+    "view folder",
+    "view badtrial",
+    "view badtrial --session 1",
     "report missing",
     "report folder",
     "report recording.npz",
@@ -152,10 +197,10 @@ BAD = [
     "plan suture --count 0",
     "plan suture --count 7",
     "plan suture --positions 2",
-    "plan suture --count 6 --least-gap 70",
-    "plan suture --least-gap nan",
-    "plan suture --forbid here",
-    "plan suture --fix 90.5",
+    "plan suture --count 6 --min-gap-deg 70",
+    "plan suture --min-gap-deg nan",
+    "plan suture --forbid-deg here",
+    "plan suture --fix-deg 90.5",
     "plan suture --tension -1",
     "plan suture --margin best",
     "plan suture --joints all --margin paper",
@@ -190,6 +235,12 @@ USAGE = [
     "run",
     "run peg-transfer --speed 3",
     "run peg-transfer --trials many",
+    "run peg-transfer --sutures 3",
+    "run suture --transfers 3",
+    "run suture --plugin",
+    "station",
+    "station fly",
+    "view badtrial --port 99999",
     "report",
     "calibrate bend",
     "calibrate fit recording.npz",
@@ -227,7 +278,7 @@ def model(folder, monkeypatch, capsys):
 @pytest.mark.parametrize("line", BAD)
 def test_bad_input_is_one_sentence_and_code_2(folder, model, monkeypatch, capsys, line):
     before = contents(folder)
-    flags = ["", " --json"] if not line.startswith(FIT) else [" --json"]
+    flags = ["", *([" --json"] if not line.startswith("view") else [])]
     for flag in flags:
         code, out, err = trocar(monkeypatch, capsys, line + flag)
         assert code == 2, err
@@ -257,6 +308,8 @@ def test_wrong_usage_is_code_2(folder, monkeypatch, capsys, line):
         "plan transfer waypoints.npy",
         "plan suture",
         "study suture --setups 1",
+        "station show suture",
+        "station list",
     ],
 )
 def test_json_is_one_object_and_nothing_else(folder, model, monkeypatch, capsys, line):

@@ -1,5 +1,8 @@
 import io
 import json
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,6 +31,22 @@ def recording(tmp_path):
     q_phy = PSM1_GREY.measure(PSM1_GREY.run(q), rng)
     np.savez(tmp_path / "r.npz", q_cmd=q, q_phy=q_phy, valid=rng.random(200) > 0.1, t_s=np.arange(200.0))
     return tmp_path / "r.npz"
+
+
+OWN = Path(__file__).parents[2] / "examples" / "own_cable_model.py"
+
+
+def test_a_model_from_a_plugin_is_fitted_kept_and_evaluated_like_any_other(recording, tmp_path):
+    """In processes of their own: what a plugin registers stays registered."""
+    model = tmp_path / "plane.npz"
+    for words in (["fit", recording, "--model", "plane", "--out", model], ["evaluate", model, recording]):
+        code = "from trocar.cli import main; main()"
+        command = [sys.executable, "-c", code, "calibrate", *map(str, words), "--json"]
+        without = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert without.returncode == 2 and "plane" in without.stderr
+        found = subprocess.run([*command, "--plugin", str(OWN)], capture_output=True, text=True, check=False)
+        assert found.returncode == 0, found.stderr
+        assert json.loads(found.stdout)["model"] == "plane"
 
 
 def test_fit_and_evaluate(monkeypatch, capsys, recording, tmp_path):

@@ -1,32 +1,55 @@
+"""Help: every command has one, with an example of itself."""
+
 import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
 from trocar.cli import app
+from trocar.tasks import TASKS
+
+RUNNER = CliRunner()
+WIDE = {"COLUMNS": "200", "TERM": "dumb"}
+WITHOUT_JSON = {("doctor",), ("view",)}
 
 
 def leaves(command, path=()):
-    """Return the words of every command under this one."""
-    children = getattr(command, "commands", {})
-    return [path] if not children else [leaf for name in children for leaf in leaves(children[name], (*path, name))]
+    """Return the words of every command under this one, those included that are made when they are asked for."""
+    if not hasattr(command, "list_commands"):
+        return [path]
+    children = {name: command.get_command(None, name) for name in command.list_commands(None)}
+    return [leaf for name, child in children.items() for leaf in leaves(child, (*path, name))]
 
 
 COMMANDS = leaves(get_command(app))
 
 
+def test_the_whole_tree_is_walked():
+    """Commands of tasks, and those that a task brings along, are made when they are asked for."""
+    assert {("run", task) for task in TASKS} <= set(COMMANDS)
+    assert {("register", "block"), ("station", "check"), ("study", "suture"), ("plan", "setup")} <= set(COMMANDS)
+    assert len(COMMANDS) == len(set(COMMANDS)) >= 17
+
+
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
 def test_every_command_has_help_with_an_example_of_itself(words):
-    result = CliRunner().invoke(app, [*words, "--help"])
+    result = RUNNER.invoke(app, [*words, "--help"], env=WIDE)
     assert result.exit_code == 0
     text = " ".join(result.output.split())
     assert f"Example: trocar {' '.join(words)}" in text
 
 
-@pytest.mark.parametrize("words", [words for words in COMMANDS if words != ("doctor",)], ids=" ".join)
+@pytest.mark.parametrize("words", [words for words in COMMANDS if words not in WITHOUT_JSON], ids=" ".join)
 def test_every_command_that_computes_has_json(words):
-    assert "--json" in CliRunner().invoke(app, [*words, "--help"]).output
+    assert "--json" in RUNNER.invoke(app, [*words, "--help"], env=WIDE).output
 
 
 def test_no_words_print_the_commands():
-    result = CliRunner().invoke(app, [])
+    result = RUNNER.invoke(app, [], env=WIDE)
     assert all(words[0] in result.output for words in COMMANDS)
+
+
+@pytest.mark.parametrize("group", sorted({words[0] for words in COMMANDS if len(words) == 2}))
+def test_a_group_prints_its_commands(group):
+    result = RUNNER.invoke(app, [group], env=WIDE)
+    own = [words[1] for words in COMMANDS if words[0] == group]
+    assert own and all(name in result.output for name in own)

@@ -4,24 +4,9 @@ import sys
 import numpy as np
 import pytest
 
-from trocar.arms import ARMS, ik
 from trocar.cli import main
-from trocar.geometry import SE3, SO3
-
-
-def transfer_waypoints():
-    """Grasp, lifted, over the target, lowered: tips as on the board, turned a little on the way."""
-    places_m = [
-        [0.140, -0.020, -0.155],
-        [0.140, -0.020, -0.115],
-        [0.100, 0.020, -0.115],
-        [0.100, 0.020, -0.145],
-    ]
-    turns = SO3.axis("z", [0.5, 0.5, -0.2, -0.2])
-    return ik(ARMS["psm-classic"], SE3.from_parts(turns, places_m))
-
-
-FOUR = transfer_waypoints()
+from trocar.motion import PLANNERS
+from waypoints import FOUR
 
 
 @pytest.fixture
@@ -56,6 +41,7 @@ def test_json_has_the_promised_keys(run, tmp_path, suffix):
         assert 0 < motion["max_velocity_ratio"] <= 1 + 1e-9
         assert 0.9 < motion["max_acceleration_ratio"] <= 1 + 1e-9
         assert 0 < motion["vertical_deviation_m"] < 2e-3
+        assert motion["found"] and motion["reason"] == "" and motion["violations"] == []
 
 
 def test_table_says_what_left_the_nominal_range(run, tmp_path):
@@ -104,3 +90,71 @@ def test_unknown_planner_names_the_choices(run, tmp_path):
     code, _, err = run(tmp_path / "four.npy", "--planner", "magic")
     assert code == 2
     assert "spline" in err
+
+
+PLUGIN = """
+from trocar.motion import PLANNERS, TimedPath
+from trocar.errors import TrocarError
+from trocar.trajectory import Trajectory
+import numpy as np
+
+
+def hasty(problem):
+    (arm,) = problem.arms.values()
+    if arm.waypoints[0, 0] < 0:
+        raise TrocarError("it is too late to plan")
+    times = 0.1 * np.arange(len(arm.waypoints))
+    path = TimedPath(Trajectory.hermite(times, arm.waypoints, 0 * arm.waypoints), times)
+    return {name: path for name in problem.arms}
+
+
+PLANNERS.register("NAME", hasty)
+"""
+
+
+@pytest.fixture
+def plugin(tmp_path):
+    """A file with a planner that is too fast, or finds nothing."""
+    path = tmp_path / "hasty.py"
+    path.write_text(PLUGIN.replace("NAME", tmp_path.name))
+    yield path, tmp_path.name
+    if tmp_path.name in PLANNERS:
+        PLANNERS.forget(tmp_path.name)
+
+
+def test_a_motion_that_is_refused_is_told_and_the_exit_code_is_1(run, tmp_path, plugin):
+    path, name = plugin
+    np.save(tmp_path / "four.npy", np.stack([FOUR, FOUR * [-1, 1, 1, 1, 1, 1]]))
+    words = (tmp_path / "four.npy", "--plugin", path, "--planner", name)
+    code, out, _ = run(*words, "--json")
+    assert code == 1
+    answer = json.loads(out)
+    hasty, late = answer["motions"]
+    assert not hasty["found"] and hasty["duration_s"] == pytest.approx(0.3) and hasty["max_acceleration_ratio"] > 2
+    assert any("of its acceleration limit" in violation for violation in hasty["violations"])
+    assert not late["found"] and late["duration_s"] is None and late["bound_s"] > 0
+    assert late["reason"] == f"planner '{name}' found no motion: it is too late to plan"
+    assert answer["mean_duration_s"] is None
+    code, out, _ = run(*words)
+    assert code == 1
+    told = " ".join(out.split())
+    assert "0 refused" in told and "Motion 1: planner" in told and "it is too late to plan." in told
+
+
+def test_a_plugin_is_loaded_before_the_other_options_are_looked_at(run, tmp_path, plugin):
+    path, name = plugin
+    np.save(tmp_path / "four.npy", FOUR)
+    code, _, err = run(tmp_path / "four.npy", "--planner", name)
+    assert code == 2 and "is unknown; choose one of" in err
+    code, _, err = run(tmp_path / "four.npy", "--planner", name, "--plugin", path)
+    assert code == 1 and err == ""
+
+
+@pytest.mark.parametrize(("text", "words"), [(None, "is no Python file"), ("1 / 0", "ZeroDivisionError")])
+def test_a_bad_plugin_is_one_sentence_and_code_2(run, tmp_path, text, words):
+    np.save(tmp_path / "four.npy", FOUR)
+    if text is not None:
+        (tmp_path / "bad.py").write_text(text)
+    code, out, err = run(tmp_path / "four.npy", "--plugin", tmp_path / "bad.py")
+    assert code == 2 and out == ""
+    assert err.count("\n") == 1 and words in err and "bad.py" in err

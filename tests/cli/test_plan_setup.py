@@ -35,8 +35,8 @@ def test_a_base_is_found_for_an_arm_that_does_not_reach_from_the_presets(trocar)
 
 
 def test_the_printed_command_keeps_the_gaps_that_were_asked_for(trocar):
-    line = "plan setup --free center_x_mm --evaluations 96 --least-gap 80 --most-gap 100 --json"
-    assert "--least-gap 80" in json.loads(trocar(line)[1])["command"]
+    line = "plan setup --free center_x_mm --evaluations 96 --min-gap-deg 80 --max-gap-deg 100 --json"
+    assert "--min-gap-deg 80" in json.loads(trocar(line)[1])["command"]
 
 
 def test_the_printed_command_plans_in_the_setup_that_was_found(trocar, tmp_path):
@@ -111,13 +111,13 @@ def test_a_proven_search_prints_a_bound_that_holds_for_the_circles_tried(trocar)
         ("--bound base_up_mm=90:80", "base_up_mm is bounded by 90 and 80"),
         ("--bound base_tilt_deg=0:nan", "base_tilt_deg is bounded by 0 and nan"),
         ("--bound center_x_mm=-600:0", "-600 mm"),
-        ("--proven --seed 1", "leave --seed"),
+        ("--proven --seed 1", "leave out --seed"),
         ("--proven --arm psm-si", "--arm"),
         ("--gap 0.1", "add --proven"),
         ("--arm hand", "raven2-left"),
         ("--out /dev/null/x", "cannot be made"),
-        ("--proven --free base_tilt_deg", "alone"),
-        ("--preset paper-demo --free circle", "no holdable grasp"),
+        ("--proven --free base_tilt_deg", "free only"),
+        ("--preset paper-demo --free circle", "flat jaws cannot hold"),
         ("--seed -1", "seed -1"),
     ],
 )

@@ -58,14 +58,14 @@ def test_enumerating_every_plan_finds_the_same(answer):
 
 
 def test_wider_gaps_are_never_worse_and_any_angles_neither(answer):
-    even, gaps = answer(), answer("--least-gap 75 --most-gap 105")
-    anywhere = answer("--least-gap 75 --most-gap 105 --continuous")
+    even, gaps = answer(), answer("--min-gap-deg 75 --max-gap-deg 105")
+    anywhere = answer("--min-gap-deg 75 --max-gap-deg 105 --continuous")
     assert all(75 <= gap <= 105 for gap in gaps["gaps_deg"])
     assert even["reward"] < gaps["reward"] <= anywhere["reward"] <= anywhere["bound"] < anywhere["reward"] + 2e-3
 
 
 def test_fixed_and_forbidden_places_are_kept(answer):
-    found = answer("--fix 90 --forbid 170:190 --forbid 350:10 --least-gap 60 --most-gap 120 --count 5")
+    found = answer("--fix-deg 90 --forbid-deg 170:190 --forbid-deg 350:10 --min-gap-deg 60 --max-gap-deg 120 --count 5")
     assert 90 in found["positions_deg"]
     assert not [theta for theta in found["positions_deg"] if 170 < theta < 190 or theta > 350 or theta < 10]
     assert len(found["positions_deg"]) == 5
@@ -125,7 +125,7 @@ def test_the_circle_goes_and_leans_where_it_is_told():
     "line, words",
     [
         ("--circle-radius-mm 90 --count 12", ["168 to 211 deg", "joint 'pitch'", "-61.5 deg", "8.5 deg beyond"]),
-        ("--base-up-mm 20 --base-sideways-mm 20", ["mm less than the 45 mm that are safe"]),
+        ("--base-up-mm 20 --base-sideways-mm 20", ["mm less than the safe depth of 45 mm"]),
         ("--base-up-mm 400", ["all positions", "joint 'insertion'", "mm beyond its limit of 240 mm"]),
     ],
 )
@@ -159,21 +159,21 @@ def test_the_json_holds_the_setup_that_was_asked_for(answer):
     [
         ("--preset magic", "default, paper-demo"),
         ("--count 7", "multiple"),
-        ("--count 6 --least-gap 70", "add up to"),
-        ("--forbid 10", "FROM:TO"),
-        ("--forbid 0:350 --least-gap 30", "no "),
+        ("--count 6 --min-gap-deg 70", "add up to"),
+        ("--forbid-deg 10", "FROM:TO"),
+        ("--forbid-deg 0:350 --min-gap-deg 30", "no "),
         ("--needle-radius-mm 20", "too large for a circle"),
         ("--normal 0 0 0", "normal"),
         ("--center-mm nan 0 0", "centre"),
         ("--margin best", "smallest, normalised, clipped, paper"),
         ("--weight 2", "lambda"),
         ("--robust --continuous", "choose one"),
-        ("--exhaustive --fix 90", "--exhaustive"),
+        ("--exhaustive --fix-deg 90", "--exhaustive"),
         ("--robust --seed -1", "seed -1"),
         ("--demonstrations nowhere", "nowhere"),
-        ("--fix nan", "nan deg; give finite"),
-        ("--forbid nan:3", "nan, 3 deg; give finite"),
-        ("--forbid 10:700", "from 10 to 700 deg"),
+        ("--fix-deg nan", "nan deg; give finite"),
+        ("--forbid-deg nan:3", "nan, 3 deg; give finite"),
+        ("--forbid-deg 10:700", "from 10 deg to 700 deg"),
         ("--scenarios 5", "add --robust"),
         ("--seed 5", "add --robust"),
         ("--base-azimuth-deg nan", "base azimuth is nan deg"),
@@ -202,9 +202,9 @@ def test_sutures_that_cross_are_reported(answer, plan):
 @pytest.mark.parametrize(
     "line, words",
     [
-        ("--pushes 0", "turned 70.0 deg, its tip comes out at 104.7 deg"),
-        ("--rotation-deg 10 --pushes 0", "turned 10.0 deg"),
-        ("--straight-mm 50", "no turn brings its tip out"),
+        ("--pushes 0", "turned by 70.0 deg, but its tip comes out at 104.7 deg"),
+        ("--rotation-deg 10 --pushes 0", "turned by 10.0 deg"),
+        ("--straight-mm 50", "but no rotation brings its tip out"),
     ],
 )
 def test_a_needle_that_never_comes_out_is_reported_with_its_turns(answer, plan, line, words):

@@ -49,7 +49,7 @@ def test_the_text_shows_the_whole_sweep_and_that_fig_7_is_not_reproduced(study):
     text = " ".join(study("--setups 0")[1].split())
     cells = [f"{value:.4g}" for value in sweep["best_theta_deg"]]
     assert "theta │ " + " │ ".join(cells) in " ".join(text.split())
-    assert "from 28 to 11, lambda not named: not reproduced" in text
+    assert "from 28 to 11, at values of lambda that it does not give: not reproduced" in text
     assert "at lambda 0.75 the best plan starts at 5 deg (paper 11 to 28)" in text
 
 

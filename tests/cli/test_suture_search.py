@@ -30,7 +30,7 @@ def test_where_no_plan_at_any_angles_is_feasible_the_grid_is_shown_and_said_to_b
 
 
 def test_what_is_not_proven_is_not_said_to_be(monkeypatch):
-    monkeypatch.setattr(continuous, "MOST_CELLS", 10)  # no bisection: arcs that may be feasible stay so
+    monkeypatch.setattr(continuous, "MAX_CELLS", 10)  # no bisection: arcs that may be feasible stay so
     plan = Search(12, None, continuous=True).plan(large_circle(24), None)[0]
     assert not plan.feasible
     assert plan.certified.startswith("at any angles no feasible plan was found, though one may exist; on the grid")

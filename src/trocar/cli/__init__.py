@@ -22,14 +22,16 @@ app = typer.Typer(
 )
 
 
-from trocar.cli import calibrate, doctor, plan, register, run, study  # noqa: E402
+from trocar.cli import calibrate, doctor, plan, register, run, station, study, view  # noqa: E402
 
 app.command(epilog="Example: trocar doctor")(doctor.doctor)
-app.command(epilog="Example: trocar run peg-transfer --method calibrated --trials 10 --seed 1 --out out/ten")(run.run)
 app.command(epilog="Example: trocar report out/ten")(run.report)
+app.command(epilog="Example: trocar view out/ten --trial 3")(view.view)
+app.add_typer(run.app, name="run")
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(plan.app, name="plan")
 app.add_typer(register.app, name="register")
+app.add_typer(station.app, name="station")
 app.add_typer(study.app, name="study")
 
 

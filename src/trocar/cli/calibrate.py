@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
 
 app = typer.Typer(
@@ -35,17 +36,19 @@ def fit(
     recording: RecordingPath,
     *,
     out: Annotated[Path, typer.Option(metavar="MODEL", help="Model file to write (.npz).")],
-    model: Annotated[str, typer.Option(help="offset, ridge, lstm (needs the extra 'learn') or play.")] = "play",
+    model: Annotated[str, typer.Option(help="offset, ridge, play, lstm (extra 'learn'), or your own.")] = "play",
     to_row: Annotated[int | None, typer.Option(metavar="K", help="Fit on the rows before K only.")] = None,
     fraction: Annotated[float | None, typer.Option(help="Fit on this first share of the rows only.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the training's randomness.")] = 0,
+    plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Fit a cable model on a recording, by default on all of its rows."""
-    from trocar.calibration.models import model_class, save_model  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.calibration.models import MODELS, save_model  # noqa: PLC0415 (SciPy only when needed)
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
 
-    kind = model_class(model)
+    del plugin  # loaded when it was parsed
+    kind = MODELS.pick(model)
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
     if out.suffix != ".npz" or not out.parent.is_dir():
@@ -76,6 +79,7 @@ def evaluate(
         int,
         typer.Option(metavar="N", help="First refit the offsets on N valid rows (new session); 0: do not."),
     ] = 0,
+    plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     plot: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw joints and hysteresis loops.")] = None,
 ) -> None:
@@ -85,6 +89,7 @@ def evaluate(
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
     from trocar.calibration.session import refit_ends, refit_offset  # noqa: PLC0415
 
+    del plugin  # loaded when it was parsed
     fitted, data = load_model(model), load_recording(recording)
     if refit < 0:
         raise TrocarError(f"a refit on {refit} rows is impossible; give 0 or more")

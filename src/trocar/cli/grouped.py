@@ -1,4 +1,4 @@
-"""Commands with many options: their help lists them in groups."""
+"""Help in groups, for commands with many options."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typer.core import TyperCommand
 class GroupedCommand(TyperCommand):
     """A command whose plain help has one section for each ``rich_help_panel`` of its options.
 
-    Context and formatter are Click's, which typer brings along under a name that depends on its version.
+    Context and formatter are Click's, which typer ships under a name that depends on its version: hence ``Any``.
     """
 
     def format_options(self, ctx: Any, formatter: Any) -> None:

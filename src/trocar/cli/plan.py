@@ -6,7 +6,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import asdict
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -19,8 +19,9 @@ from rich.table import Table
 from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.cli import plan_setup, plan_suture
 from trocar.cli.grouped import GroupedCommand
+from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
-from trocar.motion import PLANNERS, PlanQuality, assess_transfer, plan_transfer
+from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
 
 app = typer.Typer(help="Plan motions and print their quality.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -53,33 +54,68 @@ def transfer(
         0.0,
         1.0,
     ),
+    plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.
 
+    A motion that breaks what was asked is printed with the reason, and the exit code is then 1.
+
     Example: trocar plan transfer waypoints.npy --planner spline
     """
     model, motion_limits = _choice(ARMS, arm, "arm"), _choice(MOTION_LIMITS, limits, "set of limits")
-    _choice(PLANNERS, planner, "planner")
+    PLANNERS.pick(planner)
     motions = []
     for index, four in enumerate(_load(waypoints)):
         try:
-            plan = plan_transfer(model, four, motion_limits, up=up, planner=planner, range_slack=RANGE_SLACK)
+            asked = ArmMotion(model, four, motion_limits, up=np.array(up))
+            plan = plan_motion(MotionProblem({arm: asked}, range_slack=RANGE_SLACK), planner)
         except TrocarError as error:
             raise TrocarError(f"{waypoints}, motion {index}: {error}") from None
-        motions.append(assess_transfer(model, plan, motion_limits, up=up))
+        motions.append(_record(asked, plan))
     summary = {
         "planner": planner,
         "arm": arm,
         "limits": limits,
-        "mean_duration_s": float(np.mean([m.duration_s for m in motions])),
-        "mean_bound_s": float(np.mean([m.bound_s for m in motions])),
-        "motions": [asdict(m) for m in motions],
+        "mean_duration_s": _mean(motions, "duration_s"),
+        "mean_bound_s": _mean(motions, "bound_s"),
+        "motions": motions,
     }
     if as_json:
         typer.echo(json.dumps(summary))
     else:
-        _print(summary, motions)
+        _print(summary)
+    if not all(motion["found"] for motion in motions):
+        raise typer.Exit(1)
+
+
+def _record(asked: ArmMotion, plan: MotionPlan) -> dict[str, Any]:
+    """Return what is told of one motion; None for what a planner that answered nothing leaves open."""
+    told: dict[str, Any] = {
+        "found": plan.found,
+        "reason": plan.reason,
+        "duration_s": plan.duration_s if isfinite(plan.duration_s) else None,
+        "bound_s": plan.bound_s,
+        "compute_ms": plan.compute_ms,
+        "max_velocity_ratio": None,
+        "max_acceleration_ratio": None,
+        "vertical_deviation_m": None,
+        "range_excess": {},
+        "violations": list(plan.violations),
+    }
+    for name, path in plan.paths.items():
+        use = plan.use[name]
+        told["max_velocity_ratio"], told["max_acceleration_ratio"] = use.velocity_ratio, use.acceleration_ratio
+        told["vertical_deviation_m"] = vertical_deviation_m(asked, path)
+        excess = zip(asked.model.joints, use.range_excess.tolist(), strict=True)
+        told["range_excess"] = {joint.name: beyond for joint, beyond in excess if beyond > 0}
+    return told
+
+
+def _mean(motions: list[dict[str, Any]], key: str) -> float | None:
+    """Return the mean over the motions that were found, None where none was."""
+    values = [motion[key] for motion in motions if motion["found"]]
+    return float(np.mean(values)) if values else None
 
 
 def _choice(table: Mapping[str, T], name: str, what: str) -> T:
@@ -115,37 +151,37 @@ def _load(path: Path) -> NDArray[np.float64]:
     return values
 
 
-def _print(summary: dict[str, Any], motions: list[PlanQuality]) -> None:
+def _print(summary: dict[str, Any]) -> None:
     """Print the motions as a table."""
     table = Table(title=f"Transfers by '{summary['planner']}' for {summary['arm']}, limits '{summary['limits']}'")
-    for column in (
-        "motion",
-        "duration s",
-        "bound s",
-        "compute ms",
-        "velocity",
-        "acceleration",
-        "off vertical mm",
-    ):
+    columns = {
+        "duration s": ("duration_s", 1.0, ".3f"),
+        "bound s": ("bound_s", 1.0, ".3f"),
+        "compute ms": ("compute_ms", 1.0, ".1f"),
+        "velocity": ("max_velocity_ratio", 1.0, ".3f"),
+        "acceleration": ("max_acceleration_ratio", 1.0, ".3f"),
+        "off vertical mm": ("vertical_deviation_m", 1e3, ".2f"),
+    }
+    for column in ("motion", *columns):
         table.add_column(column, justify="right", no_wrap=" " not in column)
-    for index, m in enumerate(motions):
-        table.add_row(
-            str(index),
-            f"{m.duration_s:.3f}",
-            f"{m.bound_s:.3f}",
-            f"{m.compute_ms:.1f}",
-            f"{m.max_velocity_ratio:.3f}",
-            f"{m.max_acceleration_ratio:.3f}",
-            f"{1e3 * m.vertical_deviation_m:.2f}",
-        )
+    for index, motion in enumerate(summary["motions"]):
+        cells = (_cell(motion[key], scale, style) for key, scale, style in columns.values())
+        table.add_row(str(index) if motion["found"] else f"{index} refused", *cells)
     table.add_section()
-    table.add_row("mean", f"{summary['mean_duration_s']:.3f}", f"{summary['mean_bound_s']:.3f}", "", "", "", "")
+    means = (_cell(summary[key], 1.0, ".3f") for key in ("mean_duration_s", "mean_bound_s"))
+    table.add_row("mean", *means, "", "", "", "")
     console = Console()
     console.print(table)
-    for index, m in enumerate(motions):
-        for joint, excess in m.range_excess.items():
+    for index, motion in enumerate(summary["motions"]):
+        if not motion["found"]:
+            console.print(f"Motion {index}: {motion['reason']}.")
+        for joint, excess in motion["range_excess"].items():
             console.print(f"Motion {index} leaves the nominal range of joint '{joint}' by {excess:.5f} (rad or m).")
     console.print(
         "Velocity and acceleration: largest share of the limits, checked at 1 kHz and at all knots. "
         "Bound: no motion through the same waypoints is shorter."
     )
+
+
+def _cell(value: float | None, scale: float, style: str) -> str:
+    return "-" if value is None else format(scale * value, style)

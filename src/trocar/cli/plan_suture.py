@@ -1,4 +1,4 @@
-"""``trocar plan suture``: the best places and directions of sutures round a circle."""
+"""``trocar plan suture``: the best positions and directions of sutures round a circle."""
 
 from __future__ import annotations
 
@@ -30,27 +30,29 @@ FILES = ("plan.json", "plan.png", "reasons.png")
 def suture(
     *,
     preset: options.PresetName = "default",
-    count: Annotated[int, typer.Option(help="How many sutures.")] = 4,
-    positions: Annotated[int, typer.Option(help="Positions of the grid round the circle.")] = 360,
+    count: Annotated[int, typer.Option(help="Number of sutures.")] = 4,
+    positions: Annotated[int, typer.Option(help="Number of grid positions round the circle.")] = 360,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save plan.json and pictures here.")] = None,
     view: Annotated[
-        bool, typer.Option("--view", help="Show arm and needle along the sutures in the browser, until Ctrl-C.")
+        bool, typer.Option("--view", help="Show arm and needle along the sutures in the browser; Ctrl-C ends.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
-    least_gap: Annotated[float | None, option(SPACING, "Least gap between neighbours; default: even.", "DEG")] = None,
-    most_gap: Annotated[float | None, option(SPACING, "Largest gap between neighbours; default: even.", "DEG")] = None,
-    forbid: Annotated[
-        list[str] | None, option(SPACING, "Arc without sutures, counterclockwise; may be given again.", "FROM:TO")
+    min_gap_deg: Annotated[float | None, option(SPACING, "Smallest gap of neighbours; default: even.", "DEG")] = None,
+    max_gap_deg: Annotated[float | None, option(SPACING, "Largest gap of neighbours; default: even.", "DEG")] = None,
+    forbid_deg: Annotated[
+        list[str] | None, option(SPACING, "Arc without sutures, counterclockwise; repeatable.", "FROM:TO")
     ] = None,
-    fix: Annotated[list[float] | None, option(SPACING, "A suture must stand here; may be given again.", "DEG")] = None,
+    fix_deg: Annotated[
+        list[float] | None, option(SPACING, "Position that must hold a suture; repeatable.", "DEG")
+    ] = None,
     tension: Annotated[
-        float, option(SPACING, "Taken off the worst reward for each unit of uneven gaps, |gap - even| / even.")
+        float, option(SPACING, "Weight of uneven gaps: |gap - even| / even, at its largest, lowers the reward.")
     ] = 0.0,
     exhaustive: Annotated[
-        bool, option(SPACING, "Enumerate every plan, as the paper does; the result is the same.", name="--exhaustive")
+        bool, option(SPACING, "Enumerate all plans, as the paper does; the result is the same.", name="--exhaustive")
     ] = False,
     continuous: Annotated[
-        bool, option(SPACING, "Any angles, not whole steps, with a proven bound on what is left.", name="--continuous")
+        bool, option(SPACING, "Plan at any angles, not only on the grid, with a proven bound.", name="--continuous")
     ] = False,
     demonstrations: options.DemonstrationsPath = None,
     robust: Annotated[
@@ -58,9 +60,9 @@ def suture(
         option(REWARD, "Maximise the worst case over balanced errors of wrist joints and circle.", name="--robust"),
     ] = False,
     scenarios: Annotated[
-        int | None, option(REWARD, "In how many random errors the robust plan is judged; default: 100.")
+        int | None, option(REWARD, "Number of random errors that assess the robust plan; default: 100.")
     ] = None,
-    seed: Annotated[int | None, option(REWARD, "Of these random errors; default: 0.")] = None,
+    seed: Annotated[int | None, option(REWARD, "Seed of these random errors; default: 0.")] = None,
     margin: options.Margin = None,
     weight: options.Weight = None,
     scaling: options.Scaling = None,
@@ -89,7 +91,7 @@ def suture(
     pushes: options.Pushes = None,
     theta_is: options.ThetaIs = None,
 ) -> None:
-    """Plan where to place sutures round a circle, and in which direction to drive each of them.
+    """Plan where to place sutures round a circle, and in which direction to drive each.
 
     The plan maximises the worst suture's reward: lambda times the joint margin plus (1 - lambda) times the
     manipulability. Exit code 1: no plan is feasible.
@@ -128,13 +130,13 @@ def suture(
         },
     )
     check_out_folder(out, FILES)
-    spacing = options.spacing_of(count, positions, least_gap, most_gap, forbid or (), fix or (), tension)
+    spacing = options.spacing_of(count, positions, min_gap_deg, max_gap_deg, forbid_deg or (), fix_deg or (), tension)
     if view:
         need("view", "viser")
     if not robust and (scenarios, seed) != (None, None):
-        raise TrocarError("--scenarios and --seed are those of a robust plan; add --robust or leave them out")
-    judged_in = {"scenarios": scenarios, "seed": seed}
-    search = Search(count, spacing, exhaustive, continuous, robust, **options.given(judged_in))
+        raise TrocarError("--scenarios and --seed assess a robust plan; add --robust or leave them out")
+    errors = {"scenarios": scenarios, "seed": seed}
+    search = Search(count, spacing, exhaustive, continuous, robust, **options.given(errors))
     recorded = options.recorded(demonstrations)
     started = time.perf_counter()
     found = dexterity(
@@ -144,18 +146,18 @@ def suture(
         recorded.manipulability_at if recorded else None,
         recorded.source if recorded else "",
     )
-    plan, stands = search.plan(found, recorded)
+    plan, robustness = search.plan(found, recorded)
     compute_ms = 1e3 * (time.perf_counter() - started)
     summary = _summary(found, plan, preset, compute_ms)
-    if stands is not None:
-        summary |= {"robust": stands.summary(), "sensitivity": search.judged(found, stands)}
+    if robustness is not None:
+        summary |= {"robust": robustness.summary(), "sensitivity": search.sensitivity(found, robustness)}
         if not plan.feasible and not summary["problem"]:
             summary["problem"] = (
-                f"no plan keeps the limits in each of {stands.scenarios} errors; move the base, turn the grasp or "
-                "leave --robust out"
+                f"no plan stays within the limits under all {robustness.scenarios} errors; move the base, turn the "
+                "grasp or leave --robust out"
             )
     if arm is not None and not plan.feasible and summary["problem"]:
-        summary["problem"] += f"; `trocar plan setup --arm {arm} --free port` searches a base from which it reaches"
+        summary["problem"] += f"; `trocar plan setup --arm {arm} --free port` searches for a base from which it reaches"
     if out is not None:
         summary["files"] = _save(out, found, plan, summary)
     if as_json:
@@ -170,7 +172,7 @@ def suture(
 
 
 def _summary(found: DexterityMap, plan: SuturePlan, preset: str, compute_ms: float) -> dict[str, Any]:
-    """Return everything that is printed and saved."""
+    """Return all that is printed and saved."""
     from trocar.report.sutures.summary import plan_summary  # noqa: PLC0415
     from trocar.sutures.study import SUTURES, table_1  # noqa: PLC0415
 
@@ -182,7 +184,7 @@ def _summary(found: DexterityMap, plan: SuturePlan, preset: str, compute_ms: flo
 
 
 def _save(out: Path, found: DexterityMap, plan: SuturePlan, summary: dict[str, Any]) -> list[str]:
-    """Write the plan and its pictures; return where they are."""
+    """Write the plan and its pictures; return their paths."""
     from trocar.report.sutures.circle import draw_plan  # noqa: PLC0415
     from trocar.report.sutures.panels import draw_reasons  # noqa: PLC0415
 
@@ -198,19 +200,20 @@ def _view(found: DexterityMap, plan: SuturePlan) -> None:
     from trocar.view import show_plan  # noqa: PLC0415
 
     shown = show_plan(found.setup, plan, found, block=False)
-    typer.echo(f"open http://localhost:{shown.port} in a browser; Ctrl-C ends", err=True)
-    with suppress(KeyboardInterrupt):  # the server ends with the process; stopped, it would write on stdout
+    typer.echo(f"open http://127.0.0.1:{shown.port} in a browser; Ctrl-C ends", err=True)
+    with suppress(KeyboardInterrupt):
         shown.play()
+    shown.close()
 
 
 def _print(summary: dict[str, Any]) -> None:
-    """Print the plan, what it rests on, and the files."""
+    """Print the plan, the reasons for it, and the files."""
     from trocar.report.sutures.tables import plan_table, points_table  # noqa: PLC0415
     from trocar.report.sutures.tissue import tissue_warnings  # noqa: PLC0415
 
     console = Console()
     console.print(plan_table(summary))
-    uneven = f" less {summary['tension_cost']:.4f} for uneven gaps" if summary["tension_cost"] else ""
+    uneven = f" minus {summary['tension_cost']:.4f} for uneven gaps" if summary["tension_cost"] else ""
     among = "" if summary["feasible"] or not summary["feasible_first"] else " of worst infeasible sutures"
     console.print(
         f"worst suture {summary['reward']:.4f}{uneven}; bound{among} {summary['bound']:.4f}: {summary['certified']}; "
@@ -230,7 +233,7 @@ def _print(summary: dict[str, Any]) -> None:
     if not summary["jaws_can_hold_needle"]:
         console.print(
             f"the wire leaves the plane of the jaws by {summary['wire_out_of_jaws_deg']:.0f} deg: "
-            "flat jaws could not hold the needle so"
+            "flat jaws could not hold the needle in this grasp"
         )
     if "table" in summary:
         console.print(points_table(summary["table"], summary["paper_table"]))
@@ -240,22 +243,22 @@ def _print(summary: dict[str, Any]) -> None:
 
 
 def _print_robust(console: Console, robust: dict[str, Any], sensitivity: dict[str, Any]) -> None:
-    """Print what the robust plan gains in the worst case, and what it costs otherwise."""
-    cannot = "" if robust["nominal_feasible_in_every_scenario"] else ", where it leaves the limits"
+    """Print what the robust plan gains in the worst case, and what it costs without errors."""
+    leaves = "" if robust["nominal_feasible_in_every_scenario"] else ", where it leaves the limits"
     planned, nominal, worst = (
         f"{robust[name]:.4f}" for name in ("planned_reward", "nominal_planned_reward", "nominal_worst_reward")
     )
     console.print(
-        f"rewards are those of the worst of {robust['scenarios']} errors (balanced, one standard deviation); without "
-        f"error this plan is worth {planned}. The best plan without error is worth {nominal}, in the worst of these "
-        f"errors {worst}{cannot}"
+        f"rewards are those under the worst of {robust['scenarios']} errors (balanced, one standard deviation); "
+        f"without errors this plan has {planned}. The best plan without errors has {nominal}, and {worst} under the "
+        f"worst of these errors{leaves}"
     )
     both = [sensitivity[name] for name in ("robust", "nominal")]
-    low = ", the other ".join(
+    low = ", that of the plan made without error ".join(
         f"{one['reward_worst_p5_p50'][1]:.4f}, infeasible in {100 * one['infeasible_share']:.0f} %" for one in both
     )
-    middle, most = both[1]["best_plan_shift_p50_p95_deg"]
+    p50, p95 = both[1]["best_plan_shift_p50_p95_deg"]
     console.print(
-        f"in {both[0]['scenarios']} random errors the 5th percentile of this plan is {low}; the best plan for each "
-        f"error lies {middle:.3g} deg from the other (median), {most:.3g} deg (95 of 100)"
+        f"under {both[0]['scenarios']} random errors the 5th percentile of this plan is {low}; the best plan for each "
+        f"error lies {p50:.3g} deg (median) and {p95:.3g} deg (95th percentile) from the latter"
     )

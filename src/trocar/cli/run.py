@@ -9,107 +9,89 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from trocar.cli.extras import need
-from trocar.errors import TrocarError
-from trocar.sutures.plan_file import load_plan
+from trocar.cli.plugin import Plugins
+from trocar.cli.task_group import TaskGroup
+from trocar.tasks import TASKS, Task
 
 if TYPE_CHECKING:
-    from trocar.trials import Plan, Trial
+    from trocar.trials import Trial
+    from trocar.trials.config import RunConfig
+
+COLUMNS = (
+    TextColumn("{task.description}"),
+    BarColumn(),
+    MofNCompleteColumn(),
+    TimeElapsedColumn(),
+    TextColumn("left"),
+    TimeRemainingColumn(),
+)
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
 def run(
-    task: Annotated[str, typer.Argument(metavar="TASK", help="peg-transfer or suture.")],
     *,
-    variant: Annotated[
-        str,
-        typer.Option(
-            help="peg-transfer: unilateral, one arm does all; suture: single-arm.", show_default="the task's first"
-        ),
-    ] = "",
-    method: Annotated[
-        str,
-        typer.Option(help="calibrated: cables compensated by a fitted model; uncalibrated: encoders believed."),
-    ] = "calibrated",
+    task: type[Task],
+    options: Mapping[str, Any],
+    method: Annotated[str, typer.Option(help="How it is done", show_default="the first")] = "",
     model: Annotated[
         str,
-        typer.Option(help="Cable model of the method calibrated: play, lstm (the paper's), ridge, offset."),
+        typer.Option(help="Cable model of methods that compensate: play, lstm (the paper's), ridge, offset."),
     ] = "play",
-    trials: Annotated[int, typer.Option(help="How many trials: of twelve transfers, or of all sutures.")] = 1,
+    planner: Annotated[str, typer.Option(help="Of the motions.", show_default="the method's")] = "",
+    perception: Annotated[str, typer.Option(help="What the agents see with", show_default="the method's")] = "",
+    station: Annotated[
+        str, typer.Option(metavar="STATION", help="Name of a station, or a TOML file.", show_default="the task's")
+    ] = "",
+    sessions: Annotated[int, typer.Option(help="How many days are drawn, each registered and calibrated anew.")] = 1,
+    trials: Annotated[int, typer.Option(help="How many trials in each session.")] = 1,
     seed: Annotated[int, typer.Option(help="Of everything random; the same seed gives the same trials.")] = 0,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED.")
     ] = None,
     new_session: Annotated[
-        bool, typer.Option("--new-session", help="Draw new cable offsets between calibration and trials.")
+        bool, typer.Option("--new-session", help="Mount the instruments again between calibration and trials.")
     ] = False,
     refit_offsets: Annotated[
-        bool,
-        typer.Option("--refit-offsets", help="Refit the model's offsets from 30 samples before the trials."),
+        bool, typer.Option("--refit-offsets", help="Refit the model's offsets from 30 samples before the trials.")
     ] = False,
     flawless_camera: Annotated[
-        bool, typer.Option("--flawless-camera", help="Switch the sensor's flaws off; the run says so.")
+        bool, typer.Option("--flawless-camera", help="Switch the sensors' flaws off; the run says so.")
     ] = False,
-    preset: Annotated[
-        str | None, typer.Option(help="suture: setup and reward of the plan.", show_default="default")
-    ] = None,
-    direction: Annotated[
-        str | None,
-        typer.Option(
-            help="suture: best, or clockwise or counterclockwise for all, even where a joint cannot.",
-            show_default="best",
-        ),
-    ] = None,
-    sutures: Annotated[int | None, typer.Option(help="suture: how many, evenly spaced.", show_default="4")] = None,
-    plan_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--plan",
-            metavar="FILE",
-            help="suture: drive this plan.json of `trocar plan suture --out DIR`, which says all that a preset does.",
-        ),
-    ] = None,
+    plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Run trials of a task in the simulated cell, score them, and keep files and pictures.
-
-    An interrupted run keeps its finished trials; the same command goes on where it stopped.
-    """
+    """Run trials of a task in the simulated cell, score them, and keep files and pictures."""
     need("sim", "mujoco", "trio", "cv2")
-    from trocar.trials import Plan, open_folder  # noqa: PLC0415 (the simulator is heavy)
+    from trocar.trials.config import RunConfig  # noqa: PLC0415 (the simulator is heavy)
+    from trocar.trials.folder import open_folder  # noqa: PLC0415
 
-    if method == "calibrated" and model == "lstm":
-        need("learn", "jax", "equinox", "optax")
-    for option, value in (("--preset", preset), ("--direction", direction), ("--sutures", sutures)):
-        if plan_file is not None and value is not None:
-            raise TrocarError(
-                f"{option} {value} cannot be combined with --plan {plan_file}: the plan says setup, places and "
-                "directions; drop one of both"
-            )
-    plan = Plan(
-        task,
-        variant,
-        method,
-        model,
-        trials,
-        seed,
-        new_session,
-        refit_offsets,
-        flawless_camera,
-        preset,
-        direction,
-        sutures,
-        load_plan(plan_file) if plan_file else None,
+    config = RunConfig(
+        task=task(**options),
+        station=station,
+        method=method,
+        model=model,
+        planner=planner,
+        perception=perception,
+        sessions=sessions,
+        trials=trials,
+        seed=seed,
+        new_session=new_session,
+        refit_offsets=refit_offsets,
+        flawless_camera=flawless_camera,
+        plugins=tuple(map(str, plugin or ())),
     )
-    folder = out or Path("out") / f"{task}-{method}-{seed}"
-    todo = open_folder(plan, folder)
+    if config.chosen_method.calibrated and model == "lstm":
+        need("learn", "jax", "equinox", "optax")
+    folder = out or Path("out") / f"{task.name}-{config.method}-{seed}"
+    todo = open_folder(config, folder)
     console = Console(stderr=True)
     interrupted = False
     try:
-        _play(plan, folder, todo, console)
+        _play(config, folder, todo, console)
     except KeyboardInterrupt:
         interrupted = True
     _finish(folder, as_json, console, interrupted)
@@ -117,88 +99,144 @@ def run(
         raise typer.Exit(130)
 
 
+class _Tasks(TaskGroup):
+    body = staticmethod(run)
+
+
+app = typer.Typer(
+    cls=_Tasks,
+    help="Run trials of a task in the simulated cell, score them, and keep files and pictures.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@app.callback(epilog="Example: trocar run peg-transfer --sessions 10 --trials 1 --seed 1 --out out/ten")
+def runs(plugin: Plugins = None) -> None:
+    """Run trials of a task in the simulated cell, score them, and keep files and pictures."""
+    del plugin  # loaded when it was parsed
+
+
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
     *,
+    video: Annotated[
+        bool, typer.Option("--video", help="Also make a short moving picture of the first trial, video.webp.")
+    ] = False,
+    plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Write summary, pictures and an HTML page from saved trials; nothing is recomputed."""
-    need("sim", "cv2")
-    _finish(folder, as_json, Console(stderr=True), interrupted=False)
+    """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
+    del plugin  # loaded when it was parsed
+    console = Console(stderr=True)
+    _finish(folder, as_json, console, interrupted=False)
+    if video:
+        _draw_video(folder, console)
 
 
-def _play(plan: Plan, folder: Path, todo: Sequence[int], console: Console) -> None:
-    from trocar.trials import prepare, run_trial, trial_file  # noqa: PLC0415
+def _draw_video(folder: Path, console: Console) -> None:
+    from trocar.report.files import report_of  # noqa: PLC0415
+    from trocar.report.video import draw_video  # noqa: PLC0415
+    from trocar.trials import load_trials  # noqa: PLC0415
+
+    trial = load_trials(folder)[0][0]
+    with Progress(*COLUMNS, console=console, transient=True) as progress:
+        bar = progress.add_task("drawing video.webp")
+        path = draw_video(
+            trial,
+            folder / "video.webp",
+            report_of(trial),
+            lambda done, total: progress.update(bar, completed=done, total=total),
+        )
+    console.print(f"video: {path}", soft_wrap=True)
+
+
+def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], console: Console) -> None:
+    from trocar.trials.run import prepare, run_trial  # noqa: PLC0415
+    from trocar.trials.trial import trial_file  # noqa: PLC0415
 
     if not todo:
-        console.print(f"all {plan.trials} trials are in {folder}; nothing to run")
+        console.print(f"all {config.sessions * config.trials} trials are in {folder}; nothing to run")
         return
-    pieces = len(plan.built().work)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        bar = progress.add_task(
-            f"calibrating ({plan.model})" if plan.method == "calibrated" else "setting up",
-            total=pieces * len(todo),
-        )
-        session, models = prepare(plan, folder)
-        for number, index in enumerate(todo):
+    goals = len(config.task.goals())
+    with Progress(*COLUMNS, console=console, transient=True) as progress:
+        bar = progress.add_task("starting", total=goals * len(todo))
+        prepared = None
+        for number, (session, index) in enumerate(todo):
+            if prepared is None or prepared.number != session:
+                what = f"calibrating ({config.model})" if config.chosen_method.calibrated else "setting up"
+                progress.update(bar, description=f"session {session + 1} of {config.sessions}: {what}")
+                prepared = prepare(config, session, folder)
+            where = f"session {session + 1}, trial {index + 1}"
 
-            def listen(event: Mapping[str, object], number: int = number, index: int = index) -> None:
-                if event["name"] in ("transfer", "suture"):
-                    progress.update(bar, advance=1, description=f"trial {index + 1} of {plan.trials}: {_done(event)}")
+            def listen(event: Mapping[str, object], where: str = where) -> None:
+                if event["name"] == config.task.piece:
+                    progress.update(bar, advance=1, description=f"{where}: a {config.task.piece} has ended")
 
-            trial = run_trial(plan, session, models, index, listen, pictures=index == 0)
-            trial.save(trial_file(folder, index))
-            progress.update(bar, completed=pieces * (number + 1))
-
-
-def _done(event: Mapping[str, Any]) -> str:
-    """Return what a script has just done."""
-    if event["name"] == "transfer":
-        return f"peg {event['source']} to {event['target']}"
-    return f"suture {event['suture'] + 1}"
+            run_trial(config, prepared, index, listen).save(trial_file(folder, session, index))
+            progress.update(bar, completed=goals * (number + 1))
 
 
 def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> None:
-    from trocar.report import load_trials, write_report  # noqa: PLC0415
+    from trocar.report.files import write_report  # noqa: PLC0415
+    from trocar.trials import load_trials, trial_files  # noqa: PLC0415
 
-    if interrupted and not list(folder.glob("trial_*.npz")):
+    if interrupted and not trial_files(folder):
         console.print("stopped before the first trial was finished; the same command starts again")
         return
-    trials = load_trials(folder)
-    summary, files = write_report(folder, trials)
+    trials, strange = load_trials(folder)
+    task = trials[0].about["task"]
+    if task not in TASKS:
+        strange.append(
+            f"task {task!r} is unknown here, so its own pictures and figures are left out; add --plugin FILE"
+        )
+    summary, files = write_report(folder, trials, strange)
     if as_json:
         typer.echo(json.dumps(summary))
         return
-    _show(summary, trials, files, interrupted)
+    _show(summary, trials, strange, files, interrupted)
 
 
-def _show(summary: Mapping[str, Any], trials: Sequence[Trial], files: Sequence[Path], interrupted: bool) -> None:
-    from trocar.report import driven_table, parts_table, run_table  # noqa: PLC0415
+def _show(
+    summary: Mapping[str, Any],
+    trials: Sequence[Trial],
+    strange: Sequence[str],
+    files: Sequence[Path],
+    interrupted: bool,
+) -> None:
+    from trocar.report.files import report_of  # noqa: PLC0415
     from trocar.report.summary import MISSED_WARNING  # noqa: PLC0415
+    from trocar.report.tables import parts_table, run_table  # noqa: PLC0415
 
+    report = report_of(trials[0])
     console = Console()
-    console.print(run_table(summary))
-    if "joint_error_deg" in summary:
-        console.print(driven_table(summary))
-    console.print(parts_table(summary))
+    console.print(run_table(summary, report.paper_rows(summary)))
+    for table in [*report.tables(summary), parts_table(summary)]:
+        console.print(table)
+    for trial in (trial for trial in trials if not trial.finished):
+        where = f"session {trial.about['session']}, trial {trial.about['index']}"
+        console.print(f"{where} was stopped ({trial.ended}): {trial.reason}")
     if summary["failures"]:
         console.print("failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items()))
     compute = ", ".join(f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items())
-    console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
-    if summary["collisions_per_trial"] is not None:
-        console.print(f"collisions a trial: {summary['collisions_per_trial']:.2f}")
+    if compute and summary["realtime_factor"]:
+        console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
+    use = summary["command_limit_use"]
+    console.print(
+        f"collisions a trial: {summary['collisions_per_trial']:.2f}; largest share of the limits that was sent: "
+        f"velocity {use['velocity']:.2f}, acceleration {use['acceleration']:.2f}"
+    )
     if summary["missed_budgets"] > MISSED_WARNING:
         console.print(
             f"warning: {100 * summary['missed_budgets']:.1f} % of computations took longer than the trial's clock "
             "counted for them; on this machine a real arm would have waited"
         )
-    cables = "; ".join(f"{arm}: {source}" for arm, source in summary["cables"].items())
-    console.print(f"simulated cables: {cables}")
-    for sentence in [*summary.get("stopped", ()), *summary.get("modelled", ())]:
+    for what, how in summary["flaws"].items():
+        console.print(f"{what}: {how}")
+    for sentence in [*report.notes(trials), *strange]:
         console.print(sentence)
-    if trials[0].about["flawless_camera"]:
-        console.print("the camera's flaws were switched off")
     if interrupted:
         console.print(f"stopped; finished trials kept: {len(trials)}; the same command goes on")
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
+    for replay in (file for file in files if file.name == "replay.html"):
+        console.print(f"watch it: open {replay} in any browser", soft_wrap=True)

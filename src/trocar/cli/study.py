@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from trocar.cli import study_suture
+from trocar.cli.open_group import OpenGroup
 from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from trocar.calibration.study import SessionChange
 
 app = typer.Typer(
+    cls=OpenGroup,
     help="Reproduce a paper's table beside the paper's own figures.",
     no_args_is_help=True,
     rich_markup_mode=None,

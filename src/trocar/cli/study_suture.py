@@ -1,4 +1,4 @@
-"""``trocar study suture``: the paper's Table I and Figs. 3 to 7, and what random setups say about them."""
+"""``trocar study suture``: the paper's Table I and Figs. 3 to 7, and how they look for random setups."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ FILES = ("summary.json", "figures.png", "table_1.png", *(f"figure_{number}.png" 
 if TYPE_CHECKING:
     from trocar.sutures.random_setups import SetupStatistics
 
-MOSTLY = 0.95
-"""The share of random setups in which the direction is to change exactly twice."""
+TWO_SWITCHES_SHARE = 0.95
+"""Share of random setups in which the better direction should change exactly twice."""
 
 
 def suture(
     *,
     preset: options.PresetName = "paper-demo",
-    setups: Annotated[int, typer.Option(help="How many random setups; 0 leaves them out.")] = 300,
+    setups: Annotated[int, typer.Option(help="Number of random setups; 0 leaves them out.")] = 300,
     demonstrations: options.DemonstrationsPath = None,
-    positions: Annotated[int, typer.Option(help="Positions of the grid for the preset, a multiple of four.")] = 360,
-    seed: Annotated[int, typer.Option(help="Of the random setups.")] = 0,
+    positions: Annotated[int, typer.Option(help="Number of grid positions for the preset, a multiple of four.")] = 360,
+    seed: Annotated[int, typer.Option(help="Seed of the random setups.")] = 0,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save summary.json and Figs. 3 to 7 here.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
@@ -92,7 +92,7 @@ def _random(setups: int, seed: int) -> SetupStatistics:
 
 
 def _print(summary: dict[str, Any]) -> None:
-    """Print the tables, with what they say and do not say."""
+    """Print the tables, and what follows from them and what does not."""
     from trocar.report.sutures.tables import (  # noqa: PLC0415
         choices_table,
         fits_table,
@@ -123,9 +123,9 @@ def _print(summary: dict[str, Any]) -> None:
         console.print(choices_table(random))
         console.print(
             f"{random['setups']} feasible setups of {random['drawn']} drawn in {random['compute_s']:.1f} s; feasible: "
-            f"{random['feasible_means']}. wrong: beyond a limit, of {random['one_way_positions']} positions where "
-            "exactly one direction is within. nearest: the largest difference of Table I from the paper's, in the "
-            "setup that comes nearest to it."
+            f"{random['feasible_means']}. wrong: the infeasible direction was chosen, of {random['one_way_positions']} "
+            "positions with exactly one feasible direction. nearest: largest difference of Table I from the paper's in "
+            "the setup that comes nearest to it."
         )
         console.print(_switched(random, summary["margin"]))
         console.print(spread_table(random))
@@ -136,29 +136,33 @@ def _print(summary: dict[str, Any]) -> None:
 
 
 def _swept(summary: dict[str, Any]) -> str:
-    """Return how the best plan moves with lambda, and whether the paper's does so, too."""
+    """Return in words how the best plan moves with lambda, and whether that reproduces the paper."""
     sweep = summary["lambda_sweep"]
     angles, (start, end) = sweep["best_theta_deg"], sweep["paper_best_theta_deg"]
     return (
         f"with lambda the best plan turns by {sweep['travel_deg']:+.4g} deg, from {angles[0]:.4g} to {angles[-1]:.4g} "
-        f"(plans 90 deg apart are the same), the paper's by {end - start:+.4g}, from {start:.4g} to {end:.4g}, lambda "
-        f"not named: {'reproduced' if sweep['reproduces_paper'] else 'not reproduced'}; at lambda "
-        f"{summary['weight']:g} the best plan starts at {summary['best_theta_deg']:.4g} deg (paper "
+        f"(plans 90 deg apart are the same), the paper's by {end - start:+.4g}, from {start:.4g} to {end:.4g}, at "
+        f"values of lambda that it does not give: {'reproduced' if sweep['reproduces_paper'] else 'not reproduced'}; "
+        f"at lambda {summary['weight']:g} the best plan starts at {summary['best_theta_deg']:.4g} deg (paper "
         f"{min(start, end):.4g} to {max(start, end):.4g})"
     )
 
 
 def _switched(random: dict[str, Any], margin: str) -> str:
-    """Return which formulas change the direction twice nearly always, the preset's, and how sure that is."""
+    """Return in words which formulas nearly always change direction twice, and how certain that is."""
     shown = []
     for enough, words in ((True, "at least"), (False, "less than")):
-        names = [name for name, of in random["measures"].items() if (of["two_switches"] >= MOSTLY) == enough]
+        names = [
+            name for name, of in random["measures"].items() if (of["two_switches"] >= TWO_SWITCHES_SHARE) == enough
+        ]
         if names:
-            shown.append(f"in {words} {100 * MOSTLY:.0f} % with {', '.join(names)}")
+            shown.append(f"in {words} {100 * TWO_SWITCHES_SHARE:.0f} % with {', '.join(names)}")
     of, count = random["measures"][margin], random["setups"]
     if kept := of["setups_where_no_choice_is_wrong"]:
         share, right = _percent(of["two_switches"]), _percent(of["two_switches_where_no_choice_is_wrong"])
-        shown.append(f"with the preset's, {margin}, in {share}, {right} of the {kept} setups where none is wrong")
+        shown.append(
+            f"with the preset's, {margin}, in {share}, and in {right} of the {kept} setups without a wrong choice"
+        )
     low, high = wilson_interval(round(random["measures"]["default"]["two_switches"] * count), count)
     return (
         f"two changes {'; '.join(shown)}. Other seeds draw other setups: the 95 % interval of the default is "
@@ -172,16 +176,16 @@ def _percent(share: float) -> str:
 
 
 def _identified(summary: dict[str, Any]) -> str:
-    """Return what Table I does not tell, with the figures that show it."""
+    """Return in words what Table I does not identify, with the figures that show it."""
     fits = summary["table_fits"]
-    most = max(fit["largest_difference_points"] for fit in fits)
+    largest = max(fit["largest_difference_points"] for fit in fits)
     said = (
-        f"Table I identifies neither the setup nor the formula: {len(fits)} setups with other bases, needles, grasps, "
-        f"one for each formula of the margin, come within {most:.1f} points of each entry"
+        f"Table I identifies neither the setup nor the formula: {len(fits)} setups with different bases, needles and "
+        f"grasps, one for each margin formula, come within {largest:.1f} points of each entry"
     )
     if "random_setups" not in summary:
         return said
     measures = summary["random_setups"]["measures"]
     within = {name: measure["paper_entries_within_p10_p90"] for name, measure in measures.items() if name != "default"}
     shown = ", ".join(f"{name} {count}" for name, count in within.items())
-    return f"{said}; between the 10th and the 90th percentile of random setups lie, of its five free entries: {shown}"
+    return f"{said}; of its five free entries, these many lie between percentiles 10 and 90 of random setups: {shown}"

@@ -1,4 +1,4 @@
-"""The options of the suture commands, in degrees and mm, and the setup, reward and spacing that they make."""
+"""Options of the suture commands, in degrees and mm, and the setup, reward and spacing that they describe."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 
 from trocar.arms import ARMS
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3, SO3, TURN
 from trocar.sutures import MARGINS, PRESETS, Circle, Preset, Reward, SutureSetup, base_beside
 from trocar.sutures.plan import Spacing
 from trocar.sutures.rewards import JOINTS, SCALINGS
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-REWARD, SPACING, GIVEN = "What is good", "Where sutures may stand", "Arm, circle, needle (default: the preset's)"
+REWARD, SPACING, GIVEN = "Reward", "Positions of the sutures", "Arm, circle, needle (default: the preset's)"
 
 
 def option(group: str, help: str, metavar: str | None = None, name: str | None = None) -> Any:
@@ -30,70 +30,72 @@ def option(group: str, help: str, metavar: str | None = None, name: str | None =
     return typer.Option(*([name] if name else []), help=help, metavar=metavar, rich_help_panel=group)
 
 
-PresetName = Annotated[str, typer.Option("--preset", help=f"Setup and reward to start from: {', '.join(PRESETS)}.")]
+PresetName = Annotated[str, typer.Option("--preset", help=f"Initial setup and reward: {', '.join(PRESETS)}.")]
 DemonstrationsPath = Annotated[
     str | None,
     option(
         REWARD,
-        "Recorded sutures for the manipulability (manifest, or its folder), or `synthetic`.",
+        "Recorded sutures for the manipulability (a manifest or its folder), or `synthetic`.",
         "PATH",
         "--demonstrations",
     ),
 ]
 Margin = Annotated[str | None, option(REWARD, f"Formula of the joint margin: {', '.join(MARGINS)}.")]
-Weight = Annotated[float | None, option(REWARD, "lambda, the share of the margin; the rest is manipulability.")]
-Scaling = Annotated[
-    str | None, option(REWARD, f"How margin and manipulability become comparable: {', '.join(SCALINGS)}.")
-]
-Joints = Annotated[str | None, option(REWARD, f"Joints that the margin looks at: {', '.join(JOINTS)}.")]
-At = Annotated[str | None, option(REWARD, "Where it looks: stations (start and end of movements) or path.")]
+Weight = Annotated[float | None, option(REWARD, "lambda, the weight of the margin; manipulability has the rest.")]
+Scaling = Annotated[str | None, option(REWARD, f"How margin and manipulability are scaled: {', '.join(SCALINGS)}.")]
+Joints = Annotated[str | None, option(REWARD, f"Joints that the margin considers: {', '.join(JOINTS)}.")]
+At = Annotated[str | None, option(REWARD, "Where it is evaluated: stations (start and end of movements) or path.")]
 FeasibleFirst = Annotated[
     bool | None,
     typer.Option(
         "--feasible-first/--reward-first",
-        help="Take a direction beyond the limits only where there is no other, or by its reward alone.",
+        help="Choose an infeasible direction only where both are, or choose by reward alone.",
         rich_help_panel=REWARD,
     ),
 ]
-ArmName = Annotated[str | None, option(GIVEN, f"Who sutures: {', '.join(ARMS)}.", name="--arm")]
+ArmName = Annotated[str | None, option(GIVEN, f"Arm that sutures: {', '.join(ARMS)}.", name="--arm")]
 CircleRadius = Annotated[float | None, option(GIVEN, "Radius of the circle of sutures.", "MM")]
 Center = Annotated[
     tuple[float, float, float] | None, option(GIVEN, "Centre of the circle in the world.", "X Y Z", "--center-mm")
 ]
 Normal = Annotated[
     tuple[float, float, float] | None,
-    option(GIVEN, "Direction out of the tissue; theta then starts near the world's x.", "X Y Z"),
+    option(GIVEN, "Normal of the tissue, outwards; theta then starts near the world's x.", "X Y Z"),
 ]
-BaseAzimuth = Annotated[float | None, option(GIVEN, "Where the base stands, counterclockwise from x.", "DEG")]
-BaseSideways = Annotated[float | None, option(GIVEN, "Its horizontal distance from the world's origin.", "MM")]
-BaseUp = Annotated[float | None, option(GIVEN, "Its height.", "MM")]
+BaseAzimuth = Annotated[float | None, option(GIVEN, "Direction of the arm's base, counterclockwise from x.", "DEG")]
+BaseSideways = Annotated[float | None, option(GIVEN, "Horizontal distance of the base from the world's origin.", "MM")]
+BaseUp = Annotated[float | None, option(GIVEN, "Height of the base.", "MM")]
 BaseTilt = Annotated[float | None, option(GIVEN, "Lean of the resting instrument towards the origin.", "DEG")]
-BaseSpin = Annotated[float | None, option(GIVEN, "Turn of the base about its z.", "DEG")]
+BaseSpin = Annotated[float | None, option(GIVEN, "Rotation of the base about its z.", "DEG")]
 NeedleRadius = Annotated[float | None, option(GIVEN, "Radius of the needle's curvature.", "MM")]
 NeedleArc = Annotated[float | None, option(GIVEN, "Arc of the needle from tip to tail.", "DEG")]
 BehindTip = Annotated[
     float | None, option(GIVEN, "Arc from the needle's tip back to the jaws.", "DEG", "--grasp-behind-tip-deg")
 ]
-Approach = Annotated[float | None, option(GIVEN, "Turn of the jaws about the wire.", "DEG", "--grasp-approach-deg")]
-Lean = Annotated[float | None, option(GIVEN, "Turn about the way in which they close.", "DEG", "--grasp-lean-deg")]
-Skew = Annotated[float | None, option(GIVEN, "Turn about the jaws' length.", "DEG", "--grasp-skew-deg")]
-EntryAngle = Annotated[float | None, option(GIVEN, "Angle of the needle's entry to the surface.", "DEG")]
+Approach = Annotated[float | None, option(GIVEN, "Rotation of the jaws about the wire.", "DEG", "--grasp-approach-deg")]
+Lean = Annotated[
+    float | None, option(GIVEN, "Rotation of the jaws about their closing direction.", "DEG", "--grasp-lean-deg")
+]
+Skew = Annotated[float | None, option(GIVEN, "Rotation of the jaws about their long axis.", "DEG", "--grasp-skew-deg")]
+EntryAngle = Annotated[float | None, option(GIVEN, "Angle between the entering needle and the surface.", "DEG")]
 Straight = Annotated[float | None, option(GIVEN, "Length of the straight penetration.", "MM", "--straight-mm")]
-Rotation = Annotated[float | None, option(GIVEN, "Turn about the needle's centre after it.", "DEG", "--rotation-deg")]
-Regrasp = Annotated[float | None, option(GIVEN, "How far the jaws go back along the needle.", "DEG", "--regrasp-deg")]
-Pushes = Annotated[int | None, option(GIVEN, "How often they do so and push it on.")]
-ThetaIs = Annotated[str | None, option(GIVEN, "Which point of a suture stands at theta: entry or middle.")]
+Rotation = Annotated[
+    float | None, option(GIVEN, "Rotation about the needle's centre that follows.", "DEG", "--rotation-deg")
+]
+Regrasp = Annotated[float | None, option(GIVEN, "How far the jaws move back along the needle.", "DEG", "--regrasp-deg")]
+Pushes = Annotated[int | None, option(GIVEN, "How often they do so and push the needle on.")]
+ThetaIs = Annotated[str | None, option(GIVEN, "Which point of a suture lies at theta: entry or middle.")]
 
 
 def chosen(table: Mapping[str, T], name: str, what: str) -> T:
-    """Return the entry of this name, or raise with the names there are."""
+    """Return the entry of this name, or raise TrocarError with the available names."""
     if name not in table:
         raise TrocarError(f"no {what} is called '{name}'; choose one of: {', '.join(table)}")
     return table[name]
 
 
 def recorded(demonstrations: str | None) -> Demonstrations | None:
-    """Return the demonstrations that were given."""
+    """Return the demonstrations at this path, or the synthetic ones; None if no path is given."""
     if demonstrations is None:
         return None
     from trocar.sutures.demonstrations import load_demonstrations, synthetic_demonstrations  # noqa: PLC0415
@@ -102,7 +104,7 @@ def recorded(demonstrations: str | None) -> Demonstrations | None:
 
 
 def changed_reward(preset: Preset, **fields: Any) -> Reward:
-    """Return the preset's reward with what was given on the command line; None is not given."""
+    """Return the preset's reward with the fields given on the command line; None means not given."""
     return replace(preset.reward, **given(fields))
 
 
@@ -118,13 +120,13 @@ def changed_setup(
     grasp: Mapping[str, Any],
     insertion: Mapping[str, Any],
 ) -> SutureSetup:
-    """Return the preset's setup with what was given on the command line; None is not given.
+    """Return the preset's setup with the values given on the command line; None means not given.
 
     Args:
-        preset: where to start.
+        preset: gives all other values.
         arm: name of another arm.
-        center_mm: of the circle.
-        normal: of the tissue.
+        center_mm: centre of the circle.
+        normal: normal of the tissue.
         circle: fields of ``Circle``.
         base: arguments of ``base_beside``.
         needle: fields of ``Needle``.
@@ -146,7 +148,7 @@ def changed_setup(
 
 
 def base_numbers(T_world_base: SE3) -> dict[str, float]:
-    """Return the arguments of ``base_beside`` that make this base."""
+    """Return the arguments of ``base_beside`` that give this base."""
     place = T_world_base.translation_m
     azimuth = math.atan2(place[1], place[0])
     rest = (SO3.axis("z", -azimuth) @ T_world_base.rotation).matrix
@@ -160,7 +162,7 @@ def base_numbers(T_world_base: SE3) -> dict[str, float]:
 
 
 def written(setup: SutureSetup, preset: SutureSetup) -> list[str]:
-    """Return the options that make this setup from a preset's, so far as circle, base, needle and grasp differ."""
+    """Return the options that turn a preset's setup into this one, for circle, base, needle and grasp."""
     was, now = _numbers(preset), _numbers(setup)
     texts = [f"{name} {value:.9g}" for name, value in now.items() if abs(value - was[name]) > 1e-9]
     was_at, at = (1e3 * one.circle.T_world_circle.translation_m for one in (preset, setup))
@@ -170,7 +172,7 @@ def written(setup: SutureSetup, preset: SutureSetup) -> list[str]:
 
 
 def _numbers(setup: SutureSetup) -> dict[str, float]:
-    """Return options with their values in mm and deg."""
+    """Return these options of a setup with their values in mm and deg."""
     base = base_numbers(setup.T_world_base)
     found = {
         "--circle-radius-mm": 1e3 * setup.circle.radius_m,
@@ -190,25 +192,25 @@ def _numbers(setup: SutureSetup) -> dict[str, float]:
 def spacing_of(
     count: int,
     positions: int,
-    least_deg: float | None,
-    most_deg: float | None,
-    forbid: Sequence[str],
+    min_gap_deg: float | None,
+    max_gap_deg: float | None,
+    forbid_deg: Sequence[str],
     fix_deg: Sequence[float],
     tension: float,
 ) -> Spacing | None:
-    """Return what is asked of the places; None for the paper's even spacing.
+    """Return the constraints on the positions; None for the paper's even spacing.
 
-    A bound that is not given is free (one step of the grid, a whole turn) if the other is, or if tension is weighed;
-    else every gap is even.
+    A bound that is not given is free (one step of the grid, a whole turn) if the other is given or tension has a
+    weight; otherwise all gaps are equal.
     """
-    if least_deg is None and most_deg is None and not (forbid or fix_deg or tension):
+    if min_gap_deg is None and max_gap_deg is None and not (forbid_deg or fix_deg or tension):
         return None
-    arcs = tuple(_arc(text) for text in forbid)
-    even = 2 * math.pi / max(count, 1)
-    free = least_deg is not None or most_deg is not None or tension > 0
-    least = math.radians(least_deg) if least_deg is not None else 2 * math.pi / positions if free else even
-    most = math.radians(most_deg) if most_deg is not None else 2 * math.pi if free else even
-    return Spacing(least, most, arcs, tuple(math.radians(angle) for angle in fix_deg), tension)
+    arcs = tuple(_arc(text) for text in forbid_deg)
+    even = TURN / max(count, 1)
+    free = min_gap_deg is not None or max_gap_deg is not None or tension > 0
+    min_gap = math.radians(min_gap_deg) if min_gap_deg is not None else TURN / positions if free else even
+    max_gap = math.radians(max_gap_deg) if max_gap_deg is not None else TURN if free else even
+    return Spacing(min_gap, max_gap, arcs, tuple(math.radians(angle) for angle in fix_deg), tension)
 
 
 def rad(value_deg: float | None) -> float | None:
@@ -222,19 +224,19 @@ def metre(value_mm: float | None) -> float | None:
 
 
 def given(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what was given on the command line; None is not given."""
+    """Return the values that were given on the command line; None means not given."""
     return {name: value for name, value in values.items() if value is not None}
 
 
 def _circle(
     circle: Circle, center_mm: Sequence[float] | None, normal: Sequence[float] | None, changes: Mapping[str, Any]
 ) -> Circle:
-    """Return the circle moved to a centre and turned to a normal."""
+    """Return the circle with this centre and normal."""
     T_world_circle = circle.T_world_circle
     attitude, center = T_world_circle.rotation, T_world_circle.translation_m
     if center_mm is not None:
         if not (np.isfinite(center_mm).all() and np.abs(center_mm).max() <= 500):
-            raise TrocarError(f"the circle's centre is {tuple(center_mm)} mm; give three numbers of -500 to 500 mm")
+            raise TrocarError(f"the circle's centre is {tuple(center_mm)} mm; give three numbers from -500 to 500 mm")
         center = np.asarray(center_mm) / 1e3
     if normal is not None:
         attitude = _turned_to(normal)

@@ -1,4 +1,4 @@
-"""Which planner of sutures a command asks for, and what it finds."""
+"""The planner that a suture command asks for, and its results."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Search:
-    """What is searched, and how.
+    """A planning problem and the planner for it.
 
     Attributes:
-        count: of sutures.
-        spacing: of their places; None for the paper's even spacing.
-        exhaustive: enumerate every evenly spaced plan.
-        continuous: any angles, with a proven bound.
+        count: number of sutures.
+        spacing: constraints on their positions; None for the paper's even spacing.
+        exhaustive: enumerate all evenly spaced plans.
+        continuous: plan at any angles, with a proven bound.
         robust: maximise the worst case over balanced errors of joints and circle.
-        scenarios: in how many random errors, others than those, the robust plan is judged.
-        seed: of these.
+        scenarios: number of random errors, other than those, in which the robust plan is assessed.
+        seed: seed of these random errors.
     """
 
     count: int
@@ -44,16 +44,18 @@ class Search:
         if len(asked) > 1:
             raise TrocarError(f"{' and '.join(asked)} are different searches; choose one of them")
         if self.exhaustive and self.spacing is not None:
-            raise TrocarError("--exhaustive enumerates evenly spaced plans; leave the bounds on gaps and places out")
+            raise TrocarError(
+                "--exhaustive enumerates evenly spaced plans; leave out the constraints on gaps and positions"
+            )
         if self.seed < 0:
             raise TrocarError(f"seed {self.seed} is negative; give 0 or more")
 
     def plan(self, map: DexterityMap, recorded: Demonstrations | None) -> tuple[SuturePlan, RobustPlan | None]:
-        """Return the best plan of this map, and what it stands where that was asked.
+        """Return the best plan of this map, and its robustness if ``robust``.
 
         Args:
-            map: what the sutures are worth.
-            recorded: the demonstrations that its manipulability comes from, if any.
+            map: dexterity of the sutures.
+            recorded: demonstrations that its manipulability comes from, if any.
         """
         if self.continuous:
             return self._continuous(map, recorded), None
@@ -73,8 +75,8 @@ class Search:
             return plan_gaps(map, self.count, self.spacing)
         return plan_exhaustive(map, self.count) if self.exhaustive else plan_even(map, self.count)
 
-    def judged(self, map: DexterityMap, robust: RobustPlan) -> dict[str, Any]:
-        """Return what becomes of the robust and of the usual plan in random errors, as plain values."""
+    def sensitivity(self, map: DexterityMap, robust: RobustPlan) -> dict[str, Any]:
+        """Return how the robust and the nominal plan perform under random errors, as plain values."""
         from trocar.sutures.robust import Scenarios, sensitivity  # noqa: PLC0415
 
         errors = Scenarios.draw(np.random.default_rng(self.seed), self.scenarios)
@@ -84,7 +86,7 @@ class Search:
         }
 
     def _continuous(self, map: DexterityMap, recorded: Demonstrations | None) -> SuturePlan:
-        """Return the plan at any angles; if none is feasible, the one on the grid, which shows what is out of reach."""
+        """Return the best plan at any angles; if none is feasible, the one on the grid to show what is out of reach."""
         from trocar.sutures.continuous import NoPlan, plan_continuous  # noqa: PLC0415
         from trocar.sutures.enclosure import interpolated_bounds  # noqa: PLC0415
 
@@ -95,7 +97,7 @@ class Search:
         except NoPlan as none:
             try:
                 shown = self.on_grid(map)
-            except TrocarError:  # it has none either, whatever is within the limits
+            except TrocarError:  # no plan on the grid meets the spacing, feasible or not
                 raise none from None
             feasible = "no feasible plan exists" if none.proven else "no feasible plan was found, though one may exist"
             return replace(shown, certified=f"at any angles {feasible}; on the grid, shown here: {shown.certified}")

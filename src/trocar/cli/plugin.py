@@ -1,0 +1,41 @@
+"""``--plugin FILE``: a Python file that registers tasks, methods, planners, cable models, perceptions of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from trocar.registry import load_plugin
+
+FLAG = "--plugin"
+
+
+def _load(paths: list[Path] | None) -> list[Path]:
+    """Load the files before anything else is looked at."""
+    for path in paths or []:
+        load_plugin(path)
+    return paths or []
+
+
+Plugins = Annotated[
+    list[Path] | None,
+    typer.Option(
+        FLAG,
+        metavar="FILE",
+        help="Python file that registers something of your own; may be given several times.",
+        is_eager=True,
+        callback=_load,
+    ),
+]
+
+
+def load_given(args: Sequence[str]) -> None:
+    """Load all plugins that are named on a line: before the words that they define are looked for."""
+    for place, word in enumerate(args):
+        if word == FLAG and place + 1 < len(args):
+            load_plugin(args[place + 1])
+        elif word.startswith(f"{FLAG}="):
+            load_plugin(word.removeprefix(f"{FLAG}="))

@@ -1,0 +1,121 @@
+"""``trocar run TASK``: one command a task, with that task's own options."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, fields
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command
+
+from trocar.cli.grouped import GroupedCommand
+from trocar.cli.plugin import load_given
+from trocar.errors import TrocarError
+from trocar.registry import PLUGIN_MODULE
+from trocar.tasks import TASKS, Task
+from trocar.tasks.kit import check_task, methods_of, perceptions_of
+
+OWN = "Of this task"
+"""Heading of a task's own options."""
+
+
+class TaskGroup(TyperGroup):
+    """The tasks as commands. A plugin that is named anywhere on the line is loaded before its task is looked for.
+
+    Attributes:
+        body: what a task's command calls, with the options of every run and those of the task.
+    """
+
+    body: Callable[..., None]
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Load the plugins of the line, then go on as usual."""
+        load_given(args)
+        return super().parse_args(ctx, args)
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the tasks."""
+        del ctx
+        return list(TASKS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command of a task."""
+        del ctx
+        return task_command(TASKS.pick(cmd_name), type(self).body)
+
+
+def task_command(task: type[Task], body: Callable[..., None]) -> Any:
+    """Return the command of one task: the options of ``body``, and the fields of the task.
+
+    Args:
+        task: whose.
+        body: called with ``task``, its options as ``options``, and its own parameters by name.
+    """
+    check_task(task)
+    own = {field.name: field for field in fields(task)}  # type: ignore[arg-type]
+    usual = [p for p in inspect.signature(body, eval_str=True).parameters.values() if p.name not in ("task", "options")]
+    taken = [name for name in own if name in {p.name for p in usual}]
+    if taken:
+        raise TrocarError(f"option {taken[0]!r} of task {task.name!r} is one of every run; call it otherwise")
+    hints = {
+        k: v
+        for kind in reversed(task.__mro__)
+        if kind not in (Task, object)
+        for k, v in inspect.get_annotations(kind, eval_str=True).items()
+    }
+    added = [_parameter(name, field, hints[name]) for name, field in own.items()]
+
+    def command(**given: Any) -> None:
+        options = {name: given.pop(name) for name in own}
+        body(task=task, options=options, **given)
+
+    parameters = [_described(p, task) for p in usual] + added
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {p.name: p.annotation for p in parameters}
+    methods = "; ".join(f"{name}: {_about(method)}" for name, method in methods_of(task).items())
+    command.__doc__ = (
+        f"{task.about[:1].upper()}{task.about[1:]}.\n\n"
+        f"Runs trials in the simulated cell, scores them, and keeps files and pictures. An interrupted run keeps its "
+        f"finished trials; the same command goes on where it stopped.\n\nMethods: {methods}."
+    )
+    app = typer.Typer(rich_markup_mode=None, add_completion=False)
+    plugin = "--plugin FILE " if task.__module__.startswith(PLUGIN_MODULE) else ""
+    example = f"Example: trocar run {task.name} {plugin}--trials 2 --seed 1 --out out/two"
+    app.command(task.name, cls=GroupedCommand, epilog=example)(command)
+    made = get_command(app)
+    made.name = task.name
+    return made
+
+
+def _about(method: Any) -> str:
+    return getattr(method, "about", "from elsewhere")
+
+
+def _described(parameter: inspect.Parameter, task: type[Task]) -> inspect.Parameter:
+    """Return a parameter of every run with this task's choices in its help."""
+    choices: dict[str, Sequence[str]] = {"method": tuple(methods_of(task)), "perception": perceptions_of(task)}
+    if parameter.name not in choices:
+        return parameter
+    kind, option = parameter.annotation.__origin__, parameter.annotation.__metadata__[0]
+    known = ", ".join(choices[parameter.name]) or "none here"
+    told = typer.Option(*option.param_decls or (), help=f"{option.help} ({known}).", show_default=option.show_default)
+    return parameter.replace(annotation=Annotated[kind, told])
+
+
+def _parameter(name: str, field: Any, hint: Any) -> inspect.Parameter:
+    """Return the command line's parameter of a task's field."""
+    about = field.metadata
+    default = None if field.default is MISSING else field.default
+    flag = f"--{(about.get('flag') or name).replace('_', '-')}"
+    choices = about.get("choices", ())
+    told = typer.Option(
+        flag,
+        help=about.get("help", "") + (f" One of {', '.join(choices)}." if choices else ""),
+        metavar=about.get("metavar") or None,
+        rich_help_panel=OWN,
+        show_default=default is not None,
+    )
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[hint, told])

@@ -1,0 +1,182 @@
+"""``--plugin FILE``: what a file of one's own adds, and what is said of one that adds nothing."""
+
+import json
+
+import numpy as np
+import pytest
+
+from trocar.motion import PLANNERS
+from trocar.tasks import TASKS
+from trocar.tasks.kit import METHODS
+from waypoints import FOUR
+
+COMMANDS = {
+    "run": "run {flag} peg-transfer",
+    "run, after the task": "run peg-transfer {flag}",
+    "plan": "plan transfer four.npy {flag}",
+    "calibrate fit": "calibrate fit recording.npz --out m.npz {flag}",
+    "calibrate evaluate": "calibrate evaluate m.npz recording.npz {flag}",
+    "report": "report . {flag}",
+    "station": "station show peg-transfer {flag}",
+}
+EVERY_COMMAND = pytest.mark.parametrize("line", COMMANDS.values(), ids=COMMANDS)
+
+
+@pytest.fixture
+def said(trocar, tmp_path, monkeypatch):
+    """Run a line in a folder with a plugin of this text; return its one sentence of refusal."""
+    monkeypatch.chdir(tmp_path)
+    np.save("four.npy", FOUR)
+
+    def run(line, text=None, name="mine.py"):
+        if text is not None:
+            (tmp_path / name).write_text(text)
+        before = sorted(tmp_path.rglob("*"))
+        code, out, err = trocar(*line.replace("{flag}", f"--plugin {name}").split())
+        assert (code, out) == (2, ""), err
+        assert err.startswith("trocar: ") and err.count("\n") == 1
+        assert sorted(tmp_path.rglob("*")) == before, "something was written"
+        return err
+
+    return run
+
+
+@EVERY_COMMAND
+def test_a_file_that_is_not_there_is_named(said, line):
+    assert "plugin 'mine.py' is no Python file; give one that registers what it adds" in said(line)
+
+
+@EVERY_COMMAND
+def test_a_file_that_raises_is_named_with_its_error(said, line):
+    assert "plugin 'mine.py' cannot be loaded: ZeroDivisionError: division by zero" in said(line, "1 / 0\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("def\n", "cannot be loaded: SyntaxError"),
+        ("import nothing_of_this_name\n", "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of"),
+        ("raise SystemExit(0)\n", "cannot be loaded: SystemExit"),
+        ("\0", "cannot be loaded"),
+    ],
+)
+def test_whatever_is_wrong_with_a_file_is_one_sentence(said, text, words):
+    assert words in said(COMMANDS["plan"], text)
+
+
+def test_a_file_of_another_kind_is_named(said):
+    assert "plugin 'mine.txt' is no Python file" in said(COMMANDS["run"], "VALUE = 1\n", "mine.txt")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "from trocar.tasks import TASKS\nTASKS.register('suture', TASKS['suture'])\n",
+            "task 'suture' is there already; register yours under another name",
+        ),
+        (
+            "from trocar.motion import PLANNERS\nPLANNERS.register('spline', None)\n",
+            "planner 'spline' is there already; register yours under another name",
+        ),
+    ],
+)
+def test_a_name_that_is_taken_is_told_with_the_file(said, text, words):
+    for command in ("run", "plan"):
+        assert f"plugin 'mine.py': {words}" in said(COMMANDS[command], text)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("run {flag} my-task", "task 'my-task' is unknown; choose one of peg-transfer, suture"),
+        ("run peg-transfer {flag} --method mine", "method 'mine' of peg-transfer is unknown; choose one of calibrated"),
+        ("run peg-transfer {flag} --planner mine", "planner 'mine' is unknown; choose one of spline"),
+        ("run peg-transfer {flag} --model mine", "cable model 'mine' is unknown; choose one of offset"),
+        ("plan transfer four.npy {flag} --planner mine", "planner 'mine' is unknown; choose one of spline"),
+    ],
+)
+def test_after_a_file_that_registers_nothing_its_name_is_unknown(said, line, words):
+    assert words in said(line, "VALUE = 1\n")
+
+
+def test_several_files_may_be_given_and_are_loaded_in_order(trocar, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.save("four.npy", FOUR)
+    first = "from trocar.motion import PLANNERS\nPLANNERS.register('test-first', PLANNERS['spline'])\n"
+    second = "from trocar.motion import PLANNERS\nPLANNERS.register('test-second', PLANNERS['test-first'])\n"
+    (tmp_path / "first.py").write_text(first)
+    (tmp_path / "second.py").write_text(second)
+    words = ("plan", "transfer", "four.npy", "--plugin", "first.py", "--plugin", "second.py", "--json")
+    try:
+        code, out, err = trocar(*words, "--planner", "test-second")
+    finally:
+        for name in ("test-first", "test-second"):
+            PLANNERS.forget(name)
+    assert code == 0, err
+    assert json.loads(out)
+
+
+@pytest.mark.parametrize("line", ["run --plugin mine.py my-task --help", "run my-task --plugin=mine.py --help"])
+def test_a_task_of_ones_own_has_a_command_with_its_options(trocar, tmp_path, monkeypatch, line):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from trocar.tasks import TASKS\n"
+        "from trocar.tasks.kit import Method, Task, option\n"
+        "@dataclass(frozen=True)\n"
+        "class Mine(Task):\n"
+        "    knots: int = option(3, 'How many knots.', metavar='N')\n"
+        "    budget_s: float = option(9.0, 'A trial that takes longer is stopped.', flag='budget')\n"
+        "    name, about, piece, station = 'my-task', 'knots', 'knot', 'peg-transfer'\n"
+        "    methods = {'by-hand': Method('by hand', None, None)}\n"
+        "TASKS.register('my-task', Mine)\n"
+    )
+    try:
+        code, out, err = trocar(*line.split())
+    finally:
+        if "my-task" in TASKS:
+            TASKS.forget("my-task")
+    assert code == 0, err
+    assert "--knots" in out and "How many knots." in out
+    assert "--transfers" not in out
+
+
+def test_a_method_of_ones_own_is_in_the_help_of_its_task_alone(trocar, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        "from trocar.tasks.kit import METHODS, Method\n"
+        "METHODS.register('peg-transfer/by-magic', Method('a wand does it', object, object))\n"
+    )
+    try:
+        shown = {task: trocar("run", "--plugin", "mine.py", task, "--help")[1] for task in ("peg-transfer", "suture")}
+    finally:
+        METHODS.forget("peg-transfer/by-magic")
+    assert "(calibrated, uncalibrated, by-magic)" in " ".join(shown["peg-transfer"].split())
+    assert "by-magic" not in shown["suture"]
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("TASKS.register('my-task', 3)", "3 is no task; register a frozen dataclass derived from trocar.tasks.Task"),
+        ("class Mine(Task): pass\nTASKS.register('my-task', Mine)", "is no task; register a frozen dataclass"),
+        (
+            "@dataclass(frozen=True)\nclass Mine(Task):\n    name, about = 'my-task', 'knots'\n"
+            "TASKS.register('my-task', Mine)",
+            "task Mine has no station, methods, budget_s; give its class these attributes",
+        ),
+        ("TASKS.register(5, Task)", "a task is registered as 5; give it a name"),
+    ],
+)
+def test_what_a_task_lacks_is_said_before_anything_runs(trocar, tmp_path, monkeypatch, body, said):
+    monkeypatch.chdir(tmp_path)
+    head = "from dataclasses import dataclass\nfrom trocar.tasks import TASKS, Task\n"
+    (tmp_path / "mine.py").write_text(head + body + "\n")
+    try:
+        code, _, err = trocar("run", "--plugin", "mine.py", "my-task")
+    finally:
+        if "my-task" in TASKS:
+            TASKS.forget("my-task")
+    assert code == 2 and said in " ".join(err.split()) and "Traceback" not in err
+    assert not (tmp_path / "out").exists()

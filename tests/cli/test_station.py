@@ -1,0 +1,128 @@
+"""``trocar station``: what laboratories there are, what one is, whether it makes sense."""
+
+import json
+
+import numpy as np
+import pytest
+
+from trocar.station import built_in_stations, load_station, station_text
+
+PEGS = station_text("peg-transfer")
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """Write a station file of one's own: the peg transfer's with something replaced."""
+
+    def write(*changes):
+        text = PEGS
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new, 1)
+        (tmp_path / "mine.toml").write_text(text)
+        return tmp_path / "mine.toml"
+
+    return write
+
+
+def test_all_that_are_built_in_are_listed(trocar):
+    code, out, _ = trocar("station", "list")
+    assert code == 0
+    assert [line.split(":")[0] for line in out.splitlines()] == list(built_in_stations())
+    code, out, _ = trocar("station", "list", "--json")
+    assert code == 0
+    assert json.loads(out) == {name: load_station(name).about for name in built_in_stations()}
+
+
+@pytest.mark.parametrize("name", built_in_stations())
+def test_a_station_is_shown(trocar, name):
+    station = load_station(name)
+    code, out, _ = trocar("station", "show", name, "--json")
+    assert code == 0 and out.count("\n") == 1
+    shown = json.loads(out)
+    assert shown["name"] == name
+    assert list(shown["arms"]) == list(station.arms) and list(shown["cameras"]) == list(station.cameras)
+    for arm, values in shown["arms"].items():
+        assert values["model"] == station.arms[arm].model.name
+        assert np.allclose(values["T_world_base"], station.arms[arm].T_world_base.matrix)
+    code, out, _ = trocar("station", "show", name)
+    assert code == 0
+    for word in (*station.arms, *(f"camera {camera}" for camera in station.cameras)):
+        assert word in out
+
+
+def test_the_file_of_a_station_is_the_start_of_ones_own(trocar, tmp_path):
+    code, out, _ = trocar("station", "show", "raven-pair", "--toml")
+    assert code == 0
+    (tmp_path / "mine.toml").write_text(out)
+    assert out == station_text("raven-pair")
+    code, shown, _ = trocar("station", "show", tmp_path / "mine.toml", "--json")
+    assert code == 0 and json.loads(shown) == json.loads(trocar("station", "show", "raven-pair", "--json")[1])
+
+
+@pytest.mark.parametrize("name", built_in_stations())
+def test_what_is_built_in_is_well(trocar, name):
+    assert trocar("station", "check", name)[:2] == (0, f"{name}: all is well\n")
+    code, out, _ = trocar("station", "check", name, "--json")
+    assert code == 0 and json.loads(out) == {"station": name, "ok": True, "findings": []}
+
+
+def test_findings_are_sentences_and_code_1(trocar, mine):
+    path = mine(("xyz_mm = [133.2, 0.0, 166.0]", "xyz_mm = [1133.2, 0.0, 166.0]"), ('"peg-transfer"', '"mine"'))
+    code, out, err = trocar("station", "check", path)
+    assert (code, err) == (1, "")
+    *findings, last = out.splitlines()
+    assert findings and last == f"mine: {len(findings)} findings"
+    assert any("psm1" in finding for finding in findings)
+    code, out, _ = trocar("station", "check", path, "--json")
+    assert code == 1
+    assert json.loads(out) == {"station": "mine", "ok": False, "findings": findings}
+
+
+@pytest.mark.parametrize("command", ["show", "check"])
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('name = "peg-transfer"', "name = ", "mine.toml"),
+        ('name = "peg-transfer"', 'nome = "peg-transfer"', "has no key 'name'"),
+        ('model = "psm-classic"', 'model = "psm-future"', "arms.psm1.model is 'psm-future'; choose one of"),
+        ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_mm = [nan, 0.0, 166.0]", "is nan"),
+        ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_inch = [5, 0, 7]", "unknown key 'xyz_inch'"),
+    ],
+)
+def test_a_bad_file_is_one_sentence(trocar, mine, command, old, new, words):
+    path = mine((old, new))
+    for flags in ((), ("--json",)):
+        code, out, err = trocar("station", command, path, *flags)
+        assert (code, out) == (2, "")
+        assert err.startswith("trocar: ") and err.count("\n") == 1
+        assert words in err and str(path) in err
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("kitchen", "station 'kitchen' is unknown; choose one of peg-transfer"),
+        ("kitchen.toml", "station file 'kitchen.toml' does not exist"),
+        (".", "is unknown; choose one of"),
+    ],
+)
+def test_a_station_that_is_not_there_is_one_sentence(trocar, tmp_path, monkeypatch, name, words):
+    monkeypatch.chdir(tmp_path)
+    for command in ("show", "check"):
+        code, out, err = trocar("station", command, name)
+        assert (code, out) == (2, "") and err.count("\n") == 1 and words in err
+
+
+def test_a_transmission_of_ones_own_comes_with_a_plugin(trocar, mine, tmp_path):
+    path = mine(('transmission = "psm1_grey"', 'transmission = "ropes-of-mine"'))
+    plugin = tmp_path / "ropes.py"
+    plugin.write_text(
+        "from trocar.station import TRANSMISSIONS\n"
+        "TRANSMISSIONS.register('ropes-of-mine', TRANSMISSIONS['psm1_grey'])\n"
+    )
+    code, _, err = trocar("station", "check", path)
+    assert code == 2 and "transmission is 'ropes-of-mine'" in err
+    assert trocar("station", "check", path, "--plugin", plugin)[0] == 0
+    code, out, _ = trocar("station", "show", path, "--plugin", plugin, "--json")
+    assert code == 0 and json.loads(out)["arms"]["psm1"]["transmission"] == "ropes-of-mine"

@@ -1,0 +1,98 @@
+"""``trocar view`` serves the trial that was asked for, opens a browser unless told not to, and speaks on stderr."""
+
+import urllib.request
+
+import pytest
+
+from synthetic import config, synthetic_trial
+from trocar.trials import Trial, trial_file
+
+pytest.importorskip("viser")
+from trocar.cli import view as cli
+from trocar.view.trial_view import TrialView
+
+TITLE = "peg-transfer unilateral calibrated"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The folder of a run with three trials of two sessions."""
+    folder = tmp_path_factory.mktemp("run")
+    for session, index in ((0, 0), (0, 3), (1, 2)):
+        path = trial_file(folder, session, index)
+        path.parent.mkdir(exist_ok=True)
+        synthetic_trial(config(), index, session=session).save(path)
+    return folder
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """What a run of the command opens and serves; it ends where it would wait."""
+    seen = {"opened": [], "pages": []}
+
+    def wait(shown):
+        with urllib.request.urlopen(f"http://127.0.0.1:{shown.port}") as answer:
+            seen["pages"].append((shown.port, answer.read(15)))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli.webbrowser, "open", seen["opened"].append)
+    monkeypatch.setattr(TrialView, "play", wait)
+    return seen
+
+
+@pytest.fixture
+def loaded(monkeypatch):
+    """The files that the command loads."""
+    files, load = [], Trial.load
+    monkeypatch.setattr("trocar.trials.Trial.load", staticmethod(lambda file: files.append(file) or load(file)))
+    return files
+
+
+def test_a_trial_is_served_and_a_browser_opened(trocar, run, served, loaded):
+    code, out, err = trocar("view", run, "--session", "1", "--trial", "2", "--port", "0")
+    assert (code, out) == (0, "")
+    ((port, page),) = served["pages"]
+    assert page == b"<!doctype html>"
+    assert loaded == [trial_file(run, 1, 2)]
+    assert served["opened"] == [f"http://127.0.0.1:{port}"]
+    assert err == f"{TITLE}: http://127.0.0.1:{port} in a browser; Ctrl-C ends\n"
+
+
+def test_no_browser_is_opened_if_not_wanted(trocar, run, served, loaded):
+    assert trocar("view", run, "--port", "0", "--no-open")[0] == 0
+    assert loaded == [trial_file(run, 0, 0)]
+    assert served["opened"] == []
+
+
+def test_the_server_is_gone_afterwards(trocar, run, served):
+    trocar("view", run, "--port", "0")
+    port = served["pages"][0][0]
+    with pytest.raises(OSError):
+        urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=2)
+
+
+def test_a_trial_that_is_not_there_is_told(trocar, run, served):
+    code, _, err = trocar("view", run, "--trial", "1")
+    choices = "--session 0 --trial 0, --session 0 --trial 3, --session 1 --trial 2"
+    assert (code, err) == (2, f"trocar: there is no trial 1 of session 0 in {str(run)!r}; choose one of {choices}\n")
+
+
+def test_a_damaged_trial_is_told(trocar, tmp_path, served):
+    path = trial_file(tmp_path, 0, 0)
+    path.parent.mkdir()
+    path.write_bytes(b"PK")
+    code, _, err = trocar("view", tmp_path)
+    assert code == 2 and err.count("\n") == 1
+    assert f"{str(path)!r} is no readable trocar trial" in err
+
+
+def test_a_folder_without_trials_is_told(trocar, tmp_path, served):
+    code, _, err = trocar("view", tmp_path / "nowhere")
+    assert code == 2
+    assert "holds no trial; give the folder of a run" in err
+
+
+def test_without_viser_the_extra_is_named(trocar, run, monkeypatch):
+    monkeypatch.setattr("trocar.cli.extras.find_spec", lambda module: None)
+    code, _, err = trocar("view", run)
+    assert (code, err) == (2, "trocar: this command needs viser; install the extra with: pip install 'trocar[view]'\n")
