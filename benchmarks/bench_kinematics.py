@@ -1,4 +1,4 @@
-"""Closed-form inverse kinematics beside SciPy's numeric one, in one run, on the same poses.
+"""Closed-form inverse kinematics compared with SciPy's numeric solution, in one run, on the same poses.
 
 Run: python benchmarks/bench_kinematics.py
 """
@@ -18,14 +18,14 @@ from trocar.geometry import SE3
 NUMERIC_POSES = 20
 SCALAR_POSES = 200
 BATCH_POSES = 16_384
-REPEATS = 200  # short windows and their least time, so that other work on the machine does not count
+REPEATS = 200  # the minimum over short windows excludes other work on the machine
 CHECKED_POSES = 100_000
-START_RAD = 0.1  # the numeric solver starts this near to the answer (m for the insertion: a tenth)
+START_RAD = 0.1  # the numeric solver starts this close to the solution (insertion: a tenth of it, in m)
 TARGET_SCALAR_US, TARGET_BATCH_US, TARGET_RATIO = 5.0, 0.15, 100.0
 
 
 def numeric_ik(arm: ArmModel, T: SE3, start: np.ndarray) -> np.ndarray:
-    """SciPy's least squares on the pose error, with the joint limits as bounds."""
+    """Return the solution by SciPy's least squares on the pose error, with the joint limits as bounds."""
 
     def error(q: np.ndarray) -> np.ndarray:
         difference = fk(arm, q).matrix[:3] - T.matrix[:3]
@@ -37,7 +37,7 @@ def numeric_ik(arm: ArmModel, T: SE3, start: np.ndarray) -> np.ndarray:
 
 
 def best_us(work: Callable[[], object], count: int, repeats: int) -> tuple[float, float]:
-    """Least and median time per item, in microseconds."""
+    """Return minimum and median time per item, in microseconds."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -47,7 +47,7 @@ def best_us(work: Callable[[], object], count: int, repeats: int) -> tuple[float
 
 
 def measure(arm: ArmModel) -> bool:
-    """Print the figures of one arm and return whether they meet the targets."""
+    """Print the times for one arm and return whether they meet the targets."""
     rng = np.random.default_rng(0)
     q = rng.uniform(arm.lower, arm.upper, (CHECKED_POSES, 6))
     T = fk(arm, q)
@@ -76,7 +76,7 @@ def measure(arm: ArmModel) -> bool:
 
 def main() -> int:
     """Measure every arm."""
-    print("inverse kinematics, microseconds a pose: least (median) of the repeats")
+    print("inverse kinematics, microseconds per pose: minimum (median) of the repeats")
     met = all([measure(arm) for arm in ARMS.values()])
     print("all targets met" if met else "not all targets met")
     return 0

@@ -9,12 +9,11 @@ import sys
 import time
 
 import numpy as np
-from random_cells import random_scene, world_of
+from random_cells import overhead, random_scene, world_of
 
 from trocar.geometry import SE3
-from trocar.perception.blocks import find_block
-from trocar.perception.board import find_board
-from trocar.sim.camera import ZIVID, RayCamera, nominal_camera
+from trocar.tasks.peg_transfer.perception.blocks import find_block
+from trocar.tasks.peg_transfer.perception.board import find_board
 
 
 def main(scenes: int) -> None:
@@ -24,7 +23,7 @@ def main(scenes: int) -> None:
         rng = np.random.default_rng(seed)
         scene, pegs = random_scene(rng, int(rng.integers(1, 10)))
         model, data = world_of(scene)
-        camera = RayCamera(model, ZIVID.binned(2), nominal_camera())
+        camera = overhead(model)
         image = _timed(times["render"], camera.render, data, rng)
         fit = _timed(times["board"], find_board, image, camera.T_world_camera, scene.board)
         board_errors.append(

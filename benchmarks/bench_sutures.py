@@ -1,4 +1,4 @@
-"""Suture plans: the paper's problem and the general one, beside plain Python loops of the same work; certificates.
+"""Times of suture planners, for the paper's problem and the general one, compared with plain Python loops; bounds.
 
 Run: .venv/bin/python benchmarks/bench_sutures.py
 """
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from trocar.arms.inverse import closed_form
+from trocar.geometry import TURN
 from trocar.sutures import (
     PRESETS,
     DexterityMap,
@@ -32,17 +33,16 @@ POSITIONS, COUNT, REPEATS = 360, 4, 40
 TARGET_PAPER_MS, TARGET_MORE_MS = 10.0, 20.0
 PROBLEMS = ((4, 75, 105), (4, 60, 120), (6, 40, 80), (8, 30, 60), (12, 20, 40), (12, 15, 60))  # sutures, gaps in deg
 PLAIN_PROBLEMS = ((4, 60, 120), (12, 20, 40))
-TAU = 2 * math.pi
 
 
 class FloatMath:
-    """What the closed form needs, for floats."""
+    """The functions that the closed form needs, for floats."""
 
     copysign, sqrt, root, atan2, atan2_right = math.copysign, math.sqrt, math.sqrt, math.atan2, math.atan2
 
 
 def timed(work: Callable[[], Any], repeats: int) -> tuple[float, float, Any]:
-    """Return median and least time in ms, and the last result."""
+    """Return median and minimum time in ms, and the last result."""
     times, result = [], None
     for _ in range(repeats):
         start = time.perf_counter()
@@ -52,19 +52,19 @@ def timed(work: Callable[[], Any], repeats: int) -> tuple[float, float, Any]:
 
 
 def plain_joints(preset: Preset, theta: float, row: int, parts: Any, middle: list[float]) -> list[list[float]]:
-    """Return the joints at every place of one suture; the roll unwound, in the winding nearest to its middle."""
+    """Return the joints at all places of one suture, with the roll in the winding nearest to its middle."""
     constants, c, s = preset.setup.arm.solver_constants, math.cos(theta), math.sin(theta)
     suture, last = [], None
     for constant, cosine, sine in zip(parts[0][row], parts[1][row], parts[2][row], strict=True):
         pose = [[constant[i][j] + c * cosine[i][j] + s * sine[i][j] for j in range(4)] for i in range(4)]
         q = closed_form(pose, FloatMath, constants)[:6]
-        q[0] += TAU * round((middle[0] - q[0]) / TAU)
+        q[0] += TURN * round((middle[0] - q[0]) / TURN)
         if last is not None:
-            q[3] += TAU * round((last - q[3]) / TAU)
+            q[3] += TURN * round((last - q[3]) / TURN)
         last = q[3]
         suture.append(q)
     rolls = [q[3] for q in suture]
-    back = TAU * round(((max(rolls) + min(rolls)) / 2 - middle[3]) / TAU)
+    back = TURN * round(((max(rolls) + min(rolls)) / 2 - middle[3]) / TURN)
     for q in suture:
         q[3] -= back
     return suture
@@ -73,8 +73,8 @@ def plain_joints(preset: Preset, theta: float, row: int, parts: Any, middle: lis
 def plain_margin(name: str, limit: list[float], largest: list[float]) -> float:
     """Return the margin by one of two formulas."""
     if name == "smallest":
-        return min(1 - big / most for big, most in zip(largest, limit, strict=True))
-    return sum(math.degrees(max(most - big, 0.0)) ** 2 for big, most in zip(largest, limit, strict=True))
+        return min(1 - angle / bound for angle, bound in zip(largest, limit, strict=True))
+    return sum(math.degrees(max(bound - angle, 0.0)) ** 2 for angle, bound in zip(largest, limit, strict=True))
 
 
 def plain_manipulability(arm: Any, q: list[float]) -> float:
@@ -86,14 +86,14 @@ def plain_manipulability(arm: Any, q: list[float]) -> float:
 
 
 def plain_map(preset: Preset) -> tuple[list[list[float]], list[int], list[bool]]:
-    """Return dexterities of both directions, the better ones, and whether those are feasible, by loops over floats."""
+    """Return dexterities both ways, better directions, and whether these are feasible, by loops over floats."""
     arm, reward, along = preset.setup.arm, preset.reward, places(preset.setup)
     parts, middle = tip_harmonics(preset.setup, along).tolist(), arm.middle_floats
     looked_at = [k for k, station in enumerate(along.station) if station or reward.at == "path"]
     limit = [(high - low) / 2 for low, high in arm.ranges[3:]]
     margins, feasible, given = [[], []], [[], []], []
     for number in range(POSITIONS):
-        total, theta = 0.0, number * (TAU / POSITIONS)
+        total, theta = 0.0, number * (TURN / POSITIONS)
         for row in (0, 1):
             suture = plain_joints(preset, theta, row, parts, middle)
             largest = [max(abs(suture[k][i] - middle[i]) for k in looked_at) for i in (3, 4, 5)]
@@ -108,8 +108,8 @@ def plain_map(preset: Preset) -> tuple[list[list[float]], list[int], list[bool]]
             feasible[row].append(inside and deep)
         given.append(total / (2 * len(along.station)))
     choice = []
-    for one, other, can, can_other in zip(*margins, *feasible, strict=True):
-        first = (can, one) >= (can_other, other) if reward.feasible_first else one >= other
+    for one, other, one_ok, other_ok in zip(*margins, *feasible, strict=True):
+        first = (one_ok, one) >= (other_ok, other) if reward.feasible_first else one >= other
         choice.append(0 if first else 1)
     q_unit, m_unit = max(margins[row][k] for k, row in enumerate(choice)), max(given)
     values = [
@@ -120,7 +120,7 @@ def plain_map(preset: Preset) -> tuple[list[list[float]], list[int], list[bool]]
 
 
 def plain_even(values: list[list[float]], choice: list[int]) -> tuple[int, float]:
-    """Return start and reward of the best evenly spaced plan; of feasible sutures alone."""
+    """Return start and reward of the best evenly spaced plan."""
     starts = POSITIONS // COUNT
     best = (-1, -math.inf)
     for start in range(starts):
@@ -130,18 +130,18 @@ def plain_even(values: list[list[float]], choice: list[int]) -> tuple[int, float
     return best
 
 
-def plain_gaps(best: list[float], count: int, least: int, most: int) -> float:
-    """Return the reward of the best plan with bounded gaps: bisection, and sets of reachable positions."""
+def plain_gaps(best: list[float], count: int, min_gap: int, max_gap: int) -> float:
+    """Return the reward of the best plan with bounded gaps, by bisection and sets of reachable positions."""
 
-    def closes(value: float) -> bool:
-        allowed = [worth >= value for worth in best]
-        for start in range(most):
+    def closes(level: float) -> bool:
+        allowed = [value >= level for value in best]
+        for start in range(max_gap):
             reached = {start} if allowed[start] else set()
             for _ in range(count):
                 reached = {
                     place + gap
                     for place in reached
-                    for gap in range(least, most + 1)
+                    for gap in range(min_gap, max_gap + 1)
                     if place + gap <= start + POSITIONS and allowed[(place + gap) % POSITIONS]
                 }
             if start + POSITIONS in reached:
@@ -156,19 +156,19 @@ def plain_gaps(best: list[float], count: int, least: int, most: int) -> float:
     return levels[low]
 
 
-def spacing(least: float, most: float) -> Spacing:
-    return Spacing(math.radians(least), math.radians(most))
+def spacing(min_deg: float, max_deg: float) -> Spacing:
+    return Spacing(math.radians(min_deg), math.radians(max_deg))
 
 
 def paper_problem(preset: Preset) -> tuple[bool, DexterityMap]:
-    """Print the paper's problem, inverse kinematics included; return whether it meets its target, and the map."""
+    """Time the paper's problem, including inverse kinematics; return whether they meet the target, and map."""
 
     def solve() -> tuple[DexterityMap, Any]:
         found = dexterity(preset.setup, preset.reward, POSITIONS)
         return found, plan_even(found, COUNT)
 
     solve()
-    median, least, (found, plan) = timed(solve, REPEATS)
+    median, minimum, (found, plan) = timed(solve, REPEATS)
     search, _, _ = timed(lambda: plan_even(found, COUNT), REPEATS)
     every, _, exhaustive = timed(lambda: plan_exhaustive(found, COUNT), REPEATS)
     plain_ms, _, (values, choice, feasible) = timed(lambda: plain_map(preset), 1)
@@ -179,20 +179,22 @@ def paper_problem(preset: Preset) -> tuple[bool, DexterityMap]:
     assert (exhaustive.positions_rad == plan.positions_rad).all() and exhaustive.reward == plan.reward
     assert (exhaustive.directions == plan.directions).all()
     plain = plain_ms + plain_search
-    print(f"  the paper's problem, {POSITIONS} positions, IK included: median {median:.2f} ms, least {least:.2f} ms")
-    print(f"    of it the search {search:.2f} ms; all 90 x 2^4 plans enumerated {every:.2f} ms, the same plan")
+    print(
+        f"  the paper's problem, {POSITIONS} positions, including IK: median {median:.2f} ms, minimum {minimum:.2f} ms"
+    )
+    print(f"    the search alone {search:.2f} ms; enumeration of all 90 x 2^4 plans {every:.2f} ms, the same plan")
     print(f"    plain Python loop {plain:.0f} ms, {plain / median:.0f} times slower, same dexterities and plan")
     print(f"    start {start} deg, worst suture {plan.reward:.4f}, feasible {plan.feasible}")
     return median <= TARGET_PAPER_MS, found
 
 
 def general_problem(found: DexterityMap) -> bool:
-    """Print the general problem for several numbers of sutures; return whether all meet the target."""
+    """Print times for the general problem with several numbers of sutures; return whether all meet the target."""
     met = True
     for count, low, high in PROBLEMS:
-        median, least, plan = timed(lambda n=count, a=low, b=high: plan_gaps(found, n, spacing(a, b)), REPEATS // 4)
+        median, minimum, plan = timed(lambda n=count, a=low, b=high: plan_gaps(found, n, spacing(a, b)), REPEATS // 4)
         met &= median <= TARGET_MORE_MS
-        line = f"  {count:2d} sutures, gaps {low} to {high} deg: {median:5.2f} ms, least {least:5.2f} ms; "
+        line = f"  {count:2d} sutures, gaps {low} to {high} deg: {median:5.2f} ms, minimum {minimum:5.2f} ms; "
         line += f"worst suture {plan.reward:.4f}"
         if (count, low, high) in PLAIN_PROBLEMS and found.feasible.all():
             plain, _, reward = timed(lambda n=count, a=low, b=high: plain_gaps(found.best.tolist(), n, a, b), 1)
@@ -203,7 +205,7 @@ def general_problem(found: DexterityMap) -> bool:
 
 
 def certificates(found: DexterityMap) -> None:
-    """Print what the continuum can add to the grid."""
+    """Print how much plans at any angles can gain over plans on the grid."""
     for count, low, high in ((4, 90, 90), *PROBLEMS):
         grid = plan_gaps(found, count, spacing(low, high)).reward
         for tolerance in (1e-3, 1e-5):
@@ -229,7 +231,8 @@ def main() -> None:
         met &= paper and general
     words = "met" if met else "MISSED"
     print(
-        f"targets {words}: {TARGET_PAPER_MS:.0f} ms the paper's problem, {TARGET_MORE_MS:.0f} ms more the general one"
+        f"targets {words}: {TARGET_PAPER_MS:.0f} ms for the paper's problem, {TARGET_MORE_MS:.0f} ms more for the "
+        "general one"
     )
 
 

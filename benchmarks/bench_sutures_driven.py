@@ -1,6 +1,9 @@
-"""Sutures driven with and without cable compensation, in a fresh session a seed: success, joints, needle.
+"""Sutures driven with and without cable compensation, over sessions: success, joints, needle.
 
-Run: .venv/bin/python benchmarks/bench_sutures_driven.py [--seeds N] [--direction clockwise]
+Every session is a day of its own, registered and calibrated anew; the interval counts sessions, not sutures. Ten
+sessions of four sutures with each method, the default, take some eight minutes.
+
+Run: .venv/bin/python benchmarks/bench_sutures_driven.py [--sessions N] [--sutures N] [--direction clockwise] [--seed N]
 """
 
 import argparse
@@ -13,61 +16,86 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from trocar.arms import ARMS
 from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
 from trocar.calibration.plant import PLANTS
-from trocar.report import summarise
-from trocar.report.statistics import wilson_interval
-from trocar.tasks import CircleSutures
-from trocar.trials import METHODS, Plan, prepare, run_trial
+from trocar.report.summary import summarise
+from trocar.report.tables import figure
+from trocar.tasks.kit import stopped
+from trocar.tasks.suture.report import SutureReport
+from trocar.tasks.suture.task import DIRECTIONS_BY_NAME, CircleSutures
+from trocar.trials.config import RunConfig
+from trocar.trials.run import prepare, run_trial
+
+HEAD = (
+    "method",
+    "sutures",
+    "sessions",
+    "95 % interval",
+    "roll, pitch, yaw RMS deg",
+    "tip RMS / max mm",
+    "entry, exit max mm",
+)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--direction", default="best")
+    parser.add_argument("--sessions", type=int, default=10)
+    parser.add_argument("--sutures", type=int, default=4)
+    parser.add_argument("--direction", default="best", choices=list(DIRECTIONS_BY_NAME))
+    parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    coverage()
-    print("| method | sutures | 95 % interval | roll, pitch, yaw RMS deg | tip RMS / max mm | entry, exit max mm |")
-    print("|---|---|---|---|---|---|")
-    for method in METHODS:
-        trials = []
-        for seed in range(1, options.seeds + 1):
-            plan = Plan("suture", method=method, seed=seed, direction=options.direction)
-            with tempfile.TemporaryDirectory() as folder:
-                trials.append(run_trial(plan, *prepare(plan, Path(folder)), 0))
-        row(method, summarise(trials))
+    task = CircleSutures(direction=options.direction, sutures=options.sutures)
+    runs = [RunConfig(task, method=method, sessions=options.sessions, seed=options.seed) for method in task.methods]
+    coverage(runs[0])
+    print("| " + " | ".join(HEAD) + " |\n" + "|---" * len(HEAD) + "|")
+    for config in runs:
+        trials = driven(config)
+        row(summarise(trials, SutureReport()))
+        for trial in trials:
+            _, reason = stopped(trial.events)
+            if reason:
+                print(f"session {trial.about['session']}: {reason}", flush=True)
 
 
-def coverage():
+def driven(config):
+    """Return one trial of each session of a run."""
+    with tempfile.TemporaryDirectory() as folder:
+        return [run_trial(config, prepare(config, number, Path(folder)), 0) for number in range(config.sessions)]
+
+
+def coverage(config):
     """Print how far the cables' errors over the sutures' joints differ from those over the recorded motion."""
-    plant, arm = PLANTS["psm1_grey"], ARMS["psm-classic"]
-    for name, box in (("recorded", PSM1_BOX), ("sutures", CircleSutures().excitation)):
+    (name,) = config.arms
+    plant, arm = PLANTS["psm1_grey"], config.laboratory.arm(name).model
+    for what, box in (("recorded", PSM1_BOX), ("sutures", config.task.calibration(config.laboratory, name))):
         q = random_smooth_path(arm, np.random.default_rng(0), box=box)
         errors = np.degrees(np.sqrt(np.mean((plant.run(q) - q) ** 2, axis=0)))[3:].round(1)
         ends = np.degrees([box.lower[3:], box.upper[3:]]).round()
-        print(f"{name}: roll, pitch, yaw from {ends[0]} to {ends[1]} deg, cables' error {errors} deg RMS")
+        print(f"{what}: roll, pitch, yaw from {ends[0]} to {ends[1]} deg, cables' error {errors} deg RMS")
 
 
-def row(method, summary):
-    low, high = wilson_interval(summary["succeeded"], summary["attempted"])
-    joints = ", ".join(
-        f"{summary['joint_error_deg'][name]['rms']:.2f}" for name in ("roll", "wrist_pitch", "wrist_yaw")
-    )
+def row(summary):
+    low, high = summary["success_ci95"]
+    joints = ", ".join(figure(summary["joint_error_deg"][name]["rms"]) for name in ("roll", "wrist_pitch", "wrist_yaw"))
     tip = summary["tip_error_mm"]
-    ends = [summary[f"{end}_error_mm"]["max"] for end in ("entry", "exit")]
-    shown = ["-" if value is None else f"{value:.2f}" for value in ends]
+    cells = [
+        summary["method"],
+        f"{summary['succeeded']} of {summary['attempted']}",
+        f"{summary['sessions']}",
+        f"{100 * low:.0f} to {100 * high:.0f} %",
+        joints,
+        f"{figure(tip['rms'])} / {figure(tip['max'])}",
+        ", ".join(figure(summary[f"{end}_error_mm"]["max"]) for end in ("entry", "exit")),
+    ]
+    print("| " + " | ".join(cells) + " |", flush=True)
+    use = summary["command_limit_use"]
     print(
-        f"| {method} | {summary['succeeded']} of {summary['attempted']} | {100 * low:.0f} to {100 * high:.0f} % | "
-        f"{joints} | {tip['rms']:.2f} / {tip['max']:.2f} | {shown[0]}, {shown[1]} |",
+        f"failures, {summary['method']}: {summary['failures'] or 'none'}; slip at most "
+        f"{figure(summary['slip_mm']['max'])} mm; largest share of the limits that was sent: velocity "
+        f"{use['velocity']:.2f}, acceleration {use['acceleration']:.4f}; "
+        f"{summary['mean_time_s']:.1f} s a suture, {summary['realtime_factor']:.1f} x real time",
         flush=True,
     )
-    print(
-        f"failures, {method}: {summary['failures'] or 'none'}; slip at most {summary['slip_mm']['max']:.2f} mm",
-        flush=True,
-    )
-    for sentence in summary["stopped"]:
-        print(sentence)
 
 
 if __name__ == "__main__":

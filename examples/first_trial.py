@@ -1,21 +1,26 @@
-"""Run one trial of the peg transfer and print its score: python examples/first_trial.py [FOLDER]."""
+"""Run one trial of the peg transfer and print its score: python examples/first_trial.py [FOLDER] [TRANSFERS]."""
 
 import sys
 from pathlib import Path
 
-from trocar.report import write_report
-from trocar.trials import Plan, prepare, run_trial, trial_file
+from trocar.report.files import write_report
+from trocar.tasks import TASKS
+from trocar.trials import load_trials, open_folder, trial_file
+from trocar.trials.config import RunConfig
+from trocar.trials.run import prepare, run_trial
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/example")
-folder.mkdir(parents=True, exist_ok=True)
+transfers = int(sys.argv[2]) if len(sys.argv) > 2 else 12
 
-plan = Plan(task="peg-transfer", method="calibrated", model="play", trials=1, seed=1)
-session, models = prepare(plan, folder)  # record the random motion in this cell, fit the cables
-trial = run_trial(plan, session, models, index=0, pictures=True)
-trial.save(trial_file(folder, 0))
+task = TASKS["peg-transfer"](transfers=transfers)
+config = RunConfig(task, method="calibrated", model="play", sessions=1, trials=1, seed=1)
+for session, index in open_folder(config, folder):  # what is not in the folder yet
+    prepared = prepare(config, session, folder)  # draw a day, record a random motion on it, fit the cables
+    run_trial(config, prepared, index).save(trial_file(folder, session, index))
 
-for transfer in trial.transfers:
-    outcome = "done" if transfer["succeeded"] else transfer["failure"]
-    print(f"peg {transfer['source']:>2} to {transfer['target']:>2}: {outcome}")
-summary, files = write_report(folder, [trial])
-print(f"{summary['succeeded']} of {summary['attempted']} in {summary['mean_time_s']:.2f} s each; see {files[1]}")
+trials, _ = load_trials(folder)
+for score in trials[0].scores:
+    outcome = "done" if score["succeeded"] else score["failure"]
+    print(f"peg {score['source']:>2} to {score['target']:>2}: {outcome}")
+summary, files = write_report(folder, trials)
+print(f"{summary['succeeded']} of {summary['attempted']} in {summary['mean_time_s']:.2f} s each; see {files[-1]}")

@@ -9,7 +9,7 @@ from trocar.report.sutures.circle import draw_plan
 from trocar.sutures import PRESETS, Spacing, dexterity, plan_even, plan_gaps
 
 preset = PRESETS["default"]  # or a SutureSetup and a Reward of your own
-sutures = dexterity(preset.setup, preset.reward)  # what they are worth all round the circle, both ways
+sutures = dexterity(preset.setup, preset.reward)  # dexterity all round the circle, in both directions
 plan = plan_even(sutures, count=4)  # the paper's problem
 freer = plan_gaps(sutures, count=4, spacing=Spacing(np.radians(75), np.radians(105)))
 print(f"{np.degrees(plan.positions_rad)} deg, {plan.directions}: {plan.reward:.3f}")

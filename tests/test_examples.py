@@ -1,32 +1,187 @@
+"""The examples: scripts that run, and files that a command takes with ``--plugin``, as their own first lines say."""
+
+import ast
+import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from trocar.archive import read_header
+from trocar.calibration.plant import PSM1_GREY
+from trocar.trials import load_trials, trial_file
+from waypoints import FOUR
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
-SAYS = {
-    "first_trial.py": "peg  1 to  7: ",
-    "own_planner.py": "stop-and-go: ",
-    "plan_sutures.py": "with gaps of 75 to 105 deg: ",
-}
+SCRIPTS = ("first_trial.py", "move_an_arm.py", "plan_sutures.py")
+PLUGINS = ("own_agent.py", "own_cable_model.py", "own_perception.py", "own_planner.py", "own_task.py")
+SHORT = ("--transfers", "1")
+
+ONE_TRANSFER = """
+import runpy, sys
+from trocar.tasks.peg_transfer.task import PegTransfer
+goals = PegTransfer.goals
+PegTransfer.goals = lambda task: goals(task)[:1]
+runpy.run_path(sys.argv.pop(1), run_name="__main__")
+"""
+
+
+def run(words, folder):
+    """Return what a Python process with these words says, in this folder."""
+    result = subprocess.run(
+        [sys.executable, *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def trocar(words, folder):
+    return run(["-c", "from trocar.cli import main; main()", *words], folder)
+
+
+def commands_of(name):
+    """Return the command lines in an example's docstring, as words, the example by its full path."""
+    text = ast.get_docstring(ast.parse((EXAMPLES / name).read_text()))
+    lines = re.findall(r"^ *trocar (.+)$", text, re.MULTILINE)
+    assert lines, f"{name} does not say how it is used"
+    return [line.replace(f"examples/{name}", str(EXAMPLES / name)).split() for line in lines]
+
+
+def summary_of(folder):
+    return json.loads((folder / "summary.json").read_text())
+
+
+def assert_complete(folder):
+    """Every run leaves a summary, pictures, a page and a replay that asks no network for anything."""
+    for picture in ("storyboard.png", "timechart.png"):
+        assert (folder / picture).stat().st_size > 10_000
+    replay = (folder / "replay.html").read_text()
+    assert 100_000 < len(replay) < 3 << 20
+    assert "replay.html" in (folder / "report.html").read_text()
 
 
 def test_every_example_is_tested():
-    assert {path.name for path in EXAMPLES.glob("*.py")} == set(SAYS)
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {*SCRIPTS, *PLUGINS}
 
 
-@pytest.mark.parametrize("name", SAYS)
-def test_an_example_runs(name, tmp_path):
-    result = subprocess.run(
-        [sys.executable, EXAMPLES / name],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=tmp_path,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )
-    assert SAYS[name] in result.stdout
-    if name == "first_trial.py":
-        assert (tmp_path / "out" / "example" / "storyboard.png").stat().st_size > 10_000
+# Scripts.
+
+
+def test_the_first_trial_prints_its_transfers_and_leaves_pictures(tmp_path):
+    said = run(["-c", ONE_TRANSFER, EXAMPLES / "first_trial.py"], tmp_path)
+    assert re.search(r"^peg  1 to  7: \w+", said, re.MULTILINE)
+    assert (tmp_path / "out" / "example" / "storyboard.png").stat().st_size > 10_000
+
+
+def test_an_arm_is_moved_and_says_where_it_is(tmp_path):
+    said = run([EXAMPLES / "move_an_arm.py"], tmp_path)
+    assert "the motion ran to its end" in said and "the script came to its end" in said
+    tip_mm = np.array(re.search(r"put the tip at \[(.*)\] mm", said)[1].split(), dtype=float)
+    assert np.abs(tip_mm - [40.0, 20.0, 30.0]).max() < 0.11
+
+
+def test_sutures_are_planned_and_drawn(tmp_path):
+    said = run([EXAMPLES / "plan_sutures.py"], tmp_path)
+    even, freer = map(float, re.findall(r": (\d\.\d+)", said))
+    assert 0 < even <= freer <= 1
+    assert (tmp_path / "out" / "sutures.png").stat().st_size > 10_000
+
+
+# Plugins.
+
+
+@pytest.fixture(scope="module")
+def own_task(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("task")
+    (words,) = commands_of("own_task.py")
+    assert {"--trials", "--seed"} <= set(words)
+    return folder / "out" / "own-task", trocar(words, folder)
+
+
+def test_an_own_task_is_short():
+    assert len((EXAMPLES / "own_task.py").read_text().splitlines()) <= 200
+
+
+def test_an_own_task_runs_to_summary_pictures_and_replay(own_task):
+    folder, said = own_task
+    summary = summary_of(folder)
+    assert (summary["task"], summary["piece"], summary["trials"], summary["seed"]) == ("own-task", "ball", 2, 3)
+    assert summary["attempted"] == 8 and summary["succeeded"] >= 7
+    assert f"{summary['succeeded']} of 8" in said and "balls" in said
+    assert_complete(folder)
+
+
+def test_an_own_task_can_be_resumed_and_reported_on_even_without_its_file(own_task):
+    folder, _ = own_task
+    before = {path: path.read_bytes() for path in folder.rglob("*.npz")}
+    (words,) = commands_of("own_task.py")
+    summary = summary_of(folder)
+    trial_file(folder, 0, 1).unlink()
+    trocar(words, folder.parents[1])
+    assert {path: path.read_bytes() for path in folder.rglob("*.npz")} == before
+    counted = ("task", "attempted", "succeeded", "mean_time_s", "fingerprint")
+    reported = json.loads(trocar(["report", folder, "--json"], folder))
+    assert [reported[key] for key in counted] == [summary[key] for key in counted]
+
+
+def test_an_own_agent_runs_and_what_it_does_of_its_own_is_in_the_trial(tmp_path):
+    (words,) = commands_of("own_agent.py")
+    trocar([*words, *SHORT], tmp_path)
+    folder = tmp_path / "out" / "second-look"
+    assert (summary_of(folder)["method"], summary_of(folder)["succeeded"]) == ("second-look", 1)
+    ((trial,), _) = load_trials(folder)
+    (look,) = [event for event in trial.events if event["name"] == "second look"]
+    assert look["peg"] == 7
+    assert trial.about["settings"]["settle_s"] == 0.12
+    assert_complete(folder)
+
+
+def test_an_own_perception_is_what_the_agent_sees_with(tmp_path):
+    (words,) = commands_of("own_perception.py")
+    trocar([*words, *SHORT], tmp_path)
+    folder = tmp_path / "out" / "twice"
+    assert summary_of(folder)["succeeded"] == 1
+    assert load_trials(folder)[0][0].about["perception"] == "twice"
+    assert_complete(folder)
+
+
+def test_an_own_cable_model_is_fitted_evaluated_and_used_in_a_run(tmp_path):
+    rng = np.random.default_rng(0)
+    q = np.clip(np.cumsum(rng.normal(0, 0.05, (200, 6)), axis=0), -1, 1)
+    np.savez(tmp_path / "RECORDING.npz", q_cmd=q, q_phy=PSM1_GREY.measure(PSM1_GREY.run(q), rng))
+    fit, *evaluate, run_it = commands_of("own_cable_model.py")
+    assert "fitted plane on 200 rows" in " ".join(trocar(fit, tmp_path).split())
+    assert read_header(tmp_path / "plane.npz", "trocar cable model", 2)["name"] == "plane"
+    (words,) = evaluate
+    scored = json.loads(trocar([*words, "--json"], tmp_path))
+    assert scored["model"] == "plane"
+    assert np.all(np.array(scored["rmse_after"])[3:] < 0.75 * np.array(scored["rmse_before"])[3:])
+    trocar([*run_it, *SHORT], tmp_path)
+    folder = tmp_path / "out" / "plane"
+    assert (summary_of(folder)["model"], summary_of(folder)["attempted"]) == ("plane", 1)
+    assert read_header(folder / "session_00" / "cables_psm1.npz", "trocar cable model", 2)["name"] == "plane"
+    assert_complete(folder)
+
+
+def test_an_own_planner_plans_and_drives(tmp_path):
+    np.save(tmp_path / "WAYPOINTS.npy", FOUR)
+    (words,) = commands_of("own_planner.py")
+    assert "Transfers by 'stop-and-go'" in trocar(words, tmp_path)
+    plugin = ("--plugin", EXAMPLES / "own_planner.py", "--planner", "stop-and-go")
+    folder = tmp_path / "out"
+    trocar(["run", "peg-transfer", *plugin, *SHORT, "--seed", 3, "--out", folder], tmp_path)
+    assert (summary_of(folder)["planner"], summary_of(folder)["attempted"]) == ("stop-and-go", 1)
+    assert summary_of(folder)["command_limit_use"]["acceleration"] <= 1.0 + 1e-6
+
+
+def test_an_own_planner_is_short():
+    assert len((EXAMPLES / "own_planner.py").read_text().splitlines()) <= 30

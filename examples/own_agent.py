@@ -1,0 +1,37 @@
+"""A method of one's own for the peg transfer: an agent that looks at a block once more before it lets go of it.
+
+trocar run --plugin examples/own_agent.py peg-transfer --method second-look --trials 1 --seed 3 --out out/second-look
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from trocar.geometry import SE3
+from trocar.tasks.kit import METHODS, Method
+from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
+from trocar.tasks.peg_transfer.grasps import Grasp
+
+
+@dataclass(frozen=True)
+class PatientSettings(Settings):
+    """As the built-in agent's, with a longer rest before the jaws act."""
+
+    settle_s: float = 0.12
+
+
+class SecondLook(Unilateral):
+    """Does what the built-in agent does, and takes a picture before it releases a block."""
+
+    async def _carry(self, grasp: Grasp, T_board_block: SE3, target: int) -> SE3 | None:
+        """Carry the block, then look."""
+        placed = await super()._carry(grasp, T_board_block, target)
+        if placed is not None:
+            image = await self._capture()
+            self.cell.log.event("second look", peg=target, time_of_image_s=image.time_s)
+        return placed
+
+
+METHODS.register(
+    "peg-transfer/second-look", Method("looks before it lets go", SecondLook, PatientSettings, perception="depth")
+)

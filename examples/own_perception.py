@@ -1,0 +1,43 @@
+"""A perception of one's own for the peg transfer: colour and depth, but only what two fits agree on.
+
+trocar run --plugin examples/own_perception.py peg-transfer --perception twice --trials 1 --seed 3 --out out/twice
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trocar.geometry import SE3
+from trocar.perception.image import RgbdImage
+from trocar.tasks.kit import PERCEPTIONS
+from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.perception.blocks import BlockFit
+from trocar.tasks.peg_transfer.perception.depth_view import DepthView
+
+AGREE_M = 0.5e-3
+"""Two fits of one block may differ by this."""
+
+
+class Twice(DepthView):
+    """Fits each block to all of the image and to half of its depth; where the two differ, there is no block."""
+
+    def find_block(self, image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Block, peg: int) -> BlockFit:
+        """Return the block's pose if both fits agree."""
+        whole = super().find_block(image, T_camera_board, board, block, peg)
+        if whole.T_board_block is None:
+            return whole
+        depth = image.depth_m.copy()
+        depth[:, ::2] = np.nan
+        half = super().find_block(replace(image, depth_m=depth), T_camera_board, board, block, peg)
+        if half.T_board_block is None:
+            return half
+        apart = np.linalg.norm(whole.T_board_block.translation_m - half.T_board_block.translation_m)
+        if apart > AGREE_M:
+            return replace(whole, found=False, reason=f"two fits lie {1e3 * apart:.1f} mm apart", T_board_block=None)
+        return whole
+
+
+PERCEPTIONS.register("peg-transfer/twice", Twice)
