@@ -152,7 +152,6 @@ def test_a_trial_of_another_run_is_refused_by_its_fingerprint(tmp_path):
 
 @pytest.mark.parametrize("content", ["", "{", "[1, 2]", "7", "null"])
 def test_a_damaged_record_is_named(tmp_path, content):
-    (tmp_path / "session_00").mkdir()
     (tmp_path / "run.json").write_text(content)
     with pytest.raises(TrocarError, match="--out") as caught:
         open_folder(config(), tmp_path)

@@ -26,8 +26,10 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
     record, about = folder / RECORD, config.about()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if record.is_file() and any(folder.glob("session_*")):  # else nothing was computed that could be mixed up
-            _require_same(_recorded(record), about, folder)
+        if record.is_file():
+            found = _recorded(record)
+            if any(folder.glob("session_*")):  # else nothing was computed that could be mixed up
+                _require_same(found, about, folder)
         text = {**about, "fingerprint": config.fingerprint, "sessions": config.sessions, "trials": config.trials}
         draft = record.with_name(f".{record.name}.{os.getpid()}.part")
         draft.write_text(json.dumps(text, indent=1) + "\n")
