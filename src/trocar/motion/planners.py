@@ -17,7 +17,11 @@ It gets the problem checked and with joint waypoints only. Nothing that it answe
 :func:`trocar.motion.plan_motion` checks it, so that it need not.
 """
 
-PLANNERS: Registry[Planner] = Registry("planner", "trocar.planners", {"spline": Lazy("trocar.motion.splines:spline")})
+PLANNERS: Registry[Planner] = Registry(
+    "planner",
+    "trocar.planners",
+    {"spline": Lazy("trocar.motion.splines:spline"), "optimal": Lazy("trocar.motion.optimal:optimal")},
+)
 """Every planner; other packages add theirs as entry points ``trocar.planners``, files by ``PLANNERS.register``."""
 
 

@@ -1,0 +1,203 @@
+"""The joints along a straight line of the tip, and how fast it can be followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from trocar.arms import ArmModel, MotionLimits, fk, jacobian
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.trajectory import Trajectory
+
+PIECES = 16
+"""Of a line; the tip then stays within a micrometre of one of 40 mm."""
+NEWTON_STEPS = 12
+REACHED = 1e-8
+"""Of the tip's pose, m and rad."""
+TINY = 1e-12
+"""Joints (rad or m a line) that move less do not move."""
+
+
+@dataclass(frozen=True, eq=False)
+class StraightLine:
+    """Joints along a straight line of the tip, turning as little as possible, by the share s that is done.
+
+    Attributes:
+        q: (PIECES + 1, joints) at equal steps of s from 0 to 1.
+        slope: dq/ds there.
+        bend: d2q/ds2 there.
+        limits: of the joints.
+    """
+
+    q: NDArray[np.float64]
+    slope: NDArray[np.float64]
+    bend: NDArray[np.float64]
+    limits: MotionLimits
+
+    @classmethod
+    def between(
+        cls, arm: ArmModel, begin: NDArray[np.float64], end: NDArray[np.float64], limits: MotionLimits
+    ) -> list[StraightLine]:
+        """Return the lines between the tip's poses at pairs of configurations (lines, joints).
+
+        Raises:
+            TrocarError: the arm cannot follow one.
+        """
+        s = np.linspace(0.0, 1.0, PIECES + 1)[:, None]
+        T_begin, T_end = fk(arm, begin), fk(arm, end)
+        turn = (T_begin.rotation.inverse() @ T_end.rotation).log()
+        start_m, way_m = T_begin.translation_m, T_end.translation_m - T_begin.translation_m
+        T = SE3.from_parts(
+            T_begin.rotation[:, None] @ SO3.exp(s * turn[:, None]), start_m[:, None] + s * way_m[:, None]
+        )
+        q = begin[:, None] + s * (end - begin)[:, None]
+        for _ in range(NEWTON_STEPS):
+            now = fk(arm, q)
+            missing_m = T.translation_m - now.translation_m
+            missing = np.concatenate([missing_m, (T.rotation @ now.rotation.inverse()).log()], axis=-1)
+            if np.abs(missing).max() < REACHED:
+                break
+            try:
+                q = q + np.linalg.solve(jacobian(arm, q), missing[..., None])[..., 0]
+            except np.linalg.LinAlgError:
+                raise TrocarError(f"{arm.name} is singular on a straight piece; move its ends") from None
+        else:
+            raise TrocarError(f"{arm.name} cannot move its tip straight between these waypoints; bring them closer")
+        q[:, 0], q[:, -1] = begin, end
+        curve = CubicSpline(s[:, 0], q, axis=1)
+        slopes, bends = curve(s[:, 0], 1), curve(s[:, 0], 2)
+        return [cls(*line, limits) for line in zip(q, slopes, bends, strict=True)]
+
+    def reversed(self) -> StraightLine:
+        """Return the same line from its end to its start."""
+        return StraightLine(self.q[::-1], -self.slope[::-1], self.bend[::-1], self.limits)
+
+    @cached_property
+    def top_squares(self) -> NDArray[np.float64]:
+        """Return the greatest squares (PIECES + 1,) of ds/dt within the limits of velocity."""
+        return np.min(self.limits.velocity / np.maximum(np.abs(self.slope), TINY), axis=1) ** 2
+
+    @cached_property
+    def fastest_squares(self) -> NDArray[np.float64]:
+        """Return the greatest squares (PIECES + 1,) of ds/dt that can be reached from rest at the start.
+
+        Raises:
+            TrocarError: the line bends the joints so much that it cannot be followed.
+        """
+        step = 1.0 / PIECES
+        share, room = (rows[..., 0] for rows in _rows(self, step))
+        squares = np.zeros(PIECES + 1)
+        for i in range(PIECES):
+            push = float((room[i] - share[i] * squares[i]).min())
+            squares[i + 1] = min(squares[i] + 2 * step * push, self.top_squares[i + 1])
+        if squares[1:].min() <= 0.0:
+            raise TrocarError("a straight piece bends the joints too much to be followed; bring its ends closer")
+        return squares
+
+    @property
+    def fastest_rate(self) -> float:
+        """Return the greatest ds/dt at the end, from rest at the start."""
+        return float(np.sqrt(self.fastest_squares[-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Sprint:
+    """A straight line followed from rest as fast as the limits allow, to several rates at its end.
+
+    Along a piece the rate's change is constant, so that its square is linear in s; the limits of acceleration are kept
+    at both ends of each piece (time-optimal path parameterisation, Bobrow et al. 1985).
+
+    Attributes:
+        line: what is followed.
+        rates: (k,) ds/dt at the end, per second.
+        squares: (PIECES + 1, k) of ds/dt on the way.
+        seconds: (k,) what it takes.
+    """
+
+    line: StraightLine
+    rates: NDArray[np.float64]
+    squares: NDArray[np.float64]
+    seconds: NDArray[np.float64]
+
+    @classmethod
+    def to(cls, line: StraightLine, rates: NDArray[np.float64]) -> Sprint:
+        """Return the sprints that end at these rates (k,), each no greater than the line's ``fastest_rate``."""
+        step = 1.0 / PIECES
+        fastest, top = line.fastest_squares, line.top_squares
+        squares = np.empty((PIECES + 1, len(rates)))
+        squares[-1] = np.minimum(rates**2, fastest[-1])
+        share, room = _rows(line, -step)
+        for i in range(PIECES, 0, -1):  # backwards from the end: as fast before as can still be braked
+            push = (-room[i] - share[i] * squares[i]).max(axis=0)
+            squares[i - 1] = np.minimum(squares[i] - 2 * step * push, top[i - 1])
+        squares = np.minimum(squares, fastest[:, None])
+        roots = np.sqrt(squares)
+        return cls(line, roots[-1], squares, (2 * step / (roots[:-1] + roots[1:])).sum(axis=0))
+
+    def trajectory(self, index: int, *, backwards: bool = False) -> Trajectory:
+        """Return the motion of the joints that ends at one of the rates, or starts there and comes to rest.
+
+        Args:
+            index: of the rate.
+            backwards: from the line's end to its start.
+        """
+        line, square = self.line, self.squares[:, index]
+        rate, push = np.sqrt(square), np.diff(square)[:, None] * PIECES / 2
+        seconds = 2 / PIECES / (rate[:-1] + rate[1:])
+        v = line.slope * rate[:, None]
+        left = line.slope[:-1] * push + line.bend[:-1] * square[:-1, None]
+        right = line.slope[1:] * push + line.bend[1:] * square[1:, None]
+        if backwards:
+            times = np.concatenate([[0.0], np.cumsum(seconds[::-1])])
+            return quintics(times, line.q[::-1], -v[::-1], right[::-1], left[::-1])
+        return quintics(np.concatenate([[0.0], np.cumsum(seconds)]), line.q, v, left, right)
+
+
+def quintics(
+    times_s: NDArray[np.float64],
+    q: NDArray[np.float64],
+    v: NDArray[np.float64],
+    left: NDArray[np.float64],
+    right: NDArray[np.float64],
+) -> Trajectory:
+    """Return the polynomials of degree five through positions and velocities (n, joints) at these times.
+
+    Args:
+        times_s: (n,).
+        q: positions.
+        v: velocities.
+        left: (n - 1, joints) accelerations at the start of each piece.
+        right: (n - 1, joints) accelerations at its end.
+    """
+    h = np.diff(times_s)[:, None]
+    missing = np.diff(q, axis=0) - v[:-1] * h - left * h**2 / 2
+    missing_v = (np.diff(v, axis=0) - left * h) * h
+    missing_a = (right - left) * h**2
+    cubic = (10 * missing - 4 * missing_v + missing_a / 2) / h**3
+    quartic = (-15 * missing + 7 * missing_v - missing_a) / h**4
+    quintic = (6 * missing - 3 * missing_v + missing_a / 2) / h**5
+    return Trajectory(times_s, np.stack([quintic, quartic, cubic, left / 2, v[:-1], q[:-1]]))
+
+
+def _rows(line: StraightLine, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what bounds the rate's change u on the piece that begins at each knot, ``|u + share x| <= room``.
+
+    x is the square of ds/dt at that knot. The first rows, one a joint, are the limits there, the others those at the
+    knot ``step`` further, where the square is ``x + 2 step u``.
+
+    Returns:
+        share: (PIECES + 1, 2 joints, 1); room: the same.
+    """
+    ahead = 1 if step > 0 else -1
+    next_slope = np.roll(line.slope, -ahead, axis=0) + 2 * step * np.roll(line.bend, -ahead, axis=0)
+    next_bend = np.roll(line.bend, -ahead, axis=0)
+    factor = np.concatenate([line.slope, next_slope], axis=1)
+    factor = np.where(np.abs(factor) < TINY, TINY, factor)
+    share = np.concatenate([line.bend, next_bend], axis=1) / factor
+    room = np.tile(line.limits.acceleration, 2) / np.abs(factor)
+    return share[..., None], room[..., None]
