@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from trocar.arms import MotionLimits, fk
 from trocar.errors import TrocarError
+from trocar.geometry import SE3
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.double_integrator import phases_between, shortest_common_s
 from trocar.motion.path import TimedPath
@@ -25,6 +27,10 @@ FINE, ZOOMS = 9, 2
 """And round the best of them, so many times over."""
 HEADROOM = 1e-6
 """Share of the acceleration limits that is left: what lies between two knots of a straight piece."""
+SAG_M, SAG_SAMPLES = 1e-5, 40
+"""Lower than this below both ends the tip does not pass between straight pieces, looked at so many times."""
+TIGHTER = 4
+"""Times that a motion is planned again at most, each with a little less acceleration than it used too much before."""
 PARALLEL = 1e-3
 """Sine of the angle, and turn in rad, up to which a piece counts as one along ``up``."""
 
@@ -40,6 +46,10 @@ def optimal(problem: MotionProblem) -> dict[str, TimedPath]:
 
     Where a problem does not say which pieces are straight, the first and the last of three or more waypoints are if
     they lie along ``up``: a block that is lifted off its peg and lowered onto another.
+
+    A free piece next to one along ``up`` never sags below its lower end: what is passed over with clearance at the
+    waypoints is passed over between them. Where every joint going its own way would sag (a wide transfer after a low
+    lift), that piece is straight too. A start under way may lead below it by itself; there nothing is promised.
     """
     return {name: _planned(arm) for name, arm in problem.arms.items()}
 
@@ -54,6 +64,7 @@ class _Stage:
         free: (2, joints) start and end of the free piece; None: only a straight piece, ``lift``.
         v0: (joints,) velocity at the start, where a free piece comes first.
         limits: of the joints.
+        arm: whose joints.
     """
 
     lift: StraightLine | None
@@ -61,9 +72,33 @@ class _Stage:
     free: NDArray[np.float64] | None
     v0: NDArray[np.float64]
     limits: MotionLimits
+    arm: ArmMotion
 
     def pieces(self) -> list[Trajectory]:
         """Return the motions of the pieces, in order."""
+        motions = self._fastest()
+        if self.free is None or self.v0.any() or self._rises(motions[int(self.lift is not None)]):
+            return motions
+        (level,) = StraightLine.between(self.arm.model, *self.free[:, None], self.limits)
+        lines = [line for line in (self.lift, level) if line is not None]
+        motions = [Sprint.to(line, np.zeros(1)).trajectory(0) for line in lines]
+        if self.lower is not None:
+            motions.append(Sprint.to(self.lower, np.zeros(1)).trajectory(0, backwards=True))
+        return motions
+
+    def _rises(self, between: Trajectory) -> bool:
+        """Return whether the free piece stays above its lower end, where a piece next to it lies along ``up``."""
+        if self.lift is None and self.lower is None:
+            return True
+        times_s = np.linspace(0.0, between.duration_s, SAG_SAMPLES)
+        heights_m = fk(self.arm.model, between(times_s)).translation_m @ self.arm.up
+        if heights_m.min() >= min(heights_m[0], heights_m[-1]) - SAG_M:
+            return True
+        feet = np.array([line.q[[0, -1]] for line in (self.lift, self.lower) if line is not None])
+        return not _is_along(fk(self.arm.model, feet[:, 0]), fk(self.arm.model, feet[:, 1]), self.arm.up).any()
+
+    def _fastest(self) -> list[Trajectory]:
+        """Return the motions of the pieces if nothing is passed over."""
         if self.free is None:
             assert self.lift is not None  # a stage has one of them
             return [Sprint.to(self.lift, np.zeros(1)).trajectory(0)]
@@ -96,6 +131,7 @@ class _Stage:
         ends = [_End.of(line) for line in (self.lift, self.lower)]
         step = self.free[1] - self.free[0]
         grids = [end.first_grid() for end in ends]
+        best = [0.0, 0.0]
         for _ in range(ZOOMS + 1):
             v0 = grids[0][:, None, None] * ends[0].slope if self.lift is not None else self.v0
             v1 = -grids[1][None, :, None] * ends[1].slope
@@ -121,13 +157,13 @@ class _End:
 
     top: float
     slope: NDArray[np.float64] | float
-    seconds: CubicSpline | type[np.ndarray]
+    seconds: Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
     @classmethod
     def of(cls, line: StraightLine | None) -> _End:
         """Return the costs of a line."""
         if line is None:
-            return cls(0.0, 0.0, np.zeros_like)  # type: ignore[arg-type]
+            return cls(0.0, 0.0, np.zeros_like)
         sprint = Sprint.to(line, np.linspace(0.0, line.fastest_rate, RATES))
         return cls(float(sprint.rates[-1]), line.slope[-1], CubicSpline(sprint.rates, sprint.seconds))
 
@@ -143,14 +179,38 @@ class _End:
 
 
 def _planned(arm: ArmMotion) -> TimedPath:
-    """Return one arm's motion."""
-    limits = replace(arm.limits, acceleration=(1 - HEADROOM) * np.asarray(arm.limits.acceleration))
+    """Return one arm's motion, within its limits between the knots of straight pieces too."""
     straight = arm.straight if any(arm.straight) else _along_up(arm)
     if straight[0] and arm.moves:
         raise TrocarError(
             f"{arm.model.name} is under way at the start of a straight piece; 'optimal' lifts from rest, "
             "let the arm come to rest or put a free piece first"
         )
+    share, most = 1 - HEADROOM, np.asarray(arm.limits.acceleration)
+    path = _joined(arm, straight, replace(arm.limits, acceleration=share * most))
+    for _ in range(TIGHTER):
+        used = float((_most_acceleration(path.trajectory) / arm.limits.acceleration).max())
+        if used <= 1.0:
+            break
+        share *= (1 - HEADROOM) / used
+        path = _joined(arm, straight, replace(arm.limits, acceleration=share * most))
+    return path
+
+
+def _most_acceleration(motion: Trajectory) -> NDArray[np.float64]:
+    """Return the greatest acceleration (joints,) between the knots of polynomials of up to degree five."""
+    if len(motion.coefficients) < 6:
+        return np.zeros(motion.coefficients.shape[2])
+    fifth, fourth, third, second = motion.coefficients[:4]
+    a, b, c = 10 * fifth, 4 * fourth, third  # the jerk is 6 (a t^2 + b t + c)
+    root = np.sqrt(np.maximum(b**2 - 4 * a * c, 0.0))
+    share = np.where(np.abs(a) < np.finfo(float).tiny, 1.0, 2 * a)
+    times = np.clip(np.stack([root - b, -root - b]) / share, 0.0, np.diff(motion.times_s)[:, None])
+    return np.abs(2 * second + times * (6 * third + times * (12 * fourth + times * 20 * fifth))).max(axis=(0, 1))
+
+
+def _joined(arm: ArmMotion, straight: tuple[bool, ...], limits: MotionLimits) -> TimedPath:
+    """Return one arm's motion, planned with these limits."""
     lines = _lines(arm, straight, limits)
     motions: list[Trajectory] = []
     piece, count = 0, len(straight)
@@ -158,13 +218,13 @@ def _planned(arm: ArmMotion) -> TimedPath:
         lift = lines.get(piece)
         free = piece + (lift is not None)
         if free == count or straight[free]:
-            stage = _Stage(lift, None, None, np.zeros(len(limits.velocity)), limits)
+            stage = _Stage(lift, None, None, np.zeros(len(limits.velocity)), limits, arm)
             piece = free
         else:
             after = free + 1 in lines
             lower = lines[free + 1].reversed() if after else None
             v0 = arm.start_velocity if free == 0 else np.zeros(len(limits.velocity))
-            stage = _Stage(lift, lower, arm.waypoints[free : free + 2], v0, limits)
+            stage = _Stage(lift, lower, arm.waypoints[free : free + 2], v0, limits, arm)
             piece = free + 1 + after
         motions += stage.pieces()
     return TimedPath.joined(motions)
@@ -184,11 +244,16 @@ def _along_up(arm: ArmMotion) -> tuple[bool, ...]:
     count = len(arm.waypoints) - 1
     if count == 1:
         return (False,)
-    tips = fk(arm.model, arm.waypoints)
-    found = [False] * count
-    for piece in (0, count - 1):
-        way = tips.translation_m[piece + 1] - tips.translation_m[piece]
-        turn = (tips.rotation[piece].inverse() @ tips.rotation[piece + 1]).log()
-        aside = np.linalg.norm(np.cross(way, arm.up))
-        found[piece] = bool(aside <= PARALLEL * np.linalg.norm(way) and np.linalg.norm(turn) <= PARALLEL)
+    tips, found = fk(arm.model, arm.waypoints), [False] * count
+    ends = np.array([0, count - 1])
+    found[0], found[-1] = _is_along(tips[ends], tips[ends + 1], arm.up).tolist()
     return tuple(found)
+
+
+def _is_along(begin: SE3, end: SE3, up: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether the ways between poses (n,) of the tip lie along ``up`` without a turn."""
+    way = end.translation_m - begin.translation_m
+    turn = (begin.rotation.inverse() @ end.rotation).log()
+    aside = way - (way @ up)[:, None] * up
+    straight = np.linalg.norm(aside, axis=1) <= PARALLEL * np.linalg.norm(way, axis=1)
+    return straight & (np.linalg.norm(turn, axis=1) <= PARALLEL)

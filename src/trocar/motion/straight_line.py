@@ -19,6 +19,8 @@ PIECES = 16
 NEWTON_STEPS = 12
 REACHED = 1e-8
 """Of the tip's pose, m and rad."""
+TRAP = 1e-2
+"""Share of the limits by which a plain pass may miss them before it is redone with a look ahead."""
 TINY = 1e-12
 """Joints (rad or m a line) that move less do not move."""
 
@@ -59,7 +61,7 @@ class StraightLine:
         for _ in range(NEWTON_STEPS):
             now = fk(arm, q)
             missing_m = T.translation_m - now.translation_m
-            missing = np.concatenate([missing_m, (T.rotation @ now.rotation.inverse()).log()], axis=-1)
+            missing = np.concatenate([missing_m, _small_turn(T.rotation.matrix, now.rotation.matrix)], axis=-1)
             if np.abs(missing).max() < REACHED:
                 break
             try:
@@ -79,25 +81,64 @@ class StraightLine:
 
     @cached_property
     def top_squares(self) -> NDArray[np.float64]:
-        """Return the greatest squares (PIECES + 1,) of ds/dt within the limits of velocity."""
-        return np.min(self.limits.velocity / np.maximum(np.abs(self.slope), TINY), axis=1) ** 2
+        """Return the greatest squares (PIECES + 1,) of ds/dt within the limits.
+
+        Of velocity, and of acceleration: where the joints bend, each pair of them leaves room for some change of the
+        rate only up to a speed (the maximum velocity curve of Bobrow et al. 1985).
+        """
+        cruising = np.min(self.limits.velocity / np.maximum(np.abs(self.slope), TINY), axis=1) ** 2
+        factor = np.where(np.abs(self.slope) < TINY, TINY, self.slope)
+        share, room = self.bend / factor, self.limits.acceleration / np.abs(factor)
+        apart, both = share[:, None] - share[..., None], room[:, None] + room[..., None]
+        return np.minimum(cruising, (both / np.maximum(apart, TINY)).min(axis=(1, 2)))
+
+    @cached_property
+    def stoppable_squares(self) -> NDArray[np.float64]:
+        """Return the greatest squares (PIECES + 1,) of ds/dt from which the end can be reached within the limits.
+
+        Backwards from the end: with u the change of the rate on a piece, the square x at its start is as great as some
+        u allows. All that bounds u is linear in x, so the greatest x lies where two such bounds meet (Pham & Pham
+        2018, "A new approach to time-optimal path parameterization based on reachability analysis").
+        """
+        step = 1.0 / PIECES
+        share, room = (rows[..., 0] for rows in self._rows_ahead)
+        squares = self.top_squares.copy()
+        reach = np.full((1,), 0.5 / step)
+        for i in range(PIECES - 1, -1, -1):
+            shares = np.concatenate([share[i], reach])
+            above = np.concatenate([room[i], reach * squares[i + 1]])  # u <= above - shares x
+            below = np.concatenate([room[i], [0.0]])  # u >= -below - shares x
+            apart = np.maximum(shares[:, None] - shares, TINY)
+            squares[i] = min(squares[i], ((above[:, None] + below) / apart).min())
+        return squares
 
     @cached_property
     def fastest_squares(self) -> NDArray[np.float64]:
-        """Return the greatest squares (PIECES + 1,) of ds/dt that can be reached from rest at the start.
+        """Return the greatest squares (PIECES + 1,) of ds/dt that can be reached from rest at the start."""
+        squares = self._sped_up(self.top_squares)
+        return squares if self.follows(squares[:, None]) else self._sped_up(self.stoppable_squares)
 
-        Raises:
-            TrocarError: the line bends the joints so much that it cannot be followed.
-        """
+    def follows(self, squares: NDArray[np.float64]) -> bool:
+        """Return whether these squares (PIECES + 1, k) of ds/dt keep the limits, up to a little."""
+        if squares[1:-1].min() <= 0.0:
+            return False
+        share, room = self._rows_ahead
+        push = np.diff(squares, axis=0)[:, None] * PIECES / 2
+        return bool(np.all(np.abs(push + share[:-1] * squares[:-1, None]) <= (1 + TRAP) * room[:-1]))
+
+    def _sped_up(self, most: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the squares by speeding up as much as possible from rest, each no greater than these."""
         step = 1.0 / PIECES
-        share, room = (rows[..., 0] for rows in _rows(self, step))
+        share, room = (rows[..., 0] for rows in self._rows_ahead)
         squares = np.zeros(PIECES + 1)
         for i in range(PIECES):
             push = float((room[i] - share[i] * squares[i]).min())
-            squares[i + 1] = min(squares[i] + 2 * step * push, self.top_squares[i + 1])
-        if squares[1:].min() <= 0.0:
-            raise TrocarError("a straight piece bends the joints too much to be followed; bring its ends closer")
+            squares[i + 1] = min(squares[i] + 2 * step * push, most[i + 1])
         return squares
+
+    @cached_property
+    def _rows_ahead(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return _rows(self, 1.0 / PIECES)
 
     @property
     def fastest_rate(self) -> float:
@@ -126,18 +167,18 @@ class Sprint:
 
     @classmethod
     def to(cls, line: StraightLine, rates: NDArray[np.float64]) -> Sprint:
-        """Return the sprints that end at these rates (k,), each no greater than the line's ``fastest_rate``."""
-        step = 1.0 / PIECES
-        fastest, top = line.fastest_squares, line.top_squares
-        squares = np.empty((PIECES + 1, len(rates)))
-        squares[-1] = np.minimum(rates**2, fastest[-1])
-        share, room = _rows(line, -step)
-        for i in range(PIECES, 0, -1):  # backwards from the end: as fast before as can still be braked
-            push = (-room[i] - share[i] * squares[i]).max(axis=0)
-            squares[i - 1] = np.minimum(squares[i] - 2 * step * push, top[i - 1])
-        squares = np.minimum(squares, fastest[:, None])
+        """Return the sprints that end at these rates (k,), each no greater than the line's ``fastest_rate``.
+
+        Raises:
+            TrocarError: the line bends the joints so much that it cannot be followed.
+        """
+        squares = _slowed_down(line, rates, line.top_squares)
+        if not line.follows(squares):
+            squares = _slowed_down(line, rates, line.reversed().stoppable_squares[::-1])
+            if not line.follows(squares):
+                raise TrocarError("a straight piece bends the joints too much to be followed; bring its ends closer")
         roots = np.sqrt(squares)
-        return cls(line, roots[-1], squares, (2 * step / (roots[:-1] + roots[1:])).sum(axis=0))
+        return cls(line, roots[-1], squares, (2 / PIECES / (roots[:-1] + roots[1:])).sum(axis=0))
 
     def trajectory(self, index: int, *, backwards: bool = False) -> Trajectory:
         """Return the motion of the joints that ends at one of the rates, or starts there and comes to rest.
@@ -156,6 +197,18 @@ class Sprint:
             times = np.concatenate([[0.0], np.cumsum(seconds[::-1])])
             return quintics(times, line.q[::-1], -v[::-1], right[::-1], left[::-1])
         return quintics(np.concatenate([[0.0], np.cumsum(seconds)]), line.q, v, left, right)
+
+
+def _slowed_down(line: StraightLine, rates: NDArray[np.float64], most: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the squares (PIECES + 1, k) of ds/dt that end at these rates, as fast before as can still be braked."""
+    step, fastest = 1.0 / PIECES, line.fastest_squares
+    squares = np.empty((PIECES + 1, len(rates)))
+    squares[-1] = np.minimum(rates**2, fastest[-1])
+    share, room = _rows(line, -step)
+    for i in range(PIECES, 0, -1):
+        push = (-room[i] - share[i] * squares[i]).max(axis=0)
+        squares[i - 1] = np.minimum(squares[i] - 2 * step * push, most[i - 1])
+    return np.minimum(squares, fastest[:, None])
 
 
 def quintics(
@@ -182,6 +235,13 @@ def quintics(
     quartic = (-15 * missing + 7 * missing_v - missing_a) / h**4
     quintic = (6 * missing - 3 * missing_v + missing_a / 2) / h**5
     return Trajectory(times_s, np.stack([quintic, quartic, cubic, left / 2, v[:-1], q[:-1]]))
+
+
+def _small_turn(wanted: NDArray[np.float64], now: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation vectors (..., 3) from one rotation matrix to another, exact up to their third order."""
+    turn = wanted @ np.swapaxes(now, -1, -2)
+    skew = (turn - np.swapaxes(turn, -1, -2)) / 2
+    return skew[..., [2, 0, 1], [1, 2, 0]]
 
 
 def _rows(line: StraightLine, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
