@@ -79,7 +79,8 @@ class _Stage:
         motions = self._fastest()
         if self.free is None or self.v0.any() or self._rises(motions[int(self.lift is not None)]):
             return motions
-        (level,) = StraightLine.between(self.arm.model, *self.free[:, None], self.limits)
+        begin, end = self.free[:, None]
+        (level,) = StraightLine.between(self.arm.model, begin, end, self.limits)
         lines = [line for line in (self.lift, level) if line is not None]
         motions = [Sprint.to(line, np.zeros(1)).trajectory(0) for line in lines]
         if self.lower is not None:
@@ -180,7 +181,7 @@ class _End:
 
 def _planned(arm: ArmMotion) -> TimedPath:
     """Return one arm's motion, within its limits between the knots of straight pieces too."""
-    straight = arm.straight if any(arm.straight) else _along_up(arm)
+    straight = straight_pieces(arm)
     if straight[0] and arm.moves:
         raise TrocarError(
             f"{arm.model.name} is under way at the start of a straight piece; 'optimal' lifts from rest, "
@@ -237,6 +238,11 @@ def _lines(arm: ArmMotion, straight: tuple[bool, ...], limits: MotionLimits) -> 
         return {}
     lines = StraightLine.between(arm.model, arm.waypoints[pieces], arm.waypoints[pieces + 1], limits)
     return dict(zip(pieces.tolist(), lines, strict=True))
+
+
+def straight_pieces(arm: ArmMotion) -> tuple[bool, ...]:
+    """Return for each piece whether it is straight: as it was said, or if nothing was, as it looks."""
+    return arm.straight if any(arm.straight) else _along_up(arm)
 
 
 def _along_up(arm: ArmMotion) -> tuple[bool, ...]:

@@ -20,7 +20,11 @@ It gets the problem checked and with joint waypoints only. Nothing that it answe
 PLANNERS: Registry[Planner] = Registry(
     "planner",
     "trocar.planners",
-    {"spline": Lazy("trocar.motion.splines:spline"), "optimal": Lazy("trocar.motion.optimal:optimal")},
+    {
+        "spline": Lazy("trocar.motion.splines:spline"),
+        "optimal": Lazy("trocar.motion.optimal:optimal"),
+        "relaxed": Lazy("trocar.motion.relaxed:relaxed"),
+    },
 )
 """Every planner; other packages add theirs as entry points ``trocar.planners``, files by ``PLANNERS.register``."""
 

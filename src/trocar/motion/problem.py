@@ -14,6 +14,14 @@ from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.moving_arm import MovingArm
 from trocar.motion.obstacles import Obstacle
 
+SETTINGS = (
+    "min_distance_m",
+    "range_slack",
+    "straight_tolerance_m",
+    "straight_tolerance_rad",
+    "waypoint_tolerance_m",
+    "waypoint_tolerance_rad",
+)
 SAME_PLACE_M = 1e-3
 """Remote centres closer than this belong to arms of which nobody said where they stand."""
 
@@ -35,6 +43,10 @@ class MotionProblem:
             range is wider than the nominal one.
         straight_tolerance_m: how far the tip may be off a straight piece.
         straight_tolerance_rad: how far it may be turned there from the shortest turn between its ends.
+        waypoint_tolerance_m: how far from the waypoints between the first and the last the tip may pass: to their
+            sides, and higher or lower along ``up``. Where it is above 0, the tip must not sink between two of them
+            below the lower one by more.
+        waypoint_tolerance_rad: how far it may be turned there.
     """
 
     arms: Mapping[str, ArmMotion]
@@ -44,11 +56,13 @@ class MotionProblem:
     range_slack: float = 0.0
     straight_tolerance_m: float = 1e-4
     straight_tolerance_rad: float = 1e-3
+    waypoint_tolerance_m: float = 0.0
+    waypoint_tolerance_rad: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.arms:
             raise TrocarError("a motion problem needs at least one arm; give what each is asked by its name")
-        for name in ("min_distance_m", "range_slack", "straight_tolerance_m", "straight_tolerance_rad"):
+        for name in SETTINGS:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise TrocarError(f"{name} of a motion problem is {value}; give a finite number of at least 0")
