@@ -22,6 +22,7 @@ PLANNERS: Registry[Planner] = Registry(
     "trocar.planners",
     {
         "spline": Lazy("trocar.motion.splines:spline"),
+        "sqp": Lazy("trocar.motion.sqp:sqp"),
         "optimal": Lazy("trocar.motion.optimal:optimal"),
         "relaxed": Lazy("trocar.motion.relaxed:relaxed"),
     },

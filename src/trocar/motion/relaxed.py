@@ -38,8 +38,8 @@ SIDES, TURNS = (0.97, 0.24), (0.26, 0.93, 0.26)
 within the balls, long where it pays. The tip leans towards the target."""
 DENSE = 9
 """Samples on the two pieces of the spline where the tip leaves or enters a channel fast."""
-SMOOTH = 1e-6
-"""Weight of the control points' squares: joints that do not bind have an answer too."""
+SMOOTH = 1e-5
+"""Weight of the changes of acceleration between knots, s^2: joints that do not bind have one answer, a smooth one."""
 FAST = 0.8
 """Share of a velocity limit from which on a joint's velocities are bounded."""
 
@@ -135,13 +135,13 @@ class _Clearance:
         seconds, waypoints = path.trajectory.duration_s, self.arm.waypoints
         passed = path.waypoint_times_s / seconds
         pieces = [np.linspace(a, b, KNOTS, endpoint=False) for a, b in pairwise(passed)]
-        spline = JointSpline(np.concatenate([*pieces, [1.0]]), 2, waypoints[0], waypoints[-1])
+        spline = JointSpline(np.concatenate([*pieces, [1.0]]), 2, waypoints[[0, 0]], waypoints[[-1, -1]])
         rows = Rows(len(waypoints[0]) * spline.free, 1)
         self._bound_rates(rows, spline, path.trajectory)
         self._bound_tip(rows, spline, path, passed)
-        weights, cost = np.full(rows.free + 1, SMOOTH), np.zeros(rows.free + 1)
-        weights[-1], cost[-1] = 0.0, 1.0
-        x = rows.least(sparse.diags(weights).tocsc(), cost)
+        cost = np.zeros(rows.free + 1)
+        cost[-1] = 1.0
+        x = rows.least(self._smoothness(spline, seconds), cost)
         if x is None or not x[-1] > 0.0:
             return None
         motion = spline.trajectory(spline.control(x[:-1]), sqrt(x[-1]))
@@ -149,6 +149,15 @@ class _Clearance:
         pushed = float((2 * np.abs(motion.coefficients[0]) / limits.acceleration).max())
         speed = float((np.abs(motion(motion.times_s, 1)) / limits.velocity).max())
         return self._passing(motion.stretched(max(sqrt(pushed), speed)))
+
+    def _smoothness(self, spline: JointSpline, seconds: float) -> sparse.csc_matrix:
+        """Return the weights of the changes of acceleration from knot to knot, in limits."""
+        pushes = spline.each_joint(spline.basis(spline.shares[:-1], 2), self.arm.limits.acceleration * seconds**2)
+        count = spline.first.shape[1]
+        pieces = len(spline.shares) - 1
+        changes = sparse.eye(pieces - 1, pieces, 1) - sparse.eye(pieces - 1, pieces)
+        jumps = sparse.kron(sparse.eye(count), changes) @ pushes.matrix(count * spline.free + 1)
+        return sparse.csc_matrix(SMOOTH * (jumps.T @ jumps))
 
     def _bound_rates(self, rows: Rows, spline: JointSpline, motion: Trajectory) -> None:
         """Bound accelerations, linear in T^2, and the velocities that come near their limits, by a tangent in T^2."""

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 FREE = 1e32
 """A bound that PIQP takes for none."""
+ITERATIONS = 60
+"""After which it has found nothing; an answer takes 15 to 30."""
 PRECISION = 1e-7
 """Of its answer; the times are taken from the splines themselves, exactly."""
 
@@ -39,6 +41,10 @@ class Block:
     column: NDArray[np.intp]
     rest: Array
 
+    def matrix(self, columns: int) -> sparse.csr_matrix:
+        """Return the rows as a matrix (rows, columns)."""
+        return sparse.csr_matrix((self.data, (self.row, self.column)), shape=(len(self.rest), columns))
+
     def __neg__(self) -> Block:
         """Return the negative rows."""
         return Block(-self.data, self.row, self.column, -self.rest)
@@ -46,21 +52,19 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class JointSpline:
-    """All joints' clamped B-spline over the share of the time, from rest to rest; some of its control points are free.
+    """All joints' clamped B-spline over the share of the time; the control points between its ends are free.
 
     Attributes:
         shares: (n + 1,) knots from 0 to 1.
         degree: 2: the acceleration is constant between knots; 3: linear.
-        begin: (joints,) where it rests.
-        end: (joints,) where it comes to rest.
-        held: control points at each end that are there: 2 to rest, 3 to start without acceleration too.
+        first: (a, joints) control points at its start: two at one place for rest, three to accelerate from 0 as well.
+        last: (b, joints) those at its end.
     """
 
     shares: Array
     degree: int
-    begin: Array
-    end: Array
-    held: int = 2
+    first: Array
+    last: Array
 
     def basis(self, shares: Array, order: int = 0) -> Basis:
         """Return what the control points weigh in a derivative by the share at shares (k,)."""
@@ -70,13 +74,16 @@ class JointSpline:
         return Basis(np.take_along_axis(dense, columns, axis=1), columns)
 
     def rows(self, basis: Basis, gradient: Array) -> Block:
-        """Return the rows ``gradient (k, joints) . q`` of the free control points, joint by joint, of a basis of k."""
-        free, joints = self.free, len(self.begin)
-        held = (basis.columns < self.held) | (basis.columns >= self.held + free)
-        ends = np.where(basis.columns[..., None] < self.held, self.begin, self.end)
-        rest = np.einsum("kj,kp,kpj->k", gradient, np.where(held, basis.weights, 0.0), ends)
+        """Return the rows ``gradient (k, joints) . q`` of the free control points, joint by joint, of a basis of k.
+
+        A free control point is told by how far it is off the straight line between both ends, so that numbers of the
+        same size are not subtracted.
+        """
+        free, before = self.free, len(self.first)
+        held = (basis.columns < before) | (basis.columns >= before + free)
+        rest = np.einsum("kj,kp,kpj->k", gradient, basis.weights, self._line[basis.columns])
         data = gradient[:, :, None] * basis.weights[:, None, :]
-        columns = np.arange(joints)[:, None] * free + (basis.columns - self.held)[:, None, :]
+        columns = np.arange(gradient.shape[1])[:, None] * free + (basis.columns - before)[:, None, :]
         row = np.broadcast_to(np.arange(len(data))[:, None, None], data.shape)
         there = np.broadcast_to(~held[:, None, :], data.shape) & (data != 0.0)
         return Block(data[there], row[there], columns[there], rest)
@@ -89,13 +96,13 @@ class JointSpline:
     @property
     def free(self) -> int:
         """Return how many control points of a joint are free."""
-        return len(self.shares) - 1 + self.degree - 2 * self.held
+        return len(self.shares) - 1 + self.degree - len(self.first) - len(self.last)
 
     def control(self, free: Array) -> Array:
-        """Return all control points (.., joints) from the free ones, joint by joint."""
-        inner = free.reshape(len(self.begin), -1).T
-        first, last = (np.repeat(q[None], self.held, axis=0) for q in (self.begin, self.end))
-        return np.concatenate([first, inner, last])
+        """Return all control points (.., joints) from what the free ones are off the line, joint by joint."""
+        control = self._line.copy()
+        control[len(self.first) : -len(self.last)] += free.reshape(self.first.shape[1], -1).T
+        return control
 
     def trajectory(self, control: Array, seconds: float) -> Trajectory:
         """Return the motion that takes this time."""
@@ -103,6 +110,14 @@ class JointSpline:
         orders = range(self.degree, -1, -1)
         parts = [curve(self.shares[:-1], nu=order) / factorial(order) / seconds**order for order in orders]
         return Trajectory(seconds * self.shares, np.stack(parts))
+
+    @cached_property
+    def _line(self) -> Array:
+        """Return the control points of a straight line between the ends: the free ones are told from there."""
+        at = np.lib.stride_tricks.sliding_window_view(self._knots[1:-1], self.degree).mean(axis=1)[:, None]
+        line = (1 - at) * self.first[0] + at * self.last[-1]
+        line[: len(self.first)], line[-len(self.last) :] = self.first, self.last
+        return line
 
     @cached_property
     def _knots(self) -> Array:
@@ -115,7 +130,7 @@ class JointSpline:
 
 @dataclass
 class Rows:
-    """Linear inequalities ``low <= G x <= high``, gathered block by block.
+    """Linear inequalities ``low <= G x <= high``, gathered block by block; an equation where both are the same.
 
     x are the free control points and, after them, ``extras`` other variables.
     """
@@ -153,9 +168,13 @@ class Rows:
             np.concatenate([getattr(block, name) for block in self.blocks]) for name in ("data", "row", "column")
         )
         low, high = np.concatenate(self.lows), np.concatenate(self.highs)
-        matrix = sparse.csc_matrix((data, (row, column)), shape=(len(low), self.free + self.extras))
+        matrix = sparse.csr_matrix((data, (row, column)), shape=(len(low), self.free + self.extras))
+        equal, bounded = low == high, low < high
+        equations = (matrix[equal].tocsc(), low[equal]) if equal.any() else (None, None)
+        hessian.sort_indices()  # PIQP takes them for sorted, and answers something else where they are not
         solver = piqp.SparseSolver()
         solver.settings.eps_abs = PRECISION
         solver.settings.eps_rel = PRECISION
-        solver.setup(hessian, cost, None, None, matrix, low, high)
+        solver.settings.max_iter = ITERATIONS
+        solver.setup(hessian, cost, *equations, matrix[bounded].tocsc(), low[bounded], high[bounded])
         return solver.result.x.copy() if solver.solve() == piqp.PIQP_SOLVED else None
