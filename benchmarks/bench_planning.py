@@ -1,16 +1,17 @@
-"""Planning: recorded transfers by every planner, Algorithm 2 beside a plain loop, moving starts, distances of two arms.
+"""Planning: recorded transfers by every planner in a table, Algorithm 2 beside a plain loop, moving starts, distances.
 
 Run: .venv/bin/python benchmarks/bench_planning.py; the recordings: TROCAR_DATA, or shared/data beside
-the repository.
+the repository. The row of TOPPRA needs `pip install trocar[bench]`.
 """
 
 import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from trocar.arms import ARMS, MOTION_LIMITS, ik
+from trocar.arms import ARMS, MOTION_LIMITS, fk, ik
 from trocar.geometry import SE3, SO3
 from trocar.motion import (
     PLANNERS,
@@ -25,10 +26,19 @@ from trocar.motion import (
     vertical_deviation_m,
 )
 from trocar.motion.cubic import CubicGrid
+from trocar.motion.straight_line import StraightLine
 
 ARM, LIMITS = ARMS["psm-classic"], MOTION_LIMITS["paper"]
 SLACK = 0.02  # recorded waypoints lie up to 0.3 mm beyond the nominal insertion
 REPEATS = 20
+UPRIGHT = (True, False, True)
+CLEARANCE_M, CLEARANCE_RAD = 1e-3, np.radians(6)
+
+
+def clearance(off_m, off_rad):
+    """Return the tolerances of a problem."""
+    names = ("straight_tolerance_m", "straight_tolerance_rad", "waypoint_tolerance_m", "waypoint_tolerance_rad")
+    return dict(zip(names, 2 * (off_m, off_rad), strict=True))
 
 
 class PlainGrid(CubicGrid):
@@ -55,8 +65,9 @@ class PlainGrid(CubicGrid):
         return acceleration <= self.limits.acceleration[joint] and speed <= self.limits.velocity[joint]
 
 
-def asked(four):
-    return MotionProblem({"psm": ArmMotion(ARM, four, LIMITS)}, range_slack=SLACK)
+def asked(four, **more):
+    """Return the problem of a transfer; its straight pieces are said only to who looks at them, so that all answer."""
+    return MotionProblem({"psm": ArmMotion(ARM, four, LIMITS, **more.pop("arm", {}))}, range_slack=SLACK, **more)
 
 
 def timed_ms(work, repeats=REPEATS):
@@ -73,26 +84,133 @@ def told(times_ms):
     return f"least {times_ms.min():.2f} ms, p50 {np.median(times_ms):.2f} ms, p95 {np.percentile(times_ms, 95):.2f} ms"
 
 
-def bench_planner(name, problems, samples):
-    """Print what one planner makes of the recorded transfers."""
+@dataclass(frozen=True)
+class Row:
+    """What one planner makes of the recorded transfers: durations, largest ratios, off the vertical, time of a plan."""
+
+    name: str
+    durations_s: list
+    velocity: float
+    acceleration: float
+    off_m: float
+    plan_ms: list
+    refused: int = 0
+
+    def told(self):
+        """Return the row."""
+        ms = f"{np.median(self.plan_ms):8.1f}" if self.plan_ms else 8 * " "
+        return (
+            f"{self.name:28s} {np.mean(self.durations_s):8.4f} {self.velocity:9.6f} {self.acceleration:12.9f} "
+            f"{1e3 * self.off_m:10.4f} {ms}" + f"  {self.refused} refused" * bool(self.refused)
+        )
+
+
+def cpu_ms(work, repeats):
+    """Return the processor time of one piece of work, the least of several, in ms."""
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        work()
+        times.append(1e3 * (time.process_time() - begin))
+    return min(times)
+
+
+def planned(name, problems, title=None):
+    """Return a planner's row."""
     plan_motion(problems[0], name)
-    whole, alone = [], []
-    for problem in problems:
-        whole.append([plan_motion(problem, name).compute_ms for _ in range(REPEATS)])
-        alone.append(timed_ms(lambda problem=problem: PLANNERS[name](problem)))
+    repeats = 2 if name == "sqp" else 5
+    times = [cpu_ms(lambda problem=problem: PLANNERS[name](problem), repeats) for problem in problems]
     plans = [plan_motion(problem, name) for problem in problems]
     use = [plan.use["psm"] for plan in plans]
     off_m = [vertical_deviation_m(a.arms["psm"], plan.paths["psm"]) for a, plan in zip(problems, plans, strict=True)]
-    print(f"planner '{name}': {sum(plan.found for plan in plans)} of {len(plans)} found")
-    lengths = np.array([round(100 * plan.duration_s) for plan in plans])
-    print(f"  recorded length minus planned, samples of 10 ms: {(samples - lengths).tolist()}")
-    duration_s, bound_s = (np.mean([getattr(plan, key) for plan in plans]) for key in ("duration_s", "bound_s"))
-    print(f"  mean duration {duration_s:.3f} s, bound {bound_s:.3f} s")
     ratios = max(u.velocity_ratio for u in use), max(u.acceleration_ratio for u in use)
-    print(f"  largest ratios: velocity {ratios[0]:.6f}, acceleration {ratios[1]:.6f}")
-    print(f"  off the vertical: up to {1e3 * max(off_m):.2f} mm")
-    print(f"  a plan with its check: {told(np.array(whole))} (target 5 ms)")
-    print(f"  the planner alone: {told(np.array(alone))}")
+    refused = sum(not plan.found for plan in plans)
+    return Row(title or name, [plan.duration_s for plan in plans], *ratios, max(off_m), times, refused), plans
+
+
+def toppra_row(waypoints):
+    """Return the row of TOPPRA along straight lines between the waypoints, where it stops; None if it is not there."""
+    try:
+        import toppra  # noqa: PLC0415
+        from toppra import algorithm, constraint  # noqa: PLC0415
+    except ImportError:
+        return None
+    toppra.setup_logging("ERROR")
+    bounds = [np.stack([-most, most], axis=1) for most in map(np.asarray, (LIMITS.velocity, LIMITS.acceleration))]
+    limits = [
+        constraint.JointVelocityConstraint(bounds[0]),
+        constraint.JointAccelerationConstraint(bounds[1], constraint.DiscretizationType.Interpolation),
+    ]
+
+    def along(line):
+        path = toppra.SplineInterpolator(np.linspace(0, 1, len(line.q)), line.q)
+        grid = np.linspace(0, 1, 101)
+        return algorithm.TOPPRA(
+            limits, path, gridpoints=grid, parametrizer="ParametrizeConstAccel"
+        ).compute_trajectory()
+
+    durations_s, ratios, off_m, times = [], [], [], []
+    for four in waypoints:
+        work = lambda four=four: [along(line) for line in StraightLine.between(ARM, four[:-1], four[1:], LIMITS)]  # noqa: E731
+        times.append(cpu_ms(work, 2))
+        moves = work()
+        durations_s.append(sum(move.duration for move in moves))
+        for index, move in enumerate(moves):
+            t = np.arange(0, move.duration, 1e-3)
+            ratios.append(
+                [np.abs(move(t, k) / most).max() for k, most in ((1, LIMITS.velocity), (2, LIMITS.acceleration))]
+            )
+            if index != 1:
+                tips = fk(ARM, move(t)).translation_m
+                off_m.append(np.linalg.norm((tips - tips[0])[:, :2], axis=1).max())
+    return Row("toppra, stops at the corners", durations_s, *np.max(ratios, axis=0), max(off_m), times)
+
+
+def bench_planners(waypoints, recorded):
+    """Print what each planner makes of the recorded transfers, and what no motion beats."""
+    upright = {"straight": UPRIGHT}
+    rows, plans = [], {}
+    for name, title, more in (
+        ("spline", None, {}),
+        ("sqp", None, {"arm": upright}),
+        ("optimal", None, {"arm": upright}),
+        (
+            "relaxed",
+            f"relaxed, {1e3 * CLEARANCE_M:.0f} mm, {np.degrees(CLEARANCE_RAD):.0f} degrees",
+            clearance(CLEARANCE_M, CLEARANCE_RAD) | {"arm": upright},
+        ),
+    ):
+        row, plans[name] = planned(name, [asked(four, **dict(more)) for four in waypoints], title)
+        rows.append(row)
+    stops = toppra_row(waypoints)
+    rows.insert(2, stops) if stops else print("TOPPRA is not installed: `pip install trocar[bench]` gives its row.")
+    print(f"{len(waypoints)} recorded transfers")
+    print(f"{'planner':28s} {'mean s':>8s} {'velocity':>9s} {'acceleration':>12s} {'off mm':>10s} {'cpu ms':>8s}")
+    for row in rows:
+        print(row.told())
+    for title, name in (("bound of these waypoints", "optimal"), ("bound within the clearance", "relaxed")):
+        print(f"{title:28s} {np.mean([plan.bound_s for plan in plans[name]]):8.4f}")
+    exact, near = (np.mean([plan.duration_s for plan in plans[name]]) for name in ("optimal", "relaxed"))
+    print(
+        f"optimal is {100 * (exact / np.mean([p.bound_s for p in plans['optimal']]) - 1):.1f} % above its bound; ",
+        end="",
+    )
+    print(f"relaxed is {100 * (1 - near / exact):.1f} % below optimal")
+    for name, key in (("spline", "cubic_samples"), ("sqp", "qp_samples")):
+        lengths = np.array([100 * plan.duration_s for plan in plans[name]])
+        print(f"{name}: recorded length minus planned, samples of 10 ms: {(recorded[key] - lengths).round(1).tolist()}")
+    whole = [plan.compute_ms for _ in range(REPEATS) for plan in [plan_motion(asked(waypoints[0]), "optimal")]]
+    print(f"a plan by 'optimal' with its check: {told(np.array(whole))}")
+
+
+def bench_more_clearance(waypoints):
+    """Print what other clearances bring."""
+    exact_s = np.mean([plan_motion(asked(four), "optimal").duration_s for four in waypoints])
+    for off_mm, off_deg in ((0.1, 1), (1, 3), (1, 6), (1, 9), (2, 3)):
+        near = clearance(1e-3 * off_mm, np.radians(off_deg))
+        plans = [plan_motion(asked(four, arm={"straight": UPRIGHT}, **near), "relaxed") for four in waypoints]
+        share, found = 1 - np.mean([plan.duration_s for plan in plans]) / exact_s, sum(plan.found for plan in plans)
+        print(f"relaxed, {off_mm} mm and {off_deg} degrees: {100 * share:.1f} % below optimal, {found} found")
 
 
 def bench_plain_loop(problems):
@@ -154,11 +272,12 @@ def bench_clearance():
 
 def main():
     data = Path(os.environ.get("TROCAR_DATA", Path(__file__).parents[2] / "shared" / "data"))
-    with np.load(data / "dvrk/motion/reference_waypoints.npz") as recorded:
-        waypoints, samples = recorded["waypoints"], recorded["cubic_samples"]
+    with np.load(data / "dvrk/motion/reference_waypoints.npz") as file:
+        recorded = dict(file)
+    waypoints = recorded["waypoints"]
     problems = [asked(four) for four in waypoints]
-    for name in PLANNERS:
-        bench_planner(name, problems, samples)
+    bench_planners(waypoints, recorded)
+    bench_more_clearance(waypoints)
     bench_plain_loop(problems[:2])
     bench_replacement(problems)
     bench_clearance()

@@ -6,7 +6,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Mapping
-from math import isfinite
+from math import isfinite, radians
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -33,6 +33,9 @@ app.command("setup", epilog="Example: trocar plan setup --free circle --free por
 
 T = TypeVar("T")
 
+UPRIGHT = (True, False, True)
+"""The pieces of a transfer that are straight: the first lifts, the last lowers."""
+
 RANGE_SLACK = 0.02
 """Share of its range by which a joint of the given waypoints may leave it: the transfers recorded on a
 real PSM
@@ -54,22 +57,30 @@ def transfer(
         0.0,
         1.0,
     ),
+    clearance_mm: Annotated[
+        float, typer.Option(help="How far the tip may be off the verticals and the inner waypoints.")
+    ] = 0.0,
+    clearance_deg: Annotated[
+        float, typer.Option(help="How far it may be turned there; 'relaxed' needs both to gain anything.")
+    ] = 0.0,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.
 
-    A motion that breaks what was asked is printed with the reason, and the exit code is then 1.
+    With a clearance, lifting and lowering must be straight within it. A motion that breaks what was asked is
+    printed with the reason, and the exit code is then 1.
 
     Example: trocar plan transfer waypoints.npy --planner spline
     """
     model, motion_limits = _choice(ARMS, arm, "arm"), _choice(MOTION_LIMITS, limits, "set of limits")
     PLANNERS.pick(planner)
+    near = _tolerances(clearance_mm, clearance_deg)
     motions = []
     for index, four in enumerate(_load(waypoints)):
         try:
-            asked = ArmMotion(model, four, motion_limits, up=np.array(up))
-            plan = plan_motion(MotionProblem({arm: asked}, range_slack=RANGE_SLACK), planner)
+            asked = ArmMotion(model, four, motion_limits, up=np.array(up), straight=UPRIGHT if near else ())
+            plan = plan_motion(MotionProblem({arm: asked}, range_slack=RANGE_SLACK, **near), planner)
         except TrocarError as error:
             raise TrocarError(f"{waypoints}, motion {index}: {error}") from None
         motions.append(_record(asked, plan))
@@ -87,6 +98,19 @@ def transfer(
         _print(summary)
     if not all(motion["found"] for motion in motions):
         raise typer.Exit(1)
+
+
+def _tolerances(clearance_mm: float, clearance_deg: float) -> dict[str, Any]:
+    """Return the tolerances of a motion problem; none where there is no clearance."""
+    if not (clearance_mm or clearance_deg):
+        return {}
+    off_m, off_rad = 1e-3 * clearance_mm, radians(clearance_deg)
+    return {
+        "straight_tolerance_m": off_m,
+        "straight_tolerance_rad": off_rad,
+        "waypoint_tolerance_m": off_m,
+        "waypoint_tolerance_rad": off_rad,
+    }
 
 
 def _record(asked: ArmMotion, plan: MotionPlan) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from trocar.motion.problem import MotionProblem
 from trocar.motion.straight_line import Sprint, StraightLine
 from trocar.trajectory import Trajectory
 
-RATES = 20
+RATES = 16
 """Passing speeds tried at each end of the free piece."""
 FINE, ZOOMS = 9, 2
 """And round the best of them, so many times over."""
