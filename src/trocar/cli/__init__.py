@@ -22,11 +22,12 @@ app = typer.Typer(
 )
 
 
-from trocar.cli import calibrate, doctor, plan, register, run, station, study, view  # noqa: E402
+from trocar.cli import analyse, calibrate, doctor, plan, register, run, station, study, view  # noqa: E402
 
 app.command(epilog="Example: trocar doctor")(doctor.doctor)
 app.command(epilog="Example: trocar report out/ten")(run.report)
 app.command(epilog="Example: trocar view out/ten --trial 3")(view.view)
+app.command(epilog="Example: trocar analyse joints.csv --rate 100 --out out/motion")(analyse.analyse)
 app.add_typer(run.app, name="run")
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(plan.app, name="plan")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib.metadata import version
 from typing import Any
 
@@ -16,6 +16,7 @@ from trocar.motion import PLANNERS
 from trocar.registry import load_plugin
 from trocar.station import Station, load_station
 from trocar.station.toml import station_digest
+from trocar.tasks import TASKS
 from trocar.tasks.kit import Method, Task, pick_method, pick_perception
 
 PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headless", "piqp")
@@ -90,6 +91,12 @@ class RunConfig:
                 self.task.calibration(station, arm)
         self._built.update(method=method, station=station, arms=arms)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes the same configuration in another process, which first loads the same plugins."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("task", "_built")}
+        options = {f.name: getattr(self.task, f.name) for f in fields(self.task)}  # type: ignore[arg-type]
+        return _made_again, (self.task.name, options, values)
+
     @property
     def chosen_method(self) -> Method:
         """Return the method."""
@@ -140,6 +147,12 @@ class RunConfig:
     def seeds(self, session: int, *stream: int) -> np.random.SeedSequence:
         """Return the seeds of one of a session's streams."""
         return np.random.SeedSequence([self.seed, session, *stream])
+
+
+def _made_again(task: str, options: dict[str, Any], values: dict[str, Any]) -> RunConfig:
+    for plugin in values["plugins"]:
+        load_plugin(plugin)
+    return RunConfig(task=TASKS.pick(task)(**options), **values)
 
 
 def fingerprint(about: dict[str, Any]) -> str:

@@ -1,0 +1,170 @@
+"""``trocar analyse``: velocity, acceleration and jerk of a recorded motion."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from trocar.cli.out_folder import check_out_folder
+from trocar.errors import TrocarError
+
+if TYPE_CHECKING:
+    from trocar.arms import ArmModel
+    from trocar.motion.analysis import Derivatives
+
+JOINTS = ("q1", "q2", "q3", "q4", "q5", "q6")
+TIP = ("x", "y", "z")
+
+
+def analyse(
+    recording: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="CSV of measured joints, its first line naming the columns, or a trial's .npz of a run.",
+        ),
+    ],
+    *,
+    arm: Annotated[
+        str,
+        typer.Option(help="CSV: model of the arm, for its tip (psm-classic). Trial: which arm (default: that worked)."),
+    ] = "",
+    columns: Annotated[
+        str, typer.Option(metavar="A,B,...", help="CSV: the columns to analyse; default: q1 to q6 (rad, m), or all.")
+    ] = "",
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="CSV without a column of times (t_s, in s): samples a second.")
+    ] = None,
+    smoothness: Annotated[
+        float | None, typer.Option(help="Weight of smoothness.", show_default="by cross-validation, for each joint")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write motion.csv, motion.png and summary.json here.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Estimate velocity, acceleration and jerk of joints and tool tip from measured positions (Huber losses)."""
+    from trocar.motion.analysis import analyse as estimate  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.motion.analysis import analyse_joints  # noqa: PLC0415
+
+    check_out_folder(out, ("motion.csv", "motion.png", "summary.json"))
+    for name, value in (("--rate", rate), ("--smoothness", smoothness)):
+        if value is not None and not 0 < value < np.inf:
+            raise TrocarError(f"{name} is {value}; give a number above 0")
+    names, measured, step_s, model = _measured(recording, arm, columns, rate)
+    parts: dict[str, tuple[tuple[str, ...], Derivatives]] = {}
+    with Console(stderr=True).status(f"estimating the motion of {len(names)} signals, {len(measured)} samples"):
+        if model is None:
+            parts["joints"] = (names, estimate(measured, step_s, smoothness))
+        else:
+            found = analyse_joints(model, measured, step_s, smoothness)
+            parts = {"joints": (names, found.joints), "tip": (TIP, found.tip)}
+    summary = _summary(recording, parts, model)
+    if out is not None:
+        _save(out, parts, summary)
+    if as_json:
+        typer.echo(json.dumps(summary))
+        return
+    _print(summary, parts)
+    if out is not None:
+        typer.echo(f"files: {out / 'motion.csv'}, {out / 'motion.png'}, {out / 'summary.json'}")
+
+
+def _measured(
+    path: Path, arm: str, columns: str, rate: float | None
+) -> tuple[tuple[str, ...], np.ndarray, float, ArmModel | None]:
+    """Return names, positions (n, k), the step in s and, where the six joints of an arm are given, its model."""
+    from trocar.arms import ARMS, PSM_CLASSIC  # noqa: PLC0415
+    from trocar.motion.analysis import read_joint_table  # noqa: PLC0415
+
+    if path.suffix == ".npz":
+        return _of_trial(path, arm)
+    model = ARMS.pick(arm) if arm else PSM_CLASSIC
+    if rate is not None and rate <= 0:
+        raise TrocarError(f"--rate is {rate} Hz; give a number above 0")
+    table = read_joint_table(path, rate)
+    wanted = [name.strip() for name in columns.split(",") if name.strip()]
+    usual = not wanted and all(name in table.names for name in JOINTS)
+    if arm and wanted and len(wanted) != len(JOINTS):
+        raise TrocarError(f"--columns names {len(wanted)} columns; with --arm, name the six joints in order")
+    chosen = wanted or (list(JOINTS) if usual else list(table.names))
+    of_arm = usual or (bool(arm) and len(chosen) == len(JOINTS))
+    return tuple(chosen), table.columns(chosen, path), table.step_s, model if of_arm else None
+
+
+def _of_trial(path: Path, arm: str) -> tuple[tuple[str, ...], np.ndarray, float, ArmModel]:
+    from trocar.trials import Trial  # noqa: PLC0415
+
+    trial = Trial.load(path)
+    name = arm or trial.arms[0]
+    if name not in trial.scenery.arms:
+        raise TrocarError(f"trial {str(path)!r} has no arm {name!r}; choose one of {', '.join(trial.arms)}")
+    measured = trial.arrays[f"measured_{name}"][:, :6].astype(np.float64)
+    return JOINTS, measured, trial.scenery.tick_s, trial.scenery.arms[name]
+
+
+def _summary(
+    path: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], model: ArmModel | None
+) -> dict[str, Any]:
+    first = next(iter(parts.values()))[1]
+    summary: dict[str, Any] = {
+        "file": str(path),
+        "samples": len(first.position),
+        "step_s": first.step_s,
+        "arm": None if model is None else model.name,
+    }
+    for part, (names, found) in parts.items():
+        rms, largest = found.rms(), found.largest()
+        summary[part] = {
+            name: {kind: {"rms": float(rms[kind][k]), "max": float(largest[kind][k])} for kind in rms}
+            for k, name in enumerate(names)
+        }
+    if "tip" in parts:
+        position = parts["tip"][1].position
+        summary["path_m"] = float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
+    return summary
+
+
+def _print(summary: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
+    console = Console()
+    seconds = summary["samples"] * summary["step_s"]
+    table = Table(
+        title=f"{summary['samples']} samples, {seconds:.1f} s",
+        caption="RMS / largest, in the signal's unit and seconds",
+    )
+    for column in ("signal", "velocity /s", "acceleration /s^2", "jerk /s^3"):
+        table.add_column(column, justify="right")
+    for part in parts:
+        for name, kinds in summary[part].items():
+            label = f"tip {name}" if part == "tip" else name
+            table.add_row(label, *(f"{k['rms']:.4g} / {k['max']:.4g}" for k in kinds.values()))
+    console.print(table)
+    if "path_m" in summary:
+        console.print(f"path of the tip: {summary['path_m']:.3f} m")
+
+
+def _save(out: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], summary: Mapping[str, Any]) -> None:
+    from trocar.report.motion import draw_motion  # noqa: PLC0415 (matplotlib only when needed)
+
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
+    header, columns = ["t_s"], [summary["step_s"] * np.arange(summary["samples"])]
+    for part, (names, found) in parts.items():
+        jerk = np.vstack([found.jerk, found.jerk[-1:]])  # of the step that follows a sample
+        for k, name in enumerate(names):
+            label = f"tip_{name}" if part == "tip" else name
+            header += [label, f"{label}_velocity", f"{label}_acceleration", f"{label}_jerk"]
+            columns += [found.position[:, k], found.velocity[:, k], found.acceleration[:, k], jerk[:, k]]
+    with (out / "motion.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
+    draw_motion(parts, out / "motion.png")

@@ -1,0 +1,136 @@
+"""Recorded joints in a CSV file."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.motion.analysis.huber import SHORTEST
+
+TIMES = ("t_s", "time_s", "t", "time")
+"""Names that a column of times in seconds may have."""
+OFF_GRID = 0.3
+"""A sample may lie this share of a step off its place; one that is a whole step late leaves a gap."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointTable:
+    """Signals at even steps.
+
+    Attributes:
+        names: of the columns, without that of the times.
+        values: (n, k), rad and m; NaN where no measurement is.
+        step_s: between samples.
+    """
+
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    step_s: float
+
+    def columns(self, names: list[str], path: str | Path) -> NDArray[np.float64]:
+        """Return the values (n, len(names)) of these columns.
+
+        Args:
+            names: wanted.
+            path: of the file, for the sentence if one is missing.
+        """
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            raise TrocarError(
+                f"{str(path)!r} has no column {missing[0]!r}; it has {', '.join(self.names)}; name yours with --columns"
+            )
+        return self.values[:, [self.names.index(name) for name in names]]
+
+
+def read_joint_table(path: str | Path, rate_hz: float | None = None) -> JointTable:
+    """Return the signals in a CSV file whose first line names the columns; an empty cell is a missing measurement.
+
+    Args:
+        path: of the file.
+        rate_hz: of the samples, where there is no column of times (``t_s``, ``time_s``, ``t`` or ``time``, in s).
+
+    Raises:
+        TrocarError: there is no such file, a cell is no number, or the times are not even.
+    """
+    names, rows = _rows(Path(path))
+    if len(rows) < SHORTEST:
+        raise TrocarError(f"{str(path)!r} has {len(rows)} rows of numbers; {SHORTEST} are needed at least")
+    time_name = next((name for name in TIMES if name in names), None)
+    signals = [place for place, name in enumerate(names) if name != time_name]
+    if not signals:
+        raise TrocarError(f"{str(path)!r} has no column besides the times; give one for each joint")
+    kept = tuple(names[place] for place in signals)
+    if time_name is None:
+        if rate_hz is None:
+            raise TrocarError(f"{str(path)!r} has no column {TIMES[0]!r}; add one, or give --rate in Hz")
+        return JointTable(kept, rows[:, signals], 1.0 / rate_hz)
+    times_s = rows[:, names.index(time_name)]
+    return JointTable(kept, *_on_grid(times_s, rows[:, signals], path))
+
+
+def _rows(path: Path) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the names of the columns and all numbers."""
+    if not path.is_file():
+        raise TrocarError(f"recording {str(path)!r} does not exist; give a CSV file")
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [line for line in csv.reader(file) if line]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise TrocarError(f"{str(path)!r} cannot be read as CSV ({error}); give a text file with commas") from None
+    if not lines:
+        raise TrocarError(f"{str(path)!r} is empty; its first line must name the columns, such as t_s,q1,q2")
+    names = [name.strip() for name in lines[0]]
+    if any(_number(name) is not None for name in names) or len(set(names)) < len(names):
+        raise TrocarError(
+            f"the first line of {str(path)!r} does not name its columns; write e.g. t_s,q1,q2,q3,q4,q5,q6"
+        )
+    numbers = np.empty((len(lines) - 1, len(names)))
+    for row, line in enumerate(lines[1:]):
+        if len(line) != len(names):
+            raise TrocarError(f"row {row + 2} of {str(path)!r} has {len(line)} cells, not {len(names)}; mend the file")
+        for column, cell in enumerate(line):
+            value = np.nan if not cell.strip() else _number(cell)
+            if value is None or np.isinf(value):
+                raise TrocarError(
+                    f"row {row + 2} of {str(path)!r} holds {cell.strip()[:20]!r} under {names[column]!r}; give a "
+                    "number, or nothing where there is no measurement"
+                )
+            numbers[row, column] = value
+    return names, numbers
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _on_grid(
+    times_s: NDArray[np.float64], values: NDArray[np.float64], path: str | Path
+) -> tuple[NDArray[np.float64], float]:
+    """Return the values at even steps, NaN where a sample is missing, and the step."""
+    steps = np.diff(times_s)
+    if not np.isfinite(times_s).all() or (steps <= 0).any():
+        row = 1 + int(np.argmax(~(steps > 0)))
+        raise TrocarError(f"times of {str(path)!r} do not increase at row {row + 2}; sort the rows, drop repeated ones")
+    step_s = float(np.median(steps))
+    index = np.concatenate([[0], np.cumsum(np.maximum(1, np.rint(steps / step_s)))]).astype(int)
+    step_s, start_s = np.polyfit(index, times_s, 1).tolist()  # of a clock that may run a little fast or slow
+    off = np.abs((times_s - start_s) / step_s - index)
+    if off.max() > OFF_GRID:
+        row = int(np.argmax(off))
+        raise TrocarError(
+            f"times of {str(path)!r} are not even: row {row + 2} lies {off[row]:.2f} of a step of "
+            f"{1e3 * step_s:.2f} ms off; resample the recording to even steps"
+        )
+    if index[-1] + 1 > 2 * len(times_s):
+        raise TrocarError(f"more than half of the samples of {str(path)!r} are missing; cut it into parts without gaps")
+    grid = np.full((index[-1] + 1, values.shape[1]), np.nan)
+    grid[index] = values
+    return grid, step_s
