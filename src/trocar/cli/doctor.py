@@ -17,6 +17,7 @@ PURPOSE = {
     "learn": "training the network of `--model lstm`",
     "view": "3D in the browser",
     "parquet": "demonstrations recorded by LeRobot",
+    "dask": "studies on a cluster",
 }
 
 

@@ -11,6 +11,7 @@ EXTRAS = {
     "learn": ("jax", "equinox", "optax"),
     "view": ("viser",),
     "parquet": ("pyarrow",),
+    "dask": ("distributed",),
 }
 """What each extra of the package installs, by module."""
 

@@ -60,8 +60,25 @@ def session_interval(succeeded: Sequence[int], attempted: Sequence[int]) -> tupl
     return (0.0 if total == 0 else min(low, float(total))), (1.0 if total == 1 else max(high, float(total)))
 
 
+def session_posterior(
+    succeeded: Sequence[int], attempted: Sequence[int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the posterior of the mean rate over sessions, as :func:`session_interval` takes it: rates and weights."""
+    y, n = np.asarray(succeeded, dtype=np.float64), np.asarray(attempted, dtype=np.float64)
+    return (np.arange(GRID) + 0.5) / GRID, _posterior(y[n > 0], n[n > 0])
+
+
 def _posterior_quantiles(y: NDArray[np.float64], n: NDArray[np.float64]) -> tuple[float, float]:
     """Return the 2.5 and 97.5 % quantiles of the mean rate of a beta-binomial model."""
+    weight = _posterior(y, n)
+    cumulative = np.concatenate([[0.0], np.cumsum(weight)]) / weight.sum()
+    edges = np.arange(GRID + 1) / GRID
+    low, high = np.interp([0.025, 0.975], cumulative, edges)
+    return float(low), float(high)
+
+
+def _posterior(y: NDArray[np.float64], n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the posterior weights of the mean rate on its grid."""
     mean = (np.arange(GRID) + 0.5) / GRID
     icc = (np.arange(GRID) + 0.5) / GRID
     precision = 1.0 / icc - 1.0  # a + b of the beta distribution
@@ -70,11 +87,7 @@ def _posterior_quantiles(y: NDArray[np.float64], n: NDArray[np.float64]) -> tupl
     for pair, count in zip(*np.unique(np.column_stack([y, n]), axis=0, return_counts=True), strict=True):
         log_likelihood += count * (betaln(a + pair[0], b + pair[1] - pair[0]) - betaln(a, b))
     log_posterior = log_likelihood - 0.5 * (np.log(mean) + np.log1p(-mean))[:, None] + np.log1p(-icc)
-    weight = np.exp(log_posterior - log_posterior.max()).sum(axis=1)
-    cumulative = np.concatenate([[0.0], np.cumsum(weight)]) / weight.sum()
-    edges = np.arange(GRID + 1) / GRID
-    low, high = np.interp([0.025, 0.975], cumulative, edges)
-    return float(low), float(high)
+    return np.exp(log_posterior - log_posterior.max()).sum(axis=1)
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
     except OSError as error:
         raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
     wanted = [(session, index) for session in range(config.sessions) for index in range(config.trials)]
-    return [place for place in wanted if not _done(folder, place, config.fingerprint)]
+    return [place for place in wanted if not is_done(folder, place, config.fingerprint)]
 
 
 def load_trials(folder: str | Path) -> tuple[list[Trial], list[str]]:
@@ -87,7 +87,7 @@ def _recorded_fingerprint(folder: Path) -> str:
         return ""
 
 
-def _done(folder: Path, place: tuple[int, int], fingerprint: str) -> bool:
+def is_done(folder: Path, place: tuple[int, int], fingerprint: str) -> bool:
     """Return whether a trial of this run is there; refuse one of another run."""
     path = trial_file(folder, *place)
     if not path.is_file():

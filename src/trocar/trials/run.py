@@ -23,7 +23,7 @@ from trocar.sim.world import PhysicsError
 from trocar.station import SensorFlaws
 from trocar.station.session import Session, draw_session
 from trocar.tasks.kit import Agent, Brief, pick_perception
-from trocar.trials.config import CALIBRATION, REFIT, REMOUNT, SESSION, TRIALS, RunConfig
+from trocar.trials.config import CALIBRATION, REFIT, REMOUNT, SESSION, TRIALS, RunConfig, fingerprint
 from trocar.trials.images import encoded
 from trocar.trials.scenery import Scenery
 from trocar.trials.trial import Trial, session_folder
@@ -63,7 +63,7 @@ def prepare(config: RunConfig, number: int, folder: Path) -> Prepared:
     models: dict[str, CableModel] = {}
     if config.chosen_method.calibrated:
         for place, arm in enumerate(config.arms):
-            path = home / f"cables_{arm}.npz"
+            path = cable_file(folder, number, arm)
             if not path.is_file():
                 rng = config.rng(number, CALIBRATION, place)
                 recording = record_motion(session, arm, rng, config.task.calibration(config.laboratory, arm))
@@ -77,6 +77,22 @@ def prepare(config: RunConfig, number: int, folder: Path) -> Prepared:
             recording = record_motion(session, arm, config.rng(number, REFIT, place), box, REFIT_SAMPLES)
             models[arm] = refit_offset(model, recording)
     return Prepared(number, session, models)
+
+
+def cable_file(folder: Path, number: int, arm: str) -> Path:
+    """Return where the cable model of an arm in a session of a run lies."""
+    return session_folder(folder, number) / f"cables_{arm}.npz"
+
+
+NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "new_session", "refit_offsets"}
+"""What of a run its fitted cable models do not depend on."""
+
+
+def calibration_key(config: RunConfig, arm: str) -> str:
+    """Return a digest of all that the fitted model of an arm depends on: runs with the same one can share it."""
+    about = {key: value for key, value in config.about().items() if key not in NO_MATTER}
+    box = config.task.calibration(config.laboratory, arm)
+    return fingerprint({**about, "arm": arm, "place": config.arms.index(arm), "motion": repr(box)})
 
 
 def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Listener | None = None) -> Trial:

@@ -25,8 +25,22 @@ PAPER: dict[str, tuple[PaperRow, ...]] = {
         PaperRow("robot, calibrated", 5.7, 120, 120),
         PaperRow("robot, calibrated and optimised", 5.2, 120, 120),
     ),
+    "bilateral": (
+        PaperRow("volunteers", 10.9, 626, 642),
+        PaperRow("surgeon", 4.8, 115, 118),
+        PaperRow("robot, uncalibrated", 3.6, 37, 68),
+        PaperRow("robot, calibrated", 3.5, 120, 120),
+        PaperRow("robot, calibrated and optimised", 3.0, 120, 120),
+    ),
+    "handover": (
+        PaperRow("volunteers", 15.5, 599, 632),
+        PaperRow("surgeon", 7.9, 120, 120),
+        PaperRow("robot, uncalibrated", 6.3, 14, 79),
+        PaperRow("robot, calibrated", 6.1, 120, 120),
+        PaperRow("robot, calibrated and optimised", 6.0, 120, 120),
+    ),
 }
-"""Hwang et al. 2022, Table II, by variant. Attempted there: transfers whose block was on its source, see
+"""Hwang et al. 2022, Tables II to IV, by variant. Attempted there: transfers whose block was on its source, see
 ``available``."""
 
 MAX_FAILURES = 3
@@ -67,7 +81,7 @@ class PegReport(TaskReport):
         return {"available": sum(bool(s["available"]) for trial in trials for s in trial.scores)}
 
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
-        """Return Table II of the paper."""
+        """Return the variant's table of the paper: II, III or IV."""
         return PAPER.get(str(summary["variant"]), ())
 
     def notes(self, trials: Sequence[Trial]) -> list[str]:

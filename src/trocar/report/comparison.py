@@ -1,0 +1,140 @@
+"""Comparisons between conditions that met the same sessions: what counts is the session, not the trial."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from trocar.errors import TrocarError
+from trocar.report.statistics import session_posterior
+
+EXACT_UP_TO = 1 << 14
+"""Sign patterns that are counted all; of more sessions so many are drawn."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean over sessions.
+
+    Attributes:
+        mean: of the sessions' means.
+        low: end of the 95 % interval; None of a single session.
+        high: likewise.
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One condition less another, session by session.
+
+    Attributes:
+        sessions: that both conditions have.
+        mean: of the differences; NaN without a session.
+        low: end of the 95 % interval of Student's t over the differences; None of fewer than two sessions.
+        high: likewise.
+        p: that a mean so far in the direction asked for comes by chance (one-sided).
+    """
+
+    sessions: int
+    mean: float
+    low: float | None
+    high: float | None
+    p: float
+
+
+def session_estimate(values: Mapping[int, Sequence[float]]) -> Estimate:
+    """Return the mean over sessions with the 95 % interval of Student's t over the sessions' means.
+
+    Args:
+        values: of the trials of each session.
+    """
+    means = np.array([np.mean(of_session) for of_session in values.values() if len(of_session)])
+    if not len(means):
+        raise TrocarError("there is no session to average over; run some trials")
+    return Estimate(float(means.mean()), *_student(means))
+
+
+def session_difference(
+    first: Mapping[int, Sequence[float]], second: Mapping[int, Sequence[float]], *, less: bool
+) -> Difference:
+    """Return how a condition differs from another that met the same sessions.
+
+    Each session gives one difference of means. If the conditions did not differ, each difference could as well have the
+    other sign: the p-value is the share of all sign patterns (drawn ones for more than 14 sessions) with a mean at
+    least as far in the direction asked for. It needs no distribution, and with n sessions it cannot be below 2^-n.
+
+    Args:
+        first: values of the trials, by session.
+        second: likewise.
+        less: whether the first is expected to be less; else more.
+    """
+    both = [session for session in first if len(first[session]) and len(second.get(session, ()))]
+    d = np.array([np.mean(first[session]) - np.mean(second[session]) for session in both])
+    if not len(d):
+        return Difference(0, float("nan"), None, None, 1.0)
+    return Difference(len(d), float(d.mean()), *_student(d), _sign_flips(d if less else -d))
+
+
+def _student(values: NDArray[np.float64]) -> tuple[float | None, float | None]:
+    """Return the 95 % interval of the mean."""
+    n = len(values)
+    if n < 2:
+        return None, None
+    half = float(stats.t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
+    return float(values.mean()) - half, float(values.mean()) + half
+
+
+def _sign_flips(d: NDArray[np.float64]) -> float:
+    """Return the share of sign patterns with a mean as low as the one found, or lower."""
+    found = stats.permutation_test(
+        (d,),
+        lambda x, axis: np.mean(x, axis=axis),
+        permutation_type="samples",
+        vectorized=True,
+        alternative="less",
+        n_resamples=EXACT_UP_TO,
+        rng=np.random.default_rng(0),
+    )
+    return float(found.pvalue)
+
+
+def rate_difference(
+    first: tuple[Sequence[int], Sequence[int]], second: tuple[Sequence[int], Sequence[int]], share: float = 0.95
+) -> tuple[float, float]:
+    """Return the interval of the difference of two success rates over sessions.
+
+    The rates have the posteriors of :func:`trocar.report.statistics.session_interval`, taken as independent: where the
+    sessions are the same ones, that is on the safe side. It is honest where everything succeeded.
+
+    Args:
+        first: successes and attempts, by session.
+        second: likewise; it is subtracted.
+        share: of the posterior that the interval holds.
+    """
+    middles, one = session_posterior(*first)
+    two = session_posterior(*second)[1]
+    weights = np.convolve(one, two[::-1])
+    grid = (np.arange(len(weights)) - (len(middles) - 1)) * (middles[1] - middles[0])
+    cumulative = np.cumsum(weights) / weights.sum()
+    tail = (1.0 - share) / 2.0
+    low, high = np.interp([tail, 1.0 - tail], cumulative, grid)
+    return float(low), float(high)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Return p-values adjusted for their number (Holm 1979): below .05 they hold together with 95 %."""
+    order = np.argsort(p_values)
+    adjusted = np.empty(len(order))
+    worst = 0.0
+    for rank, place in enumerate(order):
+        worst = max(worst, (len(order) - rank) * p_values[place])
+        adjusted[place] = min(1.0, worst)
+    return adjusted.tolist()

@@ -1,0 +1,156 @@
+"""Figures 9 to 11 of the paper in kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
+
+from trocar.geometry import SE3
+from trocar.report import style
+from trocar.tasks.peg_transfer.goals import PegSet
+from trocar.tasks.peg_transfer.study.published import COLLISIONS, COMPLETION_S
+from trocar.tasks.peg_transfer.study.results import Result
+from trocar.tasks.peg_transfer.study.row import KINDS, Row
+from trocar.trials.trial import Trial, trial_file
+
+COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
+PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}
+THINNED = 5
+"""Every so manyth sample of a path is drawn."""
+
+
+def draw_paths(results: Sequence[Result], path: Path) -> Path:
+    """Draw the tips' paths over the board of one trial of each cell (Fig. 9), and return the path."""
+    variants, methods = _axes_of(results)
+    pegs = 1e3 * PegSet().board.pegs_m
+    with style.figure(3.2 * len(methods), 2.5 * len(variants) + 0.4, path) as figure:
+        grid = figure.subplots(len(variants), len(methods), squeeze=False, sharex=True, sharey=True)
+        for result in results:
+            axes = grid[variants.index(result.cell.variant), methods.index(result.cell.method)]
+            row = result.rows[0]
+            trial = Trial.load(trial_file(result.cell.folder, row.session, row.index))  # one at a time
+            T_board_world = SE3(trial.arrays["T_world_board"].astype(np.float64)).inverse()
+            tools = trial.replay().tools
+            for k, arm in enumerate(trial.about["arms"]):
+                tip = 1e3 * T_board_world.apply(tools[arm].p_world_driven_m)[::THINNED]
+                axes.plot(tip[:, 0], tip[:, 1], linewidth=0.7, color=COLOURS[k], label=arm)
+            axes.plot(pegs[:, 0], pegs[:, 1], "o", color=style.INK, markersize=3)
+            axes.set_aspect("equal")
+            axes.set_title(f"{result.cell.variant}, {result.cell.method}: {row.path_m:.1f} m", fontsize=8)
+        grid[0, 0].legend(fontsize=7)
+        figure.supxlabel("x in the board frame, mm", fontsize=9)
+        figure.supylabel("y, mm", fontsize=9)
+    return path
+
+
+def draw_performance(results: Sequence[Result], path: Path) -> Path:
+    """Draw success, distance, collisions and completion time (Fig. 10), and return the path."""
+    panels: list[tuple[str, Callable[[Row], float]]] = [
+        ("distance of the tips, m a trial", lambda row: row.path_m),
+        ("collisions a trial", lambda row: float(row.collisions)),
+        ("completion time, s", lambda row: row.duration_s),
+    ]
+    variants, methods = _axes_of(results)
+    with style.figure(11.0, 3.6, path) as figure:
+        grid = figure.subplots(1, 4)
+        _success(grid[0], results, variants, methods)
+        for axes, (name, value) in zip(grid[1:], panels, strict=True):
+            _boxes(axes, results, variants, methods, value)
+            axes.set_title(name)
+        for place, variant in enumerate(variants):
+            for who, (marker, colour) in PEOPLE.items():
+                at = place + 0.46
+                grid[2].plot(at, COLLISIONS[who], marker, color=colour, markersize=4)
+                if variant in COMPLETION_S:
+                    mean, sd = COMPLETION_S[variant][who]
+                    label = f"{who}, published" if place == 0 else None
+                    grid[3].errorbar(at, mean, sd, fmt=marker, color=colour, markersize=4, linewidth=0.8, label=label)
+        grid[3].legend(fontsize=7)
+    return path
+
+
+def draw_motion(results: Sequence[Result], path: Path) -> Path:
+    """Draw velocity, acceleration and jerk of joints and tip (Fig. 11), and return the path."""
+    variants, methods = _axes_of(results)
+    units = {"velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+    with style.figure(10.0, 5.6, path) as figure:
+        grid = figure.subplots(2, 3)
+        for row, (part, unit) in enumerate((("joints", "rad"), ("tip", "m"))):
+            for axes, kind in zip(grid[row], KINDS, strict=True):
+                _boxes(axes, results, variants, methods, _value(part, kind))
+                what = "turning joints" if part == "joints" else "tip"
+                axes.set_title(f"{what}: RMS {kind}, {unit}{units[kind]}", fontsize=9)
+        grid[0, 0].legend(handles=_handles(methods), fontsize=7)
+    return path
+
+
+def _value(part: str, kind: str) -> Callable[[Row], float]:
+    return lambda row: getattr(row, part)[kind]
+
+
+def _axes_of(results: Sequence[Result]) -> tuple[list[str], list[str]]:
+    """Return variants and methods in the order in which they come."""
+    return (
+        list(dict.fromkeys(result.cell.variant for result in results)),
+        list(dict.fromkeys(result.cell.method for result in results)),
+    )
+
+
+def _place(result: Result, variants: Sequence[str], methods: Sequence[str]) -> float:
+    """Return where a cell stands on the axis: variants one apart, methods beside each other."""
+    width = 0.8 / len(methods)
+    return variants.index(result.cell.variant) + (methods.index(result.cell.method) - (len(methods) - 1) / 2) * width
+
+
+def _boxes(
+    axes: Axes,
+    results: Sequence[Result],
+    variants: Sequence[str],
+    methods: Sequence[str],
+    value: Callable[[Row], float],
+) -> None:
+    """Draw a box of each cell's trials: quartiles, whiskers to 1.5 quartile ranges, what lies beyond as points."""
+    for result in results:
+        drawn = axes.boxplot(
+            [[value(row) for row in result.rows]],
+            positions=[_place(result, variants, methods)],
+            widths=0.7 / len(methods),
+            patch_artist=True,
+            manage_ticks=False,
+            flierprops={"markersize": 2},
+            medianprops={"color": style.INK},
+        )
+        drawn["boxes"][0].set_facecolor(COLOURS[methods.index(result.cell.method) % len(COLOURS)])
+    _named(axes, variants)
+
+
+def _success(axes: Axes, results: Sequence[Result], variants: Sequence[str], methods: Sequence[str]) -> None:
+    """Draw success rates with their 95 % intervals over sessions."""
+    for result in results:
+        summary = result.summary()
+        rate, (low, high) = 100 * summary["success_rate"], np.multiply(100, summary["success_ci95"])
+        axes.errorbar(
+            _place(result, variants, methods),
+            rate,
+            [[rate - low], [high - rate]],
+            fmt="o",
+            capsize=3,
+            color=COLOURS[methods.index(result.cell.method) % len(COLOURS)],
+        )
+    axes.set_ylim(-3, 103)
+    axes.set_title("success, %, 95 % interval")
+    axes.legend(handles=_handles(methods), fontsize=7, loc="lower right")
+    _named(axes, variants)
+
+
+def _named(axes: Axes, variants: Sequence[str]) -> None:
+    axes.set_xticks(range(len(variants)), variants)
+    axes.set_xlim(-0.6, len(variants) - 0.4)
+
+
+def _handles(methods: Sequence[str]) -> list:
+    return [Patch(color=COLOURS[k % len(COLOURS)], label=name) for k, name in enumerate(methods)]

@@ -1,0 +1,104 @@
+"""Tables II to IV beside the paper's rows, and the hypotheses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.table import Table
+
+from trocar.report.statistics import wilson_interval
+from trocar.report.tables import figure, percent
+from trocar.tasks.peg_transfer.report.peg_report import PAPER
+from trocar.tasks.peg_transfer.study.hypotheses import Finding
+from trocar.tasks.peg_transfer.study.published import COLLISIONS, TABLES
+
+HEAD = ("method", "transfers", "success", "95 % interval", "of available", "transfer s", "path m", "collisions")
+
+
+def cell_rows(variant: str, cells: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Return the lines of the table of a variant: our cells, then the paper's rows as published."""
+    lines = [_line(cell) for cell in cells if cell["variant"] == variant]
+    for row in PAPER.get(variant, ()):
+        low, high = wilson_interval(row.succeeded, row.attempted)
+        who = row.who.split(",")[0]
+        collisions = str(COLLISIONS[who]) + " (median)" if who in COLLISIONS and who != "robot" else "-"
+        lines.append(
+            (
+                f"paper: {row.who}",
+                f"{row.succeeded} of {row.attempted}",
+                percent(row.succeeded / row.attempted),
+                f"{percent(low)} to {percent(high)}",
+                "",
+                figure(row.mean_time_s),
+                "-",
+                collisions,
+            )
+        )
+    return lines
+
+
+def _line(cell: Mapping[str, Any]) -> tuple[str, ...]:
+    low, high = cell["success_ci95"]
+    available = cell["available"]
+    return (
+        cell["method"],
+        f"{cell['succeeded']} of {cell['attempted']}",
+        percent(cell["success_rate"]),
+        f"{percent(low)} to {percent(high)}",
+        percent(cell["succeeded"] / available if available else None),
+        with_interval(cell["mean_time_s"]),
+        with_interval(cell["path_m"]),
+        with_interval(cell["collisions_per_trial"]),
+    )
+
+
+def with_interval(estimate: Mapping[str, Any]) -> str:
+    """Return a mean with half the width of its interval."""
+    if estimate["low"] is None:
+        return figure(estimate["mean"])
+    return f"{estimate['mean']:.2f} ± {(estimate['high'] - estimate['low']) / 2:.2f}"
+
+
+def variant_table(variant: str, cells: Sequence[Mapping[str, Any]]) -> Table:
+    """Return the table of a variant."""
+    ours = next(cell for cell in cells if cell["variant"] == variant)
+    table = Table(
+        title=f"{TABLES.get(variant, variant)}, {variant}: {ours['trials']} trials in {ours['sessions']} sessions "
+        "each, simulated; the paper's rows as published",
+        caption="intervals count sessions; of the paper's rows every attempt for itself. A trial that fails early is "
+        "short: times of methods that fail do not compare",
+    )
+    for place, name in enumerate(HEAD):
+        table.add_column(name, justify="right" if place else "left")
+    for line in cell_rows(variant, cells):
+        table.add_row(*line, style="dim" if line[0].startswith("paper") else "bold")
+    return table
+
+
+def hypothesis_rows(found: Sequence[Finding]) -> list[tuple[str, ...]]:
+    """Return a line for each comparison."""
+    return [
+        (
+            finding.hypothesis,
+            finding.variant,
+            finding.claim,
+            f"{finding.difference:.3g}" + ("" if finding.low is None else f" [{finding.low:.3g}, {finding.high:.3g}]"),
+            "-" if finding.p_adjusted is None else f"{finding.p_adjusted:.2g}",
+            finding.verdict,
+        )
+        for finding in found
+    ]
+
+
+HYPOTHESIS_HEAD = ("", "variant", "claim", "difference", "p, Holm", "verdict")
+
+
+def hypothesis_table(found: Sequence[Finding]) -> Table:
+    """Return the table of the hypotheses."""
+    table = Table(title="H1 to H4 between our conditions")
+    for name in HYPOTHESIS_HEAD:
+        table.add_column(name)
+    for line in hypothesis_rows(found):
+        table.add_row(*line)
+    return table

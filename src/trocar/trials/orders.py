@@ -1,0 +1,100 @@
+"""Trials as units of work that any process can do: each saves its trial, and finds what is there already."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from trocar.calibration.models import load_model, save_model
+from trocar.errors import TrocarError
+from trocar.sim.world import PhysicsError
+from trocar.trials.config import RunConfig
+from trocar.trials.folder import RECORD, is_done
+from trocar.trials.run import Prepared, cable_file, calibration_key, prepare, run_trial
+from trocar.trials.trial import trial_file
+
+
+@dataclass(frozen=True)
+class SessionOrder:
+    """One session of one or more runs: its cables are to be calibrated.
+
+    Attributes:
+        runs: each with its folder; those that need the same model of an arm share it.
+        session: number.
+    """
+
+    runs: Sequence[tuple[RunConfig, Path]]
+    session: int
+
+
+@dataclass(frozen=True)
+class TrialOrder:
+    """One trial of a run.
+
+    Attributes:
+        config: of the run.
+        folder: of the run.
+        session: number.
+        index: of the trial in its session.
+    """
+
+    config: RunConfig
+    folder: Path
+    session: int
+    index: int
+
+    @property
+    def path(self) -> Path:
+        """Return where the trial is kept."""
+        return trial_file(self.folder, self.session, self.index)
+
+
+def calibrate(order: SessionOrder) -> None:
+    """Fit the cable models of a session, each once, and keep them in every run's folder."""
+    fitted: dict[str, tuple[Path, str]] = {}
+    for config, folder in order.runs:
+        _require_folder(folder)
+        if not config.chosen_method.calibrated:
+            continue
+        keys = {arm: calibration_key(config, arm) for arm in config.arms}
+        for arm, key in keys.items():
+            path = cable_file(folder, order.session, arm)
+            if key in fitted and not path.is_file():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                save_model(load_model(*fitted[key]), path, config.fingerprint)
+        prepare(config, order.session, folder)
+        fitted.update({key: (cable_file(folder, order.session, arm), config.fingerprint) for arm, key in keys.items()})
+
+
+def play(order: TrialOrder) -> str:
+    """Run a trial and save it, unless it is there; return why it is void, empty if it is not."""
+    _require_folder(order.folder)
+    if is_done(order.folder, (order.session, order.index), order.config.fingerprint):
+        return ""
+    try:
+        run_trial(order.config, _prepared(order), order.index).save(order.path)
+    except PhysicsError as error:
+        return f"{order.path} is void: {error}"
+    return ""
+
+
+_LAST: dict[tuple[str, Path, int], Prepared] = {}
+"""The session that this process prepared last: its trials are handed out one after the other."""
+
+
+def _prepared(order: TrialOrder) -> Prepared:
+    key = (order.config.fingerprint, order.folder, order.session)
+    if key not in _LAST:
+        _LAST.clear()
+        _LAST[key] = prepare(order.config, order.session, order.folder)
+    return _LAST[key]
+
+
+def _require_folder(folder: Path) -> None:
+    """Raise unless a worker, which may be on another machine, sees the run's folder."""
+    if not (folder / RECORD).is_file():
+        raise TrocarError(
+            f"a worker does not find {str(folder / RECORD)!r}; give --out a folder on a file system that all workers "
+            "see, under the same path"
+        )

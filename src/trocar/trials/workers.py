@@ -1,0 +1,165 @@
+"""Work on all cores or on a cluster: results as they come, nothing lost when a worker dies."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from typing import Any, Protocol, TypeVar
+
+from trocar.errors import TrocarError
+from trocar.registry import Lazy, Registry
+
+Unit = TypeVar("Unit")
+Result = TypeVar("Result")
+
+MAX_DEATHS = 3
+"""Workers may die so often in a row, with nothing finished in between, before the work is given up."""
+
+
+class Workers(Protocol):
+    """Where work is done."""
+
+    died: tuple[type[BaseException], ...]
+    """What the future of a unit raises whose worker died; it is handed out again."""
+    count: int
+    """How many units run at once."""
+
+    def open(self) -> AbstractContextManager[Executor]:
+        """Return an executor; a new one after workers died."""
+        ...
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Processes of this machine.
+
+    Attributes:
+        count: how many.
+    """
+
+    count: int
+    died: tuple[type[BaseException], ...] = field(default=(BrokenProcessPool,), init=False)
+
+    @contextmanager
+    def open(self) -> Iterator[Executor]:
+        """Return a pool; a worker that is killed breaks it, and another one is opened."""
+        context = multiprocessing.get_context("spawn")  # a fork would copy the progress bar's threads and their locks
+        pool = ProcessPoolExecutor(self.count, mp_context=context, initializer=_left_alone)
+        try:
+            yield pool
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _left_alone() -> None:
+    """Leave Ctrl-C to the process that hands out the work: a trial under way is finished and kept."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def run_all(
+    function: Callable[[Unit], Result], units: Sequence[Unit], workers: Workers
+) -> Iterator[tuple[Unit, Result]]:
+    """Yield each unit of work with its result, in the order in which they end.
+
+    A unit whose worker died, by a signal or for want of memory, is handed out again. So ``function`` must leave its
+    result where it finds it again (a trial's file), and return at once if it is there.
+
+    Args:
+        function: of a module, so that other processes find it.
+        units: to be handed out in order; they must pickle.
+        workers: who work.
+
+    Raises:
+        TrocarError: workers died several times in a row.
+    """
+    left = list(range(len(units)))
+    deaths = 0
+    while left:
+        broken = ""
+        with workers.open() as executor:
+            for place, result in _handed_out(executor, function, units, left, workers):
+                if isinstance(result, BaseException):
+                    broken = str(result)
+                    continue
+                deaths = 0
+                left.remove(place)
+                yield units[place], result
+        if not left:
+            return
+        deaths += 1
+        if deaths >= MAX_DEATHS:
+            raise TrocarError(
+                f"workers died {deaths} times in a row without finishing anything ({broken[:200]}); if memory is "
+                "short, give fewer with --jobs; the same command goes on"
+            )
+        time.sleep(0.2)
+
+
+def _handed_out(
+    executor: Executor, function: Callable[[Unit], Result], units: Sequence[Unit], left: Sequence[int], workers: Workers
+) -> Iterator[tuple[int, Result | BaseException]]:
+    """Yield places of units with their results, or with what killed their worker; few wait in the queue at a time."""
+    waiting: dict[Future[Any], int] = {}
+    queue = iter(list(left))
+
+    def hand_out() -> None:
+        for place in queue:
+            waiting[executor.submit(function, units[place])] = place
+            if len(waiting) >= 2 * workers.count:
+                return
+
+    try:
+        hand_out()
+        while waiting:
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                place = waiting.pop(future)
+                try:
+                    result = future.result()
+                except workers.died as error:
+                    yield place, error
+                    continue
+                yield place, result
+            hand_out()
+    except workers.died as error:  # the executor takes nothing any more
+        for future, place in list(waiting.items()):
+            if future.done() and not future.cancelled() and future.exception() is None:
+                yield place, future.result()
+        yield -1, error
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def processes(jobs: int, scheduler: str = "") -> Processes:
+    """Return processes of this machine."""
+    if scheduler:
+        raise TrocarError(f"--scheduler {scheduler!r} is of a dask cluster; add --backend dask, or drop it")
+    return Processes(jobs)
+
+
+BACKENDS: Registry[Callable[[int, str], Workers]] = Registry(
+    "backend",
+    "trocar.workers",
+    {"processes": processes, "dask": Lazy("trocar.trials.dask_workers:dask_workers")},
+)
+"""Where studies and runs do their work: a function of the number of jobs and the scheduler's address."""
+
+
+def pick_workers(backend: str, jobs: int, scheduler: str = "") -> Workers:
+    """Return workers of a backend.
+
+    Raises:
+        TrocarError: there is no such backend, it is not installed, or the number of jobs is none.
+    """
+    if jobs < 1:
+        raise TrocarError(f"--jobs is {jobs}; give 1 or more")
+    if backend == "dask" and find_spec("distributed") is None:
+        raise TrocarError("--backend dask needs distributed; install the extra with: pip install 'trocar[dask]'")
+    return BACKENDS.pick(backend)(jobs, scheduler)
