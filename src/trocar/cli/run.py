@@ -61,6 +61,7 @@ def run(
     flawless_camera: Annotated[
         bool, typer.Option("--flawless-camera", help="Switch the sensors' flaws off; the run says so.")
     ] = False,
+    jobs: Annotated[int, typer.Option(help="How many trials at once, each in a process of its own.")] = 1,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -91,7 +92,10 @@ def run(
     console = Console(stderr=True)
     interrupted = False
     try:
-        _play(config, folder, todo, console)
+        if jobs == 1:
+            _play(config, folder, todo, console)
+        else:
+            _play_at_once(config, folder.absolute(), todo, jobs, console)
     except KeyboardInterrupt:
         interrupted = True
     _finish(folder, as_json, console, interrupted)
@@ -175,6 +179,25 @@ def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], cons
 
             run_trial(config, prepared, index, listen).save(trial_file(folder, session, index))
             progress.update(bar, completed=goals * (number + 1))
+
+
+def _play_at_once(
+    config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], jobs: int, console: Console
+) -> None:
+    from trocar.trials.orders import SessionOrder, TrialOrder, calibrate, play  # noqa: PLC0415
+    from trocar.trials.workers import pick_workers, run_all  # noqa: PLC0415
+
+    workers = pick_workers("processes", jobs)
+    sessions = [SessionOrder(((config, folder),), session) for session in dict.fromkeys(place[0] for place in todo)]
+    with Progress(*COLUMNS, console=console, transient=True) as progress:
+        bar = progress.add_task("setting up sessions", total=len(sessions))
+        for _ in run_all(calibrate, sessions, workers):
+            progress.advance(bar)
+        bar = progress.add_task("running trials", total=len(todo))
+        for _, void in run_all(play, [TrialOrder(config, folder, *place) for place in todo], workers):
+            progress.advance(bar)
+            if void:
+                console.print(void, soft_wrap=True)
 
 
 def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> None:

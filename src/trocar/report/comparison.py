@@ -83,7 +83,7 @@ def session_difference(
     return Difference(len(d), float(d.mean()), *_student(d), _sign_flips(d if less else -d))
 
 
-def _student(values: NDArray[np.float64]) -> tuple[float | None, float | None]:
+def _student(values: NDArray[np.floating]) -> tuple[float | None, float | None]:
     """Return the 95 % interval of the mean."""
     n = len(values)
     if n < 2:
@@ -92,7 +92,7 @@ def _student(values: NDArray[np.float64]) -> tuple[float | None, float | None]:
     return float(values.mean()) - half, float(values.mean()) + half
 
 
-def _sign_flips(d: NDArray[np.float64]) -> float:
+def _sign_flips(d: NDArray[np.floating]) -> float:
     """Return the share of sign patterns with a mean as low as the one found, or lower."""
     found = stats.permutation_test(
         (d,),

@@ -26,10 +26,15 @@ MAX_DEATHS = 3
 class Workers(Protocol):
     """Where work is done."""
 
-    died: tuple[type[BaseException], ...]
-    """What the future of a unit raises whose worker died; it is handed out again."""
-    count: int
-    """How many units run at once."""
+    @property
+    def died(self) -> tuple[type[BaseException], ...]:
+        """Return what the future of a unit raises whose worker died; it is handed out again."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """Return how many units run at once."""
+        ...
 
     def open(self) -> AbstractContextManager[Executor]:
         """Return an executor; a new one after workers died."""
@@ -137,14 +142,14 @@ def _handed_out(
             future.cancel()
 
 
-def processes(jobs: int, scheduler: str = "") -> Processes:
+def processes(jobs: int, scheduler: str = "") -> Workers:
     """Return processes of this machine."""
     if scheduler:
         raise TrocarError(f"--scheduler {scheduler!r} is of a dask cluster; add --backend dask, or drop it")
     return Processes(jobs)
 
 
-BACKENDS: Registry[Callable[[int, str], Workers]] = Registry(
+BACKENDS: Registry[Callable[..., Workers]] = Registry(
     "backend",
     "trocar.workers",
     {"processes": processes, "dask": Lazy("trocar.trials.dask_workers:dask_workers")},

@@ -175,24 +175,33 @@ def _losses(kept: Array, root: float) -> sparse.csc_matrix:
     (n each), above and below each jump (n - 1 each).
     """
     n = len(kept)
-    k, jumps, one = sparse.diags(kept), root * _next(n) - root * _this(n), sparse.identity(n - 1)
-    rows = [[k, None, None, k, -k, None, None], [None, None, jumps, None, None, -one, one]]
-    rows[0][1] = rows[0][2] = sparse.csc_matrix((n, n))
-    return sparse.bmat(rows, format="csc")
+    measured, jump, free = _bands(n, [kept]), _bands(n - 1, [np.ones(n - 1)]), _bands(n, [np.zeros(n)])
+    rows = [
+        [measured, free, free, measured, -measured, None, None],
+        [None, None, root * _change(n), None, None, -jump, jump],
+    ]
+    return sparse.csc_matrix(sparse.bmat(rows))
 
 
 def _dynamics(n: int) -> sparse.csc_matrix:
     """Return the matrix of the equations between samples, times T and T squared taken into v and a."""
-    this, following = _this(n), _next(n)
-    step = following - this
+    change, here = _change(n), _two(n, 1.0, 0.0)
     free = sparse.csc_matrix((n - 1, 4 * n - 2))
-    rows = [[step, -this, -this / 3 - following / 6, free], [None, step, -(this + following) / 2, None]]
-    return sparse.bmat(rows, format="csc")
+    rows = [[change, -here, -_two(n, 1 / 3, 1 / 6), free], [None, change, -_two(n, 1 / 2, 1 / 2), None]]
+    return sparse.csc_matrix(sparse.bmat(rows))
 
 
-def _this(n: int) -> sparse.csr_matrix:
-    return sparse.identity(n, format="csr")[:-1]
+def _change(n: int) -> sparse.csc_matrix:
+    """Return the matrix of differences of neighbours (n - 1, n)."""
+    return _two(n, -1.0, 1.0)
 
 
-def _next(n: int) -> sparse.csr_matrix:
-    return sparse.identity(n, format="csr")[1:]
+def _two(n: int, this: float, following: float) -> sparse.csc_matrix:
+    """Return the matrix (n - 1, n) that weighs each sample and the one that follows."""
+    return _bands(n, [np.full(n - 1, this), np.full(n - 1, following)])
+
+
+def _bands(n: int, bands: list[Array]) -> sparse.csc_matrix:
+    """Return a matrix with these diagonals, from the main one upwards."""
+    shape = (len(bands[0]), n)
+    return sparse.csc_matrix(sparse.diags_array(bands, offsets=np.arange(len(bands)), shape=shape))

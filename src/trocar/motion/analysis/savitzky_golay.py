@@ -21,5 +21,5 @@ def savitzky_golay(measured: NDArray[np.float64], step_s: float, samples: int = 
         samples: in a window, odd.
         order: of the polynomials.
     """
-    found = (savgol_filter(measured, samples, order, deriv=deriv, delta=step_s) for deriv in range(3))
+    found = (np.asarray(savgol_filter(measured, samples, order, deriv=k, delta=step_s)) for k in range(3))
     return Motion(*found)

@@ -71,19 +71,13 @@ def peg_transfer(
         plugins=plugins,
     )
     console = Console(stderr=True)
-    void: list[str] = []
-    interrupted = False
-    with _progress(console) as tick:
-        if not report_only:
-            try:
-                void = run_study(cells, workers, tick)
-            except KeyboardInterrupt:
-                interrupted = True
-        if not interrupted:
+    try:
+        with _progress(console) as tick:
+            void = [] if report_only else run_study(cells, workers, tick)
             results, missing = results_of(cells, tick)
-    if interrupted:
+    except KeyboardInterrupt:
         console.print("stopped; finished trials are kept, and the same command goes on")
-        raise typer.Exit(130)
+        raise typer.Exit(130) from None
     notes = [*void, *missing]
     summary, found, files = write_study(folder, results, notes)
     if as_json:

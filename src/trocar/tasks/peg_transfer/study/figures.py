@@ -69,6 +69,9 @@ def draw_performance(results: Sequence[Result], path: Path) -> Path:
                     mean, sd = COMPLETION_S[variant][who]
                     label = f"{who}, published" if place == 0 else None
                     grid[3].errorbar(at, mean, sd, fmt=marker, color=colour, markersize=4, linewidth=0.8, label=label)
+        for axes in grid[2:]:
+            axes.autoscale(axis="y")
+            axes.set_ylim(bottom=0.0)
         grid[3].legend(fontsize=7)
     return path
 
@@ -125,6 +128,7 @@ def _boxes(
             medianprops={"color": style.INK},
         )
         drawn["boxes"][0].set_facecolor(COLOURS[methods.index(result.cell.method) % len(COLOURS)])
+    axes.set_ylim(bottom=0.0)
     _named(axes, variants)
 
 
