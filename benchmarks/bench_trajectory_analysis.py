@@ -15,9 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "motion" / "analysis"))
-from signals import STEP_S, Known, bang_bang, measured, rms, sines
-
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+from known_signals import STEP_S, Known, bang_bang, measured, rms, sines
 from trocar.motion.analysis import estimate, savitzky_golay
 
 NOISES_RAD = (1e-5, 3e-4, 2e-3)

@@ -204,4 +204,4 @@ def _two(n: int, this: float, following: float) -> sparse.csc_matrix:
 def _bands(n: int, bands: list[Array]) -> sparse.csc_matrix:
     """Return a matrix with these diagonals, from the main one upwards."""
     shape = (len(bands[0]), n)
-    return sparse.csc_matrix(sparse.diags_array(bands, offsets=np.arange(len(bands)), shape=shape))
+    return sparse.csc_matrix(sparse.diags_array(bands, offsets=range(len(bands)), shape=shape))  # type: ignore[arg-type]

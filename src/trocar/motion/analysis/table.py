@@ -15,7 +15,7 @@ from trocar.motion.analysis.huber import SHORTEST
 TIMES = ("t_s", "time_s", "t", "time")
 """Names that a column of times in seconds may have."""
 OFF_GRID = 0.3
-"""A sample may lie this share of a step off its place; one that is a whole step late leaves a gap."""
+"""A step may differ by this share of the usual one; where it is a multiple of that, samples are missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,18 +117,18 @@ def _on_grid(
     """Return the values at even steps, NaN where a sample is missing, and the step."""
     steps = np.diff(times_s)
     if not np.isfinite(times_s).all() or (steps <= 0).any():
-        row = 1 + int(np.argmax(~(steps > 0)))
+        row = 1 + int(np.argmax(~(steps > 0)))  # counted from the first line of numbers
         raise TrocarError(f"times of {str(path)!r} do not increase at row {row + 2}; sort the rows, drop repeated ones")
-    step_s = float(np.median(steps))
-    index = np.concatenate([[0], np.cumsum(np.maximum(1, np.rint(steps / step_s)))]).astype(int)
-    step_s, start_s = np.polyfit(index, times_s, 1).tolist()  # of a clock that may run a little fast or slow
-    off = np.abs((times_s - start_s) / step_s - index)
-    if off.max() > OFF_GRID:
-        row = int(np.argmax(off))
+    counts = steps / np.median(steps)
+    off = np.abs(counts - np.rint(counts))
+    if off.max() > OFF_GRID or counts.min() < 0.5:
+        row = int(np.argmax(np.maximum(off, counts < 0.5)))
         raise TrocarError(
-            f"times of {str(path)!r} are not even: row {row + 2} lies {off[row]:.2f} of a step of "
-            f"{1e3 * step_s:.2f} ms off; resample the recording to even steps"
+            f"times of {str(path)!r} are not even: the step to row {row + 3} is {1e3 * steps[row]:.2f} ms, most are "
+            f"{1e3 * np.median(steps):.2f} ms; resample the recording to even steps"
         )
+    index = np.concatenate([[0], np.cumsum(np.rint(counts))]).astype(int)
+    step_s = float(np.polyfit(index, times_s, 1)[0])
     if index[-1] + 1 > 2 * len(times_s):
         raise TrocarError(f"more than half of the samples of {str(path)!r} are missing; cut it into parts without gaps")
     grid = np.full((index[-1] + 1, values.shape[1]), np.nan)

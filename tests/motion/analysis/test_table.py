@@ -1,0 +1,80 @@
+"""Recorded joints in CSV files, and what is wrong with some."""
+
+import numpy as np
+import pytest
+
+from trocar.errors import TrocarError
+from trocar.motion.analysis import read_joint_table
+
+
+def written(tmp_path, text):
+    path = tmp_path / "joints.csv"
+    path.write_text(text)
+    return path
+
+
+def lines(times, values):
+    return "t_s,q1\n" + "".join(f"{t:.6f},{v}\n" for t, v in zip(times, values, strict=True))
+
+
+def test_columns_times_and_missing_cells_are_read(tmp_path):
+    rows = "".join(f"{0.005 * k},{k if k != 3 else ''},{2 * k}\n" for k in range(20))
+    table = read_joint_table(written(tmp_path, "t_s, q1 ,other\n" + rows))
+    assert table.names == ("q1", "other")
+    assert table.step_s == pytest.approx(0.005)
+    assert np.isnan(table.values[3, 0]) and table.values[4, 0] == 4
+    assert table.columns(["other"], "x")[5, 0] == 10
+
+
+def test_dropped_rows_become_gaps_and_jitter_is_allowed(tmp_path):
+    rng = np.random.default_rng(0)
+    kept = [k for k in range(100) if k not in (10, 50, 51)]
+    times = [0.01 * k + rng.uniform(-1e-3, 1e-3) for k in kept]
+    table = read_joint_table(written(tmp_path, lines(times, kept)))
+    assert table.values.shape == (100, 1)
+    assert table.step_s == pytest.approx(0.01, rel=1e-3)
+    assert np.flatnonzero(np.isnan(table.values[:, 0])).tolist() == [10, 50, 51]
+    assert table.values[kept, 0].tolist() == kept
+
+
+def test_without_times_a_rate_is_needed(tmp_path):
+    path = written(tmp_path, "q1\n" + "1\n" * 20)
+    with pytest.raises(TrocarError, match="--rate"):
+        read_joint_table(path)
+    assert read_joint_table(path, 200.0).step_s == 0.005
+
+
+EVEN = [0.01 * k for k in range(20)]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("1,2\n3,4\n", "does not name its columns"),
+        ("q1,q1\n3,4\n", "does not name its columns"),
+        ("t_s,q1\n0,1\n", "16 are needed"),
+        ("t_s,q1\n" + "0,1\n" * 20, "do not increase at row 3"),
+        (lines([*EVEN[:10], *(t + 0.005 for t in EVEN[10:])], EVEN), "not even"),
+        (lines([0, 0.01, *np.arange(10, 28)], np.arange(20)).replace("2.000000,", "2.5,"), "not even|increase"),
+        (lines(EVEN, [*range(19), "fast"]), "'fast' under 'q1'"),
+        (lines(EVEN, [*range(19), "inf"]), "'inf' under 'q1'"),
+        (lines(EVEN, [*range(19), "1,2"]), "has 3 cells, not 2"),
+        ("t_s\n" + "".join(f"{t}\n" for t in EVEN), "no column besides the times"),
+        (lines([*EVEN[:8], *(t + 1.0 for t in EVEN[8:])], EVEN), "more than half"),
+    ],
+)
+def test_what_cannot_be_used_is_said_in_a_sentence(tmp_path, text, words):
+    with pytest.raises(TrocarError, match=words):
+        read_joint_table(written(tmp_path, text))
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(TrocarError, match="does not exist"):
+        read_joint_table(tmp_path / "nothing.csv")
+    binary = tmp_path / "binary.csv"
+    binary.write_bytes(bytes(range(256)))
+    with pytest.raises(TrocarError, match="cannot be read as CSV"):
+        read_joint_table(binary)
+    with pytest.raises(TrocarError, match="no column 'q2'; it has q1"):
+        read_joint_table(written(tmp_path, lines(EVEN, EVEN))).columns(["q2"], "joints.csv")
