@@ -94,6 +94,8 @@ def _student(values: NDArray[np.floating]) -> tuple[float | None, float | None]:
 
 def _sign_flips(d: NDArray[np.floating]) -> float:
     """Return the share of sign patterns with a mean as low as the one found, or lower."""
+    if len(d) == 1:
+        return 0.5 if d[0] < 0 else 1.0
     found = stats.permutation_test(
         (d,),
         lambda x, axis: np.mean(x, axis=axis),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import piqp
@@ -19,8 +20,8 @@ WINDOW, OVERLAP = 2000, 100
 """Samples that are solved at once, and how many two windows share: half of them count from either."""
 CHOSEN_ON = 800
 """Samples that cross-validation looks at: where the signal moves most."""
-DECADES = (-2, 7)
-"""Of the smoothness weights that cross-validation chooses from: first by decades, then by halves of one."""
+DECADES, FIRST_DECADE = (-3, 7), 1
+"""Of the smoothness weights that cross-validation chooses from: downhill by decades, then by halves of one."""
 HELD_OUT = 7
 """Every so manyth sample is left out, to be predicted."""
 PRECISION = 1e-6
@@ -110,11 +111,14 @@ def _best_weight(scaled: Array, kept: Array) -> float:
     held_out[HELD_OUT // 2 :: HELD_OUT] = True
     judged = held_out & (kept > 0)
 
+    @cache
     def error(power: float) -> float:
         position = _solve(scaled, 10.0**power, np.where(held_out, 0.0, kept))[0]
         return float(_huber(scaled[judged] - position[judged]).mean())
 
-    best = min(range(DECADES[0], DECADES[1]), key=error)
+    best = FIRST_DECADE
+    while (better := min((p for p in (best - 1, best, best + 1) if DECADES[0] <= p <= DECADES[1]), key=error)) != best:
+        best = better
     return 10.0 ** min((best - 0.5, best, best + 0.5), key=error)
 
 

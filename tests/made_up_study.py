@@ -1,0 +1,30 @@
+"""A study that nobody ran: trials of known outcomes in the folders of its cells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from synthetic import synthetic_trial
+from trocar.tasks.peg_transfer.study.cells import Cell, cells_of, opened
+from trocar.tasks.peg_transfer.study.row import read_row
+from trocar.trials.trial import trial_file
+
+
+def saved(folder: Path, sessions: int = 3, trials: int = 1, failures: int = 6) -> list[Cell]:
+    """Return the cells of a study of one variant; of each uncalibrated trial so many transfers have failed."""
+    cells = cells_of(folder, "unilateral", "calibrated,uncalibrated", sessions=sessions, trials=trials, seed=2)
+    opened(cells)
+    for cell in cells:
+        failed = {k: "DROPPED" for k in range(failures)} if cell.method == "uncalibrated" else {}
+        for session, index in cell.places:
+            trial = synthetic_trial(cell.config, index, failed, session)
+            hits = trial.collisions * 4 if failed else []
+            path = trial_file(cell.folder, session, index)
+            path.parent.mkdir(exist_ok=True)
+            replace(trial, collisions=hits).save(path)
+    return cells
+
+
+def rows_of(cell: Cell) -> list:
+    return [read_row(trial_file(cell.folder, *place), cell.config.fingerprint) for place in cell.places]

@@ -1,0 +1,73 @@
+"""Work on several processes, and on a dask cluster: nothing is lost when a worker is killed, and nothing done twice."""
+
+import os
+from importlib.util import find_spec
+
+import pytest
+
+from trocar.errors import TrocarError
+from trocar.trials.workers import pick_workers, run_all
+from units_of_work import always_killed, done, killed_once, refused
+
+COUNT = 8
+
+
+def backends():
+    missing = pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed")
+    return ["processes", pytest.param("dask", marks=missing)]
+
+
+def units(tmp_path):
+    return [(str(tmp_path), number) for number in range(COUNT)]
+
+
+@pytest.mark.parametrize("backend", backends())
+def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(tmp_path, backend):
+    found = list(run_all(killed_once, units(tmp_path), pick_workers(backend, 2)))
+    assert (tmp_path / "killed").is_file()  # a worker was killed, in the middle of the work
+    assert sorted(number for _, number in found) == list(range(COUNT))
+    assert sorted(unit[1] for unit, _ in found) == list(range(COUNT))
+    ended = (tmp_path / "ended").read_text().split()
+    assert sorted(map(int, ended)) == list(range(COUNT))
+
+
+def test_results_come_with_their_units_and_from_other_processes(tmp_path):
+    found = list(run_all(done, units(tmp_path), pick_workers("processes", 2)))
+    assert all(unit[1] == number for unit, number in found)
+    assert str(os.getpid()) not in {path.read_text() for path in tmp_path.glob("done_*")}
+
+
+def test_work_that_kills_every_worker_is_given_up_in_a_sentence(tmp_path):
+    with pytest.raises(TrocarError, match=r"died 3 times in a row.*--jobs"):
+        list(run_all(always_killed, units(tmp_path)[:1], pick_workers("processes", 1)))
+
+
+def test_what_a_unit_refuses_is_heard(tmp_path):
+    with pytest.raises(TrocarError, match="unit 0 is refused"):
+        list(run_all(refused, units(tmp_path)[:1], pick_workers("processes", 1)))
+
+
+def test_no_work_needs_no_worker():
+    assert list(run_all(done, [], pick_workers("processes", 2))) == []
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("processes", 0, ""), "--jobs is 0"),
+        (("ray", 1, ""), "choose one of processes, dask"),
+        (("processes", 1, "tcp://x:1"), "add --backend dask"),
+    ],
+)
+def test_workers_that_do_not_exist(given, words):
+    with pytest.raises(TrocarError, match=words):
+        pick_workers(*given)
+
+
+@pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed")
+def test_a_scheduler_that_does_not_answer(tmp_path, monkeypatch):
+    from trocar.trials import dask_workers  # noqa: PLC0415 (an extra)
+
+    monkeypatch.setattr(dask_workers, "PATIENCE_S", 0.5)
+    with pytest.raises(TrocarError, match="no dask scheduler answers"):
+        list(run_all(done, units(tmp_path), pick_workers("dask", 1, "tcp://127.0.0.1:9")))

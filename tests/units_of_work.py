@@ -1,0 +1,46 @@
+"""Units of work for other processes, which find this module by its name: each notes that it began, and its end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+
+def done(unit: tuple[str, int]) -> int:
+    """Do a unit once: leave a file behind, and return at once if it is there."""
+    folder, number = Path(unit[0]), unit[1]
+    result = folder / f"done_{number}"
+    if result.is_file():
+        return number
+    with (folder / "began").open("a") as file:
+        file.write(f"{number}\n")
+    time.sleep(0.02)
+    draft = folder / f"draft_{number}_{os.getpid()}"
+    draft.write_text(str(os.getpid()))
+    draft.replace(result)
+    with (folder / "ended").open("a") as file:
+        file.write(f"{number}\n")
+    return number
+
+
+def killed_once(unit: tuple[str, int]) -> int:
+    """Do a unit, but the process that first comes to number 3 is killed in the middle of it."""
+    if unit[1] == 3 and not (Path(unit[0]) / "killed").exists():
+        (Path(unit[0]) / "killed").write_text(str(os.getpid()))
+        os.kill(os.getpid(), signal.SIGKILL)
+    return done(unit)
+
+
+def always_killed(unit: tuple[str, int]) -> int:
+    """Never come to an end."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    return unit[1]
+
+
+def refused(unit: tuple[str, int]) -> int:
+    """Raise what a user's mistake raises."""
+    from trocar.errors import TrocarError  # noqa: PLC0415
+
+    raise TrocarError(f"unit {unit[1]} is refused; give another")
