@@ -1,10 +1,12 @@
 """Runs and their folders: what is refused, what goes on where it stopped, what is of another run."""
 
+import gc
 import json
 import os
 import shutil
 import subprocess
 import sys
+import weakref
 
 import numpy as np
 import pytest
@@ -13,10 +15,12 @@ from synthetic import config, synthetic_trial
 from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.models import save_model
 from trocar.errors import TrocarError
+from trocar.report.summary import summarise
 from trocar.station import station_text
+from trocar.tasks.peg_transfer.report import PegReport
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.tasks.suture.task import CircleSutures
-from trocar.trials import load_trials, open_folder, trial_file
+from trocar.trials import Trial, load_trials, open_folder, trial_file
 from trocar.trials.config import RunConfig
 from trocar.trials.run import prepare
 
@@ -310,3 +314,24 @@ def test_a_station_that_does_not_say_where_to_calibrate_is_refused_before_anythi
     with pytest.raises(TrocarError, match="does not say where arm 'psm1' moves to be calibrated"):
         config(station=str(mine))
     assert config(station=str(mine), method="uncalibrated").laboratory.arms
+
+
+def test_a_report_holds_no_more_than_one_trial_in_memory(tmp_path, monkeypatch):
+    run = config(trials=6)
+    played(run, tmp_path, *((0, index) for index in range(6)))
+    read, most = [], []
+    load = Trial.load
+
+    def watched(path):
+        gc.collect()
+        most.append(sum(one() is not None for one in read))
+        trial = load(path)
+        read.append(weakref.ref(trial))
+        return trial
+
+    monkeypatch.setattr(Trial, "load", watched)
+    trials, _ = load_trials(tmp_path)
+    summary = summarise(trials, PegReport())
+    assert (len(trials), summary["trials"], summary["attempted"]) == (6, 6, 72)
+    assert max(most) <= 1
+    assert [trial.about["index"] for trial in trials[2:4]] == [2, 3]

@@ -31,6 +31,8 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> dict
     if not trials:
         raise TrocarError("there are no finished trials to summarise; run some with `trocar run`")
     report = report or TaskReport()
+    added = report.summary(trials)
+    trials = [trial.noted() for trial in trials]
     about = trials[0].about
     scores = [score for trial in trials for score in trial.scores]
     attempted = [score for score in scores if score["attempted"]]
@@ -61,7 +63,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> dict
         "flaws": about["flaws"],
         "versions": about["versions"],
         "fingerprint": about["fingerprint"],
-        **report.summary(trials),
+        **added,
     }
 
 

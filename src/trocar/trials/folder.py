@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from trocar.errors import TrocarError
 from trocar.trials.config import RunConfig
@@ -40,8 +41,39 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
     return [place for place in wanted if not is_done(folder, place, config.fingerprint)]
 
 
-def load_trials(folder: str | Path) -> tuple[list[Trial], list[str]]:
+class KeptTrials(Sequence[Trial]):
+    """Trials in files, each read when it is asked for: no more than one is held in memory, however many there are.
+
+    Args:
+        paths: of the files, in order.
+    """
+
+    def __init__(self, paths: Sequence[Path]):
+        self.paths = tuple(paths)
+        self._last: tuple[Path, Trial] | None = None
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    @overload
+    def __getitem__(self, place: int) -> Trial: ...
+    @overload
+    def __getitem__(self, place: slice) -> KeptTrials: ...
+    def __getitem__(self, place: int | slice) -> Trial | KeptTrials:
+        """Return a trial, or some of them."""
+        if isinstance(place, slice):
+            return KeptTrials(self.paths[place])
+        path = self.paths[place]
+        if self._last is None or self._last[0] != path:
+            self._last = None  # before the next one is read
+            self._last = path, Trial.load(path)
+        return self._last[1]
+
+
+def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     """Return the finished trials of a run's folder in order, and a sentence for each that cannot be used.
+
+    Every file is read once, to be checked; what is returned reads a trial again when it is asked for it.
 
     Whose folder it is, its ``run.json`` says; where that is lost, the first trial.
 
@@ -51,7 +83,7 @@ def load_trials(folder: str | Path) -> tuple[list[Trial], list[str]]:
     folder = Path(folder)
     if not folder.is_dir():
         raise TrocarError(f"folder {str(folder)!r} does not exist; make one with `trocar run`")
-    trials: list[Trial] = []
+    usable: list[Path] = []
     strange: list[str] = []
     run = _recorded_fingerprint(folder)
     for path in trial_files(folder):
@@ -67,11 +99,11 @@ def load_trials(folder: str | Path) -> tuple[list[Trial], list[str]]:
             session, index = _place(trial.about)
             strange.append(f"left aside: {str(path)!r} is session {session}, trial {index} under another name")
         else:
-            trials.append(trial)
-    if not trials:
+            usable.append(path)
+    if not usable:
         more = f" ({strange[0]})" if strange else ""
         raise TrocarError(f"folder {str(folder)!r} holds no trial that can be read{more}; make some with `trocar run`")
-    return trials, strange
+    return KeptTrials(usable), strange
 
 
 def _place(about: dict[str, Any]) -> tuple[int, int]:

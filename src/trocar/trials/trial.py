@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +98,10 @@ class Trial:
         """Return the times (n,) of the rows of its arrays: 100 Hz from 0 s on."""
         rows = max((len(array) for name, array in self.arrays.items() if name.startswith("true_")), default=0)
         return self.scenery.tick_s * np.arange(rows, dtype=np.float64)
+
+    def noted(self) -> Trial:
+        """Return the trial without arrays, images and scenery: what a summary needs, of many trials at a time."""
+        return replace(self, arrays={}, images={}, scenery=replace(self.scenery, solids=(), T_world_body={}, arms={}))
 
     def replay(self) -> Replay:
         """Return all that is needed to watch it."""
