@@ -44,6 +44,19 @@ def test_with_outliers_it_beats_the_usual_filter_at_its_best_window(name):
     )
 
 
+def test_the_printed_programme_can_meet_every_noisy_sample():
+    """Section IV-E: whatever the velocity at the start, no slack is needed, and the noise is all in the motion."""
+    known = SIGNALS["sines"]
+    q, t = measured(known, 3e-4), STEP_S
+    v, a = np.empty(len(q)), np.empty(len(q) - 1)
+    v[0] = known.velocity[0]
+    for k in range(len(q) - 1):
+        a[k] = 2.0 * (q[k + 1] - q[k] - v[k] * t) / t**2
+        v[k + 1] = v[k] + a[k] * t
+    assert q[:-1] + v[:-1] * t + a * t**2 / 2 == pytest.approx(q[1:], abs=1e-12)
+    assert rms(a - known.acceleration[:-1]) > 50 * rms(estimate(q, t).acceleration - known.acceleration)
+
+
 def test_the_usual_filter_is_exact_on_a_parabola():
     t = STEP_S * np.arange(100)
     found = savitzky_golay(1.0 + 2.0 * t + 3.0 * t**2, STEP_S)
