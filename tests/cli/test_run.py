@@ -370,3 +370,13 @@ def test_looking_at_trials_loads_neither_the_simulator_nor_the_worlds_of_tasks(r
 def test_to_view_a_trial_the_code_of_its_task_is_not_needed(real):
     code = f"from trocar.trials import Trial; Trial.load({str(trial_file(real[0], 0, 0))!r}).replay()"
     assert not {name for name in loaded_by(code) if name.startswith(("trocar.tasks.peg_transfer", "trocar.tasks.sut"))}
+
+
+def test_trials_at_once_are_the_same_as_one_after_the_other(tmp_path):
+    words = ["run", "peg-transfer", "--method", "uncalibrated", "--transfers", "1", "--trials", "2", "--seed", "4"]
+    for jobs in ("1", "2"):
+        more = ["--jobs", jobs, "--out", str(tmp_path / jobs), "--json"]
+        subprocess.run([sys.executable, "-c", COMMAND, *words, *more], check=True, capture_output=True)
+    one, two = ([path.read_bytes() for path in trial_files(tmp_path / jobs)] for jobs in ("1", "2"))
+    assert len(one) == 2
+    assert one == two
