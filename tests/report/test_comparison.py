@@ -69,7 +69,7 @@ def test_where_conditions_do_not_differ_few_are_called_different():
 def test_rates_that_are_both_perfect_differ_by_what_the_sessions_leave_open():
     few, many = ([12] * 5, [12] * 5), ([12] * 60, [12] * 60)
     low, high = rate_difference(few, few)
-    assert low == pytest.approx(-high, abs=0.01) and high > 0.05
+    assert low == pytest.approx(-high, abs=1e-6) and high > 0.05
     assert rate_difference(many, many)[1] < 0.03
 
 

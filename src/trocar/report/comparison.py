@@ -125,7 +125,7 @@ def rate_difference(
     two = session_posterior(*second)[1]
     weights = np.convolve(one, two[::-1])
     grid = (np.arange(len(weights)) - (len(middles) - 1)) * (middles[1] - middles[0])
-    cumulative = np.cumsum(weights) / weights.sum()
+    cumulative = (np.cumsum(weights) - weights / 2.0) / weights.sum()  # half of a bin lies below its middle
     tail = (1.0 - share) / 2.0
     low, high = np.interp([tail, 1.0 - tail], cumulative, grid)
     return float(low), float(high)
