@@ -51,11 +51,16 @@ def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray
 @lru_cache(maxsize=8)
 def pixel_rays(intrinsics: Intrinsics) -> NDArray[np.float64]:
     """Return the direction (height, width, 3) of each pixel in the camera frame, scaled to z = 1."""
-    u, v = np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height))
-    flat = np.stack([(u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy], -1)
-    rays = np.concatenate([undistort(intrinsics, flat.astype(np.float64)), np.ones((*flat.shape[:2], 1))], -1)
+    rays = rays_through(intrinsics, np.stack(np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height)), -1))
     rays.setflags(write=False)
     return rays
+
+
+def rays_through(intrinsics: Intrinsics, pixels: ArrayLike) -> NDArray[np.float64]:
+    """Return the directions (..., 3) in the camera frame, scaled to z = 1, through pixels (..., 2) u, v."""
+    u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
+    flat = np.stack([(u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy], -1)
+    return np.concatenate([undistort(intrinsics, flat), np.ones((*flat.shape[:-1], 1))], -1)
 
 
 def project(intrinsics: Intrinsics, points_m: ArrayLike) -> NDArray[np.float64]:

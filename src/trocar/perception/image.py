@@ -55,6 +55,21 @@ class Intrinsics:
             self.distortion,
         )
 
+    def cropped(self, corner_px: tuple[int, int], size_px: tuple[int, int]) -> Intrinsics:
+        """Return the camera that reads out only a rectangle of this one's pixels.
+
+        Args:
+            corner_px: (u, v) of the rectangle's first pixel.
+            size_px: (width, height).
+        """
+        (u, v), (width, height) = corner_px, size_px
+        if min(u, v) < 0 or min(width, height) < 1 or u + width > self.width or v + height > self.height:
+            raise TrocarError(
+                f"the rectangle of {width} x {height} pixels at {corner_px} leaves the image of {self.width} x "
+                f"{self.height} pixels; choose one inside"
+            )
+        return Intrinsics(width, height, self.fx, self.fy, self.cx - u, self.cy - v, self.distortion)
+
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage:

@@ -74,6 +74,27 @@ class RayCamera:
         """Return (height, width) in pixels."""
         return self.intrinsics.height, self.intrinsics.width
 
+    def cropped(self, data: mujoco.MjData, corner_px: tuple[int, int], size_px: tuple[int, int]) -> RayCamera:
+        """Return this camera with only a rectangle of its pixels read out.
+
+        Args:
+            data: any state of the world; what is fixed in it is seen once for all rectangles.
+            corner_px: (u, v) of the rectangle's first pixel.
+            size_px: (width, height).
+        """
+        if self._background is None:
+            self._background = self._fixed_seen(data)
+        lens = self.intrinsics.cropped(corner_px, size_px)
+        (u, v), (width, height) = corner_px, size_px
+        pixels = np.arange(self.intrinsics.width * self.intrinsics.height).reshape(self.size)
+        pixels = pixels[v : v + height, u : u + width].ravel()
+        camera = copy.copy(self)
+        camera.intrinsics = lens
+        camera._rays, camera._rays_world = self._rays[pixels], self._rays_world[pixels]
+        camera._cell = self._cell[pixels]
+        camera._background = self._background.at(pixels)
+        return camera
+
     def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
         """Return the image as the sensor with its flaws delivers it; ``rng`` draws them."""
         view = self._view(data, shadow=self.flaws.shadow)
@@ -213,6 +234,9 @@ class _View:
     def copy(self) -> _View:
         return _View(*(getattr(self, field.name).copy() for field in fields(self)))
 
+    def at(self, pixels: NDArray[np.intp]) -> _View:
+        return _View(*(getattr(self, field.name)[pixels] for field in fields(self)))
+
 
 @dataclass(frozen=True)
 class _Background:
@@ -221,6 +245,9 @@ class _Background:
     view: _View
     normal_world: NDArray[np.float64]
     projector_cell: NDArray[np.intp]
+
+    def at(self, pixels: NDArray[np.intp]) -> _Background:
+        return _Background(self.view.at(pixels), self.normal_world[pixels], self.projector_cell[pixels])
 
 
 class _Raster:

@@ -10,8 +10,10 @@ import numpy as np
 
 from trocar.arms import ArmModel, frames
 from trocar.geometry import SE3, SO3
+from trocar.perception.fiducials.fixture import Fixture
 from trocar.sim.elements import add, arm_bits, placed, text
 from trocar.sim.task_world import TaskWorld
+from trocar.sim.worn import add_fixture
 
 TIMESTEP_S = 1e-3
 
@@ -81,6 +83,7 @@ class CellModel:
         task: what the task puts into the world.
         servo: how the joints are driven.
         surface: contact parameters.
+        worn: spheres for calibration, by the arm whose instrument wears them.
     """
 
     arms: Mapping[str, ArmModel]
@@ -88,6 +91,7 @@ class CellModel:
     task: TaskWorld = field(default_factory=TaskWorld)
     servo: Servo = field(default_factory=Servo)
     surface: Surface = field(default_factory=Surface)
+    worn: Mapping[str, Fixture] = field(default_factory=dict)
 
 
 def build_mjcf(cell: CellModel) -> str:
@@ -175,6 +179,8 @@ def _add_arm(
         **bits,
     )
     _add_fingers(links[5], assets, cell, name, arm, bits)
+    if name in cell.worn:
+        add_fixture(links[3], links[5], name, arm, cell.worn[name], bits)
     _add_drives(sections, servo, name, arm)
 
 

@@ -1,0 +1,70 @@
+"""Spheres through points of a depth image, by least squares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+STEPS = 12
+DONE_M = 1e-7
+"""Gauss-Newton steps of a fit at most, and the change at which it ends."""
+GATE_SIGMAS, LEAST_GATE_M = 3.0, 0.3e-3
+"""A point counts if its distance from the sphere is below so many SDs of the others', but never below the gate:
+pixels at the rim lie between the sphere and what is behind it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SphereFit:
+    """A sphere through points.
+
+    Attributes:
+        center_m: (3,) in the frame of the points.
+        radius_m: found, or as given.
+        rms_m: of the distances of the points that count.
+        share: of the points that count.
+    """
+
+    center_m: NDArray[np.float64]
+    radius_m: float
+    rms_m: float
+    share: float
+
+
+def fit_sphere(points_m: NDArray[np.float64], radius_m: float | None = None) -> SphereFit | None:
+    """Return the sphere nearest to points (n, 3) that are seen from the origin; None if it cannot be found.
+
+    Gauss-Newton on the distances from the surface; points that are far off it are left out, step by step.
+
+    Args:
+        points_m: on the side of the sphere that faces the origin.
+        radius_m: of the sphere, where it is known; None: it is found too.
+    """
+    if len(points_m) < 4:
+        return None
+    center = np.median(points_m, axis=0)
+    radius = radius_m or 0.5 * float(np.ptp(points_m[:, :2], axis=0).max())
+    center = center * (1.0 + 0.7 * radius / max(float(np.linalg.norm(center)), 1e-9))  # behind what is seen of it
+    free = radius_m is None
+    used = np.ones(len(points_m), dtype=bool)
+    for _ in range(STEPS):
+        away = points_m - center
+        distance = np.linalg.norm(away, axis=1)
+        residual = distance - radius
+        spread = 1.4826 * float(np.median(np.abs(residual)))
+        used = np.abs(residual) < max(GATE_SIGMAS * spread, LEAST_GATE_M)
+        if used.sum() < 4:
+            return None
+        slopes = -away[used] / np.maximum(distance[used], 1e-12)[:, None]
+        slopes = np.column_stack([slopes, np.full(len(slopes), -1.0)]) if free else slopes
+        normal = slopes.T @ slopes
+        if np.linalg.cond(normal) > 1e8:
+            return None
+        step = np.linalg.solve(normal, -slopes.T @ residual[used])
+        center = center + step[:3]
+        radius += float(step[3]) if free else 0.0
+        if np.abs(step).max() < DONE_M:
+            break
+    residual = np.linalg.norm(points_m[used] - center, axis=1) - radius
+    return SphereFit(center, float(radius), float(np.sqrt(np.mean(residual**2))), float(used.mean()))
