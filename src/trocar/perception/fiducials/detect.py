@@ -26,7 +26,7 @@ MOST_RMS_M = 0.5e-3
 """Of these points about the sphere; the sensor's noise is .2 mm."""
 RADIUS_OFF_M = 0.6e-3
 """By which a found radius may differ from that of the sphere it is taken for."""
-MOST_POINTS = 600
+MOST_POINTS = 300
 """Of a patch that are fitted: more find the centre no better."""
 OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
 

@@ -1,0 +1,1 @@
+"""Calibration from images: an arm moves through random places, wearing spheres that a camera sees."""

@@ -1,0 +1,187 @@
+"""A collection: commands, images of an arm at rest after each, spheres found in them, joints from these."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.archive import Archive, read_archive
+from trocar.calibration.excitation import SAMPLES, MotionBox
+from trocar.calibration.recording import Recording
+from trocar.collect.motion import CABLES_M, MARGIN_PX, View, bounds_px, commands_in_view
+from trocar.errors import TrocarError
+from trocar.perception.fiducials.detect import find_spheres
+from trocar.perception.fiducials.fixture import SIX_SPHERES, Fixture
+from trocar.perception.fiducials.joints import require_psm
+from trocar.perception.fiducials.measure import Measured, measure
+from trocar.perception.image import Intrinsics
+from trocar.sim.fiducial_cell import FiducialCell
+from trocar.station import SensorFlaws, Station
+from trocar.station.session import Session
+from trocar.station.transmission import DriveTrain
+
+SAMPLE_S = 0.75
+"""Time of one sample: a move of .1 rad, settling, an exposure of .15 s (recordings: .4 to 1.1 s; the paper: .8 s)."""
+SAVED_EVERY = 25
+"""Rows after which what was found is saved."""
+LEAST_ROWS = 30
+FORMAT, VERSION = "trocar sphere centres", 1
+
+Listener = Callable[[int, int], None]
+"""Called with the rows that are done, and all."""
+
+
+def depth_camera(station: Station) -> str:
+    """Return the name of a station's first camera that sees depth.
+
+    Raises:
+        TrocarError: there is none.
+    """
+    found = [name for name, camera in station.cameras.items() if isinstance(camera.model, Intrinsics)]
+    if not found:
+        raise TrocarError(
+            f"station {station.name!r} has no camera that sees depth, which spheres need; add one of kind 'rgbd'"
+        )
+    return found[0]
+
+
+class Collection:
+    """The calibration of one arm by the spheres that it wears, in the simulated cell.
+
+    Commands and estimates see the registered poses, the encoders and the images; what is true stays inside.
+
+    Attributes:
+        q_cmd: (n, 6) commands; the first two take up the slack and are not looked at.
+        view: of the camera, as registered.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        arm: str,
+        box: MotionBox,
+        seeds: np.random.SeedSequence,
+        rows: int = SAMPLES,
+        *,
+        fixture: Fixture = SIX_SPHERES,
+        flaws: SensorFlaws | None = None,
+    ):
+        """Choose the commands; nothing is looked at yet.
+
+        Args:
+            session: the day.
+            arm: which arm.
+            box: where the motion goes.
+            seeds: of all that is random.
+            rows: how many samples.
+            fixture: that the arm wears.
+            flaws: of the camera, in place of the station's.
+        """
+        if rows < LEAST_ROWS:
+            raise TrocarError(f"a collection of {rows} rows is too small to fit on; give {LEAST_ROWS} or more")
+        station = session.station
+        self._session, self.arm, self.fixture, self._flaws = session, arm, fixture, flaws
+        self.model = station.arm(arm).model
+        require_psm(self.model)
+        self._camera = depth_camera(station)
+        lens = station.cameras[self._camera].model
+        assert isinstance(lens, Intrinsics)
+        T_camera_world = session.T_world_camera_registered[self._camera].inverse()
+        self.view = View(lens, T_camera_world @ session.T_world_base_registered[arm])
+        motion, cables, self._printer, self._images, self._search = seeds.spawn(5)
+        self.q_cmd = commands_in_view(self.model, fixture, self.view, box, rows, motion)
+        self._unseen = len(self.q_cmd) - rows
+        train = DriveTrain(session.transmissions[arm], self.q_cmd[0], np.random.default_rng(cables))
+        self._q_joint = np.array([self._at_rest(train, q) for q in self.q_cmd])
+        self._row_seeds = self._images.spawn(len(self.q_cmd))
+        self._cell: FiducialCell | None = None
+
+    @staticmethod
+    def _at_rest(train: DriveTrain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        train.advance(SAMPLE_S)
+        return train.joints(q)
+
+    @property
+    def duration_s(self) -> float:
+        """Return the time that it takes on the robot."""
+        return SAMPLE_S * len(self.q_cmd)
+
+    @property
+    def q_joint(self) -> NDArray[np.float64]:
+        """Return the true joints (n, 6): for a report on the estimate, never for the estimate."""
+        return self._q_joint.copy()
+
+    @property
+    def digest(self) -> str:
+        """Return what tells this collection from others."""
+        parts = (self.q_cmd, self._q_joint, self.fixture.centers_m, self.view.T_camera_base.matrix)
+        text = f"{self.arm} {self._printer} {self._images} {self.view.lens} {self._flaws}".encode()
+        return hashlib.sha256(b"".join(part.tobytes() for part in parts) + text).hexdigest()[:16]
+
+    def look(self, row: int) -> NDArray[np.float64]:
+        """Return the spheres' centres (k, 3) in the camera frame after this row's command, as found in its image."""
+        if self._cell is None:
+            rng = np.random.default_rng(self._printer)
+            self._cell = FiducialCell(self._session, self.arm, self._camera, self.fixture, rng, self._flaws)
+        corner, size = self._window(row)
+        image = self._cell.image(self._q_joint[row], corner, size, np.random.default_rng(self._row_seeds[row]))
+        return find_spheres(image, self.fixture)
+
+    def _window(self, row: int) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Return corner and size of the rectangle of pixels that is read out for a row."""
+        slack = np.where(self.fixture.on_shaft, 0.0, CABLES_M)
+        lower, upper = bounds_px(self.model, self.fixture, self.view, self.q_cmd[row], MARGIN_PX, slack)
+        whole = np.array([self.view.lens.width, self.view.lens.height])
+        first = np.clip(np.floor(lower), 0, whole - 2).astype(int)
+        size = np.clip(np.ceil(upper), first + 2, whole).astype(int) - first
+        return (int(first[0]), int(first[1])), (int(size[0]), int(size[1]))
+
+    def run(self, path: Path, listener: Listener | None = None) -> NDArray[np.float64]:
+        """Return the centres (n, k, 3) of all rows; go on where a file of an interrupted collection ends.
+
+        Raises:
+            TrocarError: the file is of another collection, damaged, or cannot be written.
+        """
+        found = list(self._kept(path))
+        todo = range(len(found), len(self.q_cmd))
+        for row in todo:
+            found.append(self.look(row) if row >= self._unseen else np.full((len(self.fixture.spheres), 3), np.nan))
+            if row + 1 == len(self.q_cmd) or row % SAVED_EVERY == 0:
+                self._keep(np.array(found), path)
+            if listener is not None:
+                listener(row + 1, len(self.q_cmd))
+        return np.array(found)
+
+    def _kept(self, path: Path) -> NDArray[np.float64]:
+        nothing = np.zeros((0, len(self.fixture.spheres), 3))
+        if not path.is_file():
+            return nothing
+        archive = read_archive(path, FORMAT, VERSION)
+        centers = archive.arrays.get("p_camera_m", nothing)
+        if archive.header.get("collection") != self.digest:
+            raise TrocarError(f"{str(path)!r} is of another collection; move it away, or choose another folder")
+        if centers.shape[1:] != nothing.shape[1:] or len(centers) > len(self.q_cmd):
+            raise TrocarError(f"{str(path)!r} is damaged: its centres have shape {centers.shape}; remove it")
+        return np.asarray(centers, dtype=np.float64)
+
+    def _keep(self, centers: NDArray[np.float64], path: Path) -> None:
+        header = {"format": FORMAT, "version": VERSION, "arm": self.arm, "collection": self.digest}
+        Archive(header, {"p_camera_m": centers}).save(path)
+
+    def measured(self, p_camera_m: NDArray[np.float64]) -> Measured:
+        """Return base and joints from the centres of all rows."""
+        return measure(self.model, self.fixture, p_camera_m, self.q_cmd, np.random.default_rng(self._search))
+
+    def recording(self, measured: Measured) -> Recording:
+        """Return the recording that cable models are fitted on."""
+        return Recording(
+            q_cmd=self.q_cmd,
+            q_phy=measured.q,
+            valid=measured.valid & np.isfinite(measured.q).all(axis=1),
+            t_s=SAMPLE_S * np.arange(1.0, len(self.q_cmd) + 1.0),
+            name=f"images of {self.arm}",
+        )
