@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 import zlib
 from dataclasses import dataclass, replace
@@ -66,6 +67,25 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.q_cmd)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the recording to an ``.npz`` file; the same recording is the same bytes.
+
+        Raises:
+            TrocarError: the name does not end in .npz, or the file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix != ".npz":
+            raise TrocarError(f"recording {str(path)!r} must end in .npz; choose such a name")
+        draft = path.with_name(f".{path.stem}.{os.getpid()}.part.npz")
+        try:
+            np.savez(draft, q_cmd=self.q_cmd, q_phy=self.q_phy, valid=self.valid, t_s=self.t_s)
+            draft.replace(path)
+        except OSError as error:
+            raise TrocarError(f"cannot write {str(path)!r} ({error.strerror}); choose another folder") from None
+        finally:
+            draft.unlink(missing_ok=True)
+        return path
 
     def first(self, rows: int) -> Recording:
         """Return the recording's first ``rows`` rows."""

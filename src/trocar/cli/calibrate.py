@@ -12,14 +12,17 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from trocar.cli import collect
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
 
 app = typer.Typer(
-    help="Fit cable models on recordings of commanded and measured joints, and evaluate them.",
+    help="Collect recordings of commanded and measured joints, fit cable models on them, and evaluate these.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
+
+app.command("collect", epilog="Example: trocar calibrate collect peg-transfer --arm psm1 --out out/cal")(collect.collect)
 
 RecordingPath = Annotated[
     Path,

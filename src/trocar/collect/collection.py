@@ -14,11 +14,12 @@ from trocar.calibration.excitation import SAMPLES, MotionBox
 from trocar.calibration.recording import Recording
 from trocar.collect.motion import CABLES_M, MARGIN_PX, View, bounds_px, commands_in_view
 from trocar.errors import TrocarError
+from trocar.geometry import SE3
 from trocar.perception.fiducials.detect import find_spheres
 from trocar.perception.fiducials.fixture import SIX_SPHERES, Fixture
 from trocar.perception.fiducials.joints import require_psm
 from trocar.perception.fiducials.measure import Measured, measure
-from trocar.perception.image import Intrinsics
+from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.sim.fiducial_cell import FiducialCell
 from trocar.station import SensorFlaws, Station
 from trocar.station.session import Session
@@ -116,20 +117,33 @@ class Collection:
         return self._q_joint.copy()
 
     @property
+    def T_world_camera_registered(self) -> SE3:
+        """Return the camera's pose as registered."""
+        return self._session.T_world_camera_registered[self._camera]
+
+    @property
+    def T_camera_base_true(self) -> SE3:
+        """Return the true pose of the base in the camera: for a report on the registration alone."""
+        return self._session.T_world_camera[self._camera].inverse() @ self._session.T_world_base[self.arm]
+
+    @property
     def digest(self) -> str:
         """Return what tells this collection from others."""
         parts = (self.q_cmd, self._q_joint, self.fixture.centers_m, self.view.T_camera_base.matrix)
         text = f"{self.arm} {self._printer} {self._images} {self.view.lens} {self._flaws}".encode()
         return hashlib.sha256(b"".join(part.tobytes() for part in parts) + text).hexdigest()[:16]
 
-    def look(self, row: int) -> NDArray[np.float64]:
-        """Return the spheres' centres (k, 3) in the camera frame after this row's command, as found in its image."""
+    def image(self, row: int) -> RgbdImage:
+        """Return the image after this row's command: the rectangle of pixels round the instrument."""
         if self._cell is None:
             rng = np.random.default_rng(self._printer)
             self._cell = FiducialCell(self._session, self.arm, self._camera, self.fixture, rng, self._flaws)
         corner, size = self._window(row)
-        image = self._cell.image(self._q_joint[row], corner, size, np.random.default_rng(self._row_seeds[row]))
-        return find_spheres(image, self.fixture)
+        return self._cell.image(self._q_joint[row], corner, size, np.random.default_rng(self._row_seeds[row]))
+
+    def look(self, row: int) -> NDArray[np.float64]:
+        """Return the spheres' centres (k, 3) in the camera frame after this row's command, as found in its image."""
+        return find_spheres(self.image(row), self.fixture)
 
     def _window(self, row: int) -> tuple[tuple[int, int], tuple[int, int]]:
         """Return corner and size of the rectangle of pixels that is read out for a row."""

@@ -44,6 +44,8 @@ def draw_session(station: Station, rng: np.random.Generator) -> Session:
     bases = {name: arm.T_world_base for name, arm in station.arms.items()}
     cameras = {name: camera.T_world_camera for name, camera in station.cameras.items()}
     registered = {name: _register(T, station.registration, rng) for name, T in bases.items()}
+    kept = {name: arm.T_world_base_registered for name, arm in station.arms.items()}
+    registered |= {name: T for name, T in kept.items() if T is not None}
     return Session(station, transmissions, bases, registered, cameras, cameras)
 
 

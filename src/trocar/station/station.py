@@ -35,6 +35,7 @@ class StationArm:
         park_jaw_rad: opening of its jaws there.
         workspace_m: (2, 3) corners in the world of the box that its tip may not leave; None: no box.
         calibration: where the motion of a calibration recording goes; None: the task says.
+        T_world_base_registered: where a registration found the base; None: each session finds it anew.
     """
 
     model: ArmModel
@@ -46,6 +47,7 @@ class StationArm:
     park_jaw_rad: float = 0.1
     workspace_m: NDArray[np.float64] | None = None
     calibration: MotionBox | None = None
+    T_world_base_registered: SE3 | None = None
 
     def park_q(self) -> NDArray[np.float64]:
         """Return the joints (6,) in which it rests before a script.
@@ -142,5 +144,8 @@ class Station:
         found = {f"transmission of {name}": arm.transmission.source for name, arm in self.arms.items()}
         how = self.registration
         found["registration of bases"] = f"{how.points} points, {shown(how.sd_m, 'm', 'g')} an axis"
+        kept = [name for name, arm in self.arms.items() if arm.T_world_base_registered is not None]
+        if kept:
+            found[f"registration of {', '.join(kept)}"] = "as the station file has it"
         cameras = "switched off" if flawless_camera else "switched on, as large as the station's file says"
         return found | {f"flaws of camera {name}": cameras for name in self.cameras}

@@ -111,6 +111,7 @@ def _arm(table: _Table) -> StationArm:
         **_park(table.table("park")),
         workspace_m=_box(table, "workspace_mm"),
         calibration=_calibration(table, model),
+        T_world_base_registered=_pose(table.table("registered")) if table.has("registered") else None,
     )
     table.close()
     return arm

@@ -59,9 +59,10 @@ def fit_sphere(points_m: NDArray[np.float64], radius_m: float | None = None) -> 
         slopes = -away[used] / np.maximum(distance[used], 1e-12)[:, None]
         slopes = np.column_stack([slopes, np.full(len(slopes), -1.0)]) if free else slopes
         normal = slopes.T @ slopes
-        if np.linalg.cond(normal) > 1e8:
+        try:
+            step = np.linalg.solve(normal, -slopes.T @ residual[used])
+        except np.linalg.LinAlgError:  # points on a line
             return None
-        step = np.linalg.solve(normal, -slopes.T @ residual[used])
         center = center + step[:3]
         radius += float(step[3]) if free else 0.0
         if np.abs(step).max() < DONE_M:

@@ -1,0 +1,161 @@
+"""``trocar calibrate collect``: images of spheres on a moving arm, registration, cable model, report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from trocar.cli.extras import need
+from trocar.cli.plugin import Plugins
+from trocar.errors import TrocarError
+
+if TYPE_CHECKING:
+    from trocar.collect.collection import Collection
+
+COLUMNS = (
+    TextColumn("{task.description}"),
+    BarColumn(),
+    MofNCompleteColumn(),
+    TimeElapsedColumn(),
+    TextColumn("left"),
+    TimeRemainingColumn(),
+)
+
+SESSION, COLLECTION, FIT = range(3)
+"""Streams of randomness under the seed."""
+
+
+def collect(
+    station: Annotated[str, typer.Argument(metavar="STATION", help="Name of a station, or a TOML file.")],
+    *,
+    arm: Annotated[
+        list[str] | None, typer.Option(metavar="ARM", help="Which arm; may be given again.", show_default="all")
+    ] = None,
+    rows: Annotated[int, typer.Option(help="Samples of each arm; the paper has 1355.")] = 1355,
+    seed: Annotated[int, typer.Option(help="Of everything random: the day, the motion, the images.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/calibration-STATION-SEED.")
+    ] = None,
+    fit: Annotated[bool, typer.Option(help="Also fit a cable model, and evaluate it on the rows left out.")] = True,
+    model: Annotated[str, typer.Option(help="Cable model: offset, ridge, play, lstm (extra 'learn').")] = "play",
+    fraction: Annotated[float, typer.Option(help="First share of the rows that the model is fitted on.")] = 0.8,
+    plugin: Plugins = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Calibrate arms of the simulated cell from images of spheres that they wear: joints, bases, cable models.
+
+    Interrupted, it keeps what it has; the same command goes on.
+    """
+    need("sim", "mujoco", "cv2")
+    del plugin  # loaded when it was parsed
+    folder = out or Path("out") / f"calibration-{Path(station).stem}-{seed}"
+    collections = _collections(station, arm, rows, seed)
+    _check(model if fit else None, fraction, rows, seed)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TrocarError(f"--out {str(folder)!r} cannot be made ({error.strerror}); give another folder") from None
+    console = Console(stderr=True)
+    try:
+        summary, files = _chain(station, collections, folder, model if fit else None, fraction, seed, console)
+    except KeyboardInterrupt:
+        console.print(f"stopped; what was collected is in {folder}; the same command goes on")
+        raise typer.Exit(130) from None
+    if as_json:
+        typer.echo(json.dumps(summary))
+        return
+    from trocar.collect.report import collection_table  # noqa: PLC0415
+
+    shown = Console()
+    shown.print(collection_table(summary["arms"]))
+    shown.print("files: " + ", ".join(map(str, files)), soft_wrap=True)
+
+
+def _check(model: str | None, fraction: float, rows: int, seed: int) -> None:
+    from trocar.calibration.models import MODELS  # noqa: PLC0415
+    from trocar.calibration.models.base import MIN_ROWS  # noqa: PLC0415
+
+    if seed < 0:
+        raise TrocarError(f"seed {seed} is negative; give 0 or more")
+    if model is None:
+        return
+    MODELS.pick(model)
+    if model == "lstm":
+        need("learn", "jax", "equinox", "optax")
+    least = 2 * MIN_ROWS
+    if not 0.0 < fraction < 1.0 or fraction * rows < least or (1 - fraction) * rows < 1:
+        raise TrocarError(
+            f"--fraction {fraction:g} of {rows} rows leaves too few to fit on ({least} or more) or to evaluate on (1 or "
+            "more); give another, or more --rows"
+        )
+
+
+def _collections(name: str, arms: list[str] | None, rows: int, seed: int) -> dict[str, Collection]:
+    from trocar.collect.collection import Collection  # noqa: PLC0415 (the simulator is heavy)
+    from trocar.station import load_station  # noqa: PLC0415
+    from trocar.station.session import draw_session  # noqa: PLC0415
+
+    if seed < 0:
+        raise TrocarError(f"seed {seed} is negative; give 0 or more")
+    station = load_station(name)
+    session = draw_session(station, np.random.default_rng([seed, SESSION]))
+    found = {}
+    for arm in dict.fromkeys(arms or station.arms):
+        box = station.arm(arm).calibration
+        if box is None:
+            raise TrocarError(
+                f"station {station.name!r} does not say where arm {arm!r} moves to be calibrated; add 'calibration' to "
+                f"[arms.{arm}]"
+            )
+        place = list(station.arms).index(arm)
+        found[arm] = Collection(session, arm, box, np.random.SeedSequence([seed, COLLECTION, place]), rows)
+    return found
+
+
+def _chain(
+    station: str,
+    collections: dict[str, Collection],
+    folder: Path,
+    model: str | None,
+    fraction: float,
+    seed: int,
+    console: Console,
+) -> tuple[dict[str, Any], list[Path]]:
+    """Run the whole chain for each arm; return the figures and the files."""
+    from trocar.calibration.figure import draw_evaluation  # noqa: PLC0415 (slow to import)
+    from trocar.collect.chain import calibrate  # noqa: PLC0415
+    from trocar.collect.report import draw_calibration  # noqa: PLC0415
+    from trocar.station import station_text  # noqa: PLC0415
+    from trocar.station.registered import with_registered  # noqa: PLC0415
+
+    figures: dict[str, Any] = {}
+    files: list[Path] = []
+    bases = {}
+    with Progress(*COLUMNS, console=console, transient=True) as progress:
+        bars = {arm: progress.add_task(f"{arm}: images", total=len(c.q_cmd)) for arm, c in collections.items()}
+        for number, (arm, collection) in enumerate(collections.items()):
+
+            def listen(done: int, total: int, arm: str = arm) -> None:
+                progress.update(bars[arm], completed=done, total=total)
+
+            rng = np.random.default_rng([seed, FIT, number])
+            found = calibrate(collection, folder, model=model, fraction=fraction, rng=rng, listener=listen)
+            figures[arm] = found.summary(collection.T_camera_base_true)
+            bases[arm] = collection.T_world_camera_registered @ found.measured.hand_eye.T_camera_base
+            files += [folder / f"recording_{arm}.npz", draw_calibration(found, folder / f"calibration_{arm}.png")]
+            if found.evaluation is not None:
+                files += [folder / f"cables_{arm}.npz", draw_evaluation(found.evaluation, folder / f"loops_{arm}.png")]
+    summary = {"station": station, "seed": seed, "arms": figures}
+    report, text = folder / "report.json", folder / "station.toml"
+    try:
+        report.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+        text.write_text(with_registered(station_text(station), bases), encoding="utf-8")
+    except OSError as error:
+        raise TrocarError(f"cannot write into {str(folder)!r} ({error.strerror}); give another folder") from None
+    return summary, [*files, text, report]
