@@ -12,7 +12,7 @@ from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.trials import open_folder, orders
 from trocar.trials.config import RunConfig
 from trocar.trials.orders import SessionOrder, TrialOrder, calibrate, play
-from trocar.trials.run import Prepared, cable_file, calibration_key, prepare
+from trocar.trials.prepare import Prepared, cable_file, calibration_key, prepare
 
 ONE = PegTransfer(transfers=1)
 

@@ -22,7 +22,9 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-app.command("collect", epilog="Example: trocar calibrate collect peg-transfer --arm psm1 --out out/cal")(collect.collect)
+app.command("collect", epilog="Example: trocar calibrate collect peg-transfer --arm psm1 --out out/cal")(
+    collect.collect
+)
 
 RecordingPath = Annotated[
     Path,

@@ -110,8 +110,8 @@ def _collections(name: str, arms: list[str] | None, rows: int, seed: int) -> dic
         box = station.arm(arm).calibration
         if box is None:
             raise TrocarError(
-                f"station {station.name!r} does not say where arm {arm!r} moves to be calibrated; add 'calibration' to "
-                f"[arms.{arm}]"
+                f"station {station.name!r} does not say where arm {arm!r} moves to be calibrated; "
+                f"add 'calibration' to [arms.{arm}]"
             )
         place = list(station.arms).index(arm)
         found[arm] = Collection(session, arm, box, np.random.SeedSequence([seed, COLLECTION, place]), rows)

@@ -41,6 +41,13 @@ def run(
         str,
         typer.Option(help="Cable model of methods that compensate: play, lstm (the paper's), ridge, offset."),
     ] = "play",
+    calibration: Annotated[
+        str,
+        typer.Option(
+            help="What cable models are fitted on: images (of spheres on the arm) or joints (with drawn noise; fast).",
+            show_default="images where the station's cameras can",
+        ),
+    ] = "",
     planner: Annotated[str, typer.Option(help="Of the motions.", show_default="the method's")] = "",
     perception: Annotated[str, typer.Option(help="What the agents see with", show_default="the method's")] = "",
     station: Annotated[
@@ -75,6 +82,7 @@ def run(
         station=station,
         method=method,
         model=model,
+        calibration=calibration,
         planner=planner,
         perception=perception,
         sessions=sessions,
@@ -156,7 +164,8 @@ def _draw_video(folder: Path, console: Console) -> None:
 
 
 def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], console: Console) -> None:
-    from trocar.trials.run import prepare, run_trial  # noqa: PLC0415
+    from trocar.trials.prepare import prepare  # noqa: PLC0415
+    from trocar.trials.run import run_trial  # noqa: PLC0415
     from trocar.trials.trial import trial_file  # noqa: PLC0415
 
     if not todo:
@@ -170,7 +179,11 @@ def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], cons
             if prepared is None or prepared.number != session:
                 what = f"calibrating ({config.model})" if config.chosen_method.calibrated else "setting up"
                 progress.update(bar, description=f"session {session + 1} of {config.sessions}: {what}")
-                prepared = prepare(config, session, folder)
+
+                def count(done: int, total: int, what: str = f"session {session + 1} of {config.sessions}") -> None:
+                    progress.update(bar, description=f"{what}: image {done} of {total}")
+
+                prepared = prepare(config, session, folder, listener=count)
             where = f"session {session + 1}, trial {index + 1}"
 
             def listen(event: Mapping[str, object], where: str = where) -> None:

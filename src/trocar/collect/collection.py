@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trocar.archive import Archive, read_archive
 from trocar.calibration.excitation import SAMPLES, MotionBox
 from trocar.calibration.recording import Recording
-from trocar.collect.motion import CABLES_M, MARGIN_PX, View, bounds_px, commands_in_view
+from trocar.collect.motion import CABLES_M, MARGIN_PX, View, bounds_px, commands_in_view, depth_camera
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.perception.fiducials.detect import find_spheres
@@ -21,7 +21,7 @@ from trocar.perception.fiducials.joints import require_psm
 from trocar.perception.fiducials.measure import Measured, measure
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.sim.fiducial_cell import FiducialCell
-from trocar.station import SensorFlaws, Station
+from trocar.station import SensorFlaws
 from trocar.station.session import Session
 from trocar.station.transmission import DriveTrain
 
@@ -34,20 +34,6 @@ FORMAT, VERSION = "trocar sphere centres", 1
 
 Listener = Callable[[int, int], None]
 """Called with the rows that are done, and all."""
-
-
-def depth_camera(station: Station) -> str:
-    """Return the name of a station's first camera that sees depth.
-
-    Raises:
-        TrocarError: there is none.
-    """
-    found = [name for name, camera in station.cameras.items() if isinstance(camera.model, Intrinsics)]
-    if not found:
-        raise TrocarError(
-            f"station {station.name!r} has no camera that sees depth, which spheres need; add one of kind 'rgbd'"
-        )
-    return found[0]
 
 
 class Collection:
@@ -154,17 +140,21 @@ class Collection:
         size = np.clip(np.ceil(upper), first + 2, whole).astype(int) - first
         return (int(first[0]), int(first[1])), (int(size[0]), int(size[1]))
 
-    def run(self, path: Path, listener: Listener | None = None) -> NDArray[np.float64]:
+    def run(self, path: Path | None = None, listener: Listener | None = None) -> NDArray[np.float64]:
         """Return the centres (n, k, 3) of all rows; go on where a file of an interrupted collection ends.
+
+        Args:
+            path: of the file; None: nothing is kept.
+            listener: called after each row.
 
         Raises:
             TrocarError: the file is of another collection, damaged, or cannot be written.
         """
-        found = list(self._kept(path))
+        found = [] if path is None else list(self._kept(path))
         todo = range(len(found), len(self.q_cmd))
         for row in todo:
             found.append(self.look(row) if row >= self._unseen else np.full((len(self.fixture.spheres), 3), np.nan))
-            if row + 1 == len(self.q_cmd) or row % SAVED_EVERY == 0:
+            if path is not None and (row + 1 == len(self.q_cmd) or row % SAVED_EVERY == 0):
                 self._keep(np.array(found), path)
             if listener is not None:
                 listener(row + 1, len(self.q_cmd))

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from trocar.arms import ArmModel
-from trocar.calibration.excitation import WAKE_RAD, MotionBox, random_smooth_path
+from trocar.calibration.excitation import SAMPLES, WAKE_RAD, MotionBox, random_smooth_path
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.perception.depth import project
-from trocar.perception.fiducials.fixture import Fixture
+from trocar.perception.fiducials.fixture import SIX_SPHERES, Fixture
+from trocar.perception.fiducials.joints import require_psm
 from trocar.perception.image import Intrinsics
+from trocar.station import Station
 
 MARGIN_PX = 6.0
 """Between a sphere, at the joints commanded, and the edge of the image."""
@@ -23,6 +25,7 @@ CABLES_M = 14e-3
 from the wrist's middle."""
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
 """Shares of the outer joints' way from their middle that are tried, largest first."""
+WRIST_STEPS = 7
 SMOOTH_ROWS = 41
 """Rows over which such a share changes, so that the path stays smooth; odd."""
 
@@ -45,17 +48,63 @@ def commands_in_view(
 ) -> NDArray[np.float64]:
     """Return commands (2 + rows, 6): two that swing the wrist to and fro, which takes up the slack, then the path.
 
-    Where the path leaves the view, the outer joints are drawn towards the middle of their ranges; the wrist, whose cables
-    are what is to be learnt, keeps its path.
+    Where the path leaves the view, the outer joints are drawn towards the middle of their ranges; the wrist, whose
+    cables are what is to be learnt, keeps its path.
 
     Raises:
         TrocarError: some poses of the wrist are not in view anywhere.
     """
-    path = random_smooth_path(arm, np.random.default_rng(seed), rows, box)
+    path = random_smooth_path(arm, np.random.default_rng(seed), max(rows, SAMPLES), box)[:rows]
     path[:, :3] = _pulled_into_view(arm, fixture, view, path, (box.lower + box.upper)[:3] / 2)
     swing = np.append(np.zeros(3), WAKE_RAD)
     wake = np.clip([path[0] + swing, path[0] - swing], arm.lower, arm.upper)
     return np.concatenate([wake, path])
+
+
+def always_in_view(arm: ArmModel, fixture: Fixture, view: View, box: MotionBox) -> bool:
+    """Return whether every pose of the wrist within a box is in view at the middle of the outer joints' ranges.
+
+    Then :func:`commands_in_view` finds a path for every seed.
+    """
+    middle = (box.lower + box.upper) / 2
+    steps = np.linspace(box.lower[3:], box.upper[3:], WRIST_STEPS)
+    wrist = np.stack(np.meshgrid(*steps.T, indexing="ij"), -1).reshape(-1, 3)
+    return bool(in_view(arm, fixture, view, np.column_stack([np.tile(middle[:3], (len(wrist), 1)), wrist])).all())
+
+
+def why_no_images(station: Station, arm: str, box: MotionBox, fixture: Fixture = SIX_SPHERES) -> str:
+    """Return why an arm of a station cannot be calibrated from images; empty: it can."""
+    model = station.arm(arm).model
+    try:
+        require_psm(model)
+        camera = depth_camera(station)
+    except TrocarError as error:
+        return str(error)
+    seen_by = station.cameras[camera]
+    assert isinstance(seen_by.model, Intrinsics)
+    view = View(seen_by.model, seen_by.T_world_camera.inverse() @ station.arm(arm).T_world_base)
+    return "" if always_in_view(model, fixture, view, box) else _not_in_view(model)
+
+
+def depth_camera(station: Station) -> str:
+    """Return the name of a station's first camera that sees depth.
+
+    Raises:
+        TrocarError: there is none.
+    """
+    found = [name for name, camera in station.cameras.items() if isinstance(camera.model, Intrinsics)]
+    if not found:
+        raise TrocarError(
+            f"station {station.name!r} has no camera that sees depth, which spheres need; add one of kind 'rgbd'"
+        )
+    return found[0]
+
+
+def _not_in_view(arm: ArmModel) -> str:
+    return (
+        f"the camera does not see the spheres of {arm.name!r} where it should move to be calibrated; move the camera, "
+        "or name another range in the station's 'calibration'"
+    )
 
 
 def _pulled_into_view(
@@ -68,10 +117,7 @@ def _pulled_into_view(
         tried[:, :3] = middle + share * (path[:, :3] - middle)
         need[np.isnan(need) & in_view(arm, fixture, view, tried)] = share
     if np.isnan(need).any():
-        raise TrocarError(
-            f"the camera does not see the spheres of {arm.name!r} where it should move to be calibrated; move the "
-            "camera, or name another range in the station's 'calibration'"
-        )
+        raise TrocarError(_not_in_view(arm))
     # the mean of the least shares nearby is nowhere more than a row's own
     least = minimum_filter1d(need, SMOOTH_ROWS, mode="nearest")
     share = uniform_filter1d(least, SMOOTH_ROWS, mode="nearest")

@@ -30,7 +30,9 @@ def draw_calibration(found: Calibrated, path: Path) -> Path:
     _draw_distances(figure.add_subplot(grid[0, 1]), found)
     _draw_outer(figure.add_subplot(grid[0, 2]), found)
     _draw_wrist(figure.add_subplot(grid[1, :]), found)
-    figure.suptitle(f"{found.collection.arm}: {int(found.recording.valid.sum())} of {len(found.recording)} rows are good")
+    figure.suptitle(
+        f"{found.collection.arm}: {int(found.recording.valid.sum())} of {len(found.recording)} rows are good"
+    )
     try:
         figure.savefig(path)
     except OSError as error:
@@ -119,4 +121,3 @@ def collection_table(arms: dict[str, dict[str, Any]]) -> Table:
             both = ((a["model"]["rmse_before"][joint], a["model"]["rmse_after"][joint]) for a in every)
             table.add_row(f"{JOINT_NAMES[joint]} held out, rad RMSE", *(f"{b:.3f} -> {c:.4f}" for b, c in both), "")
     return table
-

@@ -51,7 +51,9 @@ def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray
 @lru_cache(maxsize=8)
 def pixel_rays(intrinsics: Intrinsics) -> NDArray[np.float64]:
     """Return the direction (height, width, 3) of each pixel in the camera frame, scaled to z = 1."""
-    rays = rays_through(intrinsics, np.stack(np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height)), -1))
+    rays = rays_through(
+        intrinsics, np.stack(np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height)), -1)
+    )
     rays.setflags(write=False)
     return rays
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import cv2
@@ -86,13 +87,17 @@ class RayCamera:
             self._background = self._fixed_seen(data)
         lens = self.intrinsics.cropped(corner_px, size_px)
         (u, v), (width, height) = corner_px, size_px
-        pixels = np.arange(self.intrinsics.width * self.intrinsics.height).reshape(self.size)
-        pixels = pixels[v : v + height, u : u + width].ravel()
+        whole = self.size
+
+        def part(values: NDArray) -> NDArray:
+            rectangle = values.reshape(*whole, *values.shape[1:])[v : v + height, u : u + width]
+            return rectangle.reshape(-1, *values.shape[1:])
+
         camera = copy.copy(self)
         camera.intrinsics = lens
-        camera._rays, camera._rays_world = self._rays[pixels], self._rays_world[pixels]
-        camera._cell = self._cell[pixels]
-        camera._background = self._background.at(pixels)
+        camera._rays, camera._rays_world = part(self._rays), part(self._rays_world)
+        camera._cell = part(self._cell)
+        camera._background = self._background.parts(part)
         return camera
 
     def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
@@ -234,8 +239,8 @@ class _View:
     def copy(self) -> _View:
         return _View(*(getattr(self, field.name).copy() for field in fields(self)))
 
-    def at(self, pixels: NDArray[np.intp]) -> _View:
-        return _View(*(getattr(self, field.name)[pixels] for field in fields(self)))
+    def parts(self, part: Callable[[NDArray], NDArray]) -> _View:
+        return _View(*(part(getattr(self, field.name)) for field in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -246,8 +251,8 @@ class _Background:
     normal_world: NDArray[np.float64]
     projector_cell: NDArray[np.intp]
 
-    def at(self, pixels: NDArray[np.intp]) -> _Background:
-        return _Background(self.view.at(pixels), self.normal_world[pixels], self.projector_cell[pixels])
+    def parts(self, part: Callable[[NDArray], NDArray]) -> _Background:
+        return _Background(self.view.parts(part), part(self.normal_world), part(self.projector_cell))
 
 
 class _Raster:

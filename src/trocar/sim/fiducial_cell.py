@@ -64,7 +64,9 @@ class FiducialCell:
         station, self._arm = session.station, arm
         seen_by = station.cameras[camera]
         if not isinstance(seen_by.model, Intrinsics):
-            raise TrocarError(f"camera {camera!r} of station {station.name!r} has no depth; spheres need an RGBD camera")
+            raise TrocarError(
+                f"camera {camera!r} of station {station.name!r} has no depth; spheres need an RGBD camera"
+            )
         self.fixture = printed(fixture, rng)
         self._world = World(
             CellModel(
@@ -82,7 +84,11 @@ class FiducialCell:
         mujoco.mj_kinematics(self._world.model, self._world.data)
 
     def image(
-        self, q_joint: NDArray[np.float64], corner_px: tuple[int, int], size_px: tuple[int, int], rng: np.random.Generator
+        self,
+        q_joint: NDArray[np.float64],
+        corner_px: tuple[int, int],
+        size_px: tuple[int, int],
+        rng: np.random.Generator,
     ) -> RgbdImage:
         """Return a rectangle of the image of the arm at rest at these true joints (6,), jaws closed on the fixture."""
         data, index = self._world.data, self._world.arms[self._arm]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from trocar.calibration.models import MODELS
+from trocar.collect.motion import why_no_images
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS
 from trocar.registry import load_plugin
@@ -21,6 +22,9 @@ from trocar.tasks.kit import Method, Task, pick_method, pick_perception
 
 PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headless", "piqp")
 """Packages that a trial's numbers depend on."""
+
+IMAGES, JOINTS = "images", "joints"
+"""Where a calibration recording comes from: spheres seen by the station's camera, or joints with drawn noise."""
 
 SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
 """Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
@@ -35,6 +39,7 @@ class RunConfig:
         station: where: name of a built-in station or path of a TOML file; empty: where the task is usually done.
         method: how; empty: the task's first.
         model: cable model of methods that compensate.
+        calibration: of methods that compensate: 'images' or 'joints'; empty: images, where all arms can have them.
         planner: of the motions; empty: the method's.
         perception: what agents see with; empty: the method's.
         sessions: how many days are drawn, each registered and calibrated anew.
@@ -50,6 +55,7 @@ class RunConfig:
     station: str = ""
     method: str = ""
     model: str = "play"
+    calibration: str = ""
     planner: str = ""
     perception: str = ""
     sessions: int = 1
@@ -86,9 +92,13 @@ class RunConfig:
             raise TrocarError(f"there is no model to refit with --method {self.method}; drop --refit-offsets")
         station = self.task.at(load_station(self.station))
         arms = self.task.working_arms(station)
+        if self.calibration not in ("", IMAGES, JOINTS):
+            raise TrocarError(f"calibration {self.calibration!r} is unknown; choose one of {IMAGES}, {JOINTS}")
         if method.calibrated:  # what cannot be calibrated says so before anything is written
-            for arm in arms:
-                self.task.calibration(station, arm)
+            missing = [why for arm in arms if (why := why_no_images(station, arm, self.task.calibration(station, arm)))]
+            if missing and self.calibration == IMAGES:
+                raise TrocarError(f"{missing[0]}; or give --calibration {JOINTS}")
+            object.__setattr__(self, "calibration", self.calibration or (JOINTS if missing else IMAGES))
         self._built.update(method=method, station=station, arms=arms)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -124,6 +134,7 @@ class RunConfig:
             "arms": list(self.arms),
             "method": self.method,
             "model": self.model if self.chosen_method.calibrated else None,
+            "calibration": self.calibration if self.chosen_method.calibrated else None,
             "planner": self.planner,
             "perception": self.perception,
             "seed": self.seed,

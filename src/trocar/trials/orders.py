@@ -11,7 +11,8 @@ from trocar.errors import TrocarError
 from trocar.sim.world import PhysicsError
 from trocar.trials.config import RunConfig
 from trocar.trials.folder import RECORD, is_done
-from trocar.trials.run import Prepared, cable_file, calibration_key, prepare, run_trial
+from trocar.trials.prepare import Prepared, cable_file, calibration_key, prepare
+from trocar.trials.run import run_trial
 from trocar.trials.trial import trial_file
 
 

@@ -1,98 +1,34 @@
-"""Runs trials: draws a session, calibrates it, plays the task."""
+"""Runs trials: plays the task in a session that is prepared."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, is_dataclass
-from pathlib import Path
+from dataclasses import asdict, is_dataclass
 from typing import Any
 
 import numpy as np
 
-from trocar.calibration.models import MODELS, CableModel, load_model, save_model
-from trocar.calibration.session import refit_offset
 from trocar.cell import Cell
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS
 from trocar.robots import TICK_S, Calibrated
 from trocar.sim.laboratory import SimLaboratory, arrays_of
 from trocar.sim.recorder import fixed_poses, solids_of
-from trocar.sim.recording import record_motion
 from trocar.sim.world import PhysicsError
 from trocar.station import SensorFlaws
-from trocar.station.session import Session, draw_session
 from trocar.tasks.kit import Agent, Brief, pick_perception
-from trocar.trials.config import CALIBRATION, REFIT, REMOUNT, SESSION, TRIALS, RunConfig, fingerprint
+from trocar.trials.config import TRIALS, RunConfig
 from trocar.trials.images import encoded
+from trocar.trials.prepare import Prepared, prepare
 from trocar.trials.scenery import Scenery
-from trocar.trials.trial import Trial, session_folder
-
-REFIT_SAMPLES = 30
-"""Samples of a quick refit of the cables' offsets after instruments were mounted again."""
+from trocar.trials.trial import Trial
 
 DONE, FAULT, OUT_OF_TIME = "done", "FAULT", "OUT_OF_TIME"
 
 Listener = Callable[[Mapping[str, object]], None]
 
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """A session that is ready for its trials.
-
-    Attributes:
-        number: of the session in its run.
-        session: the day; simulator truth.
-        models: the cable model of each working arm, where the method compensates.
-    """
-
-    number: int
-    session: Session
-    models: Mapping[str, CableModel]
-
-
-def prepare(config: RunConfig, number: int, folder: Path) -> Prepared:
-    """Return one session of a run, calibrated where the method wants that.
-
-    A fitted model is kept in the session's folder, so that an interrupted run does not fit it again; it is always the
-    model of that file that is used, so that a resumed run computes what an uninterrupted one does.
-    """
-    session = draw_session(config.laboratory, config.rng(number, SESSION))
-    home = session_folder(folder, number)
-    home.mkdir(parents=True, exist_ok=True)
-    models: dict[str, CableModel] = {}
-    if config.chosen_method.calibrated:
-        for place, arm in enumerate(config.arms):
-            path = cable_file(folder, number, arm)
-            if not path.is_file():
-                rng = config.rng(number, CALIBRATION, place)
-                recording = record_motion(session, arm, rng, config.task.calibration(config.laboratory, arm))
-                save_model(MODELS.pick(config.model).fit(recording, rng), path, config.fingerprint)
-            models[arm] = load_model(path, config.fingerprint)
-    if config.new_session:
-        session = session.remounted(config.rng(number, REMOUNT))
-    if config.refit_offsets:
-        for place, (arm, model) in enumerate(models.items()):
-            box = config.task.calibration(config.laboratory, arm)
-            recording = record_motion(session, arm, config.rng(number, REFIT, place), box, REFIT_SAMPLES)
-            models[arm] = refit_offset(model, recording)
-    return Prepared(number, session, models)
-
-
-def cable_file(folder: Path, number: int, arm: str) -> Path:
-    """Return where the cable model of an arm in a session of a run lies."""
-    return session_folder(folder, number) / f"cables_{arm}.npz"
-
-
-NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "new_session", "refit_offsets"}
-"""What of a run its fitted cable models do not depend on."""
-
-
-def calibration_key(config: RunConfig, arm: str) -> str:
-    """Return a digest of all that the fitted model of an arm depends on: runs with the same one can share it."""
-    about = {key: value for key, value in config.about().items() if key not in NO_MATTER}
-    box = config.task.calibration(config.laboratory, arm)
-    return fingerprint({**about, "arm": arm, "place": config.arms.index(arm), "motion": repr(box)})
+__all__ = ["DONE", "FAULT", "OUT_OF_TIME", "Prepared", "plain", "prepare", "run_trial"]
 
 
 def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Listener | None = None) -> Trial:

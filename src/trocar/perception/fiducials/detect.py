@@ -105,6 +105,6 @@ def _assigned(patches: Sequence[_Patch], radii_m: NDArray[np.float64]) -> dict[i
 
 
 def _center(patch: _Patch, radius_m: float) -> NDArray[np.float64]:
-    fit = fit_sphere(patch.points_m, radius_m)
+    fit = fit_sphere(patch.points_m, radius_m, patch.rough.center_m)
     good = fit is not None and fit.share >= LEAST_GOOD and fit.rms_m <= MOST_RMS_M
     return fit.center_m if fit is not None and good else np.full(3, np.nan)

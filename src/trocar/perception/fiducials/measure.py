@@ -21,7 +21,7 @@ DISTANCE_OFF_M = 1.0e-3
 """By so much two spheres of the jaw may be nearer or farther than printed; measured: .1 mm RMS."""
 LEAST_ROWS = 10
 
-GOOD, NO_SHAFT, NO_JAW = "good", "no sphere on the shaft", "fewer than 3 spheres on the jaw"
+GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft", "fewer than 3 spheres on the jaw"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +93,7 @@ def measure(
     p_base = without_wrong_distances(fixture, p_base)
     seen = np.isfinite(p_base).all(-1)
     q = joints_from_spheres(arm, fixture, p_base, q_cmd)
-    flags = [
-        NO_SHAFT if not row[fixture.on_shaft].any() else NO_JAW if row[~fixture.on_shaft].sum() < LEAST_ON_JAW else GOOD
-        for row in seen
-    ]
+    flags = [_flag(fixture, row) for row in seen]
     believed = np.where(seen[..., None], p_camera_m, np.nan)
     return Measured(hand_eye, q, tuple(flags), _rms(distance_errors_m(fixture, believed)), believed)
 
@@ -129,8 +126,10 @@ def register_base(
 
 
 def distance_errors_m(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how much the distances between spheres of one part differ from those printed: (n, pairs), NaN unseen."""
-    pairs = [(a, b) for a, b in combinations(range(len(fixture.spheres)), 2) if fixture.on_shaft[a] == fixture.on_shaft[b]]
+    """Return measured less printed distances (n, pairs) between spheres of one part, NaN where one was not seen."""
+    pairs = [
+        (a, b) for a, b in combinations(range(len(fixture.spheres)), 2) if fixture.on_shaft[a] == fixture.on_shaft[b]
+    ]
     first, second = np.array(pairs).T
     printed = np.linalg.norm(fixture.centers_m[first] - fixture.centers_m[second], axis=-1)
     return np.linalg.norm(p_m[:, first] - p_m[:, second], axis=-1) - printed
@@ -149,6 +148,15 @@ def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArr
             break
         p_m[rows, jaw[wrong[rows].argmax(-1)]] = np.nan
     return p_m
+
+
+def _flag(fixture: Fixture, seen: NDArray[np.bool_]) -> str:
+    """Return what is the matter with a row in which these spheres (k,) are believed."""
+    if not seen.any():
+        return NOTHING
+    if not seen[fixture.on_shaft].any():
+        return NO_SHAFT
+    return GOOD if seen[~fixture.on_shaft].sum() >= LEAST_ON_JAW else NO_JAW
 
 
 def _rms(values: NDArray[np.float64]) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEPS = 12
-DONE_M = 1e-7
+DONE_M = 1e-6
 """Gauss-Newton steps of a fit at most, and the change at which it ends."""
 GATE_SIGMAS, LEAST_GATE_M = 3.0, 0.3e-3
 """A point counts if its distance from the sphere is below so many SDs of the others', but never below the gate:
@@ -32,7 +32,9 @@ class SphereFit:
     share: float
 
 
-def fit_sphere(points_m: NDArray[np.float64], radius_m: float | None = None) -> SphereFit | None:
+def fit_sphere(
+    points_m: NDArray[np.float64], radius_m: float | None = None, near_m: NDArray[np.float64] | None = None
+) -> SphereFit | None:
     """Return the sphere nearest to points (n, 3) that are seen from the origin; None if it cannot be found.
 
     Gauss-Newton on the distances from the surface; points that are far off it are left out, step by step.
@@ -40,12 +42,16 @@ def fit_sphere(points_m: NDArray[np.float64], radius_m: float | None = None) -> 
     Args:
         points_m: on the side of the sphere that faces the origin.
         radius_m: of the sphere, where it is known; None: it is found too.
+        near_m: (3,) guess of its centre; None: behind the points.
     """
     if len(points_m) < 4:
         return None
-    center = np.median(points_m, axis=0)
     radius = radius_m or 0.5 * float(np.ptp(points_m[:, :2], axis=0).max())
-    center = center * (1.0 + 0.7 * radius / max(float(np.linalg.norm(center)), 1e-9))  # behind what is seen of it
+    if near_m is None:
+        center = np.median(points_m, axis=0)
+        center = center * (1.0 + 0.7 * radius / max(float(np.linalg.norm(center)), 1e-9))  # behind what is seen of it
+    else:
+        center = near_m
     free = radius_m is None
     used = np.ones(len(points_m), dtype=bool)
     for _ in range(STEPS):

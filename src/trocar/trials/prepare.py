@@ -1,0 +1,108 @@
+"""Prepares a session for its trials: draws it, calibrates its arms where the method wants that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from trocar.calibration.excitation import SAMPLES
+from trocar.calibration.models import MODELS, CableModel, load_model, save_model
+from trocar.calibration.recording import Recording
+from trocar.calibration.session import refit_offset
+from trocar.collect.collection import Collection, Listener
+from trocar.sim.recording import record_motion
+from trocar.station import SensorFlaws
+from trocar.station.session import Session, draw_session
+from trocar.trials.config import CALIBRATION, IMAGES, REFIT, REMOUNT, SESSION, RunConfig, fingerprint
+from trocar.trials.trial import session_folder
+
+REFIT_SAMPLES = 30
+"""Samples of a quick refit of the cables' offsets after instruments were mounted again."""
+
+
+NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "new_session", "refit_offsets"}
+"""What of a run its fitted cable models do not depend on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A session that is ready for its trials.
+
+    Attributes:
+        number: of the session in its run.
+        session: the day; simulator truth.
+        models: the cable model of each working arm, where the method compensates.
+    """
+
+    number: int
+    session: Session
+    models: Mapping[str, CableModel]
+
+
+def prepare(
+    config: RunConfig, number: int, folder: Path, *, spheres: Path | None = None, listener: Listener | None = None
+) -> Prepared:
+    """Return one session of a run, calibrated where the method wants that.
+
+    A fitted model is kept in the session's folder, so that an interrupted run does not fit it again; it is always the
+    model of that file that is used, so that a resumed run computes what an uninterrupted one does.
+
+    Args:
+        config: of the run.
+        number: of the session.
+        folder: of the run.
+        spheres: folder for what was found in a calibration's images, which runs of the same day may share; None: the
+            session's own.
+        listener: called after each image of a calibration.
+    """
+    session = draw_session(config.laboratory, config.rng(number, SESSION))
+    home = session_folder(folder, number)
+    home.mkdir(parents=True, exist_ok=True)
+    models: dict[str, CableModel] = {}
+    if config.chosen_method.calibrated:
+        for place, arm in enumerate(config.arms):
+            path = cable_file(folder, number, arm)
+            if not path.is_file():
+                kept = (spheres or home) / f"spheres_{arm}.npz"
+                recording = _recording(config, session, arm, (number, CALIBRATION, place), SAMPLES, kept, listener)
+                rng = config.rng(number, CALIBRATION, place)
+                save_model(MODELS.pick(config.model).fit(recording, rng), path, config.fingerprint)
+            models[arm] = load_model(path, config.fingerprint)
+    if config.new_session:
+        session = session.remounted(config.rng(number, REMOUNT))
+    if config.refit_offsets:
+        for place, (arm, model) in enumerate(models.items()):
+            recording = _recording(config, session, arm, (number, REFIT, place), REFIT_SAMPLES)
+            models[arm] = refit_offset(model, recording)
+    return Prepared(number, session, models)
+
+
+def _recording(
+    config: RunConfig,
+    session: Session,
+    arm: str,
+    stream: tuple[int, ...],
+    rows: int,
+    path: Path | None = None,
+    listener: Listener | None = None,
+) -> Recording:
+    """Return a recording of an arm in this session, from images or with drawn noise, as the run has it."""
+    box = config.task.calibration(config.laboratory, arm)
+    if config.calibration != IMAGES:
+        return record_motion(session, arm, config.rng(*stream), box, rows)
+    flaws = SensorFlaws.none() if config.flawless_camera else None
+    collection = Collection(session, arm, box, config.seeds(*stream), rows, flaws=flaws)
+    return collection.recording(collection.measured(collection.run(path, listener)))
+
+
+def cable_file(folder: Path, number: int, arm: str) -> Path:
+    """Return where the cable model of an arm in a session of a run lies."""
+    return session_folder(folder, number) / f"cables_{arm}.npz"
+
+
+def calibration_key(config: RunConfig, arm: str) -> str:
+    """Return a digest of all that the fitted model of an arm depends on: runs with the same one can share it."""
+    about = {key: value for key, value in config.about().items() if key not in NO_MATTER}
+    box = config.task.calibration(config.laboratory, arm)
+    return fingerprint({**about, "arm": arm, "place": config.arms.index(arm), "motion": repr(box)})
