@@ -19,7 +19,7 @@ from waypoints import FOUR
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = ("first_trial.py", "move_an_arm.py", "plan_sutures.py")
 PLUGINS = ("own_agent.py", "own_cable_model.py", "own_perception.py", "own_planner.py", "own_task.py")
-SHORT = ("--transfers", "1")
+SHORT = ("--transfers", "1", "--calibration", "joints")
 
 ONE_TRANSFER = """
 import runpy, sys

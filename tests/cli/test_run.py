@@ -37,7 +37,7 @@ def played(monkeypatch):
             listener(event)
         return trial
 
-    def prepare(config, number, folder):
+    def prepare(config, number, folder, **_):
         (folder / f"session_{number:02d}").mkdir(exist_ok=True)
         return Prepared(number, None, {})
 

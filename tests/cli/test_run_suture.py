@@ -6,7 +6,20 @@ import pytest
 
 
 def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path):
-    words = ("run", "suture", "--sutures", 1, "--model", "offset", "--seed", 2, "--out", tmp_path)
+    words = (
+        "run",
+        "suture",
+        "--sutures",
+        1,
+        "--model",
+        "offset",
+        "--calibration",
+        "joints",
+        "--seed",
+        2,
+        "--out",
+        tmp_path,
+    )
     code, out, _ = trocar(*words, "--json")
     assert code == 0 and out.count("\n") == 1
     summary = json.loads(out)

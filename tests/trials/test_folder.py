@@ -50,6 +50,7 @@ def numbers(trials):
         ({"model": "oracle"}, "cable model 'oracle' is unknown.*play"),
         ({"planner": "dice"}, "planner 'dice' is unknown; choose one of spline"),
         ({"perception": "dreams"}, "perception 'dreams' of peg-transfer is unknown; choose one of depth"),
+        ({"calibration": "guesses"}, "calibration 'guesses' is unknown; choose one of images, joints"),
         ({"sessions": 0}, "sessions is 0; give 1 or more with --sessions"),
         ({"trials": 0}, "trials is 0; give 1 or more with --trials"),
         ({"seed": -1}, "seed is -1; give 0 or more with --seed"),
@@ -66,6 +67,7 @@ def test_what_is_left_open_is_as_the_task_and_the_method_have_it():
     run = config()
     assert (run.station, run.method, run.planner, run.perception) == ("peg-transfer", "calibrated", "spline", "depth")
     assert run.arms == ("psm1",)
+    assert RunConfig(PegTransfer()).calibration == "images"
     assert RunConfig(CircleSutures()).station == "suture"
 
 
@@ -74,11 +76,12 @@ def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
     mine.write_text(station_text("peg-transfer").replace("133.2", "133.3"))
     (plugin := tmp_path / "plugin.py").write_text("VALUE = 1\n")
     runs = [
-        RunConfig(PegTransfer(transfers=1)),
-        RunConfig(PegTransfer(budget_s=100.0)),
+        RunConfig(PegTransfer(transfers=1), calibration="joints"),
+        RunConfig(PegTransfer(budget_s=100.0), calibration="joints"),
         RunConfig(CircleSutures()),
         *(config(**{name: True}) for name in ("new_session", "refit_offsets", "flawless_camera")),
         *(config(**choice) for choice in ({"seed": 1}, {"method": "uncalibrated"}, {"model": "ridge"})),
+        config(calibration="images"),
         config(station=str(mine)),
         config(plugins=(str(plugin),)),
     ]
@@ -92,7 +95,7 @@ def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
 def test_a_fingerprint_is_the_same_in_another_process():
     code = (
         "from trocar.trials.config import RunConfig; from trocar.tasks.peg_transfer.task import PegTransfer;"
-        "print(RunConfig(PegTransfer(), seed=4).fingerprint)"
+        "print(RunConfig(PegTransfer(), seed=4, calibration='joints').fingerprint)"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "77"}
     result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
@@ -284,7 +287,7 @@ def test_every_session_is_another_day_and_every_day_can_be_drawn_again(tmp_path)
 def test_a_fitted_model_is_kept_for_the_next_start(tmp_path, monkeypatch):
     run = config(model="offset")
     first = prepare(run, 0, tmp_path)
-    monkeypatch.setattr("trocar.trials.run.record_motion", None)
+    monkeypatch.setattr("trocar.trials.prepare.record_motion", None)
     again = prepare(run, 0, tmp_path)
     q = random_smooth_path(run.laboratory.arms["psm1"].model, np.random.default_rng(1), 50)
     assert np.array_equal(again.models["psm1"].predict(q), first.models["psm1"].predict(q))

@@ -48,7 +48,7 @@ def trial(day):
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
     """A session and its run of one transfer, quickly calibrated."""
-    config = RunConfig(PegTransfer(transfers=1), model="offset", seed=21, trials=9)
+    config = RunConfig(PegTransfer(transfers=1), model="offset", calibration="joints", seed=21, trials=9)
     return config, prepare(config, 0, tmp_path_factory.mktemp("short"))
 
 
@@ -202,7 +202,15 @@ def lookers():
 
 def looked(folder, method="quick-look", seed=7, session=0, index=0, **options):
     """Return a trial of nothing but a look."""
-    config = RunConfig(PegTransfer(**options), method=method, model="offset", seed=seed, sessions=9, trials=9)
+    config = RunConfig(
+        PegTransfer(**options),
+        method=method,
+        model="offset",
+        calibration="joints",
+        seed=seed,
+        sessions=9,
+        trials=9,
+    )
     return run_trial(config, prepare(config, session, folder / f"{method}-{seed}"), index)
 
 

@@ -164,8 +164,7 @@ def _draw_video(folder: Path, console: Console) -> None:
 
 
 def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], console: Console) -> None:
-    from trocar.trials.prepare import prepare  # noqa: PLC0415
-    from trocar.trials.run import run_trial  # noqa: PLC0415
+    from trocar.trials.run import prepare, run_trial  # noqa: PLC0415
     from trocar.trials.trial import trial_file  # noqa: PLC0415
 
     if not todo:

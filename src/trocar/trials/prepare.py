@@ -17,6 +17,10 @@ from trocar.station.session import Session, draw_session
 from trocar.trials.config import CALIBRATION, IMAGES, REFIT, REMOUNT, SESSION, RunConfig, fingerprint
 from trocar.trials.trial import session_folder
 
+IMAGES_ROWS = 650
+"""Images of an arm in a run: half of the paper's rows. The wrist's RMSE of `play` against the cables alone is then
+.0062 rad or less, with all 1355 .0054 or less (`benchmarks/bench_fiducials.py`), at half the time."""
+
 REFIT_SAMPLES = 30
 """Samples of a quick refit of the cables' offsets after instruments were mounted again."""
 
@@ -65,7 +69,8 @@ def prepare(
             path = cable_file(folder, number, arm)
             if not path.is_file():
                 kept = (spheres or home) / f"spheres_{arm}.npz"
-                recording = _recording(config, session, arm, (number, CALIBRATION, place), SAMPLES, kept, listener)
+                rows = IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
+                recording = _recording(config, session, arm, (number, CALIBRATION, place), rows, kept, listener)
                 rng = config.rng(number, CALIBRATION, place)
                 save_model(MODELS.pick(config.model).fit(recording, rng), path, config.fingerprint)
             models[arm] = load_model(path, config.fingerprint)
