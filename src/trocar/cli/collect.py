@@ -91,8 +91,8 @@ def _check(model: str | None, fraction: float, rows: int, seed: int) -> None:
     least = 2 * MIN_ROWS
     if not 0.0 < fraction < 1.0 or fraction * rows < least or (1 - fraction) * rows < 1:
         raise TrocarError(
-            f"--fraction {fraction:g} of {rows} rows leaves too few to fit on ({least} or more) or to evaluate on (1 or "
-            "more); give another, or more --rows"
+            f"--fraction {fraction:g} of {rows} rows leaves too few to fit on ({least} or more) or to evaluate on (1); "
+            "give another share, or more --rows"
         )
 
 

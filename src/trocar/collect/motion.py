@@ -54,8 +54,9 @@ def commands_in_view(
     Raises:
         TrocarError: some poses of the wrist are not in view anywhere.
     """
-    path = random_smooth_path(arm, np.random.default_rng(seed), max(rows, SAMPLES), box)[:rows]
+    path = random_smooth_path(arm, np.random.default_rng(seed), max(rows, SAMPLES), box)
     path[:, :3] = _pulled_into_view(arm, fixture, view, path, (box.lower + box.upper)[:3] / 2)
+    path = path[:rows]
     swing = np.append(np.zeros(3), WAKE_RAD)
     wake = np.clip([path[0] + swing, path[0] - swing], arm.lower, arm.upper)
     return np.concatenate([wake, path])

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 STEPS = 12
 DONE_M = 1e-6
 """Gauss-Newton steps of a fit at most, and the change at which it ends."""
+LARGEST_M = 0.1
+"""A larger radius is that of points on a plane or a line."""
 GATE_SIGMAS, LEAST_GATE_M = 3.0, 0.3e-3
 """A point counts if its distance from the sphere is below so many SDs of the others', but never below the gate:
 pixels at the rim lie between the sphere and what is behind it."""
@@ -71,6 +73,8 @@ def fit_sphere(
             return None
         center = center + step[:3]
         radius += float(step[3]) if free else 0.0
+        if not np.isfinite(center).all() or not 0.0 < radius < LARGEST_M:
+            return None
         if np.abs(step).max() < DONE_M:
             break
     residual = np.linalg.norm(points_m[used] - center, axis=1) - radius

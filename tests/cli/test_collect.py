@@ -1,0 +1,117 @@
+"""``trocar calibrate collect``: the whole chain by one command, resumed, refused."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from trocar.calibration.recording import load_recording
+from trocar.perception.fiducials.measure import GOOD, NOTHING
+from trocar.station import load_station
+
+COMMAND = "from trocar.cli import main; main()"
+FILES = ("calibration_psm1.png", "cables_psm1.npz", "loops_psm1.png", "recording_psm1.npz", "report.json")
+ROWS = 100
+
+
+def words_of(folder, *more):
+    return (
+        "calibrate",
+        "collect",
+        "peg-transfer",
+        "--arm",
+        "psm1",
+        "--rows",
+        ROWS,
+        "--seed",
+        2,
+        "--out",
+        folder,
+        *more,
+    )
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A folder with the whole chain of a hundred rows, and what was printed."""
+    folder = tmp_path_factory.mktemp("chain") / "cal"
+    words = [str(word) for word in words_of(folder, "--json")]
+    result = subprocess.run([sys.executable, "-c", COMMAND, *words], capture_output=True, text=True, check=True)
+    return folder, result.stdout
+
+
+def test_one_command_collects_registers_fits_and_evaluates(done):
+    folder, printed = done
+    assert {path.name for path in folder.iterdir()} == {*FILES, "spheres_psm1.npz", "station.toml"}
+    assert printed.count("\n") == 1
+    report = json.loads(printed)
+    assert report == json.loads((folder / "report.json").read_text())
+    found = report["arms"]["psm1"]
+    assert found["flags"][NOTHING] == 2 and found["flags"][GOOD] == found["good_rows"] > 0.85 * ROWS
+    assert found["sphere_distance_rms_mm"] <= 0.35
+    assert max(found["joint_rms"]) <= 0.01
+    model = found["model"]
+    assert model["fitted_rows"] + model["held_out_rows"] <= found["rows"] == ROWS + 2
+    for joint in (3, 4, 5):
+        assert model["rmse_after"][joint] < 0.5 * model["rmse_before"][joint]
+    registered = load_station(folder / "station.toml").arm("psm1").T_world_base_registered
+    assert registered is not None and found["registration"]["off_mm"] < 2.0
+    for picture in ("calibration", "loops"):
+        assert (folder / f"{picture}_psm1.png").stat().st_size > 10_000
+
+
+def test_fit_and_evaluate_read_the_recording(done, trocar, tmp_path):
+    recording = done[0] / "recording_psm1.npz"
+    code, out, err = trocar("calibrate", "fit", recording, "--fraction", 0.8, "--out", tmp_path / "m.npz", "--json")
+    assert code == 0, err
+    code, out, err = trocar("calibrate", "evaluate", tmp_path / "m.npz", recording, "--from-row", 81, "--json")
+    assert code == 0, err
+    chain = json.loads((done[0] / "report.json").read_text())["arms"]["psm1"]["model"]
+    assert json.loads(out)["rmse_after"] == pytest.approx(chain["rmse_after"])
+    assert load_recording(recording).valid.sum() > 80
+
+
+def test_an_interrupted_collection_goes_on_to_the_same_files(done, tmp_path):
+    folder = tmp_path / "cal"
+    command = [sys.executable, "-c", COMMAND, *(str(word) for word in words_of(folder))]
+    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 120
+    while not (folder / "spheres_psm1.npz").is_file() and time.monotonic() < until:
+        time.sleep(0.05)
+    os.kill(started.pid, signal.SIGINT)
+    _, err = started.communicate(timeout=120)
+    assert started.returncode == 130 and "the same command goes on" in " ".join(err.split())
+    assert not (folder / "report.json").exists()
+    again = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "sphere distances" in again.stdout
+    for name in ("spheres_psm1.npz", *FILES[1:2], "recording_psm1.npz", "report.json", "station.toml"):
+        assert (folder / name).read_bytes() == (done[0] / name).read_bytes(), name
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("kitchen",), "station 'kitchen' is unknown"),
+        (("peg-transfer", "--arm", "psm3"), "no arm 'psm3'; it has psm1, psm2"),
+        (("raven-pair",), "does not say where arm 'left' moves to be calibrated"),
+        (("peg-transfer", "--rows", "10"), "10 rows is too small to fit on; give 30 or more"),
+        (("peg-transfer", "--rows", "60", "--fraction", "0.8"), "leaves too few to fit on (60 or more)"),
+        (("peg-transfer", "--fraction", "1"), "--fraction 1 of 1355 rows"),
+        (("peg-transfer", "--seed", "-1"), "seed -1 is negative"),
+        (("peg-transfer", "--model", "oracle"), "cable model 'oracle' is unknown"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_writes_nothing(trocar, tmp_path, words, said):
+    code, out, err = trocar("calibrate", "collect", *words, "--out", tmp_path / "cal")
+    assert (code, out) == (2, "")
+    assert said in err and err.startswith("trocar: ") and err.count("\n") == 1
+    assert not (tmp_path / "cal").exists()
+
+
+def test_a_folder_of_another_collection_is_refused(done, trocar):
+    code, _, err = trocar(*words_of(done[0], "--no-fit", "--seed", 3))
+    assert code == 2 and "is of another collection; move it away" in err

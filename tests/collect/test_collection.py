@@ -1,0 +1,196 @@
+"""Collections in the simulated cell: what images show, what is flagged, what is kept and taken up again."""
+
+import numpy as np
+import pytest
+
+from simulated import STATION
+from trocar.arms import fk
+from trocar.calibration.excitation import PSM1_BOX, MotionBox
+from trocar.calibration.recording import load_recording
+from trocar.collect.chain import calibrate
+from trocar.collect.collection import SAMPLE_S, Collection
+from trocar.collect.motion import commands_in_view, in_view, why_no_images
+from trocar.errors import TrocarError
+from trocar.perception.fiducials.detect import find_spheres
+from trocar.perception.fiducials.fixture import SIX_SPHERES
+from trocar.perception.fiducials.measure import GOOD, NOTHING
+from trocar.sim.fiducial_cell import FiducialCell
+from trocar.station import SensorFlaws, load_station
+from trocar.station.session import draw_session
+
+SESSION = draw_session(STATION, np.random.default_rng(1))
+ROWS = 60
+LOOKED_AT = list(STATION.arms)
+
+
+def collection(arm="psm1", rows=ROWS, seed=4, **options):
+    box = STATION.arm(arm).calibration
+    assert box is not None
+    return Collection(SESSION, arm, box, np.random.SeedSequence(seed), rows, **options)
+
+
+def true_centers_m(arm, cell, q_joint):
+    """Return where the spheres really are in the camera, with what the printer did."""
+    T = SESSION.T_world_camera["overhead"].inverse() @ SESSION.T_world_base[arm]
+    return T.apply(cell.fixture.base_centers_m(STATION.arm(arm).model, q_joint))
+
+
+@pytest.fixture(scope="module")
+def collected(tmp_path_factory):
+    """Both arms' collections and what was found in their images."""
+    folder = tmp_path_factory.mktemp("collected")
+    both = {arm: collection(arm) for arm in LOOKED_AT}
+    return {arm: (one, one.run(folder / f"{arm}.npz"), folder / f"{arm}.npz") for arm, one in both.items()}
+
+
+# What images show.
+
+
+@pytest.mark.parametrize("arm", LOOKED_AT)
+def test_centres_in_flawed_images_are_where_the_spheres_are(collected, arm):
+    one, found, _ = collected[arm]
+    error = np.linalg.norm(found - true_centers_m(arm, one._cell, one.q_joint), axis=-1)
+    seen = np.isfinite(error)
+    assert seen[2:].mean() > 0.9 and not seen[:2].any()
+    assert np.sqrt(np.mean(error[seen] ** 2)) < 0.12e-3
+    assert error[seen].max() < 0.5e-3
+
+
+def test_a_perfect_camera_shows_them_closer_still():
+    one = collection(rows=30, flaws=SensorFlaws.none())
+    found = np.array([one.look(row) for row in range(2, 12)])
+    error = np.linalg.norm(found - true_centers_m("psm1", one._cell, one.q_joint[2:12]), axis=-1)
+    assert np.nanmedian(error) < 0.02e-3
+
+
+@pytest.mark.parametrize("arm", LOOKED_AT)
+def test_distances_and_joints_are_as_good_as_the_papers(collected, arm):
+    one, found, _ = collected[arm]
+    measured = one.measured(found)
+    recording = one.recording(measured)
+    error = np.sqrt(np.mean((recording.q_phy - one.q_joint)[recording.valid] ** 2, axis=0))
+    assert measured.distance_rms_m <= 0.35e-3
+    assert error[[0, 1, 3, 4, 5]].max() <= 0.01 and error[2] < 0.2e-3
+    assert recording.valid.mean() > 0.85
+    off = np.abs((recording.q_phy - one.q_cmd)[recording.valid, 3])
+    assert off.mean() > 10 * error[3]  # it is the cables that were measured, not the commands
+
+
+@pytest.mark.parametrize("arm", LOOKED_AT)
+def test_the_base_is_found_where_the_arm_went(collected, arm):
+    """A printer's .1 mm on the shaft's spheres, near the middle of the place, leaves about as much there."""
+    one, found, _ = collected[arm]
+    off = one.T_camera_base_true.inverse() @ one.measured(found).hand_eye.T_camera_base
+    tips = fk(one.model, one.q_cmd[2:]).translation_m
+    assert np.linalg.norm(off.apply(tips) - tips, axis=-1).max() < 0.4e-3
+
+
+def test_a_sphere_behind_another_is_not_reported(collected):
+    """The wrist is bent until the jaw's spheres stand behind each other and behind the shaft."""
+    one, _, _ = collected["psm1"]
+    cell = FiducialCell(SESSION, "psm1", "overhead", SIX_SPHERES, np.random.default_rng(0))
+    rng, hidden = np.random.default_rng(8), 0
+    lens = one.view.lens
+    for q in rng.uniform(PSM1_BOX.lower, PSM1_BOX.upper, (25, 6)):
+        found = find_spheres(cell.image(q, (0, 0), (lens.width, lens.height), rng), SIX_SPHERES)
+        error = np.linalg.norm(found - true_centers_m("psm1", cell, q), axis=-1)
+        hidden += int(np.isnan(error).sum())
+        assert not (error > 1e-3).any()
+    assert hidden >= 5
+
+
+def test_a_rectangle_of_the_image_is_what_the_whole_one_shows_there():
+    cell = FiducialCell(SESSION, "psm1", "overhead", SIX_SPHERES, np.random.default_rng(0), SensorFlaws.none())
+    q, lens = PSM1_BOX.lower + 0.4 * (PSM1_BOX.upper - PSM1_BOX.lower), STATION.cameras["overhead"].model
+    whole = cell.image(q, (0, 0), (lens.width, lens.height), np.random.default_rng(0))
+    part = cell.image(q, (200, 40), (450, 350), np.random.default_rng(0))
+    np.testing.assert_array_equal(part.color, whole.color[40:390, 200:650])
+    np.testing.assert_array_equal(part.depth_m, whole.depth_m[40:390, 200:650])
+    both = [find_spheres(image, SIX_SPHERES) for image in (whole, part)]
+    assert np.isfinite(both[1]).all(-1).sum() >= 4
+    np.testing.assert_allclose(*both, atol=0.03e-3)
+    with pytest.raises(TrocarError, match=r"250 x 200 pixels at \(800, 100\) leaves the image"):
+        cell.image(q, (800, 100), (250, 200), np.random.default_rng(0))
+
+
+# Commands.
+
+
+@pytest.mark.parametrize("arm", LOOKED_AT)
+def test_commands_are_dense_within_limits_and_in_view_and_take_no_longer_than_the_papers(arm):
+    one = collection(arm, rows=1355)
+    model, path = one.model, one.q_cmd[2:]
+    assert path.shape == (1355, 6)
+    assert (path >= model.lower).all() and (path <= model.upper).all()
+    assert in_view(model, SIX_SPHERES, one.view, path).all()
+    assert one.duration_s <= 18 * 60
+    steps = np.abs(np.diff(path, axis=0))
+    assert steps.mean(axis=0)[3:].max() < 0.1
+    assert (steps.max(axis=0) < STATION.arm(arm).limits.velocity * SAMPLE_S / 4).all()
+    box = STATION.arm(arm).calibration
+    np.testing.assert_allclose(np.ptp(path, axis=0)[3:], (box.upper - box.lower)[3:])
+
+
+def test_fewer_rows_are_the_first_of_more():
+    np.testing.assert_array_equal(collection(rows=60).q_cmd, collection(rows=200).q_cmd[:62])
+
+
+def test_a_range_that_the_camera_does_not_see_is_refused():
+    away = MotionBox(PSM1_BOX.lower - [1.5, 0, 0, 0, 0, 0], PSM1_BOX.upper - [1.5, 0, 0, 0, 0, 0], PSM1_BOX.step)
+    one = collection()
+    with pytest.raises(TrocarError, match="camera does not see the spheres of 'psm-classic'"):
+        commands_in_view(one.model, SIX_SPHERES, one.view, away, ROWS, np.random.SeedSequence(0))
+    assert "does not see" in why_no_images(STATION, "psm1", away)
+
+
+def test_arms_and_stations_that_cannot_be_looked_at_say_why():
+    assert why_no_images(STATION, "psm1", PSM1_BOX) == ""
+    assert "on a PSM only" in why_no_images(load_station("raven-pair"), "left", PSM1_BOX)
+    with pytest.raises(TrocarError, match="29 rows is too small to fit on; give 30 or more"):
+        collection(rows=29)
+
+
+# What is kept.
+
+
+def test_an_interrupted_collection_goes_on_and_leaves_the_same_bytes(collected, tmp_path):
+    _, found, path = collected["psm1"]
+    calls = []
+
+    def stop(done, total):
+        calls.append((done, total))
+        if done == 40:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        collection().run(tmp_path / "again.npz", stop)
+    kept = (tmp_path / "again.npz").read_bytes()
+    assert kept != path.read_bytes()
+    again = collection().run(tmp_path / "again.npz", lambda done, total: calls.append((done, total)))
+    assert calls[40][0] == 27 and calls[-1] == (62, 62)  # saved after 26 rows, went on with the next
+    np.testing.assert_array_equal(again, found)
+    assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
+    before = len(calls)
+    collection().run(tmp_path / "again.npz", lambda done, total: calls.append((done, total)))
+    assert len(calls) == before
+
+
+def test_centres_of_another_collection_are_refused(collected):
+    _, _, path = collected["psm1"]
+    with pytest.raises(TrocarError, match=r"psm1\.npz' is of another collection; move it away"):
+        collection(seed=5).run(path)
+    with pytest.raises(TrocarError, match="of another collection"):
+        collection(rows=61).run(path)
+
+
+def test_a_recording_from_images_is_read_like_any_other(collected, tmp_path):
+    one, _, path = collected["psm2"]
+    (tmp_path / "spheres_psm2.npz").write_bytes(path.read_bytes())
+    result = calibrate(one, tmp_path, model="offset", rng=np.random.default_rng(0))
+    recording = load_recording(tmp_path / "recording_psm2.npz")
+    np.testing.assert_array_equal(recording.q_cmd, one.q_cmd)
+    np.testing.assert_array_equal(recording.valid, result.recording.valid)
+    assert not recording.valid[:2].any()
+    assert result.measured.flags[:2] == (NOTHING, NOTHING) and result.measured.flags[2] == GOOD
+    assert result.evaluation is not None and result.fitted_rows == int(0.8 * 62)
+    assert (np.flatnonzero(result.evaluation.recording.valid) >= result.fitted_rows).all()
