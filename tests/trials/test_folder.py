@@ -294,6 +294,33 @@ def test_a_fitted_model_is_kept_for_the_next_start(tmp_path, monkeypatch):
     assert [p.name for p in (tmp_path / "session_00").iterdir()] == ["cables_psm1.npz"]
 
 
+def test_arms_are_calibrated_from_images_that_runs_of_the_same_day_can_share(tmp_path, monkeypatch):
+    monkeypatch.setattr("trocar.trials.prepare.IMAGES_ROWS", 40)
+    monkeypatch.setattr("trocar.trials.prepare.record_motion", None)  # no joint is drawn
+    shared, counted = tmp_path / "shared", []
+    shared.mkdir()
+    run = config(calibration="images", model="offset", new_session=True, refit_offsets=True)
+    day = prepare(run, 0, tmp_path / "one", spheres=shared, listener=lambda done, total: counted.append(total))
+    assert counted == [42] * 42
+    assert [path.name for path in shared.iterdir()] == ["spheres_psm1.npz"]
+    other = config(calibration="images", model="ridge")
+    prepare(other, 0, tmp_path / "two", spheres=shared, listener=lambda *_: counted.append(0))
+    assert 0 not in counted
+    plant = day.session.transmissions["psm1"].plant  # of the instruments as mounted again, refitted from 30 images
+    q = random_smooth_path(run.laboratory.arms["psm1"].model, np.random.default_rng(9), 200)
+    missed = day.models["psm1"].predict(q)[:, 3:] - plant.run(q)[:, 3:]
+    assert np.abs(missed.mean(axis=0)).max() < 0.1 < np.linalg.norm((plant.run(q) - q)[:, 3:].mean(axis=0))
+
+
+def test_images_are_asked_for_only_where_they_can_be_had(tmp_path):
+    mine = tmp_path / "mine.toml"
+    mine.write_text(station_text("peg-transfer").replace("rpy_deg = [-147, 0, 0]", "rpy_deg = [0, 0, 0]"))
+    assert RunConfig(PegTransfer(), station=str(mine)).calibration == "joints"
+    with pytest.raises(TrocarError, match=r"does not see the spheres .*; or give --calibration joints"):
+        config(station=str(mine), calibration="images")
+    assert RunConfig(PegTransfer(), method="uncalibrated", station=str(mine)).about()["calibration"] is None
+
+
 def test_a_model_of_another_run_is_refused(tmp_path):
     run = config(model="offset")
     model = prepare(run, 0, tmp_path).models["psm1"]

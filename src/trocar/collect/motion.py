@@ -129,7 +129,7 @@ def in_view(arm: ArmModel, fixture: Fixture, view: View, q: NDArray[np.float64])
     """Return in which configurations (n, 6) every sphere is wholly in the image, wherever the cables leave it."""
     lower, upper = bounds_px(arm, fixture, view, q, MARGIN_PX, np.where(fixture.on_shaft, 0.0, CABLES_M))
     size = np.array([view.lens.width, view.lens.height])
-    return (np.isfinite(lower) & (lower >= 0) & (upper <= size)).all(-1)
+    return np.all(np.isfinite(lower) & (lower >= 0) & (upper <= size), axis=-1)
 
 
 def bounds_px(

@@ -34,7 +34,7 @@ def shaft_joints(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64])
     """
     require_psm(arm)
     p = p_base_m[:, fixture.on_shaft]
-    seen = np.isfinite(p).all(-1)
+    seen = np.all(np.isfinite(p), axis=-1)
     distance = np.where(seen, np.linalg.norm(p, axis=-1), 0.0)
     along = np.einsum("nk,nkx->nx", distance, np.where(seen[..., None], p, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -92,10 +92,10 @@ def joints_from_spheres(
         q_cmd: (n, 6) commands; they only tell in which turn the roll is.
     """
     q_shaft = shaft_joints(arm, fixture, p_base_m)
-    told = np.isfinite(q_shaft).all(-1)
+    told = np.all(np.isfinite(q_shaft), axis=-1)
     q = np.full((len(p_base_m), 6), np.nan)
     q[:, :3] = q_shaft
     R = jaw_rotations(arm, fixture, p_base_m)
-    whole = told & np.isfinite(R).all((-1, -2))
+    whole = told & np.all(np.isfinite(R), axis=(-1, -2))
     q[whole, 3:] = wrist_joints(arm, R[whole], q_shaft[whole], q_cmd[whole, 3])
     return q

@@ -91,7 +91,7 @@ def measure(
     off_shaft = np.linalg.norm(p_base - expected, axis=-1) > SHAFT_OFF_M
     p_base = np.where((off_shaft & fixture.on_shaft)[..., None], np.nan, p_base)
     p_base = without_wrong_distances(fixture, p_base)
-    seen = np.isfinite(p_base).all(-1)
+    seen = np.all(np.isfinite(p_base), axis=-1)
     q = joints_from_spheres(arm, fixture, p_base, q_cmd)
     flags = [_flag(fixture, row) for row in seen]
     believed = np.where(seen[..., None], p_camera_m, np.nan)
