@@ -237,7 +237,8 @@ def test_a_report_writes_the_same_summary_and_plays_nothing(trocar, played, tmp_
 def real(tmp_path_factory):
     """A real run of one transfer in each of two sessions, in a process of its own; its folder and its summary."""
     folder = tmp_path_factory.mktemp("real")
-    words = "run peg-transfer --transfers 1 --sessions 2 --trials 1 --new-session --refit-offsets --seed 21 --json"
+    words = "run peg-transfer --transfers 1 --sessions 2 --trials 1 --new-session --refit-offsets --seed 21 "
+    words += "--calibration joints --json"
     result = subprocess.run(
         [sys.executable, "-c", COMMAND, *words.split(), "--out", str(folder)],
         env={**os.environ, "OMP_NUM_THREADS": "1"},

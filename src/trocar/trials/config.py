@@ -142,9 +142,16 @@ class RunConfig:
             "refit_offsets": self.refit_offsets,
             "flawless_camera": self.flawless_camera,
             "plugins": [load_plugin(path) for path in self.plugins],
-            "flaws": self.laboratory.flaws(flawless_camera=self.flawless_camera),
+            "flaws": self._flaws(),
             "versions": versions(),
         }
+
+    def _flaws(self) -> dict[str, str]:
+        flaws = self.laboratory.flaws(flawless_camera=self.flawless_camera)
+        if self.chosen_method.calibrated:
+            how = "spheres seen in images" if self.calibration == IMAGES else "joints with drawn noise"
+            flaws["cable models are fitted on"] = how
+        return flaws
 
     @property
     def fingerprint(self) -> str:

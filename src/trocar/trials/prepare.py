@@ -21,8 +21,9 @@ IMAGES_ROWS = 650
 """Images of an arm in a run: half of the paper's rows. The wrist's RMSE of `play` against the cables alone is then
 .0062 rad or less, with all 1355 .0054 or less (`benchmarks/bench_fiducials.py`), at half the time."""
 
-REFIT_SAMPLES = 30
-"""Samples of a quick refit of the cables' offsets after instruments were mounted again."""
+REFIT_SAMPLES, REFIT_IMAGES = 30, 45
+"""Samples of a quick refit of the cables' offsets after instruments were mounted again; images, of which some show too
+few spheres."""
 
 
 NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "new_session", "refit_offsets"}
@@ -78,7 +79,8 @@ def prepare(
         session = session.remounted(config.rng(number, REMOUNT))
     if config.refit_offsets:
         for place, (arm, model) in enumerate(models.items()):
-            recording = _recording(config, session, arm, (number, REFIT, place), REFIT_SAMPLES)
+            rows = REFIT_IMAGES if config.calibration == IMAGES else REFIT_SAMPLES
+            recording = _recording(config, session, arm, (number, REFIT, place), rows)
             models[arm] = refit_offset(model, recording)
     return Prepared(number, session, models)
 
