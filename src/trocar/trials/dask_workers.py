@@ -53,7 +53,11 @@ class DaskWorkers:
                 yield client
             return
         cluster = LocalCluster(
-            n_workers=self.count, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+            n_workers=self.count,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,  # type: ignore[arg-type]  # distributed documents it: no dashboard
+            memory_limit=0,
         )
         with cluster, Client(cluster) as client:
             yield client
