@@ -27,7 +27,7 @@ class SecondLook(Unilateral):
         """Carry the block, then look."""
         placed = await super()._carry(grasp, T_board_block, target)
         if placed is not None:
-            image = await self._capture()
+            image = await self.table.capture(self.arm.hand)
             self.cell.log.event("second look", peg=target, time_of_image_s=image.time_s)
         return placed
 

@@ -50,4 +50,6 @@ class TransferOutcome(Outcome):
     NOT_GRASPED = "the jaws closed but the block did not come up with them"
     DROPPED = "the block left the jaws before its target"
     NOT_PLACED = "the block was released but does not stand on its target peg"
+    BLOCKED = "the other arm was in the way, and did not go"
+    ARM_STOPPED = "an arm did not come to the end of a motion"
     NOT_MOVED = "the block stayed where it was"

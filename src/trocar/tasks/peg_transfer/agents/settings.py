@@ -1,0 +1,54 @@
+"""How the agents of the peg transfer work."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from trocar.arms import MOTION_LIMITS, MotionLimits
+
+GRASP_RULES = ((0.15e-3, np.radians(70.0)), (0.15e-3, np.radians(110.0)), (-0.6e-3, np.radians(110.0)))
+"""Least gap (m) round the open fingers and largest roll, tried in turn; below zero a finger must slide off the round
+end of the peg or push the block aside."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the agents work; lengths in m, angles in rad, times on the cell's clock in s.
+
+    Attributes:
+        perception_budget_s: declared for registration and grasp planning (paper: .098 s).
+        survey_budget_s: declared for registering the board, and for the last look at all blocks.
+        planning_budget_s: declared for planning a motion (paper: .103 s).
+        settle_s: rest after a motion before the jaws act.
+        jaw_open_rad: opening round the wall of a block, against the clearance in its hole.
+        depth_m: of the tip under the block's top face.
+        jaw_closed_rad: target that lets the drive press.
+        jaw_empty_rad: jaws that close further than this hold nothing.
+        clear_height_m: of the tip over the plate when it travels empty; the pegs are 20 mm tall.
+        lift_m: how far a held block is raised: its lower face clears the pegs.
+        drop_m: height of a block's lower face over the plate when it is released.
+        retries: how often a failed pick is tried again.
+        limits: of velocity and acceleration.
+        margin_m: kept between two arms, and between what they hold.
+        traffic_budget_s: declared for checking a motion against the other arm's.
+        patience_s: an arm that could not move for so long gives its transfer up.
+    """
+
+    perception_budget_s: float = 0.098
+    survey_budget_s: float = 0.25
+    planning_budget_s: float = 0.103
+    settle_s: float = 0.06
+    jaw_open_rad: float = 0.40
+    depth_m: float = 4.0e-3
+    jaw_closed_rad: float = -0.17
+    jaw_empty_rad: float = 0.08
+    clear_height_m: float = 27e-3
+    lift_m: float = 26e-3
+    drop_m: float = 2e-3
+    retries: int = 1
+    limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])
+    margin_m: float = 4e-3
+    traffic_budget_s: float = 0.02
+    patience_s: float = 8.0

@@ -1,0 +1,190 @@
+"""Who moves when: no arm starts on a way that would bring it too near to what another does or has announced."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import trio
+
+from trocar.arms import ArmModel
+from trocar.cell import Cell, Execution
+from trocar.geometry import SE3
+from trocar.motion import MovingArm, swept_clearance
+from trocar.tasks.kit import ArmScript
+from trocar.tasks.peg_transfer.agents.moving_body import Body, distances_m, least_delay_s
+from trocar.tasks.peg_transfer.agents.settings import Settings
+from trocar.tasks.peg_transfer.block import Block
+from trocar.trajectory import Trajectory
+
+DELAY_STEP_S = 0.08
+"""Between the delays that are tried."""
+CLOSER_M = 0.5e-3
+"""Arms that are nearer than the margin may come this much nearer on their way apart."""
+
+
+class Blocked(Exception):
+    """A motion cannot start, and waiting does not help."""
+
+
+@dataclass
+class _Lane:
+    """What one arm does, as far as it has been announced.
+
+    Attributes:
+        model: of the arm.
+        T_world_base: its base as registered.
+        announced: its motion, and the clock at its start; None at rest.
+        T_tip_block: the block in its jaws; None: empty.
+        waiting: whether it waits until another arm does something else.
+        pressed: set when it is asked to give way.
+    """
+
+    model: ArmModel
+    T_world_base: SE3
+    announced: tuple[Trajectory, float] | None = None
+    T_tip_block: SE3 | None = None
+    waiting: bool = False
+    pressed: trio.Event = field(default_factory=trio.Event)
+
+
+class Traffic:
+    """Through this all motions of all scripts go: each is checked against what the other arms do, then announced.
+
+    A motion that is not free now waits, at rest: for as long as the other arm's announced motion makes it, or until
+    that arm does something else. Of two arms that would wait for each other, one gets ``Blocked``, and its script does
+    something else: the one whose jaws are empty, else the one that has waited longer. So does an arm that has waited
+    for longer than ``patience_s``.
+
+    Args:
+        cell: the laboratory.
+        block: shape of what is carried.
+        settings: margin, patience, declared time of a check.
+    """
+
+    def __init__(self, cell: Cell, block: Block, settings: Settings):
+        self._cell, self._block, self._settings = cell, block, settings
+        self._lanes = {name: _Lane(cell.arms[name], cell.T_world_base_registered[name]) for name in cell.arms}
+        self._changed = trio.Event()
+
+    def carries(self, name: str, T_tip_block: SE3 | None) -> None:
+        """Note what an arm holds now; None: nothing."""
+        self._lanes[name].T_tip_block = T_tip_block
+        self._tell()
+
+    async def admit(self, hand: ArmScript, trajectory: Trajectory, margin_m: float | None = None) -> None:
+        """Return when a motion is free; it is announced then, and ``run`` has to follow.
+
+        Args:
+            hand: the arm, at rest where the motion starts.
+            trajectory: of its joints.
+            margin_m: to keep to other arms; None: as usual.
+
+        Raises:
+            Blocked: waiting does not help.
+        """
+        lane, clock = self._lanes[hand.name], self._cell.clock
+        margin = self._settings.margin_m if margin_m is None else margin_m
+        deadline_s = clock.now_s() + self._settings.patience_s
+        while (delay := self._free(hand.name, trajectory, margin)) != 0.0:
+            with self._cell.log.span(hand.name, "waiting"):
+                if delay is not None:
+                    await clock.sleep(delay)
+                else:
+                    await self._wait_for_change(hand.name, lane, deadline_s)
+        lane.announced = (trajectory, clock.now_s())
+
+    async def run(self, hand: ArmScript, trajectory: Trajectory) -> Execution:
+        """Run a motion that was admitted."""
+        try:
+            return await hand.move(trajectory)
+        finally:
+            self._lanes[hand.name].announced = None
+            self._tell()
+
+    async def _wait_for_change(self, name: str, lane: _Lane, deadline_s: float) -> None:
+        others = [other for key, other in self._lanes.items() if key != name]
+        left_s = deadline_s - self._cell.clock.now_s()
+        if left_s <= 0:
+            raise Blocked
+        standing = [other for other in others if other.waiting]
+        if standing and lane.T_tip_block is None and any(other.T_tip_block is not None for other in standing):
+            raise Blocked
+        for other in standing:
+            other.pressed.set()
+        changed, lane.waiting, lane.pressed = self._changed, True, trio.Event()
+        try:
+            with trio.move_on_after(left_s):
+                async with trio.open_nursery() as nursery:
+                    nursery.start_soon(_first_of, changed, nursery.cancel_scope)
+                    nursery.start_soon(_first_of, lane.pressed, nursery.cancel_scope)
+        finally:
+            lane.waiting = False
+        if lane.pressed.is_set():
+            raise Blocked
+
+    def _tell(self) -> None:
+        changed, self._changed = self._changed, trio.Event()
+        changed.set()
+
+    def _free(self, name: str, trajectory: Trajectory, margin_m: float) -> float | None:
+        """Return after what delay a motion is free; None if it is not as long as the other arms stay where they go."""
+        now = self._cell.clock.now_s()
+        lane = self._lanes[name]
+        mover = Body(MovingArm(lane.model, trajectory, lane.T_world_base, 0.0, self._jaw_rad()), lane.T_tip_block, self._block)
+        delay = 0.0
+        for key, other in self._lanes.items():
+            if key == name:
+                continue
+            body = self._body(key, other)
+            least = self._margin(mover, body, now, margin_m)
+            until = max(0.0, body.arm.end_s - now)
+            found = least_delay_s(mover, body, now, least, np.arange(0.0, until + DELAY_STEP_S, DELAY_STEP_S).tolist())
+            if found is None:
+                return None
+            delay = max(delay, found)
+        if delay == 0.0 and not self._certain(name, mover, now, margin_m):
+            return DELAY_STEP_S if self._anybody_moves(name) else None
+        return delay
+
+    def _margin(self, mover: Body, other: Body, now_s: float, margin_m: float) -> float:
+        """Return the margin, or the present distance where that is less: arms that are near may go apart."""
+        here = float(distances_m(mover, np.zeros(1), other, np.array([now_s]))[0])
+        return min(margin_m, here - CLOSER_M)
+
+    def _certain(self, name: str, mover: Body, now_s: float, margin_m: float) -> bool:
+        """Return whether the instruments keep the margin between the samples too."""
+        shifted = MovingArm(mover.arm.model, mover.arm.trajectory, mover.arm.T_world_base, now_s, mover.arm.jaw_rad)
+        others = {key: self._body(key, other).arm for key, other in self._lanes.items() if key != name}
+        end = max(shifted.end_s, *(other.end_s for other in others.values()))
+        here = swept_clearance({name: shifted}, others=others, span_s=(now_s, now_s)).sampled_m
+        least = min(margin_m, here - CLOSER_M)
+        return swept_clearance({name: shifted}, others=others, span_s=(now_s, end), enough_m=least).distance_m >= least
+
+    def _anybody_moves(self, name: str) -> bool:
+        return any(lane.announced for key, lane in self._lanes.items() if key != name)
+
+    def _body(self, name: str, lane: _Lane) -> Body:
+        """Return an arm as it is now: on the rest of what it announced, or resting; its clock is the cell's."""
+        robot, now = self._cell.robot, self._cell.clock.now_s()
+        told = robot.setpoint(name)
+        if lane.announced is None or (not told.moving and now > lane.announced[1]):
+            hold = Trajectory(np.array([0.0, 1e-3]), told.q[None, None])
+            arm = MovingArm(lane.model, hold, lane.T_world_base, now - 1e-3, self._jaw_rad())
+        else:
+            trajectory, start = lane.announced
+            begun = now - told.path_s if told.moving else start
+            arm = MovingArm(lane.model, trajectory, lane.T_world_base, begun, self._jaw_rad())
+        return Body(arm, lane.T_tip_block, self._block)
+
+    def _jaw_rad(self) -> float:
+        """Return the widest opening that the jaws have while they travel."""
+        return self._settings.jaw_open_rad
+
+
+async def _first_of(event: trio.Event, scope: trio.CancelScope) -> None:
+    await event.wait()
+    scope.cancel()
+
+
