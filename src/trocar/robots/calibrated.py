@@ -90,7 +90,7 @@ class Calibrated:
         self._clock, self._log, self._stop_at_limits = clock, log, stop_at_limits
         self._rested = {arm: CableMemory.at_rest(model, robot.setpoint(arm).q) for arm, model in models.items()}
         self._paths: dict[str, CommandPath] = {}
-        self._prepared: _Prepared | None = None
+        self._prepared: dict[frozenset[str], _Prepared] = {}
         self._computing: dict[str, str | None] = {}  # arms whose commands are being found: why they were held meanwhile
         self._resting: dict[str, tuple[CommandPath | None, NDArray[np.float64], NDArray[np.float64]]] = {}
 
@@ -118,6 +118,11 @@ class Calibrated:
             q, velocity = path.desired(sent.path_s), sent.path_rate * path.desired(sent.path_s, 1)
         return SetPoint(sent.time_s, q, velocity, sent.moving, sent.path_s, sent.path_rate, sent.on_path)
 
+    def expected(self, arm: str) -> Trajectory | None:
+        """Return what the joints of a compensated arm do while it plays its commands, on their time; None: unknown."""
+        path = self._paths.get(arm)
+        return None if path is None else path.desired
+
     def _believed(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
         """Return where (6,) the model believes the joints; at rest it is asked once."""
         known = self._resting.get(arm)
@@ -135,7 +140,7 @@ class Calibrated:
             TrocarError: it is to stop at limits, and more than ``CLIPPED`` would stay uncorrected; or as the robot.
         """
         starts = {arm: self._robot.setpoint(arm) for arm in motions if arm in self._rested}
-        prepared, self._prepared = self._prepared, None
+        prepared = self._prepared.pop(frozenset(motions), None)
         if not starts:
             return await self._robot.move(motions)
         if prepared is not None and prepared.suits(motions, starts):
@@ -168,7 +173,7 @@ class Calibrated:
         """
         starts = {arm: self._robot.setpoint(arm) for arm in motions if arm in self._rested}
         if starts and not any(start.moving for start in starts.values()):
-            self._prepared = _Prepared(dict(motions), starts, self._found(motions))
+            self._prepared[frozenset(motions)] = _Prepared(dict(motions), starts, self._found(motions))
 
     async def jaw(self, arm: str, angle_rad: float) -> Execution:
         """Drive the jaws; their cables are taken as they are."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,18 @@ class ArmGuard:
     workspace_m: NDArray[np.float64] | None = None
 
 
+class Belief(Protocol):
+    """Who compensates an arm's cables, and so knows where its commands lead."""
+
+    def setpoint(self, arm: str) -> SetPoint:
+        """Return where the joints are believed to be."""
+        ...
+
+    def expected(self, arm: str) -> Trajectory | None:
+        """Return what the joints do while the arm plays its commands, on the commands' time; None: as commanded."""
+        ...
+
+
 class Guarded:
     """A robot that refuses what must not be sent, slows down what is too fast, and stops an arm that goes silent.
 
@@ -58,6 +71,10 @@ class Guarded:
         min_distance_m: between the instruments of two arms; 0 or less: not watched.
         stale_s: a reading older than this stops its arm.
         note: called as ``note("guard", arm=..., ...)`` with what was changed.
+
+    Attributes:
+        belief: who compensates the cables. Distances between arms are watched where the joints are believed to be:
+            a command differs from that by the cables' errors, at the tip by millimetres. None: commands are believed.
     """
 
     def __init__(
@@ -71,6 +88,7 @@ class Guarded:
     ):
         self._driver, self._arms = driver, dict(arms)
         self._min_distance_m, self._stale_s, self._note = min_distance_m, stale_s, note
+        self.belief: Belief | None = None
         self._stretch = dict.fromkeys(arms, 1.0)
         self._silent: set[str] = set()
         self._braking: set[str] = set()
@@ -210,10 +228,20 @@ class Guarded:
     def _mover(self, name: str, motion: tuple[Trajectory, float] | None) -> MovingArm:
         """Return an arm on a motion with its start on the clock; None: at rest."""
         guard, jaw_rad = self._arms[name], self._driver.widest_jaw_rad(name)
+        belief = self.belief
+        told = self._driver.setpoint(name).q
+        off = np.zeros_like(told) if belief is None else belief.setpoint(name).q - told
         if motion is None:
-            return MovingArm.resting(guard.model, self._driver.setpoint(name).q, guard.T_world_base, jaw_rad)
+            return MovingArm.resting(guard.model, told + off, guard.T_world_base, jaw_rad)
         trajectory, start_s = motion
-        return MovingArm(guard.model, trajectory, guard.T_world_base, start_s, jaw_rad)
+        expected = None if belief is None else belief.expected(name)
+        if expected is not None and not self._driver.braking(name):
+            factor = trajectory.duration_s / expected.duration_s
+            return MovingArm(guard.model, expected.stretched(factor), guard.T_world_base, start_s, jaw_rad)
+        shifted = trajectory.coefficients.copy()
+        shifted[-1] += off
+        shifted = Trajectory(trajectory.times_s, shifted)
+        return MovingArm(guard.model, shifted, guard.T_world_base, start_s, jaw_rad)
 
     def _factor(self, name: str, trajectory: Trajectory) -> float:
         """Return by how much a motion has to be slowed down, 1 or less if not; refuse what is no motion of the arm."""

@@ -177,6 +177,8 @@ class SimLaboratory:
         """Let the robot wear one more wrapper, which ``wrap`` makes of the cell; return the cell with it."""
         self.cell = replace(self.cell, robot=wrap(self.cell))
         self.recorder.asked_of = self.cell.robot
+        if hasattr(self.cell.robot, "expected"):
+            self._guard.belief = self.cell.robot
         return self.cell
 
     def tick(self) -> None:

@@ -27,17 +27,46 @@ THERE = tuple(Transfer(*pegs) for pegs in ((1, 7), (0, 6), (3, 8), (2, 9), (5, 1
 BACK = tuple(Transfer(target, source) for source, target in THERE)
 
 
+LEFT_THERE = tuple(Transfer(*pegs) for pegs in ((0, 7), (2, 6), (4, 9)))
+"""What the left arm does of the parallel transfers [0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10]
+(facts/peg_transfer.md): in every pair its pegs are those further left."""
+RIGHT_THERE = tuple(Transfer(*pegs) for pegs in ((1, 8), (3, 11), (5, 10)))
+"""What the right arm does meanwhile."""
+
+
+def back(there: tuple[Transfer, ...]) -> tuple[Transfer, ...]:
+    """Return the same transfers the other way."""
+    return tuple(Transfer(target, source) for source, target in there)
+
+
+PAIRS = tuple(
+    pair
+    for lefts, rights in ((LEFT_THERE, RIGHT_THERE), (back(LEFT_THERE), back(RIGHT_THERE)))
+    for pair in zip(lefts, rights, strict=True)
+)
+"""Transfers that two arms do at once: the left arm's, the right arm's."""
+
+GOALS = {
+    "unilateral": THERE + BACK,
+    "bilateral": tuple(goal for pair in PAIRS for goal in pair),
+    "handover": THERE + BACK,
+}
+"""The twelve transfers of each variant, in order."""
+
+
 @dataclass(frozen=True)
 class PegSet:
-    """What lies on the table, as it is sold.
+    """What lies on the table, as it is sold, and which variant is played.
 
     Attributes:
         board: shape of the pegboard.
         block: shape of the blocks.
+        variant: which arms do the transfers.
     """
 
     board: Pegboard = field(default_factory=Pegboard)
     block: Block = field(default_factory=Block)
+    variant: str = "unilateral"
 
 
 class TransferOutcome(Outcome):
@@ -51,5 +80,6 @@ class TransferOutcome(Outcome):
     DROPPED = "the block left the jaws before its target"
     NOT_PLACED = "the block was released but does not stand on its target peg"
     BLOCKED = "the other arm was in the way, and did not go"
+    NOT_HANDED_OVER = "the block did not go through the jaws of both arms"
     ARM_STOPPED = "an arm did not come to the end of a motion"
     NOT_MOVED = "the block stayed where it was"

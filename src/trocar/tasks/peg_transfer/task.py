@@ -14,7 +14,7 @@ from trocar.registry import Lazy
 from trocar.station import Station
 from trocar.tasks.kit import Method, Task, check_budget, option
 from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.goals import BACK, THERE, PegSet, Transfer
+from trocar.tasks.peg_transfer.goals import GOALS, PegSet, Transfer
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
 from trocar.tasks.peg_transfer.truth import PegTruth
@@ -30,11 +30,12 @@ BLOCK_SHIFT_M = 1.6e-3
 MIN_GAP_M = 0.5e-3
 """Between two blocks as they are laid down at the start."""
 
-VARIANTS = ("unilateral",)
+VARIANTS = tuple(GOALS)
+TWO_ARMS = ("bilateral", "handover")
 
-_UNILATERAL = {
-    "agent": Lazy("trocar.tasks.peg_transfer.agents.unilateral:Unilateral"),
-    "settings": Lazy("trocar.tasks.peg_transfer.agents.unilateral:Settings"),
+_AGENT = {
+    "agent": Lazy("trocar.tasks.peg_transfer.agents:agent_of"),
+    "settings": Lazy("trocar.tasks.peg_transfer.agents.settings:Settings"),
     "perception": "depth",
 }
 _WORLD = Lazy("trocar.tasks.peg_transfer.world.peg_world:PegWorld")
@@ -44,7 +45,11 @@ _WORLD = Lazy("trocar.tasks.peg_transfer.world.peg_world:PegWorld")
 class PegTransfer(Task):
     """Twelve transfers on a board that was moved a little, with blocks that lie loosely."""
 
-    variant: str = option("unilateral", "Which arms do it: unilateral, one arm does all.", choices=VARIANTS)
+    variant: str = option(
+        "unilateral",
+        "Which arms do it: one does all, two do transfers in parallel, or one hands every block over to the other.",
+        choices=VARIANTS,
+    )
     transfers: int = option(12, "Only the first N of the twelve transfers.", metavar="N")
     budget_s: float = option(180.0, "A trial that takes longer is stopped.", flag="budget", metavar="S")
 
@@ -53,8 +58,8 @@ class PegTransfer(Task):
     piece = "transfer"
     station = "peg-transfer"
     methods: ClassVar = {
-        "calibrated": Method("cables compensated by a model that was fitted in this session", **_UNILATERAL),
-        "uncalibrated": Method("encoder readings taken for the joints", calibrated=False, **_UNILATERAL),
+        "calibrated": Method("cables compensated by a model that was fitted in this session", **_AGENT),
+        "uncalibrated": Method("encoder readings taken for the joints", calibrated=False, **_AGENT),
     }
     perceptions: ClassVar = {"depth": Lazy("trocar.tasks.peg_transfer.perception.depth_view:DepthView")}
     report = Lazy("trocar.tasks.peg_transfer.report:PegReport")
@@ -64,25 +69,32 @@ class PegTransfer(Task):
             raise TrocarError(
                 f"variant {self.variant!r} of peg-transfer is unknown; choose one of {', '.join(VARIANTS)}"
             )
-        if not 1 <= self.transfers <= len(THERE + BACK):
-            raise TrocarError(
-                f"the number of transfers is {self.transfers}; give 1 to {len(THERE + BACK)} with --transfers"
-            )
+        most = len(GOALS[self.variant])
+        if not 1 <= self.transfers <= most:
+            raise TrocarError(f"the number of transfers is {self.transfers}; give 1 to {most} with --transfers")
         check_budget(self.budget_s)
 
     def at(self, station: Station) -> Station:
         """Return the station, if a board is fixed there."""
         if "board" not in station.T_world_fixture:
             raise TrocarError(f"station {station.name!r} has no fixture 'board', which peg-transfer needs; add it")
+        if self.variant in TWO_ARMS and len(station.arms) < 2:
+            raise TrocarError(
+                f"station {station.name!r} has one arm, and peg-transfer --variant {self.variant} needs two; add one"
+            )
         return station
+
+    def working_arms(self, station: Station) -> tuple[str, ...]:
+        """Return the first arm, or the first two."""
+        return tuple(station.arms)[: 2 if self.variant in TWO_ARMS else 1]
 
     def goals(self) -> tuple[Transfer, ...]:
         """Return the transfers in order."""
-        return (THERE + BACK)[: self.transfers]
+        return GOALS[self.variant][: self.transfers]
 
     def known(self) -> PegSet:
-        """Return the shapes of board and blocks."""
-        return PegSet()
+        """Return the shapes of board and blocks, and the variant."""
+        return PegSet(variant=self.variant)
 
     def scene(self, rng: np.random.Generator, station: Station) -> PegScene:
         """Return a board moved by millimetres with a block lying loosely on each of its left six pegs."""
