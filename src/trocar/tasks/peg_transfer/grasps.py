@@ -103,6 +103,7 @@ def choose_grasp(
     margin_rad: float = np.radians(5.0),
     depth_m: float = 4.0e-3,
     jaws: Jaws | None = None,
+    towards: NDArray[np.float64] | None = None,
 ) -> Grasp | NoGrasp:
     """Return the feasible grasp with the largest clearance of the fingers.
 
@@ -122,6 +123,7 @@ def choose_grasp(
         margin_rad: margin to the wrist's limits.
         depth_m: depth of the tip below the top face.
         jaws: shape of the fingers; None: the arm's.
+        towards: direction (2,) in the board's plane that the outer side of the wall has to face; None: any.
 
     Raises:
         TrocarError: a pose is not a single finite one.
@@ -132,7 +134,11 @@ def choose_grasp(
     near = _neighbours(T_board_block, others)
     best: Grasp | None = None
     blocked: list[str] = []
-    for candidate, T_board_tip in enumerate(_vertical(T_board_block, depth_m)):
+    for candidate, T_board_tip in enumerate(vertical_grasps(T_board_block, depth_m)):
+        outwards = T_board_tip.matrix[:2, 0]  # before the tool is turned round, its x leads out of the block
+        if towards is not None and outwards @ towards <= 0:
+            blocked.append(f"{candidate}: on the far side")
+            continue
         opening, gap = _opening(T_board_tip, T_board_block, board, block, near, jaws)
         if gap < jaws.min_gap_m:
             blocked.append(f"{candidate}: {gap * 1e3:.2f} mm of clearance")
@@ -167,7 +173,7 @@ def _neighbours(T_board_block: SE3, others: SE3 | None) -> list[SE3]:
     return [SE3(m) for m, d in zip(others.matrix, distance, strict=True) if SELF_M < d < REACH_M]
 
 
-def _vertical(T_board_block: SE3, depth_m: float) -> list[SE3]:
+def vertical_grasps(T_board_block: SE3, depth_m: float) -> list[SE3]:
     """Return the candidates in the board frame, with the tool vertical whatever the block's tilt."""
     poses = []
     for matrix in (T_board_block @ grasp_candidates(depth_m)).matrix:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import fk
+from trocar.arms import SOLIDS, fk
 from trocar.arms.solids import solid_radii_m
 from trocar.geometry import SE3
 from trocar.geometry.capsules import segment_distances_m
@@ -32,6 +33,10 @@ class Body:
     arm: MovingArm
     T_tip_block: SE3 | None
     block: Block
+
+    def empty(self) -> Body:
+        """Return the same without the block."""
+        return replace(self, T_tip_block=None)
 
     def ends_m(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the ends of all capsules in the world at the times (n,): (n, k, 2, 3) m."""
@@ -68,7 +73,13 @@ def distances_m(a: Body, a_s: NDArray[np.float64], b: Body, b_s: NDArray[np.floa
 
 
 def least_delay_s(
-    mover: Body, other: Body, now_s: float, margin_m: float, delays_s: Sequence[float], step_s: float = 0.04
+    mover: Body,
+    other: Body,
+    now_s: float,
+    margin_m: float,
+    delays_s: Sequence[float],
+    meets_s: float = inf,
+    step_s: float = 0.04,
 ) -> float | None:
     """Return the first of some delays after which a body may start on its way; None if it may after none of them.
 
@@ -80,6 +91,7 @@ def least_delay_s(
         now_s: the cell's clock.
         margin_m: to keep.
         delays_s: to try, in order.
+        meets_s: from this time of its motion on, the mover may meet the other's block.
         step_s: between samples.
     """
     lasting_s = mover.arm.trajectory.duration_s
@@ -90,8 +102,11 @@ def least_delay_s(
         last_s = max(lasting_s + delay_s, until_s)
         times = np.append(np.arange(0.0, last_s, step_s), last_s)
         index = np.clip(np.searchsorted(own_s, times - delay_s - 1e-9), 0, len(own_s) - 1)
-        gaps = _gaps_m(ends[index], mover.radii_m, other.ends_m(now_s + times), other.radii_m)
-        if gaps.min() >= margin_m:
+        theirs, apart = other.ends_m(now_s + times), times < delay_s + meets_s
+        arm = slice(len(SOLIDS))
+        gaps = _gaps_m(ends[index[apart]], mover.radii_m, theirs[apart], other.radii_m)
+        met = _gaps_m(ends[index[~apart]], mover.radii_m, theirs[~apart, arm], other.radii_m[arm])
+        if min(gaps.min(initial=inf), met.min(initial=inf)) >= margin_m:
             return delay_s
     return None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import trio
@@ -13,12 +14,12 @@ from trocar.arms import fk, ik
 from trocar.cell import Result
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.motion import plan_through, rest_to_rest
+from trocar.motion import TimedPath, plan_through, rest_to_rest
 from trocar.perception.image import RgbdImage
 from trocar.tasks.kit import ArmScript, Brief
-from trocar.tasks.peg_transfer.agents.settings import GRASP_RULES
+from trocar.tasks.peg_transfer.agents.settings import GRASP_RULES, OUTER_RULES
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.traffic import Traffic
+from trocar.tasks.peg_transfer.agents.traffic import Blocked, Traffic
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, choose_grasp
 from trocar.tasks.peg_transfer.places import choose_place, held_block
@@ -43,6 +44,7 @@ class PegArm:
         traffic: through it all motions go.
         home: (6,) where the arm is out of the camera's view.
         name: of the arm.
+        hands_over: whether it grasps blocks so that another arm can take them.
     """
 
     def __init__(self, brief: Brief, name: str, table: Table, traffic: Traffic):
@@ -50,6 +52,7 @@ class PegArm:
         self.table, self.traffic = table, traffic
         self.hand = ArmScript(brief.cell, name, brief.settings.limits, brief.settings.settle_s)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
+        self.hands_over = False
 
     @property
     def T_base_board(self) -> SE3:
@@ -69,7 +72,7 @@ class PegArm:
     @property
     def holds(self) -> bool:
         """Return whether the jaws' motor stalled on something as thick as a block's wall."""
-        return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.jaw_open_rad - JAW_SLACK_RAD
+        return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.meeting_jaw_rad - JAW_SLACK_RAD
 
     async def wake(self) -> None:
         """Turn the wrist to and fro, see ``ArmScript.wake``."""
@@ -78,7 +81,7 @@ class PegArm:
     async def see(self, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
         """Look at a peg; return how to grasp its block, other than what has failed, or why not."""
         image = await self.table.capture(self.hand)
-        seen = await self._perceive(lambda: self._plan_grasp(image, source, failed))
+        seen = await self.perceive(lambda: self._plan_grasp(image, source, failed))
         if isinstance(seen, Grasp):
             return seen
         reason, outcome = seen
@@ -95,7 +98,8 @@ class PegArm:
         others = [pose.matrix for peg, pose in table.blocks.items() if peg != source]
         neighbours = SE3(np.array(others)) if others else None
         refusal = ""
-        for min_gap_m, max_roll_rad in GRASP_RULES:
+        own_side = self.T_base_board.inverse().translation_m[:2]
+        for outer, min_gap_m, max_roll_rad in OUTER_RULES if self.hands_over else GRASP_RULES:
             grasp = choose_grasp(
                 self.model,
                 self.T_base_board,
@@ -107,6 +111,7 @@ class PegArm:
                 depth_m=self.settings.depth_m,
                 jaws=replace(Jaws.of(self.model.instrument), min_gap_m=min_gap_m),
                 max_roll_rad=max_roll_rad,
+                towards=own_side if outer else None,
             )
             if isinstance(grasp, Grasp):
                 return grasp
@@ -115,12 +120,18 @@ class PegArm:
 
     async def go_to(self, T_board_tip: SE3) -> bool:
         """Travel over the pegs, then down round the wall of a block, the jaws open; False if no motion does it."""
-        motion = await self.plan(lambda: self._approach(T_board_tip))
-        if motion is None:
-            return False
-        await self.move(motion, jaw_rad=self.settings.jaw_open_rad)
-        await self.hand.settle()
-        return True
+        for _ in range(1 + self.settings.detours):
+            motion = await self.plan(lambda: self._approach(T_board_tip))
+            if motion is None:
+                return False
+            try:
+                await self.move(motion, jaw_rad=self.settings.jaw_open_rad)
+            except Blocked:
+                await self.give_way()
+                continue
+            await self.hand.settle()
+            return True
+        raise Blocked
 
     def _approach(self, T_board_tip: SE3) -> Trajectory:
         above = raised(T_board_tip, self.settings.clear_height_m)
@@ -137,20 +148,26 @@ class PegArm:
         self.traffic.carries(self.name, T_tip_block if self.holds else None)
         return self.holds
 
-    async def open(self) -> None:
-        """Open the jaws."""
-        await self.hand.jaw(self.settings.jaw_open_rad)
+    async def open(self, jaw_rad: float | None = None) -> None:
+        """Open the jaws; None: as wide as usual."""
+        await self.hand.jaw(self.settings.jaw_open_rad if jaw_rad is None else jaw_rad)
         self.traffic.carries(self.name, None)
 
     async def carry(self, T_tip_block: SE3, target: int) -> SE3 | None:
         """Lift, travel, lower; return where the block should lie now, or None where no pose is in reach."""
-        planned = await self.plan(lambda: self._transfer_motion(T_tip_block, target))
-        if planned is None:
-            return None
-        motion, T_board_placed = planned
-        await self.move(motion)
-        await self.hand.settle()
-        return T_board_placed
+        for _ in range(1 + self.settings.detours):
+            planned = await self.plan(lambda: self._transfer_motion(T_tip_block, target))
+            if planned is None:
+                return None
+            motion, T_board_placed = planned
+            try:
+                await self.move(motion)
+            except Blocked:
+                await self.give_way()
+                continue
+            await self.hand.settle()
+            return T_board_placed
+        raise Blocked
 
     def _transfer_motion(self, T_tip_block: SE3, target: int) -> tuple[Trajectory, SE3] | None:
         tip = self.T_board_tip
@@ -193,14 +210,38 @@ class PegArm:
         await self.retreat()
         await self.move(rest_to_rest(self.hand.q, self.home, self.settings.limits))
 
-    async def move(self, motion: Trajectory, *, jaw_rad: float | None = None, margin_m: float | None = None) -> None:
+    async def give_way(self) -> None:
+        """Leave room for the other arm: go home with empty jaws; with a block in them, or where that cannot be, wait."""
+        self.cell.log.event("gives way", arm=self.name)
+        try:
+            if not self.traffic.holds(self.name):
+                await self.go_home()
+                return
+        except Blocked:
+            pass
+        await self.cell.clock.sleep(self.settings.pause_s)
+
+    async def move(
+        self,
+        motion: Trajectory,
+        *,
+        jaw_rad: float | None = None,
+        margin_m: float | None = None,
+        meets_s: float = inf,
+    ) -> None:
         """Run a motion as soon as the other arm leaves room for it, and meanwhile drive the jaws.
+
+        Args:
+            motion: from where the arm rests.
+            jaw_rad: opening of the jaws; None: as they are.
+            margin_m: to keep to the other arm; None: as usual.
+            meets_s: from this time of the motion on, the jaws may meet the block in the other arm's jaws.
 
         Raises:
             Blocked: the other arm is in the way, and waiting does not help.
             ArmStopped: the arm did not come to the end.
         """
-        await self.traffic.admit(self.hand, motion, margin_m)
+        await self.traffic.admit(self.hand, motion, jaw_rad, margin_m, meets_s)
         if jaw_rad is None:
             execution = await self.traffic.run(self.hand, motion)
         else:
@@ -216,10 +257,15 @@ class PegArm:
 
     def through(self, points: Sequence[NDArray[np.float64]]) -> Trajectory:
         """Return a motion through these joints, its commands found already."""
+        return self.path_through(points).trajectory
+
+    def path_through(self, points: Sequence[NDArray[np.float64]]) -> TimedPath:
+        """Return such a motion, and when it passes the joints."""
         up = self.T_base_board.matrix[:3, 2]
         plan = plan_through(self.model, np.array(points), self.settings.limits, up=up, planner=self.planner)
-        self.cell.robot.prepare({self.name: plan.trajectory})
-        return plan.trajectory
+        trajectory = plan.trajectory
+        self.cell.robot.prepare({self.name: trajectory})
+        return TimedPath(trajectory, next(iter(plan.waypoint_times_s.values())))
 
     async def plan(self, compute: Callable[[], Result]) -> Result | None:
         """Plan a motion; None, with the reason in the log, where a pose or the way to it leaves the joints' ranges."""
@@ -233,7 +279,8 @@ class PegArm:
 
         return await self.hand.compute("planning", self.settings.planning_budget_s, attempt)
 
-    async def _perceive(self, compute: Callable[[], Result]) -> Result:
+    async def perceive(self, compute: Callable[[], Result]) -> Result:
+        """Compute on an image."""
         return await self.hand.compute("perception", self.settings.perception_budget_s, compute)
 
     def gripped(self, grasp: Grasp, T_board_block: SE3) -> SE3:

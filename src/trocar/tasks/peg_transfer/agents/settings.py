@@ -8,9 +8,24 @@ import numpy as np
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
 
-GRASP_RULES = ((0.15e-3, np.radians(70.0)), (0.15e-3, np.radians(110.0)), (-0.6e-3, np.radians(110.0)))
-"""Least gap (m) round the open fingers and largest roll, tried in turn; below zero a finger must slide off the round
-end of the peg or push the block aside."""
+GRASP_RULES = (
+    (False, 0.15e-3, np.radians(70.0)),
+    (False, 0.15e-3, np.radians(110.0)),
+    (False, -0.6e-3, np.radians(110.0)),
+)
+"""Whether only walls on the arm's own side will do, least gap (m) round the open fingers, largest roll; tried in turn: with
+a gap below zero a finger must slide off the round end of the peg or push the block aside."""
+
+OUTER_RULES = (
+    (True, 0.15e-3, np.radians(70.0)),
+    (True, 0.15e-3, np.radians(110.0)),
+    (False, 0.15e-3, np.radians(70.0)),
+    (False, 0.15e-3, np.radians(110.0)),
+    (True, -0.6e-3, np.radians(110.0)),
+    (False, -0.6e-3, np.radians(110.0)),
+)
+"""The same where a block is to be handed over, with whether only its walls on the arm's own side will do: held there,
+it leaves the other arm room."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +47,16 @@ class Settings:
         retries: how often a failed pick is tried again.
         limits: of velocity and acceleration.
         margin_m: kept between two arms, and between what they hold.
-        traffic_budget_s: declared for checking a motion against the other arm's.
-        patience_s: an arm that could not move for so long gives its transfer up.
+        meeting_margin_m: kept between two arms that hold one block.
+        meeting_jaw_rad: opening of the jaws while both are in the hole of one block.
+        meeting_m: (3,) where blocks are handed over: middle of the block's lower face in the board's frame; 11 mm above
+            the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
+        waits_above_m: of the receiving arm over its grasp, before it comes down (facts: 13 mm).
+        aside_m: and then goes towards its own side.
+        parts_m: how far the giving arm rises before it goes away (facts: 10 mm).
+        patience_s: an arm that could not move for so long does something else.
+        detours: how often it then gives way and tries again, before it gives its transfer up.
+        pause_s: and how long it waits where it cannot go home.
     """
 
     perception_budget_s: float = 0.098
@@ -50,5 +73,12 @@ class Settings:
     retries: int = 1
     limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])
     margin_m: float = 4e-3
-    traffic_budget_s: float = 0.02
+    meeting_margin_m: float = 1.3e-3
+    meeting_jaw_rad: float = 0.34
+    meeting_m: tuple[float, float, float] = (-2.5e-3, 0.0, 37e-3)
+    waits_above_m: float = 13e-3
+    parts_m: float = 10e-3
+    aside_m: float = 30e-3
     patience_s: float = 8.0
+    detours: int = 3
+    pause_s: float = 0.3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 import trio
@@ -37,6 +38,7 @@ class _Lane:
         T_world_base: its base as registered.
         announced: its motion, and the clock at its start; None at rest.
         T_tip_block: the block in its jaws; None: empty.
+        jaw_rad: widest opening of its jaws on that motion.
         waiting: whether it waits until another arm does something else.
         pressed: set when it is asked to give way.
     """
@@ -45,6 +47,7 @@ class _Lane:
     T_world_base: SE3
     announced: tuple[Trajectory, float] | None = None
     T_tip_block: SE3 | None = None
+    jaw_rad: float = 0.0
     waiting: bool = False
     pressed: trio.Event = field(default_factory=trio.Event)
 
@@ -73,27 +76,42 @@ class Traffic:
         self._lanes[name].T_tip_block = T_tip_block
         self._tell()
 
-    async def admit(self, hand: ArmScript, trajectory: Trajectory, margin_m: float | None = None) -> None:
+    def holds(self, name: str) -> bool:
+        """Return whether an arm was said to hold a block."""
+        return self._lanes[name].T_tip_block is not None
+
+    async def admit(
+        self,
+        hand: ArmScript,
+        trajectory: Trajectory,
+        jaw_rad: float | None = None,
+        margin_m: float | None = None,
+        meets_s: float = inf,
+    ) -> None:
         """Return when a motion is free; it is announced then, and ``run`` has to follow.
 
         Args:
             hand: the arm, at rest where the motion starts.
             trajectory: of its joints.
+            jaw_rad: opening that the jaws come to on the way; None: they stay as they are.
             margin_m: to keep to other arms; None: as usual.
+            meets_s: from this time of the motion on, the jaws may meet the block in the other arm's jaws.
 
         Raises:
             Blocked: waiting does not help.
         """
         lane, clock = self._lanes[hand.name], self._cell.clock
+        lane.jaw_rad = max(0.0, hand.jaw_rad, jaw_rad or 0.0)
         margin = self._settings.margin_m if margin_m is None else margin_m
         deadline_s = clock.now_s() + self._settings.patience_s
-        while (delay := self._free(hand.name, trajectory, margin)) != 0.0:
+        while (delay := self._free(hand.name, trajectory, margin, meets_s)) != 0.0:
             with self._cell.log.span(hand.name, "waiting"):
                 if delay is not None:
                     await clock.sleep(delay)
                 else:
                     await self._wait_for_change(hand.name, lane, deadline_s)
         lane.announced = (trajectory, clock.now_s())
+        self._tell()
 
     async def run(self, hand: ArmScript, trajectory: Trajectory) -> Execution:
         """Run a motion that was admitted."""
@@ -128,30 +146,25 @@ class Traffic:
         changed, self._changed = self._changed, trio.Event()
         changed.set()
 
-    def _free(self, name: str, trajectory: Trajectory, margin_m: float) -> float | None:
+    def _free(self, name: str, trajectory: Trajectory, margin_m: float, meets_s: float) -> float | None:
         """Return after what delay a motion is free; None if it is not as long as the other arms stay where they go."""
         now = self._cell.clock.now_s()
         lane = self._lanes[name]
-        mover = Body(MovingArm(lane.model, trajectory, lane.T_world_base, 0.0, self._jaw_rad()), lane.T_tip_block, self._block)
+        mover = Body(MovingArm(lane.model, trajectory, lane.T_world_base, 0.0, lane.jaw_rad), lane.T_tip_block, self._block)
         delay = 0.0
         for key, other in self._lanes.items():
             if key == name:
                 continue
             body = self._body(key, other)
-            least = self._margin(mover, body, now, margin_m)
+            least = _least(mover, body, now, margin_m, meets_s)
             until = max(0.0, body.arm.end_s - now)
-            found = least_delay_s(mover, body, now, least, np.arange(0.0, until + DELAY_STEP_S, DELAY_STEP_S).tolist())
+            found = least_delay_s(mover, body, now, least, _delays(until), meets_s)
             if found is None:
                 return None
             delay = max(delay, found)
         if delay == 0.0 and not self._certain(name, mover, now, margin_m):
             return DELAY_STEP_S if self._anybody_moves(name) else None
         return delay
-
-    def _margin(self, mover: Body, other: Body, now_s: float, margin_m: float) -> float:
-        """Return the margin, or the present distance where that is less: arms that are near may go apart."""
-        here = float(distances_m(mover, np.zeros(1), other, np.array([now_s]))[0])
-        return min(margin_m, here - CLOSER_M)
 
     def _certain(self, name: str, mover: Body, now_s: float, margin_m: float) -> bool:
         """Return whether the instruments keep the margin between the samples too."""
@@ -171,16 +184,22 @@ class Traffic:
         told = robot.setpoint(name)
         if lane.announced is None or (not told.moving and now > lane.announced[1]):
             hold = Trajectory(np.array([0.0, 1e-3]), told.q[None, None])
-            arm = MovingArm(lane.model, hold, lane.T_world_base, now - 1e-3, self._jaw_rad())
+            arm = MovingArm(lane.model, hold, lane.T_world_base, now - 1e-3, max(0.0, robot.read(name).jaw_rad))
         else:
             trajectory, start = lane.announced
             begun = now - told.path_s if told.moving else start
-            arm = MovingArm(lane.model, trajectory, lane.T_world_base, begun, self._jaw_rad())
+            arm = MovingArm(lane.model, trajectory, lane.T_world_base, begun, lane.jaw_rad)
         return Body(arm, lane.T_tip_block, self._block)
 
-    def _jaw_rad(self) -> float:
-        """Return the widest opening that the jaws have while they travel."""
-        return self._settings.jaw_open_rad
+
+def _least(mover: Body, other: Body, now_s: float, margin_m: float, meets_s: float) -> float:
+    """Return the margin, or the present distance where that is less: arms that are near may go apart."""
+    here = distances_m(mover, np.zeros(1), other if meets_s > 0 else other.empty(), np.array([now_s]))
+    return min(margin_m, float(here[0]) - CLOSER_M)
+
+
+def _delays(until_s: float) -> list[float]:
+    return np.arange(0.0, until_s + DELAY_STEP_S, DELAY_STEP_S).tolist()
 
 
 async def _first_of(event: trio.Event, scope: trio.CancelScope) -> None:

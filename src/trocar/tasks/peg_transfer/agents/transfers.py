@@ -55,7 +55,7 @@ class OneArm:
 
     async def _transfer(self, source: int, target: int) -> TransferOutcome:
         """Move one block; every way in which this can end is an outcome."""
-        grasp = await self._pick(source)
+        grasp = await self.pick(source)
         if not isinstance(grasp, Grasp):
             return grasp
         place = await self._carry(grasp, self.table.blocks.pop(source), target)
@@ -67,7 +67,7 @@ class OneArm:
         self.table.blocks[target] = place
         return TransferOutcome.DONE
 
-    async def _pick(self, source: int) -> Grasp | TransferOutcome:
+    async def pick(self, source: int) -> Grasp | TransferOutcome:
         """Take hold of the block on a peg; return how, or why not."""
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):

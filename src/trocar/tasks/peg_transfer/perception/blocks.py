@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +115,31 @@ def find_block(image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Bl
 def find_blocks(image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Block) -> list[BlockFit]:
     """Return the result of ``find_block`` for each peg, in order."""
     return [find_block(image, T_camera_board, board, block, peg) for peg in range(len(board.pegs_m))]
+
+
+def find_held_block(image: RgbdImage, T_camera_board: SE3, block: Block, T_board_expected: SE3) -> BlockFit:
+    """Return the pose of a block in the jaws of an arm, upright or nearly so, or the reason why none was found.
+
+    Like ``find_block``, where no peg is in the way. What the jaws hide carries no information.
+
+    Args:
+        image: colour and depth.
+        T_camera_board: pose of the board, as refined by ``find_board``.
+        block: gives height and outline.
+        T_board_expected: where the arm's joints have it; to be found, it must be there within some millimetres.
+
+    Raises:
+        TrocarError: the image does not match its intrinsics.
+    """
+    check_image(image)
+    T_board_top = SE3.from_parts(translation_m=T_board_expected.translation_m)
+    half = np.array([WINDOW_M, WINDOW_M, 1e-3])
+    patch = patch_around(image, T_camera_board @ T_board_top, -half, half)
+    if patch is None:
+        return BlockFit(False, "the block in the jaws is outside the image")
+    fit = _fit_in_window(patch, T_camera_board @ T_board_top, block, np.zeros((0, 2)))
+    found = fit.T_board_block
+    return fit if found is None else replace(fit, T_board_block=T_board_top @ found if fit.found else None)
 
 
 def _fit_in_window(patch: Patch, T_camera_top: SE3, block: Block, others_m: NDArray[np.float64]) -> BlockFit:

@@ -1,0 +1,292 @@
+"""One arm picks every block and hands it over to the other, which places it (paper, section III: handover)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+import trio
+
+from trocar.geometry import SE3
+from trocar.tasks.kit import Brief
+from trocar.tasks.peg_transfer.agents.meeting import Partner, choose_offer, choose_taking
+from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm, raised
+from trocar.tasks.peg_transfer.agents.traffic import Blocked
+from trocar.tasks.peg_transfer.agents.transfers import OneArm
+from trocar.tasks.peg_transfer.agents.two_arms import TwoArms, together, withdraw
+from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
+from trocar.tasks.peg_transfer.grasps import Grasp
+from trocar.tasks.peg_transfer.places import held_block
+
+
+@dataclass(eq=False)
+class Meeting:
+    """What the two scripts tell each other about one transfer.
+
+    Attributes:
+        goal: the transfer.
+        start_s: when the giving arm began.
+        T_board_block: where the block is offered, as the giving arm's joints tell.
+        offered: the giving arm holds the block still, and waits.
+        taken: the receiving arm holds it too.
+        parted: the giving arm has let go and gone.
+        over: nothing more comes of it; ``outcome`` says why.
+    """
+
+    goal: Transfer
+    start_s: float = 0.0
+    T_board_block: SE3 | None = None
+    outcome: TransferOutcome | None = None
+    reason: str = ""
+    offered: trio.Event = field(default_factory=trio.Event)
+    taken: trio.Event = field(default_factory=trio.Event)
+    parted: trio.Event = field(default_factory=trio.Event)
+    over: trio.Event = field(default_factory=trio.Event)
+
+    def fail(self, outcome: TransferOutcome, reason: str = "") -> None:
+        """End it."""
+        if self.outcome is None:
+            self.outcome, self.reason = outcome, reason
+        for event in (self.over, self.offered, self.taken, self.parted):
+            event.set()
+
+
+class Handover(TwoArms):
+    """Both arms have a list of jobs: give, or receive. The next block is picked while this one is placed."""
+
+    def __init__(self, brief: Brief):
+        super().__init__(brief)
+        self.meetings = [Meeting(goal) for goal in self.goals]
+
+    async def transfer_all(self) -> None:
+        """Let both arms do their jobs."""
+        await together(partial(self._script, self.left, self.right), partial(self._script, self.right, self.left))
+
+    async def _script(self, arm: PegArm, other: PegArm) -> None:
+        script = OneArm(arm, ())
+        stopped = False
+        for meeting in self.meetings:
+            job = partial(self._give, script) if self._gives(arm, meeting.goal) else self._receive
+            try:
+                if stopped or meeting.over.is_set():
+                    meeting.fail(TransferOutcome.ARM_STOPPED)
+                else:
+                    await job(arm, other, meeting)
+            except Blocked:
+                meeting.fail(TransferOutcome.BLOCKED)
+            except ArmStopped as error:
+                stopped = True
+                meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
+            if not self._gives(arm, meeting.goal):
+                script.note(meeting.goal, meeting.start_s, meeting.outcome or TransferOutcome.DONE, meeting.reason)
+        if not stopped:
+            await withdraw(arm)
+
+    def _gives(self, arm: PegArm, goal: Transfer) -> bool:
+        """Return whether an arm gives: that on whose side the source is."""
+        pegs = self.table.board.pegs_m
+        leftwards = pegs[goal.target, 0] < pegs[goal.source, 0]
+        return (arm is self.right) == bool(leftwards)
+
+    # giving
+
+    async def _give(self, script: OneArm, arm: PegArm, other: PegArm, meeting: Meeting) -> None:
+        meeting.start_s = self.cell.clock.now_s()
+        arm.hands_over = True
+        grasp = await script.pick(meeting.goal.source)
+        if not isinstance(grasp, Grasp):
+            meeting.fail(grasp)
+            await arm.let_go()
+            return
+        T_tip_block = arm.gripped(grasp, self.table.blocks.pop(meeting.goal.source))
+        if not await self._offer(arm, other, meeting, T_tip_block):
+            meeting.fail(TransferOutcome.OUT_OF_REACH)
+        elif not arm.holds:
+            meeting.fail(TransferOutcome.DROPPED)
+        else:
+            meeting.offered.set()
+            await meeting.taken.wait()
+        if meeting.outcome is not None:
+            await self._put_back(arm, T_tip_block, meeting.goal.source)
+            return
+        await arm.open(self.settings.meeting_jaw_rad)
+        await self._part(arm)
+        meeting.parted.set()
+
+    async def _offer(self, arm: PegArm, other: PegArm, meeting: Meeting, T_tip_block: SE3) -> bool:
+        """Lift a block and bring it to where it is handed over."""
+
+        def motion():
+            offer = choose_offer(
+                self._partner(arm),
+                self._partner(other, self.settings.meeting_jaw_rad),
+                self.table.T_world_board,
+                arm.T_board_tip,
+                T_tip_block,
+                self.table.block,
+                np.array(self.settings.meeting_m),
+                above_m=self.settings.waits_above_m,
+                depth_m=self.settings.depth_m,
+            )
+            if isinstance(offer, str):
+                self.cell.log.event("no place", reason=offer)
+                return None
+            lifted = raised(arm.T_board_tip, arm.height_m + self.settings.lift_m)
+            points = [arm.hand.q, arm.ik(lifted), arm.ik(offer.T_board_tip)]
+            return arm.through(points), offer
+
+        planned = await arm.plan(motion)
+        if planned is None:
+            return False
+        await arm.move(planned[0])
+        await arm.hand.settle()
+        meeting.T_board_block = planned[1].T_board_tip @ T_tip_block
+        self.cell.log.event("offer", arm=arm.name, room_mm=round(1e3 * planned[1].room_m, 2))
+        return True
+
+    async def _part(self, arm: PegArm) -> None:
+        """Rise out of the block that the other arm holds now, and go aside."""
+        up = raised(arm.T_board_tip, arm.height_m + self.settings.parts_m)
+        own_side = np.sign(arm.T_base_board.inverse().translation_m[0])
+        aside = SE3.from_parts(translation_m=[own_side * self.settings.aside_m, 0.0, 0.0]) @ up
+        motion = await arm.plan(lambda: arm.through([arm.hand.q, arm.ik(up), arm.ik(aside)]))
+        if motion is not None:
+            await arm.move(motion, margin_m=self.settings.meeting_margin_m, meets_s=0.0)
+
+    async def _put_back(self, arm: PegArm, T_tip_block: SE3, source: int) -> None:
+        """Bring a block that nobody took back to where it was, if it is still there."""
+        if arm.holds:
+            placed = await arm.carry(T_tip_block, source)
+            if placed is not None:
+                self.table.blocks[source] = placed
+        await arm.let_go()
+
+    # receiving
+
+    async def _receive(self, arm: PegArm, other: PegArm, meeting: Meeting) -> None:
+        await meeting.offered.wait()
+        if meeting.outcome is not None:
+            return
+        T_tip_block = await self._take(arm, other, meeting)
+        if T_tip_block is None:
+            meeting.fail(TransferOutcome.NOT_GRASPED)
+            await self._leave(arm)
+            return
+        meeting.taken.set()
+        await meeting.parted.wait()
+        if meeting.outcome is None:
+            await self._place(arm, meeting, T_tip_block)
+
+    async def _take(self, arm: PegArm, other: PegArm, meeting: Meeting) -> SE3 | None:
+        """Take hold of the block in the other arm's jaws; return its pose in these, or None."""
+        assert meeting.T_board_block is not None
+        failed: list[int] = []
+        for attempt in range(1 + self.settings.retries):
+            T_board_block = await self._look(arm, meeting.T_board_block)
+            if T_board_block is None:
+                await arm.go_home()
+                T_board_block = await self._look(arm, meeting.T_board_block)
+            if T_board_block is None:
+                return None
+            grasp = await self._come(arm, other, T_board_block, failed)
+            if grasp is None:
+                return None
+            T_tip_block = held_block(grasp.T_board_tip, T_board_block, self.table.block)
+            if await arm.grip(T_tip_block):
+                return T_tip_block
+            self.cell.log.event("pick failed", arm=arm.name, attempt=attempt, jaw_rad=round(arm.hand.jaw_rad, 4))
+            failed.append(grasp.candidate)
+            await arm.open()
+            await self._leave(arm)
+        return None
+
+    async def _look(self, arm: PegArm, T_board_expected: SE3) -> SE3 | None:
+        """Look at a block in an arm's jaws; return its pose in the board's frame, upright, or None."""
+        image = await self.table.capture(arm.hand)
+        table = self.table
+        fit = await arm.perceive(
+            lambda: table.see.find_held_block(image, table.T_camera_board, table.block, T_board_expected)
+        )
+        if not fit.found:
+            self.cell.log.event("no look", arm=arm.name, reason=fit.reason)
+        return fit.T_board_block
+
+    async def _come(self, arm: PegArm, other: PegArm, T_board_block: SE3, failed: Sequence[int]) -> Grasp | None:
+        """Come from above, the jaws open, down round a wall of the block that the other arm holds."""
+        grasps: list[Grasp] = []
+
+        def motion():
+            grasp = choose_taking(
+                self._partner(other),
+                other.hand.q,
+                self._partner(arm, self.settings.meeting_jaw_rad),
+                self.table.T_world_board,
+                T_board_block,
+                other.T_board_tip,
+                above_m=self.settings.waits_above_m,
+                depth_m=self.settings.depth_m,
+                avoid=tuple(failed),
+            )
+            if isinstance(grasp, str):
+                self.cell.log.event("no grasp", arm=arm.name, reason=grasp)
+                return None
+            height = float(grasp.T_board_tip.translation_m[2]) + self.settings.waits_above_m
+            points = [arm.hand.q]
+            if arm.height_m < self.settings.clear_height_m - 1e-3:
+                points.append(arm.ik(raised(arm.T_board_tip, self.settings.clear_height_m)))
+            points += [arm.ik(raised(grasp.T_board_tip, height)), arm.ik(grasp.T_board_tip)]
+            grasps.append(grasp)
+            return arm.path_through(points)
+
+        for _ in range(1 + self.settings.detours):
+            path = await arm.plan(motion)
+            if path is None:
+                return None
+            try:
+                await arm.move(
+                    path.trajectory,
+                    jaw_rad=self.settings.meeting_jaw_rad,
+                    margin_m=self.settings.meeting_margin_m,
+                    meets_s=float(path.waypoint_times_s[-2]),
+                )
+                break
+            except Blocked:
+                await arm.give_way()
+        else:
+            raise Blocked
+        await arm.hand.settle()
+        self.cell.log.event("taking", arm=arm.name, room_mm=round(1e3 * grasps[-1].clearance_m, 2))
+        return grasps[-1]
+
+    async def _leave(self, arm: PegArm) -> None:
+        """Rise from a block that was not taken, and go home."""
+        await self._part(arm)
+        await withdraw(arm)
+
+    async def _place(self, arm: PegArm, meeting: Meeting, T_tip_block: SE3) -> None:
+        """Look how the block lies in the jaws, bring it to its target and let go."""
+        tip = arm.T_board_tip
+        seen = await self._look(arm, tip @ T_tip_block)
+        if seen is not None:
+            off = seen.translation_m - (tip @ T_tip_block).translation_m
+            self.cell.log.event("correction", arm=arm.name, off_mm=np.round(1e3 * off, 2).tolist())
+            T_tip_block = tip.inverse() @ seen
+        self.traffic.carries(arm.name, T_tip_block)
+        place = await arm.carry(T_tip_block, meeting.goal.target)
+        if place is None:
+            meeting.fail(TransferOutcome.OUT_OF_REACH)
+        elif not arm.holds:
+            meeting.fail(TransferOutcome.DROPPED)
+        if meeting.outcome is not None:
+            await arm.let_go()
+            return
+        await arm.open()
+        if place is not None:
+            self.table.blocks[meeting.goal.target] = place
+
+    def _partner(self, arm: PegArm, jaw_rad: float | None = None) -> Partner:
+        """Return an arm with its jaws so far open; None: as they are."""
+        opening = max(0.0, arm.hand.jaw_rad) if jaw_rad is None else jaw_rad
+        return Partner(arm.model, self.cell.T_world_base_registered[arm.name], opening)

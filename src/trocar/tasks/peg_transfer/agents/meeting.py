@@ -1,0 +1,178 @@
+"""Where one arm hands a block over to another, and how both hold it: from above, on two sides, their jaws apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, Unreachable, capsules, ik
+from trocar.geometry import SE3, SO3
+from trocar.geometry.capsules import capsule_distances_m
+from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.grasps import Grasp, vertical_grasps
+
+YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
+"""Rotations of the giving tool that are tried."""
+ROOM_M = 1.8e-3
+"""Distance between the arms above which no more is sought, so that no tool need turn for it."""
+MAX_ROLL_RAD = np.radians(110.0)
+WRIST_MARGIN_RAD = np.radians(5.0)
+LOWERED = (0.0, 0.5, 1.0)
+"""Shares of its way down at which the receiving arm is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Partner:
+    """An arm that takes part.
+
+    Attributes:
+        model: of the arm.
+        T_world_base: its base as registered.
+        jaw_rad: opening of its jaws.
+    """
+
+    model: ArmModel
+    T_world_base: SE3
+    jaw_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """A pose in which to offer a block.
+
+    Attributes:
+        T_board_tip: of the giving arm.
+        room_m: distance of the arms when the receiving one takes its best grasp, by what is known beforehand.
+    """
+
+    T_board_tip: SE3
+    room_m: float
+
+
+def choose_offer(
+    giver: Partner,
+    receiver: Partner,
+    T_world_board: SE3,
+    T_board_tip: SE3,
+    T_tip_block: SE3,
+    block: Block,
+    meeting_m: NDArray[np.float64],
+    *,
+    above_m: float,
+    depth_m: float,
+) -> Offer | str:
+    """Return how to offer a block so that the other arm can take it, or one sentence why that cannot be.
+
+    The least turn of the tool is taken that leaves ``ROOM_M`` between the arms; where none does, the turn that leaves
+    most.
+
+    Args:
+        giver: holds the block.
+        receiver: is to take it.
+        T_world_board: pose of the board.
+        T_board_tip: of the giving arm now; only its yaw matters.
+        T_tip_block: pose of the block in its jaws.
+        block: its shape.
+        meeting_m: (3,) where the middle of the block's lower face comes to in the board's frame.
+        above_m: from so far above the receiving arm comes down.
+        depth_m: of a tip under the block's top face.
+    """
+    best: Offer | None = None
+    now = float(np.arctan2(T_board_tip.matrix[1, 0], T_board_tip.matrix[0, 0]))
+    turns = sorted(YAWS_RAD, key=lambda turn: abs((turn + np.pi) % (2 * np.pi) - np.pi))
+    for turn in turns:
+        upright = SO3.axis("z", now + turn)
+        middle = meeting_m + np.array([0.0, 0.0, block.height_m])
+        pose = SE3.from_parts(upright, middle - upright.apply(T_tip_block.translation_m))
+        q = joints_at(giver, T_world_board, pose)
+        if q is None:
+            continue
+        taken = _best_grasp(giver, q, receiver, T_world_board, pose @ T_tip_block, pose, above_m, depth_m)
+        if taken is not None and (best is None or taken.clearance_m > best.room_m):
+            best = Offer(pose, taken.clearance_m)
+        if best is not None and best.room_m >= ROOM_M:
+            return best
+    return best or "there is no pose in which both arms could hold the block"
+
+
+def choose_taking(
+    giver: Partner,
+    q_giver: NDArray[np.float64],
+    receiver: Partner,
+    T_world_board: SE3,
+    T_board_block: SE3,
+    T_board_giver: SE3,
+    *,
+    above_m: float,
+    depth_m: float,
+    avoid: tuple[int, ...] = (),
+) -> Grasp | str:
+    """Return the grasp of a block in the other arm's jaws that keeps both arms furthest apart, or why there is none.
+
+    Its ``clearance_m`` is the least distance of the arms on the way down.
+
+    Args:
+        giver: holds the block.
+        q_giver: (6,) its joints.
+        receiver: is to take it.
+        T_world_board: pose of the board.
+        T_board_block: pose of the block, as it was seen.
+        T_board_giver: of the giving tip, as its joints tell.
+        above_m: from so far above the receiving arm comes down.
+        depth_m: of the tip under the block's top face.
+        avoid: grasps that have failed.
+    """
+    best = _best_grasp(
+        giver, q_giver, receiver, T_world_board, T_board_block, T_board_giver, above_m, depth_m, avoid
+    )
+    return best or "no grasp of the block in the other arm's jaws is in reach"
+
+
+def joints_at(partner: Partner, T_world_board: SE3, T_board_tip: SE3) -> NDArray[np.float64] | None:
+    """Return the joints (6,) that hold a tip there with the wrist well within its ranges, or None."""
+    try:
+        q = ik(partner.model, partner.T_world_base.inverse() @ T_world_board @ T_board_tip)
+    except Unreachable:
+        return None
+    wrist = zip(partner.model.joints[4:], q[4:], strict=True)
+    inside = all(j.lower + WRIST_MARGIN_RAD <= v <= j.upper - WRIST_MARGIN_RAD for j, v in wrist)
+    return q if inside and abs(q[3]) <= MAX_ROLL_RAD else None
+
+
+def _best_grasp(
+    giver: Partner,
+    q_giver: NDArray[np.float64],
+    receiver: Partner,
+    T_world_board: SE3,
+    T_board_block: SE3,
+    T_board_giver: SE3,
+    above_m: float,
+    depth_m: float,
+    avoid: tuple[int, ...] = (),
+) -> Grasp | None:
+    best: Grasp | None = None
+    still = capsules(giver.model, q_giver, giver.jaw_rad).moved(giver.T_world_base)
+    for candidate, T_board_tip in enumerate(vertical_grasps(T_board_block, depth_m)):
+        if candidate in avoid or _same_side(T_board_tip, T_board_giver):
+            continue
+        for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):
+            way = [_above(pose, share * above_m) for share in LOWERED]
+            joints = [joints_at(receiver, T_world_board, at) for at in way]
+            if any(q is None for q in joints):
+                continue
+            moving = capsules(receiver.model, np.array(joints), receiver.jaw_rad).moved(receiver.T_world_base)
+            room = float(capsule_distances_m(moving, still).min())
+            if best is None or room > best.clearance_m:
+                best = Grasp(pose, np.asarray(joints[0]), receiver.jaw_rad, room, candidate)
+    return best
+
+
+def _same_side(T_board_tip: SE3, T_board_giver: SE3) -> bool:
+    """Return whether a grasp is beside that of the giving jaws, on the same wall: within 4 mm."""
+    return bool(np.linalg.norm(T_board_tip.translation_m[:2] - T_board_giver.translation_m[:2]) < 4e-3)
+
+
+def _above(T_board_tip: SE3, by_m: float) -> SE3:
+    return SE3.from_parts(T_board_tip.rotation, T_board_tip.translation_m + [0.0, 0.0, by_m])
