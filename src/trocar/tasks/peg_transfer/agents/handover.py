@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 import trio
 
-from trocar.geometry import SE3
+from trocar.geometry import SE3, SO3
 from trocar.tasks.kit import Brief
 from trocar.tasks.peg_transfer.agents.meeting import Partner, choose_offer, choose_taking
-from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm, raised
+from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm, raised, yaw_of
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.agents.two_arms import TwoArms, together, withdraw
@@ -76,6 +76,7 @@ class Handover(TwoArms):
                     await job(arm, other, meeting)
             except Blocked:
                 meeting.fail(TransferOutcome.BLOCKED)
+                await arm.give_way()
             except ArmStopped as error:
                 stopped = True
                 meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
@@ -111,9 +112,11 @@ class Handover(TwoArms):
         if meeting.outcome is not None:
             await self._put_back(arm, T_tip_block, meeting.goal.source)
             return
-        await arm.open(self.settings.meeting_jaw_rad)
-        await self._part(arm)
-        meeting.parted.set()
+        try:
+            await arm.open(self.settings.meeting_jaw_rad)
+            await self._part(arm)
+        finally:
+            meeting.parted.set()
 
     async def _offer(self, arm: PegArm, other: PegArm, meeting: Meeting, T_tip_block: SE3) -> bool:
         """Lift a block and bring it to where it is handed over."""
@@ -147,13 +150,8 @@ class Handover(TwoArms):
         return True
 
     async def _part(self, arm: PegArm) -> None:
-        """Rise out of the block that the other arm holds now, and go aside."""
-        up = raised(arm.T_board_tip, arm.height_m + self.settings.parts_m)
-        own_side = np.sign(arm.T_base_board.inverse().translation_m[0])
-        aside = SE3.from_parts(translation_m=[own_side * self.settings.aside_m, 0.0, 0.0]) @ up
-        motion = await arm.plan(lambda: arm.through([arm.hand.q, arm.ik(up), arm.ik(aside)]))
-        if motion is not None:
-            await arm.move(motion, margin_m=self.settings.meeting_margin_m, meets_s=0.0)
+        """Rise straight out of the block that the other arm holds too."""
+        await arm.rise(self.settings.parts_m, margin_m=self.settings.meeting_margin_m)
 
     async def _put_back(self, arm: PegArm, T_tip_block: SE3, source: int) -> None:
         """Bring a block that nobody took back to where it was, if it is still there."""
@@ -166,6 +164,7 @@ class Handover(TwoArms):
     # receiving
 
     async def _receive(self, arm: PegArm, other: PegArm, meeting: Meeting) -> None:
+        await self._wait_beside(arm)
         await meeting.offered.wait()
         if meeting.outcome is not None:
             return
@@ -176,8 +175,22 @@ class Handover(TwoArms):
             return
         meeting.taken.set()
         await meeting.parted.wait()
-        if meeting.outcome is None:
-            await self._place(arm, meeting, T_tip_block)
+        await self._place(arm, meeting, T_tip_block)
+
+    async def _wait_beside(self, arm: PegArm) -> None:
+        """Go to where the arm waits for a block, on its own side of where blocks are handed over and higher."""
+        x, y, z = self.settings.meeting_m
+        tip_m = z + self.table.block.height_m - self.settings.depth_m
+        beside = [x + self._own_side(arm) * self.settings.aside_m, y, tip_m + self.settings.waits_above_m]
+        pose = SE3.from_parts(SO3.axis("z", yaw_of(arm.T_board_tip) if arm.upright else np.pi), beside)
+        try:
+            await arm.go_over(pose)
+        except Blocked:
+            await arm.give_way()
+
+    def _own_side(self, arm: PegArm) -> float:
+        """Return the sign of x in the board's frame on the side of an arm's base."""
+        return float(np.sign(arm.T_base_board.inverse().translation_m[0]))
 
     async def _take(self, arm: PegArm, other: PegArm, meeting: Meeting) -> SE3 | None:
         """Take hold of the block in the other arm's jaws; return its pose in these, or None."""
@@ -233,9 +246,7 @@ class Handover(TwoArms):
                 self.cell.log.event("no grasp", arm=arm.name, reason=grasp)
                 return None
             height = float(grasp.T_board_tip.translation_m[2]) + self.settings.waits_above_m
-            points = [arm.hand.q]
-            if arm.height_m < self.settings.clear_height_m - 1e-3:
-                points.append(arm.ik(raised(arm.T_board_tip, self.settings.clear_height_m)))
+            points = arm.risen()
             points += [arm.ik(raised(grasp.T_board_tip, height)), arm.ik(grasp.T_board_tip)]
             grasps.append(grasp)
             return arm.path_through(points)

@@ -15,7 +15,7 @@ from trocar.tasks.peg_transfer.grasps import Grasp, vertical_grasps
 
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
 """Rotations of the giving tool that are tried."""
-ROOM_M = 1.8e-3
+ROOM_M = 2.4e-3
 """Distance between the arms above which no more is sought, so that no tool need turn for it."""
 MAX_ROLL_RAD = np.radians(110.0)
 WRIST_MARGIN_RAD = np.radians(5.0)

@@ -14,7 +14,7 @@ from trocar.arms import fk, ik
 from trocar.cell import Result
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.motion import TimedPath, plan_through, rest_to_rest
+from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
 from trocar.perception.image import RgbdImage
 from trocar.tasks.kit import ArmScript, Brief
 from trocar.tasks.peg_transfer.agents.settings import GRASP_RULES, OUTER_RULES
@@ -29,6 +29,9 @@ JAW_SLACK_RAD = 0.03
 """Jaws that stay this close to their opening were kept from closing by something else than a wall."""
 
 AT_HEIGHT_M = 1e-3
+
+UPRIGHT = 0.999
+AT_HOME = 1e-6
 
 
 class ArmStopped(Exception):
@@ -68,6 +71,11 @@ class PegArm:
     def height_m(self) -> float:
         """Return the height of the tip over the plate."""
         return float(self.T_board_tip.translation_m[2])
+
+    @property
+    def upright(self) -> bool:
+        """Return whether the tool is vertical."""
+        return float(self.T_board_tip.matrix[2, 2]) > UPRIGHT
 
     @property
     def holds(self) -> bool:
@@ -135,12 +143,21 @@ class PegArm:
 
     def _approach(self, T_board_tip: SE3) -> Trajectory:
         above = raised(T_board_tip, self.settings.clear_height_m)
-        points = [self.hand.q]
-        if self.height_m < self.settings.clear_height_m - AT_HEIGHT_M:
-            points.append(self.ik(raised(self.T_board_tip, self.settings.clear_height_m)))
-        points.append(self.ik(above))
-        points.append(self.ik(T_board_tip))
-        return self.through(points)
+        return self.through([*self.risen(), self.ik(above), self.ik(T_board_tip)])
+
+    def risen(self) -> list[NDArray[np.float64]]:
+        """Return the first waypoints of any motion: where the arm is, and over the pegs if it is lower."""
+        if self.height_m >= self.settings.clear_height_m - AT_HEIGHT_M:
+            return [self.hand.q]
+        return [self.hand.q, self.ik(raised(self.T_board_tip, self.settings.clear_height_m))]
+
+    async def go_over(self, T_board_tip: SE3) -> None:
+        """Travel to a pose over the pegs."""
+        if np.linalg.norm(T_board_tip.translation_m - self.T_board_tip.translation_m) < AT_HEIGHT_M:
+            return
+        motion = await self.plan(lambda: self.through([*self.risen(), self.ik(T_board_tip)]))
+        if motion is not None:
+            await self.move(motion)
 
     async def grip(self, T_tip_block: SE3 | None = None) -> bool:
         """Close the jaws; return whether they hold something: a block, where one is expected."""
@@ -205,9 +222,24 @@ class PegArm:
             if motion is not None:
                 await self.move(motion)
 
+    async def rise(self, by_m: float, margin_m: float) -> None:
+        """Rise straight out of a block that another arm holds."""
+        up = by_m * self.T_base_board.matrix[:3, 2]
+
+        def motion() -> Trajectory:
+            rising = straight(self.model, self.hand.q, up, self.settings.limits)
+            self.cell.robot.prepare({self.name: rising})
+            return rising
+
+        planned = await self.plan(motion)
+        if planned is not None:
+            await self.move(planned, margin_m=margin_m, meets_s=0.0)
+
     async def go_home(self) -> None:
         """Rise and leave the camera's view of the board."""
         await self.retreat()
+        if np.abs(self.hand.q - self.home).max() < AT_HOME:
+            return
         await self.move(rest_to_rest(self.hand.q, self.home, self.settings.limits))
 
     async def give_way(self) -> None:

@@ -51,8 +51,8 @@ class Settings:
         meeting_jaw_rad: opening of the jaws while both are in the hole of one block.
         meeting_m: (3,) where blocks are handed over: middle of the block's lower face in the board's frame; 11 mm above
             the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
+        aside_m: of the arm that waits for a block, towards its own side.
         waits_above_m: of the receiving arm over its grasp, before it comes down (facts: 13 mm).
-        aside_m: and then goes towards its own side.
         parts_m: how far the giving arm rises before it goes away (facts: 10 mm).
         patience_s: an arm that could not move for so long does something else.
         detours: how often it then gives way and tries again, before it gives its transfer up.
@@ -79,6 +79,6 @@ class Settings:
     waits_above_m: float = 13e-3
     parts_m: float = 10e-3
     aside_m: float = 30e-3
-    patience_s: float = 8.0
+    patience_s: float = 3.0
     detours: int = 3
     pause_s: float = 0.3
