@@ -16,8 +16,8 @@ class Bilateral(TwoArms):
     def __init__(self, brief: Brief):
         super().__init__(brief)
         self.scripts = (
-            OneArm(self.left, [goal for goal in self.goals if goal in LEFT_GOALS]),
-            OneArm(self.right, [goal for goal in self.goals if goal not in LEFT_GOALS]),
+            OneArm(self.left, [goal for goal in self.goals if goal in LEFT_GOALS], beside=True),
+            OneArm(self.right, [goal for goal in self.goals if goal not in LEFT_GOALS], beside=True),
         )
 
     async def transfer_all(self) -> None:

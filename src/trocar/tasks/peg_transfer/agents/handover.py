@@ -11,7 +11,7 @@ import trio
 
 from trocar.geometry import SE3, SO3
 from trocar.tasks.kit import Brief
-from trocar.tasks.peg_transfer.agents.meeting import Partner, choose_offer, choose_taking
+from trocar.tasks.peg_transfer.agents.meeting import Partner, Ways, choose_offer, choose_taking
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm, raised, yaw_of
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
@@ -65,7 +65,7 @@ class Handover(TwoArms):
         await together(partial(self._script, self.left, self.right), partial(self._script, self.right, self.left))
 
     async def _script(self, arm: PegArm, other: PegArm) -> None:
-        script = OneArm(arm, ())
+        script = OneArm(arm, (), beside=True)
         stopped = False
         for meeting in self.meetings:
             job = partial(self._give, script) if self._gives(arm, meeting.goal) else self._receive
@@ -123,15 +123,13 @@ class Handover(TwoArms):
 
         def motion():
             offer = choose_offer(
-                self._partner(arm),
-                self._partner(other, self.settings.meeting_jaw_rad),
+                *self._partners(arm, other),
                 self.table.T_world_board,
                 arm.T_board_tip,
                 T_tip_block,
                 self.table.block,
                 np.array(self.settings.meeting_m),
-                above_m=self.settings.waits_above_m,
-                depth_m=self.settings.depth_m,
+                self._ways(),
             )
             if isinstance(offer, str):
                 self.cell.log.event("no place", reason=offer)
@@ -232,14 +230,11 @@ class Handover(TwoArms):
 
         def motion():
             grasp = choose_taking(
-                self._partner(other),
-                other.hand.q,
-                self._partner(arm, self.settings.meeting_jaw_rad),
+                *self._partners(other, arm),
                 self.table.T_world_board,
                 T_board_block,
                 other.T_board_tip,
-                above_m=self.settings.waits_above_m,
-                depth_m=self.settings.depth_m,
+                self._ways(),
                 avoid=tuple(failed),
             )
             if isinstance(grasp, str):
@@ -297,7 +292,11 @@ class Handover(TwoArms):
         if place is not None:
             self.table.blocks[meeting.goal.target] = place
 
-    def _partner(self, arm: PegArm, jaw_rad: float | None = None) -> Partner:
-        """Return an arm with its jaws so far open; None: as they are."""
-        opening = max(0.0, arm.hand.jaw_rad) if jaw_rad is None else jaw_rad
-        return Partner(arm.model, self.cell.T_world_base_registered[arm.name], opening)
+    def _partners(self, giver: PegArm, receiver: PegArm) -> tuple[Partner, Partner]:
+        """Return both arms; the giving one's jaws are closed on a block."""
+        bases, open_rad = self.cell.T_world_base_registered, self.settings.meeting_jaw_rad
+        arms = (giver, receiver)
+        return tuple(Partner(arm.model, bases[arm.name], open_rad, giver.hand.jaw_rad) for arm in arms)  # type: ignore
+
+    def _ways(self) -> Ways:
+        return Ways(self.settings.waits_above_m, self.settings.parts_m, self.settings.depth_m)

@@ -19,8 +19,8 @@ ROOM_M = 2.4e-3
 """Distance between the arms above which no more is sought, so that no tool need turn for it."""
 MAX_ROLL_RAD = np.radians(110.0)
 WRIST_MARGIN_RAD = np.radians(5.0)
-LOWERED = (0.0, 0.5, 1.0)
-"""Shares of its way down at which the receiving arm is looked at."""
+SHARES = (0.0, 0.5, 1.0)
+"""Shares of the receiving arm's way down, and of the giving arm's way up, at which both are looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +30,29 @@ class Partner:
     Attributes:
         model: of the arm.
         T_world_base: its base as registered.
-        jaw_rad: opening of its jaws.
+        open_rad: opening of its jaws round a wall.
+        held_rad: and closed on it.
     """
 
     model: ArmModel
     T_world_base: SE3
-    jaw_rad: float
+    open_rad: float
+    held_rad: float
+
+
+@dataclass(frozen=True)
+class Ways:
+    """How two arms come to hold one block, and how they part.
+
+    Attributes:
+        above_m: from so far above the receiving arm comes down.
+        parts_m: so far the giving arm rises then.
+        depth_m: of a tip under the block's top face.
+    """
+
+    above_m: float
+    parts_m: float
+    depth_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +76,7 @@ def choose_offer(
     T_tip_block: SE3,
     block: Block,
     meeting_m: NDArray[np.float64],
-    *,
-    above_m: float,
-    depth_m: float,
+    ways: Ways,
 ) -> Offer | str:
     """Return how to offer a block so that the other arm can take it, or one sentence why that cannot be.
 
@@ -76,8 +91,7 @@ def choose_offer(
         T_tip_block: pose of the block in its jaws.
         block: its shape.
         meeting_m: (3,) where the middle of the block's lower face comes to in the board's frame.
-        above_m: from so far above the receiving arm comes down.
-        depth_m: of a tip under the block's top face.
+        ways: how they come and part.
     """
     best: Offer | None = None
     now = float(np.arctan2(T_board_tip.matrix[1, 0], T_board_tip.matrix[0, 0]))
@@ -86,10 +100,7 @@ def choose_offer(
         upright = SO3.axis("z", now + turn)
         middle = meeting_m + np.array([0.0, 0.0, block.height_m])
         pose = SE3.from_parts(upright, middle - upright.apply(T_tip_block.translation_m))
-        q = joints_at(giver, T_world_board, pose)
-        if q is None:
-            continue
-        taken = _best_grasp(giver, q, receiver, T_world_board, pose @ T_tip_block, pose, above_m, depth_m)
+        taken = _best_grasp(giver, receiver, T_world_board, pose @ T_tip_block, pose, ways)
         if taken is not None and (best is None or taken.clearance_m > best.room_m):
             best = Offer(pose, taken.clearance_m)
         if best is not None and best.room_m >= ROOM_M:
@@ -99,14 +110,11 @@ def choose_offer(
 
 def choose_taking(
     giver: Partner,
-    q_giver: NDArray[np.float64],
     receiver: Partner,
     T_world_board: SE3,
     T_board_block: SE3,
     T_board_giver: SE3,
-    *,
-    above_m: float,
-    depth_m: float,
+    ways: Ways,
     avoid: tuple[int, ...] = (),
 ) -> Grasp | str:
     """Return the grasp of a block in the other arm's jaws that keeps both arms furthest apart, or why there is none.
@@ -115,18 +123,14 @@ def choose_taking(
 
     Args:
         giver: holds the block.
-        q_giver: (6,) its joints.
-        receiver: is to take it.
+            receiver: is to take it.
         T_world_board: pose of the board.
         T_board_block: pose of the block, as it was seen.
         T_board_giver: of the giving tip, as its joints tell.
-        above_m: from so far above the receiving arm comes down.
-        depth_m: of the tip under the block's top face.
+        ways: how they come and part.
         avoid: grasps that have failed.
     """
-    best = _best_grasp(
-        giver, q_giver, receiver, T_world_board, T_board_block, T_board_giver, above_m, depth_m, avoid
-    )
+    best = _best_grasp(giver, receiver, T_world_board, T_board_block, T_board_giver, ways, avoid)
     return best or "no grasp of the block in the other arm's jaws is in reach"
 
 
@@ -143,30 +147,43 @@ def joints_at(partner: Partner, T_world_board: SE3, T_board_tip: SE3) -> NDArray
 
 def _best_grasp(
     giver: Partner,
-    q_giver: NDArray[np.float64],
     receiver: Partner,
     T_world_board: SE3,
     T_board_block: SE3,
     T_board_giver: SE3,
-    above_m: float,
-    depth_m: float,
+    ways: Ways,
     avoid: tuple[int, ...] = (),
 ) -> Grasp | None:
+    """Return the grasp that leaves most room while the receiving arm comes down and while the giving one rises."""
+    leaving = _joints_above(giver, T_world_board, T_board_giver, ways.parts_m)
+    if leaving is None:
+        return None
+    holding = capsules(giver.model, leaving[0], giver.held_rad).moved(giver.T_world_base)
+    rising = capsules(giver.model, leaving, giver.open_rad).moved(giver.T_world_base)
     best: Grasp | None = None
-    still = capsules(giver.model, q_giver, giver.jaw_rad).moved(giver.T_world_base)
-    for candidate, T_board_tip in enumerate(vertical_grasps(T_board_block, depth_m)):
+    for candidate, T_board_tip in enumerate(vertical_grasps(T_board_block, ways.depth_m)):
         if candidate in avoid or _same_side(T_board_tip, T_board_giver):
             continue
         for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):
-            way = [_above(pose, share * above_m) for share in LOWERED]
-            joints = [joints_at(receiver, T_world_board, at) for at in way]
-            if any(q is None for q in joints):
+            coming = _joints_above(receiver, T_world_board, pose, ways.above_m)
+            if coming is None:
                 continue
-            moving = capsules(receiver.model, np.array(joints), receiver.jaw_rad).moved(receiver.T_world_base)
-            room = float(capsule_distances_m(moving, still).min())
+            lowering = capsules(receiver.model, coming, receiver.open_rad).moved(receiver.T_world_base)
+            taking = capsules(receiver.model, coming[0], receiver.held_rad).moved(receiver.T_world_base)
+            room = min(
+                float(capsule_distances_m(lowering, holding).min()), float(capsule_distances_m(rising, taking).min())
+            )
             if best is None or room > best.clearance_m:
-                best = Grasp(pose, np.asarray(joints[0]), receiver.jaw_rad, room, candidate)
+                best = Grasp(pose, coming[0], receiver.open_rad, room, candidate)
     return best
+
+
+def _joints_above(
+    partner: Partner, T_world_board: SE3, T_board_tip: SE3, by_m: float
+) -> NDArray[np.float64] | None:
+    """Return the joints (n, 6) at a pose and at some heights over it, or None."""
+    way = [joints_at(partner, T_world_board, _above(T_board_tip, share * by_m)) for share in SHARES]
+    return None if any(q is None for q in way) else np.array(way)
 
 
 def _same_side(T_board_tip: SE3, T_board_giver: SE3) -> bool:

@@ -57,6 +57,7 @@ class Settings:
         patience_s: an arm that could not move for so long does something else.
         detours: how often it then gives way and tries again, before it gives its transfer up.
         pause_s: and how long it waits where it cannot go home.
+        looks: how often one looks for a block that the other arm may hide.
     """
 
     perception_budget_s: float = 0.098
@@ -82,3 +83,4 @@ class Settings:
     patience_s: float = 3.0
     detours: int = 3
     pause_s: float = 0.3
+    looks: int = 5

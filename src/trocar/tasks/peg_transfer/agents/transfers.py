@@ -18,10 +18,11 @@ class OneArm:
         arm: what it can do.
         table: what it knows of the board.
         goals: its transfers.
+        beside: whether another arm works here too.
     """
 
-    def __init__(self, arm: PegArm, goals: Sequence[Transfer]):
-        self.arm, self.table, self.goals = arm, arm.table, goals
+    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False):
+        self.arm, self.table, self.goals, self.beside = arm, arm.table, goals, beside
         self.cell, self.settings = arm.cell, arm.settings
 
     async def transfer_all(self) -> None:
@@ -85,12 +86,17 @@ class OneArm:
         return TransferOutcome.NOT_GRASPED
 
     async def _see(self, source: int, failed: Sequence[int]) -> Grasp | TransferOutcome:
-        """Look at a peg; where its block is hidden, go home and look again."""
+        """Look at a peg; where its block is hidden, go home and look again, and again if another arm may hide it."""
         grasp = await self.arm.see(source, failed)
-        if isinstance(grasp, Grasp):
-            return grasp
-        await self.arm.go_home()
-        return await self.arm.see(source, failed)
+        for look in range(self.settings.looks if self.beside else 1):
+            if isinstance(grasp, Grasp):
+                break
+            if look == 0:
+                await self.arm.go_home()
+            else:
+                await self.cell.clock.sleep(self.settings.pause_s)
+            grasp = await self.arm.see(source, failed)
+        return grasp
 
     async def _carry(self, grasp: Grasp, T_board_block: SE3, target: int) -> SE3 | None:
         """Bring the block to its target; return where it should lie now, or None where no pose is in reach."""
