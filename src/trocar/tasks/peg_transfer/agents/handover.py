@@ -113,7 +113,7 @@ class Handover(TwoArms):
             await self._put_back(arm, T_tip_block, meeting.goal.source)
             return
         try:
-            await arm.open(self.settings.meeting_jaw_rad)
+            await arm.open()
             await self._part(arm)
         finally:
             meeting.parted.set()
@@ -253,7 +253,7 @@ class Handover(TwoArms):
             try:
                 await arm.move(
                     path.trajectory,
-                    jaw_rad=self.settings.meeting_jaw_rad,
+                    jaw_rad=self.settings.release_rad,
                     margin_m=self.settings.meeting_margin_m,
                     meets_s=float(path.waypoint_times_s[-2]),
                 )
@@ -294,7 +294,7 @@ class Handover(TwoArms):
 
     def _partners(self, giver: PegArm, receiver: PegArm) -> tuple[Partner, Partner]:
         """Return both arms; the giving one's jaws are closed on a block."""
-        bases, open_rad = self.cell.T_world_base_registered, self.settings.meeting_jaw_rad
+        bases, open_rad = self.cell.T_world_base_registered, self.settings.release_rad
         arms = (giver, receiver)
         return tuple(Partner(arm.model, bases[arm.name], open_rad, giver.hand.jaw_rad) for arm in arms)  # type: ignore
 

@@ -80,7 +80,7 @@ class PegArm:
     @property
     def holds(self) -> bool:
         """Return whether the jaws' motor stalled on something as thick as a block's wall."""
-        return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.meeting_jaw_rad - JAW_SLACK_RAD
+        return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
 
     async def wake(self) -> None:
         """Turn the wrist to and fro, see ``ArmScript.wake``."""
@@ -126,14 +126,15 @@ class PegArm:
             refusal = grasp.reason
         return refusal, TransferOutcome.OUT_OF_REACH
 
-    async def go_to(self, T_board_tip: SE3) -> bool:
+    async def go_to(self, grasp: Grasp) -> bool:
         """Travel over the pegs, then down round the wall of a block, the jaws open; False if no motion does it."""
+        opening = float(np.clip(grasp.jaw_rad, self.settings.release_rad, self.settings.jaw_open_rad))
         for _ in range(1 + self.settings.detours):
-            motion = await self.plan(lambda: self._approach(T_board_tip))
+            motion = await self.plan(lambda: self._approach(grasp.T_board_tip))
             if motion is None:
                 return False
             try:
-                await self.move(motion, jaw_rad=self.settings.jaw_open_rad)
+                await self.move(motion, jaw_rad=opening)
             except Blocked:
                 await self.give_way()
                 continue
@@ -165,9 +166,9 @@ class PegArm:
         self.traffic.carries(self.name, T_tip_block if self.holds else None)
         return self.holds
 
-    async def open(self, jaw_rad: float | None = None) -> None:
-        """Open the jaws; None: as wide as usual."""
-        await self.hand.jaw(self.settings.jaw_open_rad if jaw_rad is None else jaw_rad)
+    async def open(self) -> None:
+        """Open the jaws just so far that they let go of a wall: they are in the hole beside a peg, or other jaws."""
+        await self.hand.jaw(self.settings.release_rad)
         self.traffic.carries(self.name, None)
 
     async def carry(self, T_tip_block: SE3, target: int) -> SE3 | None:

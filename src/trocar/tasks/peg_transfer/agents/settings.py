@@ -37,7 +37,8 @@ class Settings:
         survey_budget_s: declared for registering the board, and for the last look at all blocks.
         planning_budget_s: declared for planning a motion (paper: .103 s).
         settle_s: rest after a motion before the jaws act.
-        jaw_open_rad: opening round the wall of a block, against the clearance in its hole.
+        jaw_open_rad: widest opening round the wall of a block, against the clearance in its hole.
+        release_rad: least opening there, and the one that lets go of a wall: two arms can be in one hole then.
         depth_m: of the tip under the block's top face.
         jaw_closed_rad: target that lets the drive press.
         jaw_empty_rad: jaws that close further than this hold nothing.
@@ -48,7 +49,6 @@ class Settings:
         limits: of velocity and acceleration.
         margin_m: kept between two arms, and between what they hold.
         meeting_margin_m: kept between two arms that hold one block.
-        meeting_jaw_rad: opening of the jaws while both are in the hole of one block.
         meeting_m: (3,) where blocks are handed over: middle of the block's lower face in the board's frame; 11 mm above
             the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
         aside_m: of the arm that waits for a block, towards its own side.
@@ -65,6 +65,7 @@ class Settings:
     planning_budget_s: float = 0.103
     settle_s: float = 0.06
     jaw_open_rad: float = 0.40
+    release_rad: float = 0.32
     depth_m: float = 4.0e-3
     jaw_closed_rad: float = -0.17
     jaw_empty_rad: float = 0.08
@@ -75,7 +76,6 @@ class Settings:
     limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])
     margin_m: float = 4e-3
     meeting_margin_m: float = 1.3e-3
-    meeting_jaw_rad: float = 0.34
     meeting_m: tuple[float, float, float] = (-2.5e-3, 0.0, 37e-3)
     waits_above_m: float = 13e-3
     parts_m: float = 10e-3

@@ -22,7 +22,11 @@ from trocar.trajectory import Trajectory
 DELAY_STEP_S = 0.08
 """Between the delays that are tried."""
 CLOSER_M = 0.5e-3
-"""Arms that are nearer than the margin may come this much nearer on their way apart."""
+"""Arms that are nearer than the margin may come this much nearer on their way apart, ..."""
+LEAST_M = 1.2e-3
+"""... but not nearer than this, if they are not yet: the stations' guards keep 1 mm."""
+GUARDED_M = 5e-5
+"""Arms that are nearer even than that: the guards let them come .1 mm nearer on their way apart."""
 
 
 class Blocked(Exception):
@@ -172,7 +176,7 @@ class Traffic:
         others = {key: self._body(key, other).arm for key, other in self._lanes.items() if key != name}
         end = max(shifted.end_s, *(other.end_s for other in others.values()))
         here = swept_clearance({name: shifted}, others=others, span_s=(now_s, now_s)).sampled_m
-        least = min(margin_m, here - CLOSER_M)
+        least = _relaxed(margin_m, here)
         return swept_clearance({name: shifted}, others=others, span_s=(now_s, end), enough_m=least).distance_m >= least
 
     def _anybody_moves(self, name: str) -> bool:
@@ -195,7 +199,11 @@ class Traffic:
 def _least(mover: Body, other: Body, now_s: float, margin_m: float, meets_s: float) -> float:
     """Return the margin, or the present distance where that is less: arms that are near may go apart."""
     here = distances_m(mover, np.zeros(1), other if meets_s > 0 else other.empty(), np.array([now_s]))
-    return min(margin_m, float(here[0]) - CLOSER_M)
+    return _relaxed(margin_m, float(here[0]))
+
+
+def _relaxed(margin_m: float, here_m: float) -> float:
+    return min(margin_m, max(here_m - CLOSER_M, min(LEAST_M, here_m - GUARDED_M)))
 
 
 def _delays(until_s: float) -> list[float]:
