@@ -19,6 +19,9 @@ GRASP_OFF_MIDDLE_DEG = 11.0
 """Direction, seen from the block's middle, in which a grasp 1 mm beside the middle of a side meets the hole."""
 OUTER_FINGER_M = 4.5e-3
 """Distance from the tip to the middle of the open outer finger, outwards."""
+FINGER_ROOM_M = 0.7e-3
+"""A block is aimed so far off its peg's middle, towards the wall that is held: the inner finger opens between that wall
+and the peg, and opposite a wall is a corner, where the hole is 1 mm wider."""
 ROOM_M = 2.5e-3
 """Clearance above which no more is sought, so that the tool need not turn for it."""
 
@@ -87,7 +90,9 @@ def choose_place(
         upright = SO3.axis("z", yaw)
         centre = upright.apply(T_tip_block.translation_m)
         height = block.height_m + drop_m - centre[2]
-        pose = SE3.from_parts(upright, [foot[0] - centre[0], foot[1] - centre[1], foot[2] + height])
+        outwards = -np.sign(T_tip_block.translation_m[0]) * upright.matrix[:2, 0]
+        x, y = foot[:2] + FINGER_ROOM_M * outwards - centre[:2]
+        pose = SE3.from_parts(upright, [x, y, foot[2] + height])
         try:
             q = ik(arm, T_base_board @ pose)
         except Unreachable:

@@ -55,16 +55,22 @@ class Stay:
 
 
 def score_transfers(
-    goals: Sequence[Transfer], truth: PegTruth, events: Sequence[Mapping[str, Any]]
+    goals: Sequence[Transfer], truth: PegTruth, events: Sequence[Mapping[str, Any]], handover: bool = False
 ) -> list[TransferScore]:
     """Return one score for each goal.
 
     A transfer has succeeded if a block went from the source straight to the target, by whatever means, stood there
     after it was released, and still stood there when the jaws had gone.
+
+    Args:
+        goals: in order.
+        truth: what happened.
+        events: what the script noted.
+        handover: whether the block must have been in the jaws of two arms on its way, too.
     """
     stays = [stays_of(truth, block) for block in range(truth.held.shape[1])]
     used: set[tuple[int, int]] = set()
-    return [_score(goal, stays, used, truth, events) for goal in goals]
+    return [_score(goal, stays, used, truth, events, handover) for goal in goals]
 
 
 def stays_of(truth: PegTruth, block: int) -> list[Stay]:
@@ -91,6 +97,7 @@ def _score(
     used: set[tuple[int, int]],
     truth: PegTruth,
     events: Sequence[Mapping[str, Any]],
+    handover: bool,
 ) -> TransferScore:
     moves = [
         (block, number, before, after)
@@ -99,7 +106,8 @@ def _score(
         if (before.peg, after.peg) == goal and (block, number) not in used
     ]
     moves.sort(key=lambda move: move[3].first)
-    done = next((move for move in moves if _stays_placed(move[3], truth)), None)
+    placed = [move for move in moves if _stays_placed(move[3], truth)]
+    done = next((move for move in placed if not handover or _handed_over(move[2], move[3], truth)), None)
     at_source = [stay for of_block in stays for stay in of_block if stay.peg == goal.source]
     noted = next((e for e in reversed(events) if _is_of(e, goal)), None)
     end = float(truth.times_s[-1])
@@ -111,7 +119,7 @@ def _score(
     if noted is not None:
         end_s = float(noted["time_s"])
         start_s = float(noted.get("start_s", min(start_s, end_s)))
-    failure, reason = ("", "") if done else _why(noted, moves, at_source, truth, events)
+    failure, reason = ("", "") if done else _why(noted, moves, placed, at_source, truth, events)
     return TransferScore(True, done is not None, failure, reason, start_s, end_s, *goal, bool(at_source))
 
 
@@ -130,6 +138,12 @@ def _stays_placed(stay: Stay, truth: PegTruth) -> bool:
     return stay.last >= min(judged, len(truth.times_s) - 1)
 
 
+def _handed_over(before: Stay, after: Stay, truth: PegTruth) -> bool:
+    """Return whether two arms held a block on its way, one after the other or together."""
+    way = slice(before.last, after.first + 1)
+    return sum(bool(held[way, before.block].any()) for held in truth.held_by.values()) >= 2
+
+
 def _retreated(block: int, released: int, truth: PegTruth) -> int:
     """Return the first row from a release on at which every tip is away from the block."""
     tips = np.stack([tip[released:] for tip in truth.p_board_tips.values()])
@@ -145,6 +159,7 @@ def _first(rows: NDArray[np.bool_]) -> int:
 def _why(
     noted: Mapping[str, Any] | None,
     moves: Sequence[Any],
+    placed: Sequence[Any],
     at_source: Sequence[Stay],
     truth: PegTruth,
     events: Sequence[Mapping[str, Any]],
@@ -155,6 +170,8 @@ def _why(
         return said
     if not at_source:
         return TransferOutcome.NO_BLOCK.name, "no block ever stood on the source"
+    if placed:
+        return TransferOutcome.NOT_HANDED_OVER.name, "the block came to its target in the jaws of one arm alone"
     if moves:
         return TransferOutcome.NOT_PLACED.name, "the block came to its target and did not stay there"
     last = len(truth.times_s) - 1

@@ -117,7 +117,7 @@ class PegTransfer(Task):
 
     def score(self, truth: PegTruth, events: Sequence[Mapping[str, Any]]) -> list[TransferScore]:
         """Return one score for each of the transfers."""
-        return score_transfers(self.goals(), truth, events)
+        return score_transfers(self.goals(), truth, events, handover=self.variant == "handover")
 
 
 def _lay(block: Block, peg_m: np.ndarray, rng: np.random.Generator) -> SE3:

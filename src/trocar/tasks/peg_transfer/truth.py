@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ class PegTruth:
         p_board_tips: (n, 3) true tip of each arm in the board's frame, m, by name.
         board: the pegboard's shape.
         block: the blocks' shape.
+        held_by: the same as ``held`` of each arm by itself, by name.
     """
 
     times_s: NDArray[np.float64]
@@ -35,6 +37,7 @@ class PegTruth:
     p_board_tips: dict[str, NDArray[np.float64]]
     board: Pegboard
     block: Block
+    held_by: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
 
     def pegs(self) -> NDArray[np.intp]:
         """Return for each time and block (n, k) the peg round which it stands upright, -1 where there is none."""

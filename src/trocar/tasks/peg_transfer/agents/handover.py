@@ -108,15 +108,17 @@ class Handover(TwoArms):
             meeting.fail(TransferOutcome.DROPPED)
         else:
             meeting.offered.set()
-            await meeting.taken.wait()
+            await self._await(arm, meeting.taken)
         if meeting.outcome is not None:
             await self._put_back(arm, T_tip_block, meeting.goal.source)
             return
         try:
-            await arm.open()
-            await self._part(arm)
+            await arm.open(self.settings.release_rad)
+            await self._rise(arm)
         finally:
             meeting.parted.set()
+        aside_m = (self._own_side(arm) * self.settings.aside_m, 0.0, 0.0)
+        await arm.shift(aside_m, self.settings.meeting_margin_m)
 
     async def _offer(self, arm: PegArm, other: PegArm, meeting: Meeting, T_tip_block: SE3) -> bool:
         """Lift a block and bring it to where it is handed over."""
@@ -147,9 +149,9 @@ class Handover(TwoArms):
         self.cell.log.event("offer", arm=arm.name, room_mm=round(1e3 * planned[1].room_m, 2))
         return True
 
-    async def _part(self, arm: PegArm) -> None:
-        """Rise straight out of the block that the other arm holds too."""
-        await arm.rise(self.settings.parts_m, margin_m=self.settings.meeting_margin_m)
+    async def _rise(self, arm: PegArm) -> None:
+        """Rise straight out of a block that the other arm holds."""
+        await arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, meets_s=0.0)
 
     async def _put_back(self, arm: PegArm, T_tip_block: SE3, source: int) -> None:
         """Bring a block that nobody took back to where it was, if it is still there."""
@@ -163,7 +165,7 @@ class Handover(TwoArms):
 
     async def _receive(self, arm: PegArm, other: PegArm, meeting: Meeting) -> None:
         await self._wait_beside(arm)
-        await meeting.offered.wait()
+        await self._await(arm, meeting.offered)
         if meeting.outcome is not None:
             return
         T_tip_block = await self._take(arm, other, meeting)
@@ -172,7 +174,7 @@ class Handover(TwoArms):
             await self._leave(arm)
             return
         meeting.taken.set()
-        await meeting.parted.wait()
+        await self._await(arm, meeting.parted)
         await self._place(arm, meeting, T_tip_block)
 
     async def _wait_beside(self, arm: PegArm) -> None:
@@ -185,6 +187,11 @@ class Handover(TwoArms):
             await arm.go_over(pose)
         except Blocked:
             await arm.give_way()
+
+    async def _await(self, arm: PegArm, event: trio.Event) -> None:
+        """Wait for what the other arm does."""
+        with self.cell.log.span(arm.name, "waiting"):
+            await event.wait()
 
     def _own_side(self, arm: PegArm) -> float:
         """Return the sign of x in the board's frame on the side of an arm's base."""
@@ -209,7 +216,7 @@ class Handover(TwoArms):
                 return T_tip_block
             self.cell.log.event("pick failed", arm=arm.name, attempt=attempt, jaw_rad=round(arm.hand.jaw_rad, 4))
             failed.append(grasp.candidate)
-            await arm.open()
+            await arm.open(self.settings.release_rad)
             await self._leave(arm)
         return None
 
@@ -268,7 +275,7 @@ class Handover(TwoArms):
 
     async def _leave(self, arm: PegArm) -> None:
         """Rise from a block that was not taken, and go home."""
-        await self._part(arm)
+        await self._rise(arm)
         await withdraw(arm)
 
     async def _place(self, arm: PegArm, meeting: Meeting, T_tip_block: SE3) -> None:

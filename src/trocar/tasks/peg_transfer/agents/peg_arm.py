@@ -166,9 +166,9 @@ class PegArm:
         self.traffic.carries(self.name, T_tip_block if self.holds else None)
         return self.holds
 
-    async def open(self) -> None:
-        """Open the jaws just so far that they let go of a wall: they are in the hole beside a peg, or other jaws."""
-        await self.hand.jaw(self.settings.release_rad)
+    async def open(self, jaw_rad: float | None = None) -> None:
+        """Open the jaws; None: as wide as usual."""
+        await self.hand.jaw(self.settings.jaw_open_rad if jaw_rad is None else jaw_rad)
         self.traffic.carries(self.name, None)
 
     async def carry(self, T_tip_block: SE3, target: int) -> SE3 | None:
@@ -223,18 +223,18 @@ class PegArm:
             if motion is not None:
                 await self.move(motion)
 
-    async def rise(self, by_m: float, margin_m: float) -> None:
-        """Rise straight out of a block that another arm holds."""
-        up = by_m * self.T_base_board.matrix[:3, 2]
+    async def shift(self, line_m: Sequence[float], margin_m: float, meets_s: float = inf) -> None:
+        """Move the tip straight, in the board's axes."""
+        line = self.T_base_board.rotation.apply(np.array(line_m))
 
         def motion() -> Trajectory:
-            rising = straight(self.model, self.hand.q, up, self.settings.limits)
-            self.cell.robot.prepare({self.name: rising})
-            return rising
+            straight_on = straight(self.model, self.hand.q, line, self.settings.limits)
+            self.cell.robot.prepare({self.name: straight_on})
+            return straight_on
 
         planned = await self.plan(motion)
         if planned is not None:
-            await self.move(planned, margin_m=margin_m, meets_s=0.0)
+            await self.move(planned, margin_m=margin_m, meets_s=meets_s)
 
     async def go_home(self) -> None:
         """Rise and leave the camera's view of the board."""

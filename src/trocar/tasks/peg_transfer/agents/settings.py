@@ -38,7 +38,7 @@ class Settings:
         planning_budget_s: declared for planning a motion (paper: .103 s).
         settle_s: rest after a motion before the jaws act.
         jaw_open_rad: widest opening round the wall of a block, against the clearance in its hole.
-        release_rad: least opening there, and the one that lets go of a wall: two arms can be in one hole then.
+        release_rad: least opening there, and the one at which two arms have room in one hole.
         depth_m: of the tip under the block's top face.
         jaw_closed_rad: target that lets the drive press.
         jaw_empty_rad: jaws that close further than this hold nothing.
@@ -51,7 +51,7 @@ class Settings:
         meeting_margin_m: kept between two arms that hold one block.
         meeting_m: (3,) where blocks are handed over: middle of the block's lower face in the board's frame; 11 mm above
             the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
-        aside_m: of the arm that waits for a block, towards its own side.
+        aside_m: of an arm that waits for a block or has given one, towards its own side.
         waits_above_m: of the receiving arm over its grasp, before it comes down (facts: 13 mm).
         parts_m: how far the giving arm rises before it goes away (facts: 10 mm).
         patience_s: an arm that could not move for so long does something else.
@@ -79,7 +79,7 @@ class Settings:
     meeting_m: tuple[float, float, float] = (-2.5e-3, 0.0, 37e-3)
     waits_above_m: float = 13e-3
     parts_m: float = 10e-3
-    aside_m: float = 30e-3
+    aside_m: float = 28e-3
     patience_s: float = 3.0
     detours: int = 3
     pause_s: float = 0.3

@@ -51,13 +51,14 @@ class PegReport(TaskReport):
     """What a report of the peg transfer shows besides the usual."""
 
     view = Viewpoint((0.13, -0.46, 0.33), (0.004, 0.0, 0.030))
+    parts = ("capture", "perception", "planning", "motion", "jaw", "settling", "waiting")
     colours: Mapping[str, tuple[float, float, float]] = {"block": (0.86, 0.55, 0.13)}
 
     def moments(self, trial: Trial) -> list[tuple[str, float]]:
         """Return the first transfer step by step, quarters of the trial, failures."""
         found: list[tuple[str, float]] = [("start", 0.0)]
         if trial.scores:
-            found += _first_transfer(trial)
+            found += _first_transfer(trial) if len(trial.about["arms"]) == 1 else _first_handover(trial)
         for number, score in enumerate(trial.scores, start=1):
             if number % 3 == 0:
                 found.append((f"after {number} transfers", score["end_s"]))
@@ -66,15 +67,17 @@ class PegReport(TaskReport):
         return sorted(found, key=lambda item: item[1])
 
     def pictures(self, folder: Path, trials: Sequence[Trial]) -> list[Path]:
-        """Draw the path of the working tip over the board in the first trial."""
+        """Draw the paths of the working tips over the board in the first trial."""
         trial = trials[0]
-        arm = trial.about["arms"][0]
+        arms = trial.about["arms"]
         T_board_world = SE3(trial.arrays["T_world_board"].astype(np.float64)).inverse()
-        tips = T_board_world.apply(trial.replay().tools[arm].p_world_driven_m)
-        title = f"Path of {arm}'s tip over the board, {trial.about['method']}"
-        index = _transfer_at(trial)
-        pegs = PegSet().board.pegs_m
-        return [draw_paths(trial.times_s, tips, index, pegs, folder / "paths.png", title=title)]
+        index, pegs, drawn = _transfer_at(trial), PegSet().board.pegs_m, []
+        for arm in arms:
+            tips = T_board_world.apply(trial.replay().tools[arm].p_world_driven_m)
+            title = f"Path of {arm}'s tip over the board, {trial.about['method']}"
+            path = folder / ("paths.png" if len(arms) == 1 else f"paths_{arm}.png")
+            drawn.append(draw_paths(trial.times_s, tips, index, pegs, path, title=title))
+        return drawn
 
     def summary(self, trials: Sequence[Trial]) -> dict[str, Any]:
         """Return how many transfers there were whose block stood on its source: the paper's denominator."""
@@ -106,6 +109,13 @@ def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
         steps += [("lifted", carry.start_s + 0.35 * length), ("over the target", carry.start_s + 0.65 * length)]
         steps.append((f"released on peg {score['target']}", score["end_s"]))
     return steps
+
+
+def _first_handover(trial: Trial) -> list[tuple[str, float]]:
+    """Return the steps of the first handover, where there was one."""
+    steps = {"offer": "block offered", "taking": "both arms at the block", "correction": "taken over"}
+    noted = [(words, next((e for e in trial.events if e["name"] == name), None)) for name, words in steps.items()]
+    return [(words, float(event["time_s"])) for words, event in noted if event is not None]
 
 
 def _transfer_at(trial: Trial) -> np.ndarray:

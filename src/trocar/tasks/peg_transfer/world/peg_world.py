@@ -28,7 +28,7 @@ class PegWorld(TaskWorld):
 
     def __init__(self, scene: PegScene):
         self._scene = scene
-        self._held_at: list[NDArray[np.bool_]] = []
+        self._held_at: dict[str, list[NDArray[np.bool_]]] = {}
         self._held: dict[int, str] = {}
 
     def add(self, world: Element, assets: Element) -> None:
@@ -43,20 +43,23 @@ class PegWorld(TaskWorld):
         self._peg = _numbered(world, "peg")
 
     def observe(self, time_s: float) -> None:
-        """Note which blocks are held: those that both fingers of an arm touch."""
+        """Note which blocks each arm holds: those that both its fingers touch."""
         del time_s
         pairs = self._world.data.contact.geom[: self._world.data.ncon]
-        self._held = self._held_blocks(pairs)
-        self._held_at.append(np.isin(np.arange(self._count), list(self._held)))
+        held_by = self._held_blocks(pairs)
+        self._held = {block: name for name, blocks in held_by.items() for block in blocks}
+        for name, blocks in held_by.items():
+            self._held_at.setdefault(name, []).append(np.isin(np.arange(self._count), list(blocks)))
 
-    def _held_blocks(self, pairs: NDArray[np.int32]) -> dict[int, str]:
-        """Return the blocks that are held, with the holding arm's name."""
-        held: dict[int, str] = {}
+    def _held_blocks(self, pairs: NDArray[np.int32]) -> dict[str, set[int]]:
+        """Return the blocks that each arm holds."""
         block = self._block[pairs].max(axis=1) if len(pairs) else np.zeros(0, dtype=np.intp)
-        for name, index in self._world.arms.items():
-            touched = [set(block[(pairs == finger).any(1) & (block >= 0)].tolist()) for finger in index.fingers]
-            held |= dict.fromkeys(set.intersection(*touched), name)
-        return held
+        return {
+            name: set.intersection(
+                *(set(block[(pairs == finger).any(1) & (block >= 0)].tolist()) for finger in index.fingers)
+            )
+            for name, index in self._world.arms.items()
+        }
 
     def hit(self, first: int, second: int) -> Hit | None:
         """Return a hit if an arm, or a block that it holds, touches a peg."""
@@ -75,14 +78,16 @@ class PegWorld(TaskWorld):
     def truth(self, record: Record) -> PegTruth:
         """Return where blocks and tips were in the board's frame, and when blocks were held."""
         T_board_world = self._scene.T_world_board.inverse()
+        held_by = {name: np.array(rows) for name, rows in self._held_at.items()}
         poses = [record.T_world_body[f"block{k}"].matrix for k in range(self._count)]
         return PegTruth(
             times_s=record.times_s,
             T_board_blocks=T_board_world @ SE3(np.stack(poses, axis=1)),
-            held=np.array(self._held_at),
+            held=np.any(list(held_by.values()), axis=0),
             p_board_tips={name: T_board_world.apply(T.translation_m) for name, T in record.T_world_tip.items()},
             board=self._scene.board,
             block=self._scene.block,
+            held_by=held_by,
         )
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:
