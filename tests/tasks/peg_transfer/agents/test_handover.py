@@ -1,0 +1,81 @@
+"""Blocks that go from hand to hand."""
+
+import numpy as np
+import pytest
+
+from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
+from trocar.tasks.peg_transfer.pegboard import Pegboard
+from two_armed import SETTINGS, at_rest, clumsy, distance_of_arms_m, named, no_way, played, silent, stuck
+
+GOAL, NEXT = GOALS["handover"][:2]
+THERE_AND_BACK = (GOAL, GOALS["handover"][6])
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return played("handover", THERE_AND_BACK)
+
+
+def test_a_block_goes_there_and_back_through_both_arms_jaws(clean):
+    lab, in_time, scores = clean
+    assert in_time and [score.succeeded for score in scores] == [True, True], scores
+    truth = lab.truth()
+    for giver, receiver, score in (("psm2", "psm1", scores[0]), ("psm1", "psm2", scores[1])):
+        during = (truth.times_s >= score.start_s) & (truth.times_s <= score.end_s)
+        gives, takes = (truth.held_by[arm][during, GOAL.source] for arm in (giver, receiver))
+        assert gives.argmax() < takes.argmax(), "who gives holds it first"
+        assert (gives & takes).any() and not gives[-10:].any()
+
+
+def test_blocks_change_hands_over_the_pegs_and_upright(clean):
+    lab, _, _ = clean
+    truth = lab.truth()
+    both = truth.held_by["psm1"][:, GOAL.source] & truth.held_by["psm2"][:, GOAL.source]
+    block = truth.T_board_blocks.matrix[both, GOAL.source]
+    assert block[:, 2, 3].min() - truth.block.height_m > Pegboard().peg_height_m + 10e-3
+    assert np.degrees(np.arccos(-block[:, 2, 2])).max() < 10.0
+
+
+def test_the_arms_keep_apart_and_the_guard_has_nothing_to_do(clean):
+    lab, _, _ = clean
+    assert distance_of_arms_m(lab) > SETTINGS.meeting_margin_m - 0.3e-3  # the drive lags behind its set-points
+    assert named(lab, "guard") == [] and lab.record().collisions == ()
+
+
+def test_the_receiving_arm_looks_before_it_takes_and_before_it_places(clean):
+    lab, _, _ = clean
+    offer, taking, correction = (named(lab, name)[0]["time_s"] for name in ("offer", "taking", "correction"))
+    captures = [s.end_s for s in lab.log.spans if s.arm == "psm1" and s.name == "capture"]
+    assert any(offer < at < taking for at in captures) and any(taking < at < correction for at in captures)
+
+
+def test_a_block_that_nobody_takes_is_put_back():
+    lab, in_time, (score,) = played("handover", [GOAL], robot=stuck("psm1"))
+    assert in_time and at_rest(lab)
+    assert (score.succeeded, score.failure) == (False, TransferOutcome.NOT_GRASPED.name)
+    assert lab.truth().pegs()[-1, GOAL.source] == GOAL.source
+    assert len(named(lab, "pick failed")) == 1 + SETTINGS.retries
+
+
+def test_an_arm_that_stops_answering_ends_all_transfers_by_name():
+    lab, in_time, scores = played("handover", [GOAL, NEXT], robot=silent("psm1", 6))
+    assert in_time and at_rest(lab)
+    assert {score.failure for score in scores} == {TransferOutcome.ARM_STOPPED.name}
+
+
+def test_a_block_lost_on_the_way_is_named():
+    lab, in_time, (score,) = played("handover", [GOAL], robot=clumsy("psm2"))
+    assert in_time and at_rest(lab)
+    assert (score.succeeded, score.failure) == (False, TransferOutcome.DROPPED.name)
+
+
+def test_a_block_that_is_not_there_is_an_outcome_and_the_next_is_moved():
+    lab, in_time, (missing, moved) = played("handover", [GOAL, NEXT], blocks=(NEXT.source,))
+    assert in_time and at_rest(lab)
+    assert (missing.failure, moved.succeeded) == (TransferOutcome.NO_BLOCK.name, True)
+
+
+def test_a_planner_that_finds_nothing_is_an_outcome():
+    lab, in_time, (score,) = played("handover", [GOAL], planner=no_way)
+    assert in_time and at_rest(lab)
+    assert score.failure == TransferOutcome.OUT_OF_REACH.name
