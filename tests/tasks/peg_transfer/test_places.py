@@ -10,7 +10,7 @@ from trocar.geometry import SE3, SO3
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
 from trocar.tasks.peg_transfer.pegboard import Pegboard
-from trocar.tasks.peg_transfer.places import Place, choose_place, held_block
+from trocar.tasks.peg_transfer.places import FINGER_ROOM_M, Place, choose_place, held_block
 
 BOARD, BLOCK = Pegboard(), Block()
 BASE = SE3.from_parts(SO3.axis("z", np.pi), [0.1332, 0.0, 0.166])
@@ -38,12 +38,15 @@ def place_on(peg: int, T_tip_block: SE3, others=(), **kwargs) -> Place | str:
 
 @settings(max_examples=25, deadline=None)
 @given(peg=st.integers(0, 11), yaw=st.floats(-np.pi, np.pi))
-def test_the_block_ends_upright_and_centred_over_its_peg(peg, yaw):
+def test_the_block_ends_upright_over_its_peg_with_room_for_the_inner_finger(peg, yaw):
     T_tip_block = held(yaw)
     place = place_on(peg, T_tip_block)
     assert isinstance(place, Place), place
     T_board_block = place.T_board_tip @ T_tip_block
-    assert np.allclose(T_board_block.translation_m[:2], BOARD.pegs_m[peg, :2], atol=1e-6)
+    off = T_board_block.translation_m[:2] - BOARD.pegs_m[peg, :2]
+    to_tip = place.T_board_tip.translation_m[:2] - T_board_block.translation_m[:2]
+    assert np.linalg.norm(off) == pytest.approx(FINGER_ROOM_M, abs=1e-6)
+    assert off @ to_tip > 0.9 * np.linalg.norm(off) * np.linalg.norm(to_tip)
     assert T_board_block.translation_m[2] - BLOCK.height_m == pytest.approx(BOARD.pegs_m[peg, 2] + DROP_M, abs=1e-6)
     assert T_board_block.matrix[2, 2] == pytest.approx(-1.0, abs=1e-9)
     assert place.T_board_tip.matrix[2, 2] == pytest.approx(1.0, abs=1e-9)
