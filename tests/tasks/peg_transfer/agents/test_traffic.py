@@ -7,6 +7,7 @@ import pytest
 import trio
 
 from simulated import ideal_laboratory, joints_at, standing
+from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest
 from trocar.tasks.kit import ArmScript
 from trocar.tasks.peg_transfer.agents.settings import Settings
@@ -121,8 +122,6 @@ def test_a_block_in_the_jaws_needs_room_too():
 
         two.run(script)
         return two.waited_s("psm2") > 0
-
-    from trocar.geometry import SE3, SO3
 
     hanging = SE3.from_parts(SO3.axis("x", np.pi), [-5e-3, 0.0, 4e-3])
     assert not waits(None) and waits(hanging)

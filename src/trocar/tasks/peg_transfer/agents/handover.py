@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -20,6 +20,9 @@ from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.tasks.peg_transfer.places import held_block
 
+AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED)
+"""Ends of a meeting after which it is worth another try: the block is back where it was."""
+
 
 @dataclass(eq=False)
 class Meeting:
@@ -29,10 +32,12 @@ class Meeting:
         goal: the transfer.
         start_s: when the giving arm began.
         T_board_block: where the block is offered, as the giving arm's joints tell.
+        passed: whether the receiving arm has had the block.
         offered: the giving arm holds the block still, and waits.
         taken: the receiving arm holds it too.
         parted: the giving arm has let go and gone.
-        over: nothing more comes of it; ``outcome`` says why.
+        outcome: why nothing comes of it; None: it goes well.
+        reason: a sentence, where there is one.
     """
 
     goal: Transfer
@@ -40,16 +45,16 @@ class Meeting:
     T_board_block: SE3 | None = None
     outcome: TransferOutcome | None = None
     reason: str = ""
+    passed: bool = False
     offered: trio.Event = field(default_factory=trio.Event)
     taken: trio.Event = field(default_factory=trio.Event)
     parted: trio.Event = field(default_factory=trio.Event)
-    over: trio.Event = field(default_factory=trio.Event)
 
     def fail(self, outcome: TransferOutcome, reason: str = "") -> None:
         """End it."""
         if self.outcome is None:
             self.outcome, self.reason = outcome, reason
-        for event in (self.over, self.offered, self.taken, self.parted):
+        for event in (self.offered, self.taken, self.parted):
             event.set()
 
 
@@ -58,7 +63,7 @@ class Handover(TwoArms):
 
     def __init__(self, brief: Brief):
         super().__init__(brief)
-        self.meetings = [Meeting(goal) for goal in self.goals]
+        self.meetings = [[Meeting(goal) for _ in range(self.settings.rounds)] for goal in self.goals]
 
     async def transfer_all(self) -> None:
         """Let both arms do their jobs."""
@@ -66,24 +71,31 @@ class Handover(TwoArms):
 
     async def _script(self, arm: PegArm, other: PegArm) -> None:
         script = OneArm(arm, (), beside=True)
-        stopped = False
-        for meeting in self.meetings:
-            job = partial(self._give, script) if self._gives(arm, meeting.goal) else self._receive
-            try:
-                if stopped or meeting.over.is_set():
+        working = True
+        for rounds in self.meetings:
+            gives = self._gives(arm, rounds[0].goal)
+            job = partial(self._give, script) if gives else self._receive
+            for meeting in rounds:
+                working = working and await self._done(arm, partial(job, arm, other, meeting), meeting)
+                if not working:
                     meeting.fail(TransferOutcome.ARM_STOPPED)
-                else:
-                    await job(arm, other, meeting)
-            except Blocked:
-                meeting.fail(TransferOutcome.BLOCKED)
-                await arm.give_way()
-            except ArmStopped as error:
-                stopped = True
-                meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
-            if not self._gives(arm, meeting.goal):
-                script.note(meeting.goal, meeting.start_s, meeting.outcome or TransferOutcome.DONE, meeting.reason)
-        if not stopped:
+                if meeting.passed or meeting.outcome not in AGAIN:
+                    break
+            if not gives:
+                script.note(meeting.goal, rounds[0].start_s, meeting.outcome or TransferOutcome.DONE, meeting.reason)
+        if not arm.stopped:
             await withdraw(arm)
+
+    async def _done(self, arm: PegArm, job: Callable[[], Awaitable[None]], meeting: Meeting) -> bool:
+        """Do an arm's part of a meeting; return whether both arms can go on."""
+        try:
+            await job()
+        except Blocked:
+            meeting.fail(TransferOutcome.BLOCKED)
+        except ArmStopped as error:
+            arm.stopped = True
+            meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
+        return meeting.outcome is not TransferOutcome.ARM_STOPPED
 
     def _gives(self, arm: PegArm, goal: Transfer) -> bool:
         """Return whether an arm gives: that on whose side the source is."""
@@ -101,8 +113,15 @@ class Handover(TwoArms):
             meeting.fail(grasp)
             await arm.let_go()
             return
-        T_tip_block = arm.gripped(grasp, self.table.blocks.pop(meeting.goal.source))
-        if not await self._offer(arm, other, meeting, T_tip_block):
+        T_board_block = self.table.blocks.pop(meeting.goal.source)
+        T_tip_block = arm.gripped(grasp, T_board_block)
+        try:
+            offered = await self._offer(arm, other, meeting, T_tip_block)
+        except Blocked:  # the block stands where it stood: nothing has moved
+            self.table.blocks[meeting.goal.source] = T_board_block
+            await arm.let_go()
+            raise
+        if not offered:
             meeting.fail(TransferOutcome.OUT_OF_REACH)
         elif not arm.holds:
             meeting.fail(TransferOutcome.DROPPED)
@@ -112,13 +131,21 @@ class Handover(TwoArms):
         if meeting.outcome is not None:
             await self._put_back(arm, T_tip_block, meeting.goal.source)
             return
+        await self._part(arm, meeting)
+
+    async def _part(self, arm: PegArm, meeting: Meeting) -> None:
+        """Let go of a block that the other arm holds too, rise out of it, and go aside."""
         try:
             await arm.open(self.settings.release_rad)
             await self._rise(arm)
+        except Blocked:
+            self.cell.log.event("stayed", arm=arm.name, reason="there was no room to rise")
         finally:
             meeting.parted.set()
-        aside_m = (self._own_side(arm) * self.settings.aside_m, 0.0, 0.0)
-        await arm.shift(aside_m, self.settings.meeting_margin_m)
+        try:
+            await arm.shift((self._own_side(arm) * self.settings.aside_m, 0.0, 0.0), self.settings.meeting_margin_m)
+        except Blocked:
+            await arm.give_way()
 
     async def _offer(self, arm: PegArm, other: PegArm, meeting: Meeting, T_tip_block: SE3) -> bool:
         """Lift a block and bring it to where it is handed over."""
@@ -173,9 +200,14 @@ class Handover(TwoArms):
             meeting.fail(TransferOutcome.NOT_GRASPED)
             await self._leave(arm)
             return
+        meeting.passed = True
         meeting.taken.set()
         await self._await(arm, meeting.parted)
-        await self._place(arm, meeting, T_tip_block)
+        try:
+            await self._place(arm, meeting, T_tip_block)
+        except Blocked:
+            meeting.fail(TransferOutcome.BLOCKED)
+            await arm.let_go()
 
     async def _wait_beside(self, arm: PegArm) -> None:
         """Go to where the arm waits for a block, on its own side of where blocks are handed over and higher."""
@@ -231,7 +263,7 @@ class Handover(TwoArms):
             self.cell.log.event("no look", arm=arm.name, reason=fit.reason)
         return fit.T_board_block
 
-    async def _come(self, arm: PegArm, other: PegArm, T_board_block: SE3, failed: Sequence[int]) -> Grasp | None:
+    async def _come(self, arm: PegArm, other: PegArm, T_board_block: SE3, failed: list[int]) -> Grasp | None:
         """Come from above, the jaws open, down round a wall of the block that the other arm holds."""
         grasps: list[Grasp] = []
 
@@ -266,7 +298,7 @@ class Handover(TwoArms):
                 )
                 break
             except Blocked:
-                await arm.give_way()
+                failed.append(grasps[-1].candidate)
         else:
             raise Blocked
         await arm.hand.settle()

@@ -178,9 +178,7 @@ def _best_grasp(
     return best
 
 
-def _joints_above(
-    partner: Partner, T_world_board: SE3, T_board_tip: SE3, by_m: float
-) -> NDArray[np.float64] | None:
+def _joints_above(partner: Partner, T_world_board: SE3, T_board_tip: SE3, by_m: float) -> NDArray[np.float64] | None:
     """Return the joints (n, 6) at a pose and at some heights over it, or None."""
     way = [joints_at(partner, T_world_board, _above(T_board_tip, share * by_m)) for share in SHARES]
     return None if any(q is None for q in way) else np.array(way)

@@ -1,4 +1,4 @@
-"""What one arm can do with blocks: see, grasp, carry, place, let go, retreat. Every agent's scripts are made of this."""
+"""What one arm can do with blocks: see, grasp, carry, place, let go, retreat. All agents' scripts are made of this."""
 
 from __future__ import annotations
 
@@ -48,6 +48,7 @@ class PegArm:
         home: (6,) where the arm is out of the camera's view.
         name: of the arm.
         hands_over: whether it grasps blocks so that another arm can take them.
+        stopped: whether it did not come to the end of a motion, and is not asked again.
     """
 
     def __init__(self, brief: Brief, name: str, table: Table, traffic: Traffic):
@@ -55,7 +56,7 @@ class PegArm:
         self.table, self.traffic = table, traffic
         self.hand = ArmScript(brief.cell, name, brief.settings.limits, brief.settings.settle_s)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
-        self.hands_over = False
+        self.hands_over = self.stopped = False
 
     @property
     def T_base_board(self) -> SE3:
@@ -129,12 +130,12 @@ class PegArm:
     async def go_to(self, grasp: Grasp) -> bool:
         """Travel over the pegs, then down round the wall of a block, the jaws open; False if no motion does it."""
         opening = float(np.clip(grasp.jaw_rad, self.settings.release_rad, self.settings.jaw_open_rad))
-        for _ in range(1 + self.settings.detours):
+        for margin_m in self.margins_m():
             motion = await self.plan(lambda: self._approach(grasp.T_board_tip))
             if motion is None:
                 return False
             try:
-                await self.move(motion, jaw_rad=opening)
+                await self.move(motion, jaw_rad=opening, margin_m=margin_m)
             except Blocked:
                 await self.give_way()
                 continue
@@ -173,13 +174,13 @@ class PegArm:
 
     async def carry(self, T_tip_block: SE3, target: int) -> SE3 | None:
         """Lift, travel, lower; return where the block should lie now, or None where no pose is in reach."""
-        for _ in range(1 + self.settings.detours):
+        for margin_m in self.margins_m():
             planned = await self.plan(lambda: self._transfer_motion(T_tip_block, target))
             if planned is None:
                 return None
             motion, T_board_placed = planned
             try:
-                await self.move(motion)
+                await self.move(motion, margin_m=margin_m)
             except Blocked:
                 await self.give_way()
                 continue
@@ -243,8 +244,12 @@ class PegArm:
             return
         await self.move(rest_to_rest(self.hand.q, self.home, self.settings.limits))
 
+    def margins_m(self) -> list[float]:
+        """Return the margins to the other arm that are tried in turn."""
+        return [self.settings.margin_m] + [self.settings.least_margin_m] * self.settings.detours
+
     async def give_way(self) -> None:
-        """Leave room for the other arm: go home with empty jaws; with a block in them, or where that cannot be, wait."""
+        """Leave room for the other arm: go home, or wait where that cannot be or with a block in the jaws."""
         self.cell.log.event("gives way", arm=self.name)
         try:
             if not self.traffic.holds(self.name):

@@ -13,8 +13,8 @@ GRASP_RULES = (
     (False, 0.15e-3, np.radians(110.0)),
     (False, -0.6e-3, np.radians(110.0)),
 )
-"""Whether only walls on the arm's own side will do, least gap (m) round the open fingers, largest roll; tried in turn: with
-a gap below zero a finger must slide off the round end of the peg or push the block aside."""
+"""Rules for grasps, tried in turn: whether only walls on the arm's own side will do, least gap (m) round the open
+fingers, largest roll. With a gap below zero a finger must slide off the peg's round end or push the block aside."""
 
 OUTER_RULES = (
     (True, 0.15e-3, np.radians(70.0)),
@@ -48,6 +48,7 @@ class Settings:
         retries: how often a failed pick is tried again.
         limits: of velocity and acceleration.
         margin_m: kept between two arms, and between what they hold.
+        least_margin_m: the same for an arm that would be stuck otherwise.
         meeting_margin_m: kept between two arms that hold one block.
         meeting_m: (3,) where blocks are handed over: middle of the block's lower face in the board's frame; 11 mm above
             the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
@@ -56,6 +57,7 @@ class Settings:
         parts_m: how far the giving arm rises before it goes away (facts: 10 mm).
         patience_s: an arm that could not move for so long does something else.
         detours: how often it then gives way and tries again, before it gives its transfer up.
+        rounds: how often a transfer is tried that could not be done because of the other arm.
         pause_s: and how long it waits where it cannot go home.
         looks: how often one looks for a block that the other arm may hide.
     """
@@ -75,12 +77,14 @@ class Settings:
     retries: int = 1
     limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])
     margin_m: float = 4e-3
+    least_margin_m: float = 2e-3
     meeting_margin_m: float = 1.3e-3
     meeting_m: tuple[float, float, float] = (-2.5e-3, 0.0, 37e-3)
     waits_above_m: float = 13e-3
     parts_m: float = 10e-3
     aside_m: float = 28e-3
     patience_s: float = 3.0
-    detours: int = 3
+    detours: int = 2
+    rounds: int = 2
     pause_s: float = 0.3
     looks: int = 5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
 
@@ -154,7 +153,8 @@ class Traffic:
         """Return after what delay a motion is free; None if it is not as long as the other arms stay where they go."""
         now = self._cell.clock.now_s()
         lane = self._lanes[name]
-        mover = Body(MovingArm(lane.model, trajectory, lane.T_world_base, 0.0, lane.jaw_rad), lane.T_tip_block, self._block)
+        moving = MovingArm(lane.model, trajectory, lane.T_world_base, 0.0, lane.jaw_rad)
+        mover = Body(moving, lane.T_tip_block, self._block)
         delay = 0.0
         for key, other in self._lanes.items():
             if key == name:
@@ -213,5 +213,3 @@ def _delays(until_s: float) -> list[float]:
 async def _first_of(event: trio.Event, scope: trio.CancelScope) -> None:
     await event.wait()
     scope.cancel()
-
-

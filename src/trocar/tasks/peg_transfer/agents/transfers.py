@@ -56,10 +56,22 @@ class OneArm:
 
     async def _transfer(self, source: int, target: int) -> TransferOutcome:
         """Move one block; every way in which this can end is an outcome."""
-        grasp = await self.pick(source)
-        if not isinstance(grasp, Grasp):
-            return grasp
-        place = await self._carry(grasp, self.table.blocks.pop(source), target)
+        for _ in range(self.settings.rounds):
+            grasp = await self.pick(source)
+            if not isinstance(grasp, Grasp):
+                return grasp
+            T_board_block = self.table.blocks.pop(source)
+            try:
+                return await self._bring(grasp, T_board_block, target)
+            except Blocked:  # the block stands where it stood: nothing has moved
+                self.table.blocks[source] = T_board_block
+                await self.arm.open()
+                await self.arm.give_way()
+        return TransferOutcome.BLOCKED
+
+    async def _bring(self, grasp: Grasp, T_board_block: SE3, target: int) -> TransferOutcome:
+        """Bring a block that is held to its target."""
+        place = await self._carry(grasp, T_board_block, target)
         if place is None:
             return TransferOutcome.OUT_OF_REACH
         if not self.arm.holds:

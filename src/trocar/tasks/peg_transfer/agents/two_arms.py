@@ -58,5 +58,3 @@ async def withdraw(arm: PegArm) -> None:
         await arm.go_home()
     except (Blocked, ArmStopped) as error:
         arm.cell.log.event("stayed", arm=arm.name, reason=str(error) or type(error).__name__)
-
-

@@ -21,8 +21,6 @@ class DepthView:
         """Return the pose of the block on a peg, or why there is none."""
         return find_block(image, T_camera_board, board, block, peg)
 
-    def find_held_block(
-        self, image: RgbdImage, T_camera_board: SE3, block: Block, T_board_expected: SE3
-    ) -> BlockFit:
+    def find_held_block(self, image: RgbdImage, T_camera_board: SE3, block: Block, T_board_expected: SE3) -> BlockFit:
         """Return the pose of a block in an arm's jaws, or why there is none; asked only where arms hand over."""
         return find_held_block(image, T_camera_board, block, T_board_expected)
