@@ -1,5 +1,7 @@
 """What the innermost wrapper lets through, changes, and refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trio
@@ -266,3 +268,35 @@ def test_arms_that_are_too_near_may_still_go_apart():
     assert arms.run(lambda: arms.robot.move(to("a", 0.012, 0.06)))["a"].done
     arms, _ = pair(0.012, 0.0, min_distance_m=0.02)
     refused(arms, to("a", 0.012, 0.010), "comes within")
+
+
+class Believing:
+    """Who knows that an arm's joints are elsewhere than where its commands are."""
+
+    def __init__(self, robot, off):
+        self.robot, self.off = robot, off
+
+    def setpoint(self, arm):
+        told = self.robot.setpoint(arm)
+        return replace(told, q=told.q + self.off.get(arm, 0.0))
+
+    def expected(self, arm):
+        del arm
+        return None
+
+
+@pytest.mark.parametrize(("shift_m", "allowed"), [(0.0, False), (-0.04, True)])
+def test_distances_are_watched_where_the_joints_are_believed_to_be(shift_m, allowed):
+    """By its commands the other arm is in the way; its compensation knows that it is not."""
+    arms, _ = pair(0.05, 0.0)
+    arms.robot.belief = Believing(arms.robot, {"b": at("b", shift_m) - at("b", 0.0)})
+    if allowed:
+        assert arms.run(lambda: arms.robot.move(to("a", 0.05, 0.0)))["a"].done
+    else:
+        refused(arms, to("a", 0.05, 0.0), "comes within")
+
+
+def test_an_arm_that_is_believed_to_come_too_near_is_refused():
+    arms, _ = pair(0.05, -0.05)
+    arms.robot.belief = Believing(arms.robot, {"b": at("b", 0.0) - at("b", -0.05)})
+    refused(arms, to("a", 0.05, 0.0), "comes within")

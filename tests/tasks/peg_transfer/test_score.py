@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -419,3 +420,35 @@ def test_scoring_needs_nothing_of_the_simulator():
     code = "import sys, trocar.tasks.peg_transfer.score; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert [name for name in loaded if name.startswith(("trocar.sim", "mujoco"))] == []
+
+
+# Handovers.
+
+
+def handed(film, *arms):
+    """Return the truth of a film in which the first block was in these arms' jaws, one after the other."""
+    truth = film.truth()
+    rows = np.flatnonzero(truth.held[:, SOURCE])
+    held_by = {name: np.zeros_like(truth.held) for name in ("psm1", "psm2")}
+    for name, part in zip(arms, np.array_split(rows, len(arms)), strict=True):
+        held_by[name][part, SOURCE] = True
+    return replace(truth, held_by=held_by)
+
+
+def test_a_block_must_have_been_in_the_jaws_of_both_arms_where_it_is_to_be_handed_over():
+    film = Film().show(1.0).move(SOURCE, SOURCE, TARGET)
+    alone, both = handed(film, "psm1"), handed(film, "psm2", "psm1")
+    says_done = [note("DONE")]
+    (refused, *_), (done_so, *_) = (score_transfers(GOALS, truth, says_done, handover=True) for truth in (alone, both))
+    assert (refused.succeeded, refused.failure) == (False, TransferOutcome.NOT_HANDED_OVER.name)
+    assert "one arm alone" in refused.reason
+    assert done_so.succeeded
+    assert score_transfers(GOALS, alone, says_done)[0].succeeded, "elsewhere one arm will do"
+
+
+def test_to_be_touched_by_the_other_arm_before_or_after_is_no_handover():
+    film = Film().show(1.0).move(SOURCE, SOURCE, TARGET)
+    truth = handed(film, "psm1")
+    truth.held_by["psm2"][:50, SOURCE] = True
+    truth.held_by["psm2"][-50:, SOURCE] = True
+    assert score_transfers(GOALS, truth, [], handover=True)[0].failure == TransferOutcome.NOT_HANDED_OVER.name

@@ -100,7 +100,7 @@ def test_every_variant_has_its_rows_of_the_paper():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"variant": "sideways"}, "variant 'sideways' of peg-transfer is unknown; choose one of unilateral"),
+        ({"variant": "sideways"}, "variant 'sideways' of peg-transfer is unknown; choose one of unilateral, bilateral, handover"),
         ({"budget_s": 0.0}, "budget of a trial is 0.0 s.*--budget"),
         ({"budget_s": float("inf")}, "budget of a trial is inf s; give a finite time.*--budget"),
         ({"budget_s": float("nan")}, "budget of a trial is nan s.*--budget"),
@@ -118,3 +118,28 @@ def test_a_station_without_a_board_is_refused_in_a_sentence():
 
 def test_the_options_are_what_tells_one_run_from_another():
     assert json.loads(json.dumps(TASK.options())) == {"variant": "unilateral", "transfers": 12, "budget_s": 180.0}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_every_variant_moves_every_block_there_and_back(variant):
+    goals = PegTransfer(variant=variant).goals()
+    assert len(goals) == 12
+    pegs = list(range(6))  # where each block is
+    for source, target in goals:
+        assert target not in pegs
+        pegs[pegs.index(source)] = target
+    assert pegs == list(range(6))
+    assert all((source < 6) == (number < 6) for number, (source, _) in enumerate(goals))
+
+
+@pytest.mark.parametrize(("variant", "arms"), [("unilateral", 1), ("bilateral", 2), ("handover", 2)])
+def test_a_variant_says_how_many_arms_work(variant, arms):
+    task = PegTransfer(variant=variant)
+    assert task.working_arms(STATION) == ("psm1", "psm2")[:arms]
+    assert task.known().variant == variant and variant in PAPER
+    alone = replace(STATION, arms={"psm1": STATION.arms["psm1"]})
+    if arms == 1:
+        assert task.at(alone) is alone
+    else:
+        with pytest.raises(TrocarError, match=rf"has one arm.*--variant {variant} needs two"):
+            task.at(alone)

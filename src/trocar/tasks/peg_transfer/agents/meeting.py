@@ -123,7 +123,7 @@ def choose_taking(
 
     Args:
         giver: holds the block.
-            receiver: is to take it.
+        receiver: is to take it.
         T_world_board: pose of the board.
         T_board_block: pose of the block, as it was seen.
         T_board_giver: of the giving tip, as its joints tell.
