@@ -282,7 +282,6 @@ class Believing:
 
     def expected(self, arm):
         del arm
-        return None
 
 
 @pytest.mark.parametrize(("shift_m", "allowed"), [(0.0, False), (-0.04, True)])

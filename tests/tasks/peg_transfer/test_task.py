@@ -100,7 +100,10 @@ def test_every_variant_has_its_rows_of_the_paper():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"variant": "sideways"}, "variant 'sideways' of peg-transfer is unknown; choose one of unilateral, bilateral, handover"),
+        (
+            {"variant": "sideways"},
+            "variant 'sideways' of peg-transfer is unknown; choose one of unilateral, bilateral, handover",
+        ),
         ({"budget_s": 0.0}, "budget of a trial is 0.0 s.*--budget"),
         ({"budget_s": float("inf")}, "budget of a trial is inf s; give a finite time.*--budget"),
         ({"budget_s": float("nan")}, "budget of a trial is nan s.*--budget"),

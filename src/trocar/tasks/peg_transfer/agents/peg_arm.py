@@ -19,7 +19,7 @@ from trocar.perception.image import RgbdImage
 from trocar.tasks.kit import ArmScript, Brief
 from trocar.tasks.peg_transfer.agents.settings import GRASP_RULES, OUTER_RULES
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.traffic import Blocked, Traffic
+from trocar.tasks.peg_transfer.agents.traffic import Blocked, Leaving, Traffic
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, choose_grasp
 from trocar.tasks.peg_transfer.places import choose_place, held_block
@@ -127,15 +127,16 @@ class PegArm:
             refusal = grasp.reason
         return refusal, TransferOutcome.OUT_OF_REACH
 
-    async def go_to(self, grasp: Grasp) -> bool:
+    async def go_to(self, grasp: Grasp, source: int) -> bool:
         """Travel over the pegs, then down round the wall of a block, the jaws open; False if no motion does it."""
         opening = float(np.clip(grasp.jaw_rad, self.settings.release_rad, self.settings.jaw_open_rad))
         for margin_m in self.margins_m():
-            motion = await self.plan(lambda: self._approach(grasp.T_board_tip))
-            if motion is None:
+            planned = await self.plan(lambda: (self._approach(grasp.T_board_tip), self._leaving(grasp, source)))
+            if planned is None:
                 return False
+            motion, leaving = planned
             try:
-                await self.move(motion, jaw_rad=opening, margin_m=margin_m)
+                await self.move(motion, jaw_rad=opening, margin_m=margin_m, leaving=leaving)
             except Blocked:
                 await self.give_way()
                 continue
@@ -227,22 +228,32 @@ class PegArm:
     async def shift(self, line_m: Sequence[float], margin_m: float, meets_s: float = inf) -> None:
         """Move the tip straight, in the board's axes."""
         line = self.T_base_board.rotation.apply(np.array(line_m))
+        motion = await self.plan(lambda: self._prepared(straight(self.model, self.hand.q, line, self.settings.limits)))
+        if motion is not None:
+            await self.move(motion, margin_m=margin_m, meets_s=meets_s)
 
-        def motion() -> Trajectory:
-            straight_on = straight(self.model, self.hand.q, line, self.settings.limits)
-            self.cell.robot.prepare({self.name: straight_on})
-            return straight_on
-
-        planned = await self.plan(motion)
-        if planned is not None:
-            await self.move(planned, margin_m=margin_m, meets_s=meets_s)
+    def _prepared(self, motion: Trajectory) -> Trajectory:
+        """Return a motion, its commands found already."""
+        self.cell.robot.prepare({self.name: motion})
+        return motion
 
     async def go_home(self) -> None:
         """Rise and leave the camera's view of the board."""
         await self.retreat()
         if np.abs(self.hand.q - self.home).max() < AT_HOME:
             return
-        await self.move(rest_to_rest(self.hand.q, self.home, self.settings.limits))
+        motion = await self.plan(lambda: self._prepared(rest_to_rest(self.hand.q, self.home, self.settings.limits)))
+        if motion is not None:
+            await self.move(motion)
+
+    def _leaving(self, grasp: Grasp, source: int) -> Leaving | None:
+        """Return how the arm lifts the block that it is about to grasp."""
+        block = self.table.blocks.get(source)
+        if block is None:
+            return None
+        lifted = raised(grasp.T_board_tip, float(grasp.T_board_tip.translation_m[2]) + self.settings.lift_m)
+        motion = rest_to_rest(self.ik(grasp.T_board_tip), self.ik(lifted), self.settings.limits)
+        return Leaving(motion, self.gripped(grasp, block))
 
     def margins_m(self) -> list[float]:
         """Return the margins to the other arm that are tried in turn."""
@@ -266,6 +277,7 @@ class PegArm:
         jaw_rad: float | None = None,
         margin_m: float | None = None,
         meets_s: float = inf,
+        leaving: Leaving | None = None,
     ) -> None:
         """Run a motion as soon as the other arm leaves room for it, and meanwhile drive the jaws.
 
@@ -274,12 +286,13 @@ class PegArm:
             jaw_rad: opening of the jaws; None: as they are.
             margin_m: to keep to the other arm; None: as usual.
             meets_s: from this time of the motion on, the jaws may meet the block in the other arm's jaws.
+            leaving: how the arm gets away from where the motion ends.
 
         Raises:
             Blocked: the other arm is in the way, and waiting does not help.
             ArmStopped: the arm did not come to the end.
         """
-        await self.traffic.admit(self.hand, motion, jaw_rad, margin_m, meets_s)
+        await self.traffic.admit(self.hand, motion, jaw_rad, margin_m, meets_s, leaving)
         if jaw_rad is None:
             execution = await self.traffic.run(self.hand, motion)
         else:
@@ -301,9 +314,7 @@ class PegArm:
         """Return such a motion, and when it passes the joints."""
         up = self.T_base_board.matrix[:3, 2]
         plan = plan_through(self.model, np.array(points), self.settings.limits, up=up, planner=self.planner)
-        trajectory = plan.trajectory
-        self.cell.robot.prepare({self.name: trajectory})
-        return TimedPath(trajectory, next(iter(plan.waypoint_times_s.values())))
+        return TimedPath(self._prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
 
     async def plan(self, compute: Callable[[], Result]) -> Result | None:
         """Plan a motion; None, with the reason in the log, where a pose or the way to it leaves the joints' ranges."""

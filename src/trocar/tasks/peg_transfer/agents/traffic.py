@@ -9,7 +9,7 @@ import numpy as np
 import trio
 
 from trocar.arms import ArmModel
-from trocar.cell import Cell, Execution
+from trocar.cell import Cell, Execution, SetPoint
 from trocar.geometry import SE3
 from trocar.motion import MovingArm, swept_clearance
 from trocar.tasks.kit import ArmScript
@@ -28,8 +28,25 @@ GUARDED_M = 5e-5
 """Arms that are nearer even than that: the guards let them come .1 mm nearer on their way apart."""
 
 
+AT_END = 1e-6
+"""An arm this close (rad, m) to the end of its motion has come there."""
+
+
 class Blocked(Exception):
     """A motion cannot start, and waiting does not help."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leaving:
+    """How an arm gets away from where a motion takes it.
+
+    Attributes:
+        motion: from there up to where it is free of the pegs.
+        T_tip_block: the block that it will have in its jaws then; None: empty.
+    """
+
+    motion: Trajectory
+    T_tip_block: SE3 | None
 
 
 @dataclass
@@ -41,6 +58,7 @@ class _Lane:
         T_world_base: its base as registered.
         announced: its motion, and the clock at its start; None at rest.
         T_tip_block: the block in its jaws; None: empty.
+        leaving: how it gets away from where that motion ends; None: that is no question there.
         jaw_rad: widest opening of its jaws on that motion.
         waiting: whether it waits until another arm does something else.
         pressed: set when it is asked to give way.
@@ -50,6 +68,7 @@ class _Lane:
     T_world_base: SE3
     announced: tuple[Trajectory, float] | None = None
     T_tip_block: SE3 | None = None
+    leaving: Leaving | None = None
     jaw_rad: float = 0.0
     waiting: bool = False
     pressed: trio.Event = field(default_factory=trio.Event)
@@ -90,6 +109,7 @@ class Traffic:
         jaw_rad: float | None = None,
         margin_m: float | None = None,
         meets_s: float = inf,
+        leaving: Leaving | None = None,
     ) -> None:
         """Return when a motion is free; it is announced then, and ``run`` has to follow.
 
@@ -99,6 +119,7 @@ class Traffic:
             jaw_rad: opening that the jaws come to on the way; None: they stay as they are.
             margin_m: to keep to other arms; None: as usual.
             meets_s: from this time of the motion on, the jaws may meet the block in the other arm's jaws.
+            leaving: how the arm gets away from where the motion ends; the other arm must leave room for that too.
 
         Raises:
             Blocked: waiting does not help.
@@ -107,13 +128,13 @@ class Traffic:
         lane.jaw_rad = max(0.0, hand.jaw_rad, jaw_rad or 0.0)
         margin = self._settings.margin_m if margin_m is None else margin_m
         deadline_s = clock.now_s() + self._settings.patience_s
-        while (delay := self._free(hand.name, trajectory, margin, meets_s)) != 0.0:
+        while (delay := self._free(hand.name, trajectory, margin, meets_s, leaving)) != 0.0:
             with self._cell.log.span(hand.name, "waiting"):
                 if delay is not None:
                     await clock.sleep(delay)
                 else:
                     await self._wait_for_change(hand.name, lane, deadline_s)
-        lane.announced = (trajectory, clock.now_s())
+        lane.announced, lane.leaving = (trajectory, clock.now_s()), leaving
         self._tell()
 
     async def run(self, hand: ArmScript, trajectory: Trajectory) -> Execution:
@@ -149,7 +170,9 @@ class Traffic:
         changed, self._changed = self._changed, trio.Event()
         changed.set()
 
-    def _free(self, name: str, trajectory: Trajectory, margin_m: float, meets_s: float) -> float | None:
+    def _free(
+        self, name: str, trajectory: Trajectory, margin_m: float, meets_s: float, leaving: Leaving | None
+    ) -> float | None:
         """Return after what delay a motion is free; None if it is not as long as the other arms stay where they go."""
         now = self._cell.clock.now_s()
         lane = self._lanes[name]
@@ -160,6 +183,8 @@ class Traffic:
             if key == name:
                 continue
             body = self._body(key, other)
+            if not self._can_leave(lane, leaving, other, body, trajectory):
+                return None
             least = _least(mover, body, now, margin_m, meets_s)
             until = max(0.0, body.arm.end_s - now)
             found = least_delay_s(mover, body, now, least, _delays(until), meets_s)
@@ -169,6 +194,27 @@ class Traffic:
         if delay == 0.0 and not self._certain(name, mover, now, margin_m):
             return DELAY_STEP_S if self._anybody_moves(name) else None
         return delay
+
+    def _can_leave(
+        self, lane: _Lane, leaving: Leaving | None, other: _Lane, body: Body, trajectory: Trajectory
+    ) -> bool:
+        """Return whether two arms could get away from where their motions end, one while the other rests there."""
+        least = self._settings.least_margin_m
+        mine = MovingArm.resting(lane.model, trajectory(trajectory.times_s[-1]), lane.T_world_base, lane.jaw_rad)
+        theirs = MovingArm.resting(other.model, body.arm.joints(body.arm.end_s), other.T_world_base, body.arm.jaw_rad)
+        ways = [
+            (leaving, lane, Body(theirs, body.T_tip_block, self._block)),
+            (other.leaving, other, Body(mine, None, self._block)),
+        ]
+        for way, mover, still in ways:
+            if way is None:
+                continue
+            arm = MovingArm(mover.model, way.motion, mover.T_world_base, 0.0, lane.jaw_rad)
+            start = Body(arm, way.T_tip_block, self._block)
+            here = float(distances_m(start, np.zeros(1), still, np.zeros(1))[0])
+            if least_delay_s(start, still, 0.0, _relaxed(least, here), [0.0]) is None:
+                return False
+        return True
 
     def _certain(self, name: str, mover: Body, now_s: float, margin_m: float) -> bool:
         """Return whether the instruments keep the margin between the samples too."""
@@ -186,13 +232,12 @@ class Traffic:
         """Return an arm as it is now: on the rest of what it announced, or resting; its clock is the cell's."""
         robot, now = self._cell.robot, self._cell.clock.now_s()
         told = robot.setpoint(name)
-        if lane.announced is None or (not told.moving and now > lane.announced[1]):
+        if lane.announced is None or _ended(lane.announced[0], told):
             hold = Trajectory(np.array([0.0, 1e-3]), told.q[None, None])
             arm = MovingArm(lane.model, hold, lane.T_world_base, now - 1e-3, max(0.0, robot.read(name).jaw_rad))
         else:
-            trajectory, start = lane.announced
-            begun = now - told.path_s if told.moving else start
-            arm = MovingArm(lane.model, trajectory, lane.T_world_base, begun, lane.jaw_rad)
+            begun = now - told.path_s if told.moving else now  # admitted, and about to start
+            arm = MovingArm(lane.model, lane.announced[0], lane.T_world_base, begun, lane.jaw_rad)
         return Body(arm, lane.T_tip_block, self._block)
 
 
@@ -204,6 +249,11 @@ def _least(mover: Body, other: Body, now_s: float, margin_m: float, meets_s: flo
 
 def _relaxed(margin_m: float, here_m: float) -> float:
     return min(margin_m, max(here_m - CLOSER_M, min(LEAST_M, here_m - GUARDED_M)))
+
+
+def _ended(motion: Trajectory, told: SetPoint) -> bool:
+    """Return whether an arm rests at the end of its motion."""
+    return not told.moving and bool(np.abs(motion(motion.times_s[-1]) - told.q).max() < AT_END)
 
 
 def _delays(until_s: float) -> list[float]:

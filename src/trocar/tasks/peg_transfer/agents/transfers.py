@@ -87,7 +87,7 @@ class OneArm:
             grasp = await self._see(source, failed)
             if not isinstance(grasp, Grasp):
                 return grasp
-            if not await self.arm.go_to(grasp):
+            if not await self.arm.go_to(grasp, source):
                 return TransferOutcome.OUT_OF_REACH
             if await self.arm.grip(self.arm.gripped(grasp, self.table.blocks[source])):
                 return grasp

@@ -1,0 +1,87 @@
+"""What two arms tell each other about one transfer, and what both sides of a handover can do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import trio
+
+from trocar.geometry import SE3
+from trocar.tasks.peg_transfer.agents.meeting import Partner, Ways
+from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
+
+AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED)
+"""Ends of a meeting after which it is worth another try: the block is back where it was."""
+
+
+@dataclass(eq=False)
+class Appointment:
+    """What the two scripts tell each other about one transfer.
+
+    Attributes:
+        goal: the transfer.
+        start_s: when the giving arm began.
+        T_board_block: where the block is offered, as the giving arm's joints tell.
+        passed: whether the receiving arm has had the block.
+        offered: the giving arm holds the block still, and waits.
+        taken: the receiving arm holds it too.
+        parted: the giving arm has let go and gone.
+        outcome: why nothing comes of it; None: it goes well.
+        reason: a sentence, where there is one.
+    """
+
+    goal: Transfer
+    start_s: float = 0.0
+    T_board_block: SE3 | None = None
+    outcome: TransferOutcome | None = None
+    reason: str = ""
+    passed: bool = False
+    offered: trio.Event = field(default_factory=trio.Event)
+    taken: trio.Event = field(default_factory=trio.Event)
+    parted: trio.Event = field(default_factory=trio.Event)
+
+    def fail(self, outcome: TransferOutcome, reason: str = "") -> None:
+        """End it."""
+        if self.outcome is None:
+            self.outcome, self.reason = outcome, reason
+        for event in (self.offered, self.taken, self.parted):
+            event.set()
+
+
+class Side:
+    """One of the two arms of a handover.
+
+    Attributes:
+        arm: this one.
+        other: its partner.
+    """
+
+    def __init__(self, arm: PegArm, other: PegArm):
+        self.arm, self.other = arm, other
+        self.cell, self.settings, self.table = arm.cell, arm.settings, arm.table
+
+    @property
+    def own_side(self) -> float:
+        """Return the sign of x in the board's frame on the side of the arm's base."""
+        return float(np.sign(self.arm.T_base_board.inverse().translation_m[0]))
+
+    async def rise(self) -> None:
+        """Rise straight out of a block that the other arm holds."""
+        await self.arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, meets_s=0.0)
+
+    async def wait_for(self, event: trio.Event) -> None:
+        """Wait for what the other arm does."""
+        with self.cell.log.span(self.arm.name, "waiting"):
+            await event.wait()
+
+    def partners(self, giver: PegArm, receiver: PegArm) -> tuple[Partner, Partner]:
+        """Return both arms; the giving one's jaws are closed on a block."""
+        bases, open_rad = self.cell.T_world_base_registered, self.settings.release_rad
+        arms = (giver, receiver)
+        return tuple(Partner(arm.model, bases[arm.name], open_rad, giver.hand.jaw_rad) for arm in arms)  # type: ignore
+
+    def ways(self) -> Ways:
+        """Return how the arms come together and part."""
+        return Ways(self.settings.waits_above_m, self.settings.parts_m, self.settings.depth_m)
