@@ -2,7 +2,7 @@
 
 from trocar.robots.calibrated import Calibrated
 from trocar.robots.driver import TICK_S, Driver
-from trocar.robots.guarded import ArmGuard, Guarded
+from trocar.robots.guarded import ArmGuard, Belief, Guarded
 from trocar.robots.playback import Playback
 
-__all__ = ["TICK_S", "ArmGuard", "Calibrated", "Driver", "Guarded", "Playback"]
+__all__ = ["TICK_S", "ArmGuard", "Belief", "Calibrated", "Driver", "Guarded", "Playback"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,7 @@ class ArmGuard:
     workspace_m: NDArray[np.float64] | None = None
 
 
+@runtime_checkable
 class Belief(Protocol):
     """Who compensates an arm's cables, and so knows where its commands lead."""
 

@@ -15,7 +15,7 @@ from trio.testing import MockClock, wait_all_tasks_blocked
 from trocar.cell import Cell, Result
 from trocar.log import CellLog
 from trocar.perception.image import Image, RgbdImage, StereoImage, StereoRig
-from trocar.robots import TICK_S, ArmGuard, Guarded
+from trocar.robots import TICK_S, ArmGuard, Belief, Guarded
 from trocar.sim.camera import RayCamera
 from trocar.sim.mjcf import CellModel, Servo, Surface
 from trocar.sim.pace import Pace, Script, Stepping, Virtual
@@ -177,8 +177,9 @@ class SimLaboratory:
         """Let the robot wear one more wrapper, which ``wrap`` makes of the cell; return the cell with it."""
         self.cell = replace(self.cell, robot=wrap(self.cell))
         self.recorder.asked_of = self.cell.robot
-        if hasattr(self.cell.robot, "expected"):
-            self._guard.belief = self.cell.robot
+        robot = self.cell.robot
+        if isinstance(robot, Belief):
+            self._guard.belief = robot
         return self.cell
 
     def tick(self) -> None:
