@@ -123,7 +123,7 @@ def test_new_session_mounts_the_instruments_again_and_is_another_run(trocar, pla
 
 def test_a_flawless_camera_is_told(trocar, played, tmp_path):
     _, out, _ = trocar("run", "peg-transfer", "--flawless-camera", "--out", tmp_path)
-    assert "flaws of camera overhead: off" in " ".join(out.split()), out
+    assert "flaws of camera overhead: switched off" in " ".join(out.split()), out
 
 
 # Trials that are not counted.
