@@ -33,9 +33,10 @@ MIN_GAP_M = 0.5e-3
 VARIANTS = tuple(GOALS)
 TWO_ARMS = ("bilateral", "handover")
 
+_SETTINGS = "trocar.tasks.peg_transfer.agents.settings"
 _AGENT = {
     "agent": Lazy("trocar.tasks.peg_transfer.agents:agent_of"),
-    "settings": Lazy("trocar.tasks.peg_transfer.agents.settings:Settings"),
+    "settings": Lazy(f"{_SETTINGS}:Settings"),
     "perception": "depth",
 }
 _WORLD = Lazy("trocar.tasks.peg_transfer.world.peg_world:PegWorld")
@@ -60,6 +61,16 @@ class PegTransfer(Task):
     methods: ClassVar = {
         "calibrated": Method("cables compensated by a model that was fitted in this session", **_AGENT),
         "uncalibrated": Method("encoder readings taken for the joints", calibrated=False, **_AGENT),
+        "optimized": Method(
+            "calibrated, the paper's SQP refining its splines",
+            **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:patient")},
+            planner="sqp",
+        ),
+        "best": Method(
+            "calibrated, time-optimal motion, budgets as short as our own computations",
+            **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:quick")},
+            planner="optimal",
+        ),
     }
     perceptions: ClassVar = {"depth": Lazy("trocar.tasks.peg_transfer.perception.depth_view:DepthView")}
     report = Lazy("trocar.tasks.peg_transfer.report:PegReport")

@@ -88,3 +88,16 @@ class Settings:
     rounds: int = 2
     pause_s: float = 0.3
     looks: int = 5
+
+
+def patient() -> Settings:
+    """Return the settings for the paper's SQP, which takes .3 s a motion and .4 s at times (``bench_planning.py``)."""
+    return Settings(planning_budget_s=0.4)
+
+
+def quick() -> Settings:
+    """Return the settings that declare what our own computations take: p95 of them on one shared core.
+
+    A run says where a machine needs longer (``missed_budgets``).
+    """
+    return Settings(perception_budget_s=0.085, planning_budget_s=0.06)
