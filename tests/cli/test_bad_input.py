@@ -102,7 +102,7 @@ PLUGGED = (
 BAD = [
     "run peg-transfers",
     "run debridement",
-    f"{RUN} --variant bilateral",
+    f"{RUN} --variant trilateral",
     f"{RUN} --method magic",
     f"{RUN} --model gru",
     f"{RUN} --trials 0",

@@ -40,14 +40,17 @@ def test_a_run_of_a_plugin_brings_it_along(tmp_path):
 
 def test_models_are_shared_where_nothing_differs_that_they_depend_on():
     run = config(model="offset")
-    same = [RunConfig(ONE, model="offset"), config(model="offset", planner="spline", new_session=True, trials=5)]
+    same = [
+        RunConfig(ONE, model="offset", calibration="joints"),
+        config(model="offset", planner="spline", new_session=True, trials=5),
+    ]
     other = [config(model="ridge"), config(model="offset", seed=1), config(model="offset", flawless_camera=True)]
     assert {calibration_key(one, "psm1") for one in same} == {calibration_key(run, "psm1")}
     assert calibration_key(run, "psm1") not in {calibration_key(one, "psm1") for one in other}
 
 
 def test_a_shared_model_is_the_one_that_a_run_by_itself_fits(tmp_path, monkeypatch):
-    first, second = config(model="offset"), RunConfig(ONE, model="offset")
+    first, second = config(model="offset"), RunConfig(ONE, model="offset", calibration="joints")
     alone = tmp_path / "alone"
     prepare(second, 0, alone)
     runs = ((first, tmp_path / "first"), (second, tmp_path / "second"))

@@ -330,7 +330,7 @@ def test_a_run_that_is_killed_again_and_again_ends_as_one_that_is_not(tmp_path):
     ended(started(torn, hash_seed="9"))
     assert trial_files(torn) == [trial_file(torn, *place) for place in ((0, 0), (1, 0))]
     kept = sorted(file.relative_to(whole) for file in whole.glob("session_*/*.npz"))
-    assert len(kept) == 4, "two trials and two models"
+    assert len(kept) == 6, "two trials, two models, and what two calibrations saw"
     for file in [*kept, "run.json"]:
         assert (whole / file).read_bytes() == (torn / file).read_bytes(), file
     trials, strange = load_trials(torn)

@@ -67,7 +67,7 @@ class PegTransfer(Task):
             planner="sqp",
         ),
         "best": Method(
-            "calibrated, time-optimal motion, budgets as short as our own computations",
+            "calibrated, each motion as short as the limits allow, budgets as short as the computations",
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:quick")},
             planner="optimal",
         ),
