@@ -9,9 +9,11 @@ from hypothesis import settings
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# A shared machine pauses where it likes: how long an example takes says nothing.
-settings.register_profile("shared-machine", deadline=None)
-settings.load_profile("shared-machine")
+# A shared machine pauses where it likes: how long an example takes says nothing. Everybody's run tries the same
+# examples, so that a failure is always news of the code; `--hypothesis-profile explore` tries new ones.
+settings.register_profile("same", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None, derandomize=False)
+settings.load_profile("same")
 
 
 def recordings_folder() -> Path:

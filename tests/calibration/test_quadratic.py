@@ -66,8 +66,7 @@ def test_the_reach_is_what_a_linear_programme_finds(seed, top):
         b_eq=[-speed],
         bounds=[(-push, push)] * len(h),
     )
-    if best.status == 2:
-        pytest.skip("no path of these intervals comes to rest")
+    assert best.status == 0  # some path of these intervals comes to rest
     found = spline.reach(np.array([speed]), limits)[0]
     exact = speed * times[-1] - best.fun
     if top > 1.0:

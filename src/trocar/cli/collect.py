@@ -9,23 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress
 
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
+from trocar.cli.progress import COLUMNS
 from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
     from trocar.collect.collection import Collection
-
-COLUMNS = (
-    TextColumn("{task.description}"),
-    BarColumn(),
-    MofNCompleteColumn(),
-    TimeElapsedColumn(),
-    TextColumn("left"),
-    TimeRemainingColumn(),
-)
 
 SESSION, COLLECTION, FIT = range(3)
 """Streams of randomness under the seed."""

@@ -9,25 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress
 
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
+from trocar.cli.progress import COLUMNS
 from trocar.cli.task_group import TaskGroup
 from trocar.tasks import TASKS, Task
 
 if TYPE_CHECKING:
     from trocar.trials import Trial
     from trocar.trials.config import RunConfig
-
-COLUMNS = (
-    TextColumn("{task.description}"),
-    BarColumn(),
-    MofNCompleteColumn(),
-    TimeElapsedColumn(),
-    TextColumn("left"),
-    TimeRemainingColumn(),
-)
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 

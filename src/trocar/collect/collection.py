@@ -29,7 +29,7 @@ SAMPLE_S = 0.75
 """Time of one sample: a move of .1 rad, settling, an exposure of .15 s (recordings: .4 to 1.1 s; the paper: .8 s)."""
 SAVED_EVERY = 25
 """Rows after which what was found is saved."""
-LEAST_ROWS = 30
+MIN_ROWS = 30
 FORMAT, VERSION = "trocar sphere centres", 1
 
 Listener = Callable[[int, int], None]
@@ -68,8 +68,8 @@ class Collection:
             fixture: that the arm wears.
             flaws: of the camera, in place of the station's.
         """
-        if rows < LEAST_ROWS:
-            raise TrocarError(f"a collection of {rows} rows is too small to fit on; give {LEAST_ROWS} or more")
+        if rows < MIN_ROWS:
+            raise TrocarError(f"a collection of {rows} rows is too small to fit on; give {MIN_ROWS} or more")
         station = session.station
         self._session, self.arm, self.fixture, self._flaws = session, arm, fixture, flaws
         self.model = station.arm(arm).model

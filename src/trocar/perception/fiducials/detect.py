@@ -16,17 +16,17 @@ from trocar.perception.image import RgbdImage
 
 HUE_DEG = 20.0
 """A pixel is of a paint if its hue is this near; the paints are 48 deg apart or more, noise moves a hue by some deg."""
-LEAST_SATURATION, LEAST_VALUE = 0.45, 0.14
+MIN_SATURATION, MIN_VALUE = 0.45, 0.14
 """Less is metal, carbon or dark, where hue means nothing."""
-LEAST_SHARE = 0.15
+MIN_SHARE = 0.15
 """Of a sphere's disc that must be seen."""
-LEAST_GOOD = 0.7
+MIN_GOOD = 0.7
 """Share of a patch's points that must lie on one sphere; less are two spheres behind each other."""
-MOST_RMS_M = 0.5e-3
+MAX_RMS_M = 0.5e-3
 """Of these points about the sphere; the sensor's noise is .2 mm."""
 RADIUS_OFF_M = 0.6e-3
 """By which a found radius may differ from that of the sphere it is taken for."""
-MOST_POINTS = 300
+MAX_POINTS = 300
 """Of a patch that are fitted: more find the centre no better."""
 OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
 
@@ -50,7 +50,7 @@ def find_spheres(image: RgbdImage, fixture: Fixture) -> NDArray[np.float64]:
     """
     check_image(image)
     hsv = cv2.cvtColor(image.color, cv2.COLOR_RGB2HSV_FULL)
-    clear = (hsv[..., 1] >= 255 * LEAST_SATURATION) & (hsv[..., 2] >= 255 * LEAST_VALUE) & np.isfinite(image.depth_m)
+    clear = (hsv[..., 1] >= 255 * MIN_SATURATION) & (hsv[..., 2] >= 255 * MIN_VALUE) & np.isfinite(image.depth_m)
     centers = np.full((len(fixture.spheres), 3), np.nan)
     for color in {sphere.color: None for sphere in fixture.spheres}:
         wanted = [number for number, sphere in enumerate(fixture.spheres) if sphere.color == color]
@@ -80,13 +80,13 @@ def _patches(image: RgbdImage, mask: NDArray[np.uint8], radius_m: float) -> list
         here = labels[window] == label
         depth = image.depth_m[window][here].astype(np.float64)
         disc_px = np.pi * (radius_m * image.intrinsics.fx / np.median(depth)) ** 2
-        if area < LEAST_SHARE * disc_px:
+        if area < MIN_SHARE * disc_px:
             continue
         pixels = np.argwhere(here)[:, ::-1] + (u, v)
-        some = slice(None, None, 1 + len(pixels) // MOST_POINTS)
+        some = slice(None, None, 1 + len(pixels) // MAX_POINTS)
         points = rays_through(image.intrinsics, pixels[some]) * depth[some, None]
         rough = fit_sphere(points)
-        if rough is not None and rough.share >= LEAST_GOOD and rough.rms_m <= MOST_RMS_M:
+        if rough is not None and rough.share >= MIN_GOOD and rough.rms_m <= MAX_RMS_M:
             found.append(_Patch(points, rough))
     return found
 
@@ -106,5 +106,5 @@ def _assigned(patches: Sequence[_Patch], radii_m: NDArray[np.float64]) -> dict[i
 
 def _center(patch: _Patch, radius_m: float) -> NDArray[np.float64]:
     fit = fit_sphere(patch.points_m, radius_m, patch.rough.center_m)
-    good = fit is not None and fit.share >= LEAST_GOOD and fit.rms_m <= MOST_RMS_M
+    good = fit is not None and fit.share >= MIN_GOOD and fit.rms_m <= MAX_RMS_M
     return fit.center_m if fit is not None and good else np.full(3, np.nan)

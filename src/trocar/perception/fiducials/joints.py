@@ -11,7 +11,7 @@ from trocar.geometry import TURN
 from trocar.geometry.rigid_fit import fit_rigid
 from trocar.perception.fiducials.fixture import Fixture
 
-LEAST_ON_JAW = 3
+MIN_ON_JAW = 3
 
 
 def require_psm(arm: ArmModel) -> None:
@@ -75,7 +75,7 @@ def jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]
     rotations = np.full((len(p_base_m), 3, 3), np.nan)
     for row, p in enumerate(p_base_m[:, jaw]):
         seen = np.isfinite(p).all(-1)
-        if seen.sum() >= LEAST_ON_JAW:
+        if seen.sum() >= MIN_ON_JAW:
             rotations[row] = fit_rigid(known[seen], p[seen]).T_target_source.rotation.matrix
     return rotations
 

@@ -13,13 +13,13 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.geometry.rigid_fit import fit_rigid
 from trocar.perception.fiducials.fixture import Fixture
-from trocar.perception.fiducials.joints import LEAST_ON_JAW, joints_from_spheres, require_psm
+from trocar.perception.fiducials.joints import MIN_ON_JAW, joints_from_spheres, require_psm
 
 SHAFT_OFF_M = 1.0e-3
 """Farther from where the encoders of the outer joints say, a centre on the shaft is none: they are off by .1 mm."""
 DISTANCE_OFF_M = 1.0e-3
 """By so much two spheres of the jaw may be nearer or farther than printed; measured: .1 mm RMS."""
-LEAST_ROWS = 10
+MIN_ROWS = 10
 
 GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft", "fewer than 3 spheres on the jaw"
 
@@ -114,9 +114,9 @@ def register_base(
     """
     require_psm(arm)
     seen = np.isfinite(p_camera_m).all(-1) & fixture.on_shaft
-    if seen.any(axis=1).sum() < LEAST_ROWS:
+    if seen.any(axis=1).sum() < MIN_ROWS:
         raise TrocarError(
-            f"the shaft's spheres were seen in {seen.any(axis=1).sum()} images; the base needs {LEAST_ROWS} or more: "
+            f"the shaft's spheres were seen in {seen.any(axis=1).sum()} images; the base needs {MIN_ROWS} or more: "
             "collect more rows, or look whether the camera sees the arm"
         )
     source, target = fixture.base_centers_m(arm, q_cmd)[seen], p_camera_m[seen]
@@ -156,7 +156,7 @@ def _flag(fixture: Fixture, seen: NDArray[np.bool_]) -> str:
         return NOTHING
     if not seen[fixture.on_shaft].any():
         return NO_SHAFT
-    return GOOD if seen[~fixture.on_shaft].sum() >= LEAST_ON_JAW else NO_JAW
+    return GOOD if seen[~fixture.on_shaft].sum() >= MIN_ON_JAW else NO_JAW
 
 
 def _rms(values: NDArray[np.float64]) -> float:

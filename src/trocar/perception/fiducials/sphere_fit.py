@@ -12,7 +12,7 @@ DONE_M = 1e-6
 """Gauss-Newton steps of a fit at most, and the change at which it ends."""
 LARGEST_M = 0.1
 """A larger radius is that of points on a plane or a line."""
-GATE_SIGMAS, LEAST_GATE_M = 3.0, 0.3e-3
+GATE_SIGMAS, MIN_GATE_M = 3.0, 0.3e-3
 """A point counts if its distance from the sphere is below so many SDs of the others', but never below the gate:
 pixels at the rim lie between the sphere and what is behind it."""
 
@@ -61,7 +61,7 @@ def fit_sphere(
         distance = np.linalg.norm(away, axis=1)
         residual = distance - radius
         spread = 1.4826 * float(np.median(np.abs(residual)))
-        used = np.abs(residual) < max(GATE_SIGMAS * spread, LEAST_GATE_M)
+        used = np.abs(residual) < max(GATE_SIGMAS * spread, MIN_GATE_M)
         if used.sum() < 4:
             return None
         slopes = -away[used] / np.maximum(distance[used], 1e-12)[:, None]

@@ -72,7 +72,7 @@ def distances_m(a: Body, a_s: NDArray[np.float64], b: Body, b_s: NDArray[np.floa
     return _gaps_m(a.ends_m(a_s), a.radii_m, b.ends_m(b_s), b.radii_m)
 
 
-def least_delay_s(
+def min_delay_s(
     mover: Body,
     other: Body,
     now_s: float,

@@ -257,7 +257,7 @@ class PegArm:
 
     def margins_m(self) -> list[float]:
         """Return the margins to the other arm that are tried in turn."""
-        return [self.settings.margin_m] + [self.settings.least_margin_m] * self.settings.detours
+        return [self.settings.margin_m] + [self.settings.min_margin_m] * self.settings.detours
 
     async def give_way(self) -> None:
         """Leave room for the other arm: go home, or wait where that cannot be or with a block in the jaws."""

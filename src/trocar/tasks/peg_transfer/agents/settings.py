@@ -36,6 +36,7 @@ class Settings:
         perception_budget_s: declared for registration and grasp planning (paper: .098 s).
         survey_budget_s: declared for registering the board, and for the last look at all blocks.
         planning_budget_s: declared for planning a motion (paper: .103 s).
+        traffic_budget_s: declared for checking a motion against what the other arm does.
         settle_s: rest after a motion before the jaws act.
         jaw_open_rad: widest opening round the wall of a block, against the clearance in its hole.
         release_rad: least opening there, and the one at which two arms have room in one hole.
@@ -48,7 +49,7 @@ class Settings:
         retries: how often a failed pick is tried again.
         limits: of velocity and acceleration.
         margin_m: kept between two arms, and between what they hold.
-        least_margin_m: the same for an arm that would be stuck otherwise.
+        min_margin_m: the same for an arm that would be stuck otherwise.
         meeting_margin_m: kept between two arms that hold one block.
         meeting_m: (3,) where blocks are handed over: middle of the block's lower face in the board's frame; 11 mm above
             the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
@@ -65,6 +66,7 @@ class Settings:
     perception_budget_s: float = 0.098
     survey_budget_s: float = 0.25
     planning_budget_s: float = 0.103
+    traffic_budget_s: float = 0.02
     settle_s: float = 0.06
     jaw_open_rad: float = 0.40
     release_rad: float = 0.32
@@ -77,7 +79,7 @@ class Settings:
     retries: int = 1
     limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])
     margin_m: float = 4e-3
-    least_margin_m: float = 2e-3
+    min_margin_m: float = 2e-3
     meeting_margin_m: float = 1.3e-3
     meeting_m: tuple[float, float, float] = (-2.5e-3, 0.0, 37e-3)
     waits_above_m: float = 13e-3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from math import inf
 
@@ -13,7 +14,7 @@ from trocar.cell import Cell, Execution, SetPoint
 from trocar.geometry import SE3
 from trocar.motion import MovingArm, swept_clearance
 from trocar.tasks.kit import ArmScript
-from trocar.tasks.peg_transfer.agents.moving_body import Body, distances_m, least_delay_s
+from trocar.tasks.peg_transfer.agents.moving_body import Body, distances_m, min_delay_s
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.block import Block
 from trocar.trajectory import Trajectory
@@ -22,7 +23,7 @@ DELAY_STEP_S = 0.08
 """Between the delays that are tried."""
 CLOSER_M = 0.5e-3
 """Arms that are nearer than the margin may come this much nearer on their way apart, ..."""
-LEAST_M = 1.2e-3
+MIN_DISTANCE_M = 1.2e-3
 """... but not nearer than this, if they are not yet: the stations' guards keep 1 mm."""
 GUARDED_M = 5e-5
 """Arms that are nearer even than that: the guards let them come .1 mm nearer on their way apart."""
@@ -128,7 +129,7 @@ class Traffic:
         lane.jaw_rad = max(0.0, hand.jaw_rad, jaw_rad or 0.0)
         margin = self._settings.margin_m if margin_m is None else margin_m
         deadline_s = clock.now_s() + self._settings.patience_s
-        while (delay := self._free(hand.name, trajectory, margin, meets_s, leaving)) != 0.0:
+        while (delay := await self._checked(hand.name, trajectory, margin, meets_s, leaving)) != 0.0:
             with self._cell.log.span(hand.name, "waiting"):
                 if delay is not None:
                     await clock.sleep(delay)
@@ -170,6 +171,24 @@ class Traffic:
         changed, self._changed = self._changed, trio.Event()
         changed.set()
 
+    async def _checked(
+        self, name: str, trajectory: Trajectory, margin_m: float, meets_s: float, leaving: Leaving | None
+    ) -> float | None:
+        """Return what ``_free`` does, on the cell's clock and in its log; an arm alone is free, and nothing is computed.
+
+        The declared time passes before the check: it has to see the newest state of the other arms, and nothing may
+        come between it and the announcement.
+        """
+        if len(self._lanes) == 1:
+            return 0.0
+        budget_s = self._settings.traffic_budget_s
+        with self._cell.log.span(name, "planning"):
+            await self._cell.clock.compute(lambda: None, budget_s)
+        begin = time.perf_counter()
+        delay = self._free(name, trajectory, margin_m, meets_s, leaving)
+        self._cell.log.compute("traffic", time.perf_counter() - begin, budget_s)
+        return delay
+
     def _free(
         self, name: str, trajectory: Trajectory, margin_m: float, meets_s: float, leaving: Leaving | None
     ) -> float | None:
@@ -187,7 +206,7 @@ class Traffic:
                 return None
             least = _least(mover, body, now, margin_m, meets_s)
             until = max(0.0, body.arm.end_s - now)
-            found = least_delay_s(mover, body, now, least, _delays(until), meets_s)
+            found = min_delay_s(mover, body, now, least, _delays(until), meets_s)
             if found is None:
                 return None
             delay = max(delay, found)
@@ -199,7 +218,7 @@ class Traffic:
         self, lane: _Lane, leaving: Leaving | None, other: _Lane, body: Body, trajectory: Trajectory
     ) -> bool:
         """Return whether two arms could get away from where their motions end, one while the other rests there."""
-        least = self._settings.least_margin_m
+        least = self._settings.min_margin_m
         mine = MovingArm.resting(lane.model, trajectory(trajectory.times_s[-1]), lane.T_world_base, lane.jaw_rad)
         theirs = MovingArm.resting(other.model, body.arm.joints(body.arm.end_s), other.T_world_base, body.arm.jaw_rad)
         ways = [
@@ -212,7 +231,7 @@ class Traffic:
             arm = MovingArm(mover.model, way.motion, mover.T_world_base, 0.0, lane.jaw_rad)
             start = Body(arm, way.T_tip_block, self._block)
             here = float(distances_m(start, np.zeros(1), still, np.zeros(1))[0])
-            if least_delay_s(start, still, 0.0, _relaxed(least, here), [0.0]) is None:
+            if min_delay_s(start, still, 0.0, _relaxed(least, here), [0.0]) is None:
                 return False
         return True
 
@@ -248,7 +267,7 @@ def _least(mover: Body, other: Body, now_s: float, margin_m: float, meets_s: flo
 
 
 def _relaxed(margin_m: float, here_m: float) -> float:
-    return min(margin_m, max(here_m - CLOSER_M, min(LEAST_M, here_m - GUARDED_M)))
+    return min(margin_m, max(here_m - CLOSER_M, min(MIN_DISTANCE_M, here_m - GUARDED_M)))
 
 
 def _ended(motion: Trajectory, told: SetPoint) -> bool:

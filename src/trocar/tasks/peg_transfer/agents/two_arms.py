@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -14,7 +15,7 @@ from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.traffic import Blocked, Traffic
 
 
-class TwoArms:
+class TwoArms(ABC):
     """What the scripts with two arms share.
 
     Attributes:
@@ -40,9 +41,9 @@ class TwoArms:
         await self.transfer_all()
         await self.table.check(self.right.hand)
 
+    @abstractmethod
     async def transfer_all(self) -> None:
         """Do the transfers."""
-        raise NotImplementedError
 
 
 async def together(*scripts: Callable[[], Awaitable[Any]]) -> None:
