@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from trocar.geometry import SE3
 from trocar.tasks.kit import METHODS, Method
 from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
-from trocar.tasks.peg_transfer.grasps import Grasp
+from trocar.tasks.peg_transfer.goals import Transfer
 
 
 @dataclass(frozen=True)
@@ -23,13 +22,10 @@ class PatientSettings(Settings):
 class SecondLook(Unilateral):
     """Does what the built-in agent does, and takes a picture before it releases a block."""
 
-    async def _carry(self, grasp: Grasp, T_board_block: SE3, target: int) -> SE3 | None:
-        """Carry the block, then look."""
-        placed = await super()._carry(grasp, T_board_block, target)
-        if placed is not None:
-            image = await self.table.capture(self.arm.hand)
-            self.cell.log.event("second look", peg=target, time_of_image_s=image.time_s)
-        return placed
+    async def before_release(self, goal: Transfer) -> None:
+        """Look."""
+        image = await self.table.capture(self.arm.hand)
+        self.cell.log.event("second look", peg=goal.target, time_of_image_s=image.time_s)
 
 
 METHODS.register(

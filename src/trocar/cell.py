@@ -130,7 +130,8 @@ class Robot(Protocol):
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Compute beforehand what these motions need, so that ``move`` starts them at once.
 
-        A script calls it where it plans, so that the time counts there.
+        A script calls it where it plans, so that the time counts there. The motions start where the arms rest, or
+        where what they do now will end.
         """
         ...
 

@@ -306,6 +306,46 @@ def test_commands_that_were_prepared_are_sent_at_once_and_are_the_same(models):
     assert np.abs(sent[True][:count] - sent[False][:count]).max() < 1e-12
 
 
+def test_commands_may_be_prepared_while_the_motion_before_them_runs(models):
+    sent = {}
+    for ahead in (False, True):
+        arms = calibrated(models["play"])
+        first = to(arms, GOALS[0])
+        second = {"a": rest_to_rest(first["a"](first["a"].times_s[-1]), GOALS[1], PAPER)}
+
+        async def script(arms=arms, first=first, second=second, ahead=ahead):
+            arms.robot.prepare(first)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(arms.robot.move, first)
+                await trio.sleep(first["a"].duration_s / 2)
+                if ahead:
+                    arms.robot.prepare(second)
+            await arms.robot.move(second)
+
+        arms.run(script)
+        rows = np.array(arms.sent["a"])
+        sent[ahead] = rows[np.abs(rows - rows[-1]).max(axis=1) > 0]
+        assert [c.name for c in arms.log.computations] == ([] if ahead else ["compensation"])
+    assert np.abs(sent[True][-30:] - sent[False][-30:]).max() < 1e-9
+
+
+def test_what_was_prepared_for_the_end_of_a_motion_is_not_sent_where_that_was_stopped(models):
+    arms = calibrated(models["play"])
+
+    async def script():
+        first = to(arms, GOALS[0])
+        second = {"a": rest_to_rest(first["a"](first["a"].times_s[-1]), GOALS[1], PAPER)}
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(arms.robot.move, first)
+            await trio.sleep(first["a"].duration_s / 2)
+            arms.robot.prepare(second)
+            arms.robot.hold("a")
+        with pytest.raises(TrocarError, match="away from its set-point"):
+            await arms.robot.move(second)
+
+    arms.run(script)
+
+
 def test_what_was_prepared_elsewhere_is_not_sent(models):
     arms = calibrated(models["play"])
 

@@ -28,8 +28,27 @@ ENDED_S = 1e-6
 """A motion whose time is this close to its end has come to it."""
 BUDGET_S = 0.05
 """Declared for finding the commands of a motion that was not prepared."""
+SAME = 1e-9
+"""Commands this close (rad, m) are the same: a motion's end, found beforehand and come to."""
 SLOWED = 1.001
 """A motion that takes this many times as long is noted as slowed down."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where the commands of a motion begin.
+
+    Attributes:
+        q_cmd: (6,) command there.
+        velocity: (6,) of the command.
+        after: what was sent before; None: nothing yet.
+        then: when that will have ended; False: now.
+    """
+
+    q_cmd: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    after: CommandPath | None
+    then: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,22 +57,24 @@ class _Prepared:
 
     Attributes:
         motions: what they are for.
-        starts: set-points of the inner robot for which they were found.
+        starts: where they begin, by arm: at rest.
         paths: by arm.
     """
 
     motions: Mapping[str, Trajectory]
-    starts: Mapping[str, SetPoint]
+    starts: Mapping[str, _Start]
     paths: Mapping[str, CommandPath]
 
-    def suits(self, motions: Mapping[str, Trajectory], starts: Mapping[str, SetPoint]) -> bool:
-        """Return whether these are the motions, and the arms where they were then."""
+    def suits(self, motions: Mapping[str, Trajectory], starts: Mapping[str, _Start]) -> bool:
+        """Return whether these are the motions, and the arms where they were to be."""
         return (
             motions.keys() == self.motions.keys()
             and all(motions[name] is self.motions[name] for name in motions)
             and all(
-                np.array_equal(starts[name].q, self.starts[name].q) and not starts[name].velocity.any()
-                for name in self.starts
+                start.after is starts[name].after
+                and np.abs(start.q_cmd - starts[name].q_cmd).max() <= SAME
+                and not starts[name].velocity.any()
+                for name, start in self.starts.items()
             )
         )
 
@@ -139,7 +160,7 @@ class Calibrated:
         Raises:
             TrocarError: it is to stop at limits, and more than ``CLIPPED`` would stay uncorrected; or as the robot.
         """
-        starts = {arm: self._robot.setpoint(arm) for arm in motions if arm in self._rested}
+        starts = {arm: self._now(arm) for arm in motions if arm in self._rested}
         prepared = self._prepared.pop(frozenset(motions), None)
         if not starts:
             return await self._robot.move(motions)
@@ -148,7 +169,7 @@ class Calibrated:
         else:
             self._computing |= dict.fromkeys(motions)
             try:
-                paths, seconds = await self._clock.compute(lambda: self._found(motions), BUDGET_S)
+                paths, seconds = await self._clock.compute(lambda: self._found(motions, starts), BUDGET_S)
             finally:
                 held = [self._computing.pop(arm) for arm in motions]
             self._log.compute("compensation", seconds, BUDGET_S)
@@ -160,7 +181,7 @@ class Calibrated:
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
         """Let trajectories of the true joints take over from what the arms are doing now."""
         begin = time.perf_counter()
-        paths = self._found(motions)
+        paths = self._found(motions, {arm: self._now(arm) for arm in motions if arm in self._rested})
         if paths:
             self._log.compute("compensation", time.perf_counter() - begin, BUDGET_S)
         return await self._sent(self._robot.replace, motions, paths)
@@ -168,12 +189,14 @@ class Calibrated:
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Find the commands of motions that come next, so that ``move`` starts them at once.
 
+        Of an arm under way they are found for where its motion will have ended.
+
         Raises:
             TrocarError: as ``move``.
         """
-        starts = {arm: self._robot.setpoint(arm) for arm in motions if arm in self._rested}
-        if starts and not any(start.moving for start in starts.values()):
-            self._prepared[frozenset(motions)] = _Prepared(dict(motions), starts, self._found(motions))
+        starts = {arm: self._next(arm) for arm in motions if arm in self._rested}
+        if starts:
+            self._prepared[frozenset(motions)] = _Prepared(dict(motions), starts, self._found(motions, starts))
 
     async def jaw(self, arm: str, angle_rad: float) -> Execution:
         """Drive the jaws; their cables are taken as they are."""
@@ -204,27 +227,48 @@ class Calibrated:
         aside = Trajectory.hermite([0.0, 1.0], [left, sent.q], np.tile(sent.q - left, (2, 1)))
         return memory.after(aside, 1.0)
 
-    def _found(self, motions: Mapping[str, Trajectory]) -> dict[str, CommandPath]:
+    def _now(self, arm: str) -> _Start:
+        """Return where a motion of a compensated arm begins that starts now."""
+        sent = self._robot.setpoint(arm)
+        return _Start(sent.q, sent.velocity, self._paths.get(arm))
+
+    def _next(self, arm: str) -> _Start:
+        """Return where a motion begins that follows on what the arm does now."""
+        path = self._paths.get(arm)
+        if path is None or not self._robot.setpoint(arm).moving:
+            return self._now(arm)
+        return _Start(path.commands(path.commands.times_s[-1]), np.zeros(6), path, then=True)
+
+    def _joints(self, arm: str, start: _Start) -> tuple[NDArray[np.float64], CableMemory]:
+        """Return where (6,) the true joints are told to be at a start, and what the cables remember."""
+        if not start.then or start.after is None:
+            return self.setpoint(arm).q, self._memory(arm, self._robot.setpoint(arm))
+        path, memory = start.after, start.after.memory_at(start.after.commands.duration_s)
+        believed = path.missing.max() > BELIEVED
+        return memory.joints(start.q_cmd) if believed else path.desired(path.desired.times_s[-1]), memory
+
+    def _found(self, motions: Mapping[str, Trajectory], starts: Mapping[str, _Start]) -> dict[str, CommandPath]:
         """Return the commands of the compensated arms among these."""
-        requests = {arm: self._request(arm, motion) for arm, motion in motions.items() if arm in self._rested}
+        requests = {arm: self._request(arm, motions[arm], start) for arm, start in starts.items()}
         paths = command_paths(requests)
         if self._stop_at_limits:
             for arm, path in paths.items():
                 _require_inside(self._arms[arm], path)
         return paths
 
-    def _request(self, arm: str, desired: Trajectory) -> CommandRequest:
-        sent, model = self._robot.setpoint(arm), self._arms[arm]
-        jump = float(np.max(np.abs(desired(desired.times_s[0]) - self.setpoint(arm).q)))
+    def _request(self, arm: str, desired: Trajectory, start: _Start) -> CommandRequest:
+        model = self._arms[arm]
+        joints, memory = self._joints(arm, start)
+        jump = float(np.max(np.abs(desired(desired.times_s[0]) - joints)))
         if jump > START_TOLERANCE:
             raise TrocarError(
                 f"the motion of arm {arm!r} starts {jump:.6f} rad (or m) away from its set-point; start it there"
             )
         return CommandRequest(
-            memory=self._memory(arm, sent),
+            memory=memory,
             desired=desired,
-            q_start=sent.q,
-            velocity_start=sent.velocity,
+            q_start=start.q_cmd,
+            velocity_start=start.velocity,
             limits=self._limits[arm],
             lower=model.lower + RANGE_GUARD,
             upper=model.upper - RANGE_GUARD,

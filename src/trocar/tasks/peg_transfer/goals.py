@@ -27,10 +27,11 @@ THERE = tuple(Transfer(*pegs) for pegs in ((1, 7), (0, 6), (3, 8), (2, 9), (5, 1
 BACK = tuple(Transfer(target, source) for source, target in THERE)
 
 
-LEFT_THERE = tuple(Transfer(*pegs) for pegs in ((0, 7), (2, 6), (4, 9)))
-"""What the left arm does of the parallel transfers [0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10]
-(facts/peg_transfer.md): in every pair its pegs are those further left."""
-RIGHT_THERE = tuple(Transfer(*pegs) for pegs in ((1, 8), (3, 11), (5, 10)))
+LEFT_THERE = tuple(Transfer(*pegs) for pegs in ((0, 7), (2, 6), (1, 8)))
+"""What the left arm does of the paper's parallel transfers [0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10]
+(facts/peg_transfer.md). They are paired anew: in every pair the left arm's pegs are those further left, and neither the
+sources nor the targets are neighbours, where one arm would be in the other's way."""
+RIGHT_THERE = tuple(Transfer(*pegs) for pegs in ((5, 10), (3, 11), (4, 9)))
 """What the right arm does meanwhile."""
 
 

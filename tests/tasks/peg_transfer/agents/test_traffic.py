@@ -27,6 +27,8 @@ class Two:
         self.lab = ideal_laboratory(standing(0))
         self.traffic = Traffic(self.lab.cell, Block(), SETTINGS)
         self.hands = {name: ArmScript(self.lab.cell, name, SETTINGS.limits, 0.0) for name in AWAY_M}
+        for hand in self.hands.values():
+            self.traffic.join(hand)
 
     async def go(self, name, p_world_m, **kwargs):
         hand = self.hands[name]

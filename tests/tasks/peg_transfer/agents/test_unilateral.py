@@ -146,9 +146,7 @@ def test_every_part_is_noted_and_computing_takes_its_declared_time(clean):
     assert {span.arm for span in spans} == {"psm1"}
     lasts = {span.name: span.end_s - span.start_s for span in spans}
     assert 0 <= lasts["perception"] - SETTINGS.perception_budget_s < TICK_S
-    planned = [span.end_s - span.start_s for span in spans if span.name == "planning"]
-    for budget_s in (SETTINGS.planning_budget_s, SETTINGS.traffic_budget_s):  # a motion is found, then checked
-        assert sum(-1e-9 <= lasting - budget_s < TICK_S + 1e-9 for lasting in planned) == len(planned) // 2
+    assert 0 <= lasts["planning"] - SETTINGS.planning_budget_s < TICK_S
     assert lasts["capture"] > 0.1
     assert all(computation.seconds > 0 for computation in lab.log.computations)
 

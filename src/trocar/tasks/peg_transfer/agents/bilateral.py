@@ -3,30 +3,40 @@
 from __future__ import annotations
 
 from trocar.tasks.kit import Brief
+from trocar.tasks.peg_transfer.agents.pace import Pace
+from trocar.tasks.peg_transfer.agents.together import together
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
-from trocar.tasks.peg_transfer.agents.two_arms import TwoArms, together, withdraw
+from trocar.tasks.peg_transfer.agents.two_arms import TwoArms
 from trocar.tasks.peg_transfer.goals import PAIRS
 
 LEFT_GOALS = frozenset(left for left, _ in PAIRS)
 
 
 class Bilateral(TwoArms):
-    """Two scripts, one an arm; they share the board, the camera and the traffic, and do not wait for each other."""
+    """Two scripts, one an arm; they share the board, the camera and the traffic, and keep pace."""
 
     def __init__(self, brief: Brief):
         super().__init__(brief)
+        self.pace = Pace(self.cell, brief.arms, self.settings.pace_s)
+        lefts = [goal for goal in self.goals if goal in LEFT_GOALS]
+        rights = [goal for goal in self.goals if goal not in LEFT_GOALS]
         self.scripts = (
-            OneArm(self.left, [goal for goal in self.goals if goal in LEFT_GOALS], beside=True),
-            OneArm(self.right, [goal for goal in self.goals if goal not in LEFT_GOALS], beside=True),
+            OneArm(self.left, lefts, beside=True, pace=self.pace),
+            OneArm(self.right, rights, beside=True, pace=self.pace),
         )
 
+    def first_looks(self):
+        """Return what looks at both arms' first blocks."""
+        return [script.look_first for script in self.scripts]
+
     async def transfer_all(self) -> None:
-        """Let both arms do their transfers; one that has done withdraws."""
+        """Let both arms do their transfers; one that has done leaves."""
         await together(*(self._script(script) for script in self.scripts))
 
     def _script(self, script: OneArm):
         async def run() -> None:
             await script.transfer_all()
-            await withdraw(script.arm)
+            self.pace.come(script.arm.name)
+            await self.leave(script.arm)
 
         return run

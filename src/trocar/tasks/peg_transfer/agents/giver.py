@@ -2,40 +2,66 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
 import numpy as np
+import trio
 
 from trocar.geometry import SE3
-from trocar.tasks.peg_transfer.agents.meeting import choose_offer
-from trocar.tasks.peg_transfer.agents.peg_arm import PegArm, raised
+from trocar.motion import TimedPath
+from trocar.robots import TICK_S
+from trocar.tasks.peg_transfer.agents.meeting import Offer, choose_offer
+from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
+from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.side import Appointment, Side
+from trocar.tasks.peg_transfer.agents.together import Pending, with_helpers
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
-from trocar.tasks.peg_transfer.agents.transfers import OneArm
+from trocar.tasks.peg_transfer.agents.transfers import OneArm, Seen
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
+
+
+@dataclass(frozen=True, eq=False)
+class Offering:
+    """A motion with which a block is offered.
+
+    Attributes:
+        path: lift, and to where it is handed over.
+        offer: the pose there.
+    """
+
+    path: TimedPath
+    offer: Offer
 
 
 class Giver(Side):
     """Picks, offers, lets go, and puts back what nobody took."""
 
-    def __init__(self, arm: PegArm, other: PegArm):
-        super().__init__(arm, other)
-        self.script = OneArm(arm, (), beside=True)
+    def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
+        super().__init__(arm, other, script)
+        self._offering: Pending[Offering] = Pending()
 
-    async def give(self, meeting: Appointment) -> None:
-        """Do this arm's part of a handover."""
+    async def give(self, meeting: Appointment, following: Appointment | None) -> None:
+        """Do this arm's part of a handover; ``following`` is its next one, if that follows at once."""
         meeting.start_s = self.cell.clock.now_s()
         self.arm.hands_over = True
-        grasp = await self.script.pick(meeting.goal.source)
+        await with_helpers(partial(self._give, meeting, following))
+
+    async def _give(self, meeting: Appointment, following: Appointment | None, helpers: trio.Nursery) -> None:
+        source = meeting.goal.source
+        grasp = await self.script.pick(source, partial(self._plan_ahead, meeting, helpers))
         if not isinstance(grasp, Grasp):
             meeting.fail(grasp)
             await self.arm.let_go()
             return
-        T_board_block = self.table.blocks.pop(meeting.goal.source)
-        T_tip_block = self.arm.gripped(grasp, T_board_block)
+        T_board_block = self.table.blocks.pop(source)
+        T_tip_block = self.arm.motions.gripped(grasp, T_board_block)
         try:
-            offered = await self._offer(meeting, T_tip_block)
+            offered = await self._offer(meeting, T_tip_block, following, helpers)
         except Blocked:  # the block stands where it stood: nothing has moved
-            self.table.blocks[meeting.goal.source] = T_board_block
+            self.table.blocks[source] = T_board_block
             await self.arm.let_go()
             raise
         if not offered:
@@ -46,43 +72,87 @@ class Giver(Side):
             meeting.offered.set()
             await self.wait_for(meeting.taken)
         if meeting.outcome is not None:
-            await self._put_back(T_tip_block, meeting.goal.source)
+            await self.script.seen.take()
+            await self._put_back(T_tip_block, source)
             return
-        await self._part(meeting)
+        await self._part(meeting, following, helpers)
 
-    async def _offer(self, meeting: Appointment, T_tip_block: SE3) -> bool:
-        """Lift a block and bring it to where it is handed over."""
+    def _plan_ahead(
+        self, meeting: Appointment, helpers: trio.Nursery, grasp: Grasp
+    ) -> Callable[[Approach], None] | None:
+        """Return what plans, as the approach begins, how to offer the block from its end, and announces it."""
+        block = self.table.blocks.get(meeting.goal.source)
+        if not self.settings.looks_ahead or block is None:
+            return None
+        T_tip_block = self.arm.motions.gripped(grasp, block)
 
-        def motion():
-            offer = choose_offer(
-                *self.partners(self.arm, self.other),
-                self.table.T_world_board,
-                self.arm.T_board_tip,
-                T_tip_block,
-                self.table.block,
-                np.array(self.settings.meeting_m),
-                self.ways(),
-            )
-            if isinstance(offer, str):
-                self.cell.log.event("no place", reason=offer)
-                return None
-            lifted = raised(self.arm.T_board_tip, self.arm.height_m + self.settings.lift_m)
-            points = [self.arm.hand.q, self.arm.ik(lifted), self.arm.ik(offer.T_board_tip)]
-            return self.arm.through(points), offer
+        async def plan(approach: Approach) -> Offering | None:
+            found = partial(self._find_offering, end_of(approach.path), T_tip_block, self.settings.held_rad)
+            offering = await self.arm.plan(found)
+            if offering is not None:
+                meeting.announce(offering.offer.T_board_tip, T_tip_block)
+            return offering
 
-        planned = await self.arm.plan(motion)
-        if planned is None:
+        def begun(approach: Approach) -> None:
+            self._offering.start(helpers, partial(plan, approach))
+
+        return begun
+
+    def _find_offering(self, q: Joints, T_tip_block: SE3, held_rad: float) -> Offering | None:
+        giver, receiver = (replace(partner, held_rad=held_rad) for partner in self.partners(self.arm, self.other))
+        offer = choose_offer(
+            giver,
+            receiver,
+            self.table.T_world_board,
+            self.arm.motions.tip(q),
+            T_tip_block,
+            self.table.block,
+            np.array(self.settings.meeting_m),
+            self.ways(),
+        )
+        if isinstance(offer, str):
+            self.cell.log.event("no place", reason=offer)
+            return None
+        return Offering(self.arm.motions.offering(q, offer.T_board_tip), offer)
+
+    async def _offer(
+        self, meeting: Appointment, T_tip_block: SE3, following: Appointment | None, helpers: trio.Nursery
+    ) -> bool:
+        """Lift a block and bring it to where it is handed over; on the way, look at the next one."""
+        hand = self.arm.hand
+        ready = await self._offering.take()
+        if ready is None or not starts_at(ready.path, hand.q):
+            ready = await self.arm.plan(lambda: self._find_offering(hand.q, T_tip_block, hand.jaw_rad))
+        if ready is None:
             return False
-        await self.arm.move(planned[0])
-        await self.arm.hand.settle()
-        meeting.T_board_block = planned[1].T_board_tip @ T_tip_block
-        self.cell.log.event("offer", arm=self.arm.name, room_mm=round(1e3 * planned[1].room_m, 2))
+        path, offer = ready.path, ready.offer
+
+        def begun() -> None:
+            meeting.announce(offer.T_board_tip, T_tip_block)
+            if self.settings.looks_ahead and following is not None:
+                look = partial(self.script.look_ahead, path, following.goal.source, self.settings.parts_m)
+                self.script.seen.start(helpers, look)
+
+        for waits in (False, True):
+            try:
+                await self.arm.move(path.trajectory, begun=begun, margin_m=self.settings.meeting_margin_m, waits=waits)
+                break
+            except Blocked:
+                if waits:
+                    raise
+                meeting.crowded.set()
+        self.cell.log.event("offer", arm=self.arm.name, room_mm=round(1e3 * offer.room_m, 2))
         return True
 
-    async def _part(self, meeting: Appointment) -> None:
-        """Let go of a block that the other arm holds too, rise out of it, and go aside."""
+    async def _part(self, meeting: Appointment, following: Appointment | None, helpers: trio.Nursery) -> None:
+        """Let go of a block that the other arm holds too, rise out of it, and go on: to the next block, or aside."""
+        await self.arm.open(self.settings.release_rad)
+        meeting.released.set()
+        seen = await self.script.seen.take()
+        if seen is not None and following is not None and await self._go_on(meeting, following, seen, helpers):
+            return
+        self.script.seen.put(seen)
         try:
-            await self.arm.open(self.settings.release_rad)
             await self.rise()
         except Blocked:
             self.cell.log.event("stayed", arm=self.arm.name, reason="there was no room to rise")
@@ -92,6 +162,40 @@ class Giver(Side):
             await self.arm.shift((self.own_side * self.settings.aside_m, 0.0, 0.0), self.settings.meeting_margin_m)
         except Blocked:
             await self.arm.give_way()
+
+    async def _go_on(self, meeting: Appointment, following: Appointment, seen: Seen, helpers: trio.Nursery) -> bool:
+        """Rise out of the block and come to the next one in one motion; return whether that could be."""
+        approach = seen.approach
+        if approach is None or not starts_at(approach.path, self.arm.hand.q):
+            return False
+        plan_ahead = self._plan_ahead(following, helpers, seen.grasp)
+        times_s, risen_m = approach.path.waypoint_times_s, self.arm.height_m + self.settings.parts_m - AT_HEIGHT_M
+
+        async def part() -> None:
+            while self.arm.height_m < risen_m:
+                await self.cell.clock.sleep(TICK_S)
+            meeting.parted.set()
+            await self.cell.robot.jaw(self.arm.name, self.arm.opening_rad(seen.grasp))
+
+        def begun() -> None:
+            helpers.start_soon(part)
+            if plan_ahead is not None:
+                plan_ahead(approach)
+
+        try:
+            await self.arm.move(
+                approach.path.trajectory,
+                begun=begun,
+                margin_m=self.settings.meeting_margin_m,
+                meets_s=(0.0, float(times_s[1] - times_s[0])),
+                waits=False,  # nor is it asked how it can leave again: the other arm goes as soon as this one has risen
+            )
+        except Blocked:
+            self.cell.log.event("parts aside", arm=self.arm.name)
+            return False
+        await self.arm.hand.settle()
+        self.script.seen.put(replace(seen, there=True))
+        return True
 
     async def _put_back(self, T_tip_block: SE3, source: int) -> None:
         """Bring a block that nobody took back to where it was, if it is still there."""

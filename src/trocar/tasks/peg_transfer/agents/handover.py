@@ -10,8 +10,10 @@ from trocar.tasks.peg_transfer.agents.giver import Giver
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
 from trocar.tasks.peg_transfer.agents.receiver import Receiver
 from trocar.tasks.peg_transfer.agents.side import AGAIN, Appointment
+from trocar.tasks.peg_transfer.agents.together import together
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
-from trocar.tasks.peg_transfer.agents.two_arms import TwoArms, together, withdraw
+from trocar.tasks.peg_transfer.agents.transfers import OneArm
+from trocar.tasks.peg_transfer.agents.two_arms import TwoArms
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 
 
@@ -21,6 +23,7 @@ class Handover(TwoArms):
     def __init__(self, brief: Brief):
         super().__init__(brief)
         rounds = range(self.settings.rounds)
+        self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
         self.appointments = [[Appointment(goal) for _ in rounds] for goal in self.goals]
 
     async def transfer_all(self) -> None:
@@ -28,14 +31,19 @@ class Handover(TwoArms):
         await together(partial(self._script, self.left, self.right), partial(self._script, self.right, self.left))
 
     async def _script(self, arm: PegArm, other: PegArm) -> None:
-        giver, receiver = Giver(arm, other), Receiver(arm, other)
+        script = self.scripts[arm.name]
+        giver, receiver = Giver(arm, other, script), Receiver(arm, other, script)
         working = True
-        for rounds in self.appointments:
-            gives = self._gives(arm, rounds[0].goal)
-            ended = rounds[-1]
+        for rounds, following in zip(self.appointments, [*self.appointments[1:], None], strict=True):
+            gives, ended = self._gives(arm, rounds[0].goal), rounds[-1]
+            to_give = following[0] if following and self._gives(arm, following[0].goal) else None
+            to_receive = following[0] if following and not to_give else None
             for meeting in rounds:
-                job = giver.give if gives else receiver.receive
-                working = working and await self._done(arm, partial(job, meeting), meeting)
+                if gives:
+                    job = partial(giver.give, meeting, to_give)
+                else:
+                    job = partial(receiver.receive, meeting, to_give, to_receive)
+                working = working and await self._done(arm, job, meeting)
                 if not working:
                     meeting.fail(TransferOutcome.ARM_STOPPED)
                 if meeting.passed or meeting.outcome not in AGAIN:
@@ -43,9 +51,8 @@ class Handover(TwoArms):
                     break
             if not gives:
                 outcome = ended.outcome or TransferOutcome.DONE
-                giver.script.note(ended.goal, rounds[0].start_s, outcome, ended.reason)
-        if not arm.stopped:
-            await withdraw(arm)
+                script.note(ended.goal, rounds[0].start_s, outcome, ended.reason)
+        await self.leave(arm)
 
     async def _done(self, arm: PegArm, job: Callable[[], Awaitable[None]], meeting: Appointment) -> bool:
         """Do an arm's part of a meeting; return whether both arms can go on."""

@@ -116,6 +116,7 @@ def choose_taking(
     T_board_giver: SE3,
     ways: Ways,
     avoid: tuple[int, ...] = (),
+    near: SE3 | None = None,
 ) -> Grasp | str:
     """Return the grasp of a block in the other arm's jaws that keeps both arms furthest apart, or why there is none.
 
@@ -129,8 +130,9 @@ def choose_taking(
         T_board_giver: of the giving tip, as its joints tell.
         ways: how they come and part.
         avoid: grasps that have failed.
+        near: the pose of the tip, but for its height, near which the grasp has to be; None: anywhere.
     """
-    best = _best_grasp(giver, receiver, T_world_board, T_board_block, T_board_giver, ways, avoid)
+    best = _best_grasp(giver, receiver, T_world_board, T_board_block, T_board_giver, ways, avoid, near)
     return best or "no grasp of the block in the other arm's jaws is in reach"
 
 
@@ -153,6 +155,7 @@ def _best_grasp(
     T_board_giver: SE3,
     ways: Ways,
     avoid: tuple[int, ...] = (),
+    near: SE3 | None = None,
 ) -> Grasp | None:
     """Return the grasp that leaves most room while the receiving arm comes down and while the giving one rises."""
     leaving = _joints_above(giver, T_world_board, T_board_giver, ways.parts_m)
@@ -165,6 +168,8 @@ def _best_grasp(
         if candidate in avoid or _same_side(T_board_tip, T_board_giver):
             continue
         for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):
+            if near is not None and not _near(pose, near):
+                continue
             coming = _joints_above(receiver, T_world_board, pose, ways.above_m)
             if coming is None:
                 continue
@@ -187,6 +192,13 @@ def _joints_above(partner: Partner, T_world_board: SE3, T_board_tip: SE3, by_m: 
 def _same_side(T_board_tip: SE3, T_board_giver: SE3) -> bool:
     """Return whether a grasp is beside that of the giving jaws, on the same wall: within 4 mm."""
     return bool(np.linalg.norm(T_board_tip.translation_m[:2] - T_board_giver.translation_m[:2]) < 4e-3)
+
+
+def _near(T_board_tip: SE3, T_board_other: SE3) -> bool:
+    """Return whether two tips are within 4 mm and 20 deg, seen from above."""
+    apart = T_board_tip.inverse() @ T_board_other
+    off_m = np.linalg.norm((T_board_tip.translation_m - T_board_other.translation_m)[:2])
+    return bool(off_m < 4e-3 and np.linalg.norm(apart.rotation.log()) < np.radians(20.0))
 
 
 def _above(T_board_tip: SE3, by_m: float) -> SE3:

@@ -16,6 +16,7 @@ from trocar.geometry.capsules import segment_distances_m
 from trocar.motion import MovingArm
 from trocar.tasks.peg_transfer.block import Block
 
+NEVER = (inf, inf)
 LAYERS = 3
 """Heights at which the sides of a held block are drawn as capsules."""
 
@@ -78,7 +79,7 @@ def min_delay_s(
     now_s: float,
     margin_m: float,
     delays_s: Sequence[float],
-    meets_s: float = inf,
+    meets_s: tuple[float, float] = NEVER,
     step_s: float = 0.04,
 ) -> float | None:
     """Return the first of some delays after which a body may start on its way; None if it may after none of them.
@@ -91,7 +92,7 @@ def min_delay_s(
         now_s: the cell's clock.
         margin_m: to keep.
         delays_s: to try, in order.
-        meets_s: from this time of its motion on, the mover may meet the other's block.
+        meets_s: from when until when on its motion the mover may meet the other's block.
         step_s: between samples.
     """
     lasting_s = mover.arm.trajectory.duration_s
@@ -102,7 +103,8 @@ def min_delay_s(
         last_s = max(lasting_s + delay_s, until_s)
         times = np.append(np.arange(0.0, last_s, step_s), last_s)
         index = np.clip(np.searchsorted(own_s, times - delay_s - 1e-9), 0, len(own_s) - 1)
-        theirs, apart = other.ends_m(now_s + times), times < delay_s + meets_s
+        theirs = other.ends_m(now_s + times)
+        apart = (times < delay_s + meets_s[0]) | (times >= delay_s + meets_s[1])
         arm = slice(len(SOLIDS))
         gaps = _gaps_m(ends[index[apart]], mover.radii_m, theirs[apart], other.radii_m)
         met = _gaps_m(ends[index[~apart]], mover.radii_m, theirs[~apart, arm], other.radii_m[arm])

@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import inf
+from functools import partial
 
 import numpy as np
 import trio
-from numpy.typing import NDArray
 
-from trocar.arms import fk, ik
 from trocar.cell import Result
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
+from trocar.motion import TimedPath
 from trocar.perception.image import RgbdImage
 from trocar.tasks.kit import ArmScript, Brief
+from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
+from trocar.tasks.peg_transfer.agents.moving_body import NEVER
 from trocar.tasks.peg_transfer.agents.settings import GRASP_RULES, OUTER_RULES
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.traffic import Blocked, Leaving, Traffic
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, choose_grasp
-from trocar.tasks.peg_transfer.places import choose_place, held_block
 from trocar.trajectory import Trajectory
 
 JAW_SLACK_RAD = 0.03
 """Jaws that stay this close to their opening were kept from closing by something else than a wall."""
 
-AT_HEIGHT_M = 1e-3
+BESIDE_M = 0.035
+"""Blocks on pegs this near to a target count when a place is chosen there."""
 
 UPRIGHT = 0.999
 AT_HOME = 1e-6
@@ -45,6 +45,7 @@ class PegArm:
         hand: moves and computes.
         table: board and blocks.
         traffic: through it all motions go.
+        motions: finds its motions.
         home: (6,) where the arm is out of the camera's view.
         name: of the arm.
         hands_over: whether it grasps blocks so that another arm can take them.
@@ -52,21 +53,18 @@ class PegArm:
     """
 
     def __init__(self, brief: Brief, name: str, table: Table, traffic: Traffic):
-        self.cell, self.settings, self.planner = brief.cell, brief.settings, brief.planner
+        self.cell, self.settings = brief.cell, brief.settings
         self.table, self.traffic = table, traffic
         self.hand = ArmScript(brief.cell, name, brief.settings.limits, brief.settings.settle_s)
+        traffic.join(self.hand)
+        self.motions = Motions(brief, self.hand, table)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
         self.hands_over = self.stopped = False
 
     @property
-    def T_base_board(self) -> SE3:
-        """Return the pose of the board in the arm's base."""
-        return self.cell.T_world_base_registered[self.name].inverse() @ self.table.T_world_board
-
-    @property
     def T_board_tip(self) -> SE3:
         """Return the pose of the tip as the joints tell."""
-        return self.T_base_board.inverse() @ fk(self.model, self.hand.q)
+        return self.motions.tip(self.hand.q)
 
     @property
     def height_m(self) -> float:
@@ -89,7 +87,10 @@ class PegArm:
 
     async def see(self, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
         """Look at a peg; return how to grasp its block, other than what has failed, or why not."""
-        image = await self.table.capture(self.hand)
+        return await self.look(await self.table.capture(self.hand), source, failed)
+
+    async def look(self, image: RgbdImage, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
+        """Return what an image says of how to grasp the block on a peg, other than what has failed, or why not."""
         seen = await self.perceive(lambda: self._plan_grasp(image, source, failed))
         if isinstance(seen, Grasp):
             return seen
@@ -107,11 +108,11 @@ class PegArm:
         others = [pose.matrix for peg, pose in table.blocks.items() if peg != source]
         neighbours = SE3(np.array(others)) if others else None
         refusal = ""
-        own_side = self.T_base_board.inverse().translation_m[:2]
+        own_side = self.motions.T_base_board.inverse().translation_m[:2]
         for outer, min_gap_m, max_roll_rad in OUTER_RULES if self.hands_over else GRASP_RULES:
             grasp = choose_grasp(
                 self.model,
-                self.T_base_board,
+                self.motions.T_base_board,
                 fit.T_board_block,
                 table.board,
                 table.block,
@@ -127,16 +128,35 @@ class PegArm:
             refusal = grasp.reason
         return refusal, TransferOutcome.OUT_OF_REACH
 
-    async def go_to(self, grasp: Grasp, source: int) -> bool:
-        """Travel over the pegs, then down round the wall of a block, the jaws open; False if no motion does it."""
-        opening = float(np.clip(grasp.jaw_rad, self.settings.release_rad, self.settings.jaw_open_rad))
+    async def go_to(
+        self,
+        grasp: Grasp,
+        source: int,
+        ready: Approach | None = None,
+        begun: Callable[[Approach], None] | None = None,
+    ) -> bool:
+        """Travel over the pegs, then down round the wall of a block, the jaws open; False if no motion does it.
+
+        Args:
+            grasp: how.
+            source: the block's peg.
+            ready: how to come there, if that was planned already; it is planned anew where it no longer fits.
+            begun: told the motion when it begins.
+        """
+        opening = self.opening_rad(grasp)
         for margin_m in self.margins_m():
-            planned = await self.plan(lambda: (self._approach(grasp.T_board_tip), self._leaving(grasp, source)))
-            if planned is None:
+            if ready is None or not starts_at(ready.path, self.hand.q):
+                ready = await self.plan(lambda: self.motions.approach(self.hand.q, grasp, source))
+            if ready is None:
                 return False
-            motion, leaving = planned
             try:
-                await self.move(motion, jaw_rad=opening, margin_m=margin_m, leaving=leaving)
+                await self.move(
+                    ready.path.trajectory,
+                    begun=partial(begun, ready) if begun else None,
+                    jaw_rad=opening,
+                    margin_m=margin_m,
+                    leaving=ready.leaving,
+                )
             except Blocked:
                 await self.give_way()
                 continue
@@ -144,23 +164,17 @@ class PegArm:
             return True
         raise Blocked
 
-    def _approach(self, T_board_tip: SE3) -> Trajectory:
-        above = raised(T_board_tip, self.settings.clear_height_m)
-        return self.through([*self.risen(), self.ik(above), self.ik(T_board_tip)])
-
-    def risen(self) -> list[NDArray[np.float64]]:
-        """Return the first waypoints of any motion: where the arm is, and over the pegs if it is lower."""
-        if self.height_m >= self.settings.clear_height_m - AT_HEIGHT_M:
-            return [self.hand.q]
-        return [self.hand.q, self.ik(raised(self.T_board_tip, self.settings.clear_height_m))]
+    def opening_rad(self, grasp: Grasp) -> float:
+        """Return how wide the jaws open for a grasp."""
+        return float(np.clip(grasp.jaw_rad, self.settings.release_rad, self.settings.jaw_open_rad))
 
     async def go_over(self, T_board_tip: SE3) -> None:
         """Travel to a pose over the pegs."""
         if np.linalg.norm(T_board_tip.translation_m - self.T_board_tip.translation_m) < AT_HEIGHT_M:
             return
-        motion = await self.plan(lambda: self.through([*self.risen(), self.ik(T_board_tip)]))
-        if motion is not None:
-            await self.move(motion)
+        path = await self.plan(lambda: self.motions.over(self.hand.q, T_board_tip))
+        if path is not None:
+            await self.move(path.trajectory)
 
     async def grip(self, T_tip_block: SE3 | None = None) -> bool:
         """Close the jaws; return whether they hold something: a block, where one is expected."""
@@ -173,44 +187,43 @@ class PegArm:
         await self.hand.jaw(self.settings.jaw_open_rad if jaw_rad is None else jaw_rad)
         self.traffic.carries(self.name, None)
 
-    async def carry(self, T_tip_block: SE3, target: int) -> SE3 | None:
-        """Lift, travel, lower; return where the block should lie now, or None where no pose is in reach."""
+    async def carry(
+        self,
+        T_tip_block: SE3,
+        target: int,
+        ready: Carriage | None = None,
+        begun: Callable[[Carriage], None] | None = None,
+    ) -> SE3 | None:
+        """Lift, travel, lower; return where the block should lie now, or None where no pose is in reach.
+
+        Args:
+            T_tip_block: pose of the block in the jaws.
+            target: peg.
+            ready: how, if that was planned already; it is planned anew where it no longer fits.
+            begun: told the motion when it begins.
+        """
         for margin_m in self.margins_m():
-            planned = await self.plan(lambda: self._transfer_motion(T_tip_block, target))
-            if planned is None:
+            if ready is None or not self._fits(ready, target):
+                ready = await self.plan(lambda: self.motions.carriage(self.hand.q, T_tip_block, None, target))
+            if ready is None:
                 return None
-            motion, T_board_placed = planned
             try:
-                await self.move(motion, margin_m=margin_m)
+                await self.move(
+                    ready.path.trajectory, begun=partial(begun, ready) if begun else None, margin_m=margin_m
+                )
             except Blocked:
                 await self.give_way()
                 continue
             await self.hand.settle()
-            return T_board_placed
+            return ready.T_board_placed
         raise Blocked
 
-    def _transfer_motion(self, T_tip_block: SE3, target: int) -> tuple[Trajectory, SE3] | None:
-        tip = self.T_board_tip
-        place = choose_place(
-            self.model,
-            self.T_base_board,
-            T_tip_block,
-            self.table.board,
-            self.table.block,
-            target,
-            list(self.table.blocks.values()),
-            self.settings.drop_m,
-            yaw_rad=yaw_of(tip),
-        )
-        if isinstance(place, str):
-            self.cell.log.event("no place", peg=target, reason=place)
-            return None
-        height = place.T_board_tip.translation_m[2] - self.settings.drop_m + self.settings.lift_m
-        points = [self.hand.q]
-        if self.height_m < height - AT_HEIGHT_M:
-            points.append(self.ik(raised(tip, height)))
-        points += [self.ik(raised(place.T_board_tip, height)), self.ik(place.T_board_tip)]
-        return self.through(points), place.T_board_tip @ T_tip_block
+    def _fits(self, carriage: Carriage, target: int) -> bool:
+        """Return whether a motion that was planned before still starts here and leaves the blocks beside its target."""
+        pegs = self.table.board.pegs_m
+        near = [peg for peg in range(len(pegs)) if np.linalg.norm(pegs[peg] - pegs[target]) < BESIDE_M]
+        now, then = self.table.blocks, carriage.beside
+        return starts_at(carriage.path, self.hand.q) and all(now.get(peg) is then.get(peg) for peg in near)
 
     async def let_go(self) -> None:
         """Open the jaws and rise above the pegs."""
@@ -220,40 +233,23 @@ class PegArm:
     async def retreat(self) -> None:
         """Rise above the pegs."""
         if self.height_m < self.settings.clear_height_m - AT_HEIGHT_M:
-            above = raised(self.T_board_tip, self.settings.clear_height_m)
-            motion = await self.plan(lambda: self.through([self.hand.q, self.ik(above)]))
-            if motion is not None:
-                await self.move(motion)
+            path = await self.plan(lambda: self.motions.through(self.motions.risen(self.hand.q)))
+            if path is not None:
+                await self.move(path.trajectory)
 
-    async def shift(self, line_m: Sequence[float], margin_m: float, meets_s: float = inf) -> None:
+    async def shift(self, line_m: Sequence[float], margin_m: float, meets_s: tuple[float, float] = NEVER) -> None:
         """Move the tip straight, in the board's axes."""
-        line = self.T_base_board.rotation.apply(np.array(line_m))
-        motion = await self.plan(lambda: self._prepared(straight(self.model, self.hand.q, line, self.settings.limits)))
+        motion = await self.plan(lambda: self.motions.along(self.hand.q, line_m))
         if motion is not None:
             await self.move(motion, margin_m=margin_m, meets_s=meets_s)
 
-    def _prepared(self, motion: Trajectory) -> Trajectory:
-        """Return a motion, its commands found already."""
-        self.cell.robot.prepare({self.name: motion})
-        return motion
-
-    async def go_home(self) -> None:
-        """Rise and leave the camera's view of the board."""
-        await self.retreat()
+    async def go_home(self, begun: Callable[[TimedPath], None] | None = None) -> None:
+        """Rise and leave the camera's view of the board; ``begun`` is told the motion when it begins."""
         if np.abs(self.hand.q - self.home).max() < AT_HOME:
             return
-        motion = await self.plan(lambda: self._prepared(rest_to_rest(self.hand.q, self.home, self.settings.limits)))
-        if motion is not None:
-            await self.move(motion)
-
-    def _leaving(self, grasp: Grasp, source: int) -> Leaving | None:
-        """Return how the arm lifts the block that it is about to grasp."""
-        block = self.table.blocks.get(source)
-        if block is None:
-            return None
-        lifted = raised(grasp.T_board_tip, float(grasp.T_board_tip.translation_m[2]) + self.settings.lift_m)
-        motion = rest_to_rest(self.ik(grasp.T_board_tip), self.ik(lifted), self.settings.limits)
-        return Leaving(motion, self.gripped(grasp, block))
+        path = await self.plan(lambda: self.motions.to_joints(self.hand.q, self.home))
+        if path is not None:
+            await self.move(path.trajectory, begun=partial(begun, path) if begun else None)
 
     def margins_m(self) -> list[float]:
         """Return the margins to the other arm that are tried in turn."""
@@ -274,25 +270,31 @@ class PegArm:
         self,
         motion: Trajectory,
         *,
+        begun: Callable[[], None] | None = None,
         jaw_rad: float | None = None,
         margin_m: float | None = None,
-        meets_s: float = inf,
+        meets_s: tuple[float, float] = NEVER,
         leaving: Leaving | None = None,
+        waits: bool = True,
     ) -> None:
         """Run a motion as soon as the other arm leaves room for it, and meanwhile drive the jaws.
 
         Args:
             motion: from where the arm rests.
+            begun: called when it begins.
             jaw_rad: opening of the jaws; None: as they are.
             margin_m: to keep to the other arm; None: as usual.
-            meets_s: from this time of the motion on, the jaws may meet the block in the other arm's jaws.
+            meets_s: from when until when on the motion the jaws may meet the block in the other arm's jaws.
             leaving: how the arm gets away from where the motion ends.
+            waits: whether to wait until the other arm does something else, where its announced motion leaves no room.
 
         Raises:
             Blocked: the other arm is in the way, and waiting does not help.
             ArmStopped: the arm did not come to the end.
         """
-        await self.traffic.admit(self.hand, motion, jaw_rad, margin_m, meets_s, leaving)
+        await self.traffic.admit(self.hand, motion, jaw_rad, margin_m, meets_s, leaving, waits)
+        if begun is not None:
+            begun()
         if jaw_rad is None:
             execution = await self.traffic.run(self.hand, motion)
         else:
@@ -301,20 +303,6 @@ class PegArm:
                 execution = await self.traffic.run(self.hand, motion)
         if not execution.done:
             raise ArmStopped(execution.reason)
-
-    def ik(self, T_board_tip: SE3) -> NDArray[np.float64]:
-        """Return the joints (6,) that hold the tip there."""
-        return ik(self.model, self.T_base_board @ T_board_tip)
-
-    def through(self, points: Sequence[NDArray[np.float64]]) -> Trajectory:
-        """Return a motion through these joints, its commands found already."""
-        return self.path_through(points).trajectory
-
-    def path_through(self, points: Sequence[NDArray[np.float64]]) -> TimedPath:
-        """Return such a motion, and when it passes the joints."""
-        up = self.T_base_board.matrix[:3, 2]
-        plan = plan_through(self.model, np.array(points), self.settings.limits, up=up, planner=self.planner)
-        return TimedPath(self._prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
 
     async def plan(self, compute: Callable[[], Result]) -> Result | None:
         """Plan a motion; None, with the reason in the log, where a pose or the way to it leaves the joints' ranges."""
@@ -331,18 +319,3 @@ class PegArm:
     async def perceive(self, compute: Callable[[], Result]) -> Result:
         """Compute on an image."""
         return await self.hand.compute("perception", self.settings.perception_budget_s, compute)
-
-    def gripped(self, grasp: Grasp, T_board_block: SE3) -> SE3:
-        """Return the pose of a block in the jaws that have closed on it."""
-        return held_block(grasp.T_board_tip, T_board_block, self.table.block)
-
-
-def raised(T_board_tip: SE3, height_m: float) -> SE3:
-    """Return a pose of the tip at another height over the plate."""
-    x, y, _ = T_board_tip.translation_m
-    return SE3.from_parts(T_board_tip.rotation, [x, y, height_m])
-
-
-def yaw_of(T_board_tip: SE3) -> float:
-    """Return the yaw of a vertical tool about the board's z."""
-    return float(np.arctan2(T_board_tip.matrix[1, 0], T_board_tip.matrix[0, 0]))

@@ -38,10 +38,12 @@ class Settings:
         planning_budget_s: declared for planning a motion (paper: .103 s).
         traffic_budget_s: declared for checking a motion against what the other arm does.
         settle_s: rest after a motion before the jaws act.
+        looks_ahead: look at the next block, and plan, while the arm still moves.
         jaw_open_rad: widest opening round the wall of a block, against the clearance in its hole.
         release_rad: least opening there, and the one at which two arms have room in one hole.
         depth_m: of the tip under the block's top face.
         jaw_closed_rad: target that lets the drive press.
+        held_rad: opening of jaws that have closed on a wall.
         jaw_empty_rad: jaws that close further than this hold nothing.
         clear_height_m: of the tip over the plate when it travels empty; the pegs are 20 mm tall.
         lift_m: how far a held block is raised: its lower face clears the pegs.
@@ -57,6 +59,7 @@ class Settings:
         waits_above_m: of the receiving arm over its grasp, before it comes down (facts: 13 mm).
         parts_m: how far the giving arm rises before it goes away (facts: 10 mm).
         patience_s: an arm that could not move for so long does something else.
+        pace_s: for how long one arm waits for the other to have come as far.
         detours: how often it then gives way and tries again, before it gives its transfer up.
         rounds: how often a transfer is tried that could not be done because of the other arm.
         pause_s: and how long it waits where it cannot go home.
@@ -68,10 +71,12 @@ class Settings:
     planning_budget_s: float = 0.103
     traffic_budget_s: float = 0.02
     settle_s: float = 0.06
+    looks_ahead: bool = False
     jaw_open_rad: float = 0.40
     release_rad: float = 0.32
     depth_m: float = 4.0e-3
     jaw_closed_rad: float = -0.17
+    held_rad: float = 0.20
     jaw_empty_rad: float = 0.08
     clear_height_m: float = 27e-3
     lift_m: float = 26e-3
@@ -86,6 +91,7 @@ class Settings:
     parts_m: float = 10e-3
     aside_m: float = 28e-3
     patience_s: float = 3.0
+    pace_s: float = 1.5
     detours: int = 2
     rounds: int = 2
     pause_s: float = 0.3
@@ -102,4 +108,4 @@ def quick() -> Settings:
 
     A run says where a machine needs longer (``missed_budgets``).
     """
-    return Settings(perception_budget_s=0.085, planning_budget_s=0.06)
+    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, looks_ahead=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 import trio
@@ -10,6 +11,8 @@ import trio
 from trocar.geometry import SE3
 from trocar.tasks.peg_transfer.agents.meeting import Partner, Ways
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.together import first_of
+from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 
 AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED)
@@ -24,10 +27,14 @@ class Appointment:
         goal: the transfer.
         start_s: when the giving arm began.
         T_board_block: where the block is offered, as the giving arm's joints tell.
+        T_board_giver: pose of the giving tip there.
         passed: whether the receiving arm has had the block.
+        announced: it is known where the block will be offered.
+        crowded: the receiving arm, waiting above, is in the giving one's way.
         offered: the giving arm holds the block still, and waits.
         taken: the receiving arm holds it too.
-        parted: the giving arm has let go and gone.
+        released: the giving arm has opened its jaws.
+        parted: and has risen out of the block.
         outcome: why nothing comes of it; None: it goes well.
         reason: a sentence, where there is one.
     """
@@ -35,18 +42,27 @@ class Appointment:
     goal: Transfer
     start_s: float = 0.0
     T_board_block: SE3 | None = None
+    T_board_giver: SE3 | None = None
     outcome: TransferOutcome | None = None
     reason: str = ""
     passed: bool = False
+    announced: trio.Event = field(default_factory=trio.Event)
+    crowded: trio.Event = field(default_factory=trio.Event)
     offered: trio.Event = field(default_factory=trio.Event)
     taken: trio.Event = field(default_factory=trio.Event)
+    released: trio.Event = field(default_factory=trio.Event)
     parted: trio.Event = field(default_factory=trio.Event)
+
+    def announce(self, T_board_giver: SE3, T_tip_block: SE3) -> None:
+        """Tell where the block will be offered."""
+        self.T_board_giver, self.T_board_block = T_board_giver, T_board_giver @ T_tip_block
+        self.announced.set()
 
     def fail(self, outcome: TransferOutcome, reason: str = "") -> None:
         """End it."""
         if self.outcome is None:
             self.outcome, self.reason = outcome, reason
-        for event in (self.offered, self.taken, self.parted):
+        for event in (self.announced, self.crowded, self.offered, self.taken, self.released, self.parted):
             event.set()
 
 
@@ -56,25 +72,26 @@ class Side:
     Attributes:
         arm: this one.
         other: its partner.
+        script: how this one picks blocks, and what it has seen of the next one.
     """
 
-    def __init__(self, arm: PegArm, other: PegArm):
-        self.arm, self.other = arm, other
+    def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
+        self.arm, self.other, self.script = arm, other, script
         self.cell, self.settings, self.table = arm.cell, arm.settings, arm.table
 
     @property
     def own_side(self) -> float:
         """Return the sign of x in the board's frame on the side of the arm's base."""
-        return float(np.sign(self.arm.T_base_board.inverse().translation_m[0]))
+        return float(np.sign(self.arm.motions.T_base_board.inverse().translation_m[0]))
 
     async def rise(self) -> None:
         """Rise straight out of a block that the other arm holds."""
-        await self.arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, meets_s=0.0)
+        await self.arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, meets_s=(0.0, inf))
 
-    async def wait_for(self, event: trio.Event) -> None:
-        """Wait for what the other arm does."""
+    async def wait_for(self, *events: trio.Event) -> None:
+        """Wait for what the other arm does: for the first of some events."""
         with self.cell.log.span(self.arm.name, "waiting"):
-            await event.wait()
+            await first_of(*events)
 
     def partners(self, giver: PegArm, receiver: PegArm) -> tuple[Partner, Partner]:
         """Return both arms; the giving one's jaws are closed on a block."""

@@ -54,15 +54,20 @@ class Table:
         self.T_world_board = fit.T_world_board
         return True
 
-    async def check(self, hand: ArmScript) -> None:
-        """Look whether the blocks lie where they were set down; those picked again were checked then."""
+    async def check(self, hand: ArmScript) -> bool:
+        """Look whether the blocks lie where they were set down; return whether all do, and were seen.
+
+        Those picked again were checked then.
+        """
         image = await self.capture(hand)
         pegs = sorted(self.blocks)
         fits = await self._survey(
             hand, lambda: [self.see.find_block(image, self.T_camera_board, self.board, self.block, peg) for peg in pegs]
         )
         seen = [peg for peg, fit in zip(pegs, fits, strict=True) if fit.found]
-        self.cell.log.event("check", pegs=seen, missing=sorted(set(pegs) - set(seen)))
+        missing = sorted(set(pegs) - set(seen))
+        self.cell.log.event("check", pegs=seen, missing=missing)
+        return not missing
 
     async def _survey(self, hand: ArmScript, compute: Callable[[], Result]) -> Result:
         return await hand.compute("perception", self.settings.survey_budget_s, compute)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from math import inf
 
 import numpy as np
 import trio
@@ -14,8 +13,9 @@ from trocar.cell import Cell, Execution, SetPoint
 from trocar.geometry import SE3
 from trocar.motion import MovingArm, swept_clearance
 from trocar.tasks.kit import ArmScript
-from trocar.tasks.peg_transfer.agents.moving_body import Body, distances_m, min_delay_s
+from trocar.tasks.peg_transfer.agents.moving_body import NEVER, Body, distances_m, min_delay_s
 from trocar.tasks.peg_transfer.agents.settings import Settings
+from trocar.tasks.peg_transfer.agents.together import first_of
 from trocar.tasks.peg_transfer.block import Block
 from trocar.trajectory import Trajectory
 
@@ -91,8 +91,12 @@ class Traffic:
 
     def __init__(self, cell: Cell, block: Block, settings: Settings):
         self._cell, self._block, self._settings = cell, block, settings
-        self._lanes = {name: _Lane(cell.arms[name], cell.T_world_base_registered[name]) for name in cell.arms}
+        self._lanes: dict[str, _Lane] = {}
         self._changed = trio.Event()
+
+    def join(self, hand: ArmScript) -> None:
+        """Let an arm take part; those that do not rest outside the board, and the robot's guard knows of them."""
+        self._lanes[hand.name] = _Lane(hand.model, self._cell.T_world_base_registered[hand.name])
 
     def carries(self, name: str, T_tip_block: SE3 | None) -> None:
         """Note what an arm holds now; None: nothing."""
@@ -109,8 +113,9 @@ class Traffic:
         trajectory: Trajectory,
         jaw_rad: float | None = None,
         margin_m: float | None = None,
-        meets_s: float = inf,
+        meets_s: tuple[float, float] = NEVER,
         leaving: Leaving | None = None,
+        waits: bool = True,
     ) -> None:
         """Return when a motion is free; it is announced then, and ``run`` has to follow.
 
@@ -119,8 +124,9 @@ class Traffic:
             trajectory: of its joints.
             jaw_rad: opening that the jaws come to on the way; None: they stay as they are.
             margin_m: to keep to other arms; None: as usual.
-            meets_s: from this time of the motion on, the jaws may meet the block in the other arm's jaws.
+            meets_s: from when until when on the motion the jaws may meet the block in the other arm's jaws.
             leaving: how the arm gets away from where the motion ends; the other arm must leave room for that too.
+            waits: whether to wait until the other arm does something else, where its announced motion leaves no room.
 
         Raises:
             Blocked: waiting does not help.
@@ -133,6 +139,8 @@ class Traffic:
             with self._cell.log.span(hand.name, "waiting"):
                 if delay is not None:
                     await clock.sleep(delay)
+                elif not waits:
+                    raise Blocked
                 else:
                     await self._wait_for_change(hand.name, lane, deadline_s)
         lane.announced, lane.leaving = (trajectory, clock.now_s()), leaving
@@ -159,9 +167,7 @@ class Traffic:
         changed, lane.waiting, lane.pressed = self._changed, True, trio.Event()
         try:
             with trio.move_on_after(left_s):
-                async with trio.open_nursery() as nursery:
-                    nursery.start_soon(_first_of, changed, nursery.cancel_scope)
-                    nursery.start_soon(_first_of, lane.pressed, nursery.cancel_scope)
+                await first_of(changed, lane.pressed)
         finally:
             lane.waiting = False
         if lane.pressed.is_set():
@@ -172,9 +178,9 @@ class Traffic:
         changed.set()
 
     async def _checked(
-        self, name: str, trajectory: Trajectory, margin_m: float, meets_s: float, leaving: Leaving | None
+        self, name: str, trajectory: Trajectory, margin_m: float, meets_s: tuple[float, float], leaving: Leaving | None
     ) -> float | None:
-        """Return what ``_free`` does, on the cell's clock and in its log; an arm alone is free, and nothing is computed.
+        """Return what ``_free`` does, on the cell's clock and in its log; of an arm alone nothing is computed.
 
         The declared time passes before the check: it has to see the newest state of the other arms, and nothing may
         come between it and the announcement.
@@ -190,7 +196,7 @@ class Traffic:
         return delay
 
     def _free(
-        self, name: str, trajectory: Trajectory, margin_m: float, meets_s: float, leaving: Leaving | None
+        self, name: str, trajectory: Trajectory, margin_m: float, meets_s: tuple[float, float], leaving: Leaving | None
     ) -> float | None:
         """Return after what delay a motion is free; None if it is not as long as the other arms stay where they go."""
         now = self._cell.clock.now_s()
@@ -260,9 +266,9 @@ class Traffic:
         return Body(arm, lane.T_tip_block, self._block)
 
 
-def _least(mover: Body, other: Body, now_s: float, margin_m: float, meets_s: float) -> float:
+def _least(mover: Body, other: Body, now_s: float, margin_m: float, meets_s: tuple[float, float]) -> float:
     """Return the margin, or the present distance where that is less: arms that are near may go apart."""
-    here = distances_m(mover, np.zeros(1), other if meets_s > 0 else other.empty(), np.array([now_s]))
+    here = distances_m(mover, np.zeros(1), other if meets_s[0] > 0 else other.empty(), np.array([now_s]))
     return _relaxed(margin_m, float(here[0]))
 
 
@@ -277,8 +283,3 @@ def _ended(motion: Trajectory, told: SetPoint) -> bool:
 
 def _delays(until_s: float) -> list[float]:
     return np.arange(0.0, until_s + DELAY_STEP_S, DELAY_STEP_S).tolist()
-
-
-async def _first_of(event: trio.Event, scope: trio.CancelScope) -> None:
-    await event.wait()
-    scope.cancel()

@@ -2,13 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+
+import trio
 
 from trocar.geometry import SE3
+from trocar.motion import TimedPath
+from trocar.perception.image import RgbdImage
+from trocar.tasks.peg_transfer.agents.motions import Approach, Carriage, end_of
+from trocar.tasks.peg_transfer.agents.pace import Pace
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
+from trocar.tasks.peg_transfer.agents.together import Pending, with_helpers
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
+
+
+class Step(Enum):
+    """Steps of a transfer with which two arms keep pace, as shares of it."""
+
+    HOLDS = 0.5
+    LEFT_SOURCE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A block that was looked at while the arm was still at the one before.
+
+    Attributes:
+        source: its peg.
+        grasp: how to grasp it.
+        approach: how to come there from where the arm was going; None: to be planned.
+        there: whether the arm has come there already.
+    """
+
+    source: int
+    grasp: Grasp
+    approach: Approach | None
+    there: bool = False
 
 
 class OneArm:
@@ -19,27 +53,32 @@ class OneArm:
         table: what it knows of the board.
         goals: its transfers.
         beside: whether another arm works here too.
+        pace: to keep with that; None: there is none to keep.
+        seen: the next block, where it was looked at beforehand.
     """
 
-    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False):
-        self.arm, self.table, self.goals, self.beside = arm, arm.table, goals, beside
+    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False, pace: Pace | None = None):
+        self.arm, self.table, self.goals, self.beside, self.pace = arm, arm.table, goals, beside, pace
         self.cell, self.settings = arm.cell, arm.settings
+        self.seen: Pending[Seen] = Pending()
 
     async def transfer_all(self) -> None:
         """Do all transfers; an arm that stopped does no more."""
-        for goal in self.goals:
+        for number in range(len(self.goals)):
             start_s = self.cell.clock.now_s()
-            stopped, reason = False, ""
+            reason = ""
             try:
-                outcome = await self._transfer(*goal)
+                outcome = await with_helpers(partial(self._transfer, number))
                 if outcome not in (TransferOutcome.DONE, TransferOutcome.NO_BLOCK):
                     await self.arm.let_go()
             except Blocked:
                 outcome = TransferOutcome.BLOCKED
             except ArmStopped as error:
-                stopped, outcome, reason = True, TransferOutcome.ARM_STOPPED, str(error)
-            self.note(goal, start_s, outcome, reason)
-            if stopped:
+                self.arm.stopped = True
+                outcome, reason = TransferOutcome.ARM_STOPPED, str(error)
+            self._come(number, Step.LEFT_SOURCE)
+            self.note(self.goals[number], start_s, outcome, reason)
+            if self.arm.stopped:
                 return
 
     def note(self, goal: Transfer, start_s: float, outcome: TransferOutcome, reason: str = "") -> None:
@@ -54,42 +93,136 @@ class OneArm:
             **values,
         )
 
-    async def _transfer(self, source: int, target: int) -> TransferOutcome:
-        """Move one block; every way in which this can end is an outcome."""
+    async def look_first(self) -> None:
+        """Look at the first block while the arm is still waking."""
+        if self.goals:
+            source = self.goals[0].source
+            grasp = await self.arm.see(source)
+            self.seen.put(Seen(source, grasp, None) if isinstance(grasp, Grasp) else None)
+
+    async def look_ahead(self, path: TimedPath, source: int, rise_m: float = 0.0) -> Seen | None:
+        """Look at the next block while the arm moves, and plan to come there from where the motion ends.
+
+        ``rise_m`` is how far it will have to rise there first.
+
+        The newest image is taken when the arm begins to go down. Where it does not show the block, an earlier one may,
+        in which neither arm was before it.
+        """
+        clock, hand, begin_s = self.cell.clock, self.arm.hand, self.cell.clock.now_s()
+        down_s = float(path.waypoint_times_s[-2] - path.waypoint_times_s[0])
+        images: list[RgbdImage] = []
+        for after_s in (0.0, down_s / 2, down_s):
+            await clock.sleep(max(0.0, begin_s + after_s - clock.now_s()))
+            images.append(await self.table.capture(hand))
+        for image in reversed(images):
+            grasp = await self.arm.look(image, source)
+            if isinstance(grasp, Grasp):
+                planned = partial(self.arm.motions.approach, end_of(path), grasp, source, rise_m)
+                return Seen(source, grasp, await self.arm.plan(planned))
+        return None
+
+    def _come(self, number: int, step: Step) -> None:
+        if self.pace is not None:
+            self.pace.come(self.arm.name, number + step.value)
+
+    async def _keep_pace(self, number: int, step: Step) -> None:
+        if self.pace is not None:
+            await self.pace.wait(self.arm.name, number + step.value)
+
+    async def _transfer(self, number: int, helpers: trio.Nursery) -> TransferOutcome:
+        """Move one block; every way in which this can end is an outcome.
+
+        A block that was lost on its way is looked for where it came from: there it has slipped back to, if at the lift.
+        """
+        goal, outcome = self.goals[number], TransferOutcome.BLOCKED
+        await self._keep_pace(number - 1, Step.LEFT_SOURCE)
         for _ in range(self.settings.rounds):
-            grasp = await self.pick(source)
+            carriage: Pending[Carriage] = Pending()
+            grasp = await self.pick(goal.source, partial(self._plan_carriage, goal, carriage, helpers))
             if not isinstance(grasp, Grasp):
-                return grasp
-            T_board_block = self.table.blocks.pop(source)
+                return outcome if outcome is TransferOutcome.DROPPED else grasp
+            T_board_block = self.table.blocks.pop(goal.source)
             try:
-                return await self._bring(grasp, T_board_block, target)
+                outcome = await self._bring(number, grasp, T_board_block, carriage, helpers)
             except Blocked:  # the block stands where it stood: nothing has moved
-                self.table.blocks[source] = T_board_block
+                self.table.blocks[goal.source] = T_board_block
                 await self.arm.open()
                 await self.arm.give_way()
-        return TransferOutcome.BLOCKED
+                continue
+            if outcome is not TransferOutcome.DROPPED:
+                return outcome
+            await self.arm.let_go()
+        return outcome
 
-    async def _bring(self, grasp: Grasp, T_board_block: SE3, target: int) -> TransferOutcome:
-        """Bring a block that is held to its target."""
-        place = await self._carry(grasp, T_board_block, target)
+    async def _bring(
+        self, number: int, grasp: Grasp, T_board_block: SE3, carriage: Pending[Carriage], helpers: trio.Nursery
+    ) -> TransferOutcome:
+        """Bring a block that is held to its target; on the way down there, look at the next one."""
+        T_tip_block = self.arm.motions.gripped(grasp, T_board_block)
+        goal, following = self.goals[number], self.goals[number + 1 : number + 2]
+        self._come(number, Step.HOLDS)
+        await self._keep_pace(number, Step.HOLDS)
+        ready = await carriage.take()
+
+        def begun(carriage: Carriage) -> None:
+            self._come(number, Step.LEFT_SOURCE)
+            self.table.blocks[goal.target] = carriage.T_board_placed
+            if self.settings.looks_ahead and following:
+                self.seen.start(helpers, partial(self.look_ahead, carriage.path, following[0].source))
+
+        place = await self.arm.carry(T_tip_block, goal.target, ready, begun)
         if place is None:
             return TransferOutcome.OUT_OF_REACH
         if not self.arm.holds:
+            del self.table.blocks[goal.target]
+            await self.seen.take()  # what was dropped may lie anywhere now
             return TransferOutcome.DROPPED
+        await self.before_release(goal)
         await self.arm.open()
-        self.table.blocks[target] = place
         return TransferOutcome.DONE
 
-    async def pick(self, source: int) -> Grasp | TransferOutcome:
-        """Take hold of the block on a peg; return how, or why not."""
+    async def before_release(self, goal: Transfer) -> None:
+        """Do what an agent wants to do when a block is at its target, still in the jaws: here nothing."""
+
+    def _plan_carriage(
+        self, goal: Transfer, carriage: Pending[Carriage], helpers: trio.Nursery, grasp: Grasp
+    ) -> Callable[[Approach], None] | None:
+        """Return what plans, as the approach begins, how to carry the block from its end."""
+        block = self.table.blocks.get(goal.source)
+        if not self.settings.looks_ahead or block is None:
+            return None
+        T_tip_block, motions = self.arm.motions.gripped(grasp, block), self.arm.motions
+
+        def begun(approach: Approach) -> None:
+            q = end_of(approach.path)
+            carriage.start(
+                helpers,
+                lambda: self.arm.plan(lambda: motions.carriage(q, T_tip_block, goal.source, goal.target)),
+            )
+
+        return begun
+
+    async def pick(
+        self, source: int, on_the_way: Callable[[Grasp], Callable[[Approach], None] | None] | None = None
+    ) -> Grasp | TransferOutcome:
+        """Take hold of the block on a peg; return how, or why not.
+
+        Args:
+            source: peg.
+            on_the_way: returns for a grasp what is told the motion there when it begins.
+        """
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
-            grasp = await self._see(source, failed)
+            seen = await self.seen.take()
+            known = seen is not None and seen.source == source and not failed
+            grasp = seen.grasp if seen is not None and known else await self._see(source, failed)
             if not isinstance(grasp, Grasp):
                 return grasp
-            if not await self.arm.go_to(grasp, source):
+            ready = seen.approach if seen is not None and known else None
+            there = seen is not None and known and seen.there
+            if not there and not await self.arm.go_to(grasp, source, ready, on_the_way(grasp) if on_the_way else None):
                 return TransferOutcome.OUT_OF_REACH
-            if await self.arm.grip(self.arm.gripped(grasp, self.table.blocks[source])):
+            if await self.arm.grip(self.arm.motions.gripped(grasp, self.table.blocks[source])):
                 return grasp
             jaw_rad = round(self.arm.hand.jaw_rad, 4)
             self.cell.log.event("pick failed", peg=source, attempt=attempt, jaw_rad=jaw_rad)
@@ -109,7 +242,3 @@ class OneArm:
                 await self.cell.clock.sleep(self.settings.pause_s)
             grasp = await self.arm.see(source, failed)
         return grasp
-
-    async def _carry(self, grasp: Grasp, T_board_block: SE3, target: int) -> SE3 | None:
-        """Bring the block to its target; return where it should lie now, or None where no pose is in reach."""
-        return await self.arm.carry(self.arm.gripped(grasp, T_board_block), target)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from trocar.tasks.kit import Brief
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.settings import Settings
+from trocar.tasks.peg_transfer.agents.start import begin, finish
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.traffic import Traffic
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
@@ -22,9 +23,7 @@ class Unilateral(OneArm):
 
     async def run(self) -> None:
         """Do the transfers one after the other, and look once more at the end."""
-        await self.arm.wake()
-        if not await self.table.find_board(self.arm.hand):
+        if not await begin(self.table, [self.arm], [self.look_first]):
             return
         await self.transfer_all()
-        await self.arm.go_home()
-        await self.table.check(self.arm.hand)
+        await finish(self.table, self.arm)

@@ -1,0 +1,201 @@
+"""The motions of one arm over the board, found before it makes them: from where it rests, or from where it will."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import fk, ik
+from trocar.geometry import SE3
+from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
+from trocar.tasks.kit import ArmScript, Brief
+from trocar.tasks.peg_transfer.agents.table import Table
+from trocar.tasks.peg_transfer.agents.traffic import Leaving
+from trocar.tasks.peg_transfer.grasps import Grasp
+from trocar.tasks.peg_transfer.places import choose_place, held_block
+from trocar.trajectory import Trajectory
+
+Joints = NDArray[np.float64]
+
+AT_HEIGHT_M = 1e-3
+NEARBY_M = 25e-3
+"""Nearer than this an arm that has risen out of a block goes down again only over its next one."""
+SAME_RAD = 1e-6
+"""Joints this close (m, for the insertion) are where a motion was planned to start."""
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """A motion to a block's wall.
+
+    Attributes:
+        path: over the pegs, then down.
+        leaving: how the arm then lifts the block; None: nobody knows of a block there.
+    """
+
+    path: TimedPath
+    leaving: Leaving | None
+
+
+@dataclass(frozen=True, eq=False)
+class Carriage:
+    """A motion that brings a block to its target.
+
+    Attributes:
+        path: lift, travel, lower.
+        T_board_placed: where the block comes to lie.
+        beside: the other blocks, by peg, as they were known when this was planned.
+    """
+
+    path: TimedPath
+    T_board_placed: SE3
+    beside: dict[int, SE3]
+
+
+def starts_at(path: TimedPath, q: Joints) -> bool:
+    """Return whether a motion starts at these joints (6,)."""
+    return bool(np.abs(path.trajectory(path.trajectory.times_s[0]) - q).max() < SAME_RAD)
+
+
+def end_of(path: TimedPath) -> Joints:
+    """Return the joints (6,) to which a motion comes."""
+    return path.trajectory(path.trajectory.times_s[-1])
+
+
+class Motions:
+    """Finds the motions of one arm, their commands included.
+
+    All are planned from given joints, so that the next one can be found while the arm is still on its way there.
+
+    Args:
+        brief: of the script.
+        hand: the arm.
+        table: board and blocks.
+    """
+
+    def __init__(self, brief: Brief, hand: ArmScript, table: Table):
+        self._robot, self._T_world_base = brief.cell.robot, brief.cell.T_world_base_registered[hand.name]
+        self._name, self._model, self._table = hand.name, hand.model, table
+        self._log, self._settings, self._planner = brief.cell.log, brief.settings, brief.planner
+
+    @property
+    def T_base_board(self) -> SE3:
+        """Return the pose of the board in the arm's base."""
+        return self._T_world_base.inverse() @ self._table.T_world_board
+
+    def tip(self, q: Joints) -> SE3:
+        """Return the pose of the tip in the board's frame."""
+        return self.T_base_board.inverse() @ fk(self._model, q)
+
+    def ik(self, T_board_tip: SE3) -> Joints:
+        """Return the joints (6,) that hold the tip there."""
+        return ik(self._model, self.T_base_board @ T_board_tip)
+
+    def through(self, points: Sequence[Joints]) -> TimedPath:
+        """Return a motion through these joints."""
+        up = self.T_base_board.matrix[:3, 2]
+        plan = plan_through(self._model, np.array(points), self._settings.limits, up=up, planner=self._planner)
+        return TimedPath(self.prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
+
+    def prepared(self, motion: Trajectory) -> Trajectory:
+        """Return a motion, its commands found already."""
+        self._robot.prepare({self._name: motion})
+        return motion
+
+    def risen(self, q: Joints) -> list[Joints]:
+        """Return the first waypoints of any motion: where the arm is, and over the pegs if it is lower."""
+        tip = self.tip(q)
+        if tip.translation_m[2] >= self._settings.clear_height_m - AT_HEIGHT_M:
+            return [q]
+        return [q, self.ik(raised(tip, self._settings.clear_height_m))]
+
+    def approach(self, q: Joints, grasp: Grasp, source: int, rise_m: float = 0.0) -> Approach:
+        """Return how to come over the pegs, then down round the wall of a block; first of all up by ``rise_m``."""
+        tip, over_m, first = self.tip(q), self._settings.clear_height_m, self.risen(q)
+        if rise_m:
+            risen_m = float(tip.translation_m[2]) + rise_m
+            first = [q, self.ik(raised(tip, risen_m))]
+            if np.linalg.norm((tip.translation_m - grasp.T_board_tip.translation_m)[:2]) < NEARBY_M:
+                over_m = risen_m
+        path = self.through([*first, self.ik(raised(grasp.T_board_tip, over_m)), self.ik(grasp.T_board_tip)])
+        return Approach(path, self._leaving(grasp, source))
+
+    def _leaving(self, grasp: Grasp, source: int) -> Leaving | None:
+        """Return how the arm lifts the block that it is about to grasp."""
+        block = self._table.blocks.get(source)
+        if block is None:
+            return None
+        lifted = raised(grasp.T_board_tip, float(grasp.T_board_tip.translation_m[2]) + self._settings.lift_m)
+        motion = rest_to_rest(self.ik(grasp.T_board_tip), self.ik(lifted), self._settings.limits)
+        return Leaving(motion, self.gripped(grasp, block))
+
+    def carriage(self, q: Joints, T_tip_block: SE3, source: int | None, target: int) -> Carriage | None:
+        """Return how to lift a block, travel and lower it; None, with the reason in the log, where no pose will do.
+
+        Args:
+            q: (6,) joints with the block in the jaws.
+            T_tip_block: pose of the block there.
+            source: peg on which it stands still; None: it is in the air.
+            target: peg.
+        """
+        tip, beside = self.tip(q), {peg: pose for peg, pose in self._table.blocks.items() if peg != source}
+        place = choose_place(
+            self._model,
+            self.T_base_board,
+            T_tip_block,
+            self._table.board,
+            self._table.block,
+            target,
+            list(beside.values()),
+            self._settings.drop_m,
+            yaw_rad=yaw_of(tip),
+        )
+        if isinstance(place, str):
+            self._log.event("no place", peg=target, reason=place)
+            return None
+        height = place.T_board_tip.translation_m[2] - self._settings.drop_m + self._settings.lift_m
+        points = [q]
+        if tip.translation_m[2] < height - AT_HEIGHT_M:
+            points.append(self.ik(raised(tip, height)))
+        points += [self.ik(raised(place.T_board_tip, height)), self.ik(place.T_board_tip)]
+        return Carriage(self.through(points), place.T_board_tip @ T_tip_block, beside)
+
+    def over(self, q: Joints, T_board_tip: SE3) -> TimedPath:
+        """Return how to come to a pose over the pegs."""
+        return self.through([*self.risen(q), self.ik(T_board_tip)])
+
+    def offering(self, q: Joints, T_board_tip: SE3) -> TimedPath:
+        """Return how to lift a block and bring it to where it is handed over."""
+        tip = self.tip(q)
+        lifted = raised(tip, float(tip.translation_m[2]) + self._settings.lift_m)
+        return self.through([q, self.ik(lifted), self.ik(T_board_tip)])
+
+    def along(self, q: Joints, line_m: Sequence[float]) -> Trajectory:
+        """Return a motion of the tip along a straight line, in the board's axes."""
+        line = self.T_base_board.rotation.apply(np.array(line_m))
+        return self.prepared(straight(self._model, q, line, self._settings.limits))
+
+    def to_joints(self, q: Joints, goal: Joints) -> TimedPath:
+        """Return a motion that rises over the pegs and goes to joints (6,)."""
+        start, *above = self.risen(q)
+        if not above:
+            return TimedPath.joined([self.prepared(rest_to_rest(start, goal, self._settings.limits))])
+        return self.through([start, *above, goal])
+
+    def gripped(self, grasp: Grasp, T_board_block: SE3) -> SE3:
+        """Return the pose of a block in the jaws that have closed on it."""
+        return held_block(grasp.T_board_tip, T_board_block, self._table.block)
+
+
+def raised(T_board_tip: SE3, height_m: float) -> SE3:
+    """Return a pose of the tip at another height over the plate."""
+    x, y, _ = T_board_tip.translation_m
+    return SE3.from_parts(T_board_tip.rotation, [x, y, height_m])
+
+
+def yaw_of(T_board_tip: SE3) -> float:
+    """Return the yaw of a vertical tool about the board's z."""
+    return float(np.arctan2(T_board_tip.matrix[1, 0], T_board_tip.matrix[0, 0]))

@@ -1,0 +1,77 @@
+"""Scripts side by side, and what is computed while an arm still moves."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Any, Generic
+
+import trio
+
+from trocar.cell import Result
+
+
+class Pending(Generic[Result]):
+    """A result to come; None where nothing came of it, or nobody asked."""
+
+    def __init__(self) -> None:
+        self._value: Result | None = None
+        self._done: trio.Event | None = None
+
+    def start(self, helpers: trio.Nursery, compute: Callable[[], Awaitable[Result | None]]) -> None:
+        """Compute it beside what else happens."""
+        self._done = trio.Event()
+        helpers.start_soon(self._find, compute, self._done)
+
+    async def _find(self, compute: Callable[[], Awaitable[Result | None]], done: trio.Event) -> None:
+        try:
+            self._value = await compute()
+        finally:
+            done.set()
+
+    def put(self, value: Result | None) -> None:
+        """Set it: somebody else has computed it."""
+        self._value, self._done = value, None
+
+    async def take(self) -> Result | None:
+        """Return it once it is there; the second time None."""
+        if self._done is not None:
+            await self._done.wait()
+        value, self._value = self._value, None
+        return value
+
+
+async def with_helpers(script: Callable[[trio.Nursery], Awaitable[Result]]) -> Result:
+    """Run a script that may start helpers beside itself; return what it returns when all have ended.
+
+    Helpers compute and may not fail. What the script raises goes on as it is, and ends them.
+    """
+    failure: Exception | None = None
+    results: list[Result] = []
+    async with trio.open_nursery() as helpers:
+        try:
+            results.append(await script(helpers))
+        except Exception as error:
+            failure = error
+            helpers.cancel_scope.cancel()
+    if failure is not None:
+        raise failure
+    return results[0]
+
+
+async def together(*scripts: Callable[[], Awaitable[Any]]) -> None:
+    """Run scripts side by side; return when all have ended."""
+    async with trio.open_nursery() as nursery:
+        for script in scripts:
+            nursery.start_soon(script)
+
+
+async def first_of(*events: trio.Event) -> None:
+    """Return when one of some events has happened."""
+
+    async def wait(event: trio.Event) -> None:
+        await event.wait()
+        nursery.cancel_scope.cancel()
+
+    async with trio.open_nursery() as nursery:
+        for event in events:
+            nursery.start_soon(wait, event)
