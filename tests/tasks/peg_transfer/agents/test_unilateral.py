@@ -155,7 +155,19 @@ def test_the_arm_leaves_the_board_at_the_end(clean):
     lab, _, _ = clean
     start = lab.session.station.arms["psm1"].park_q()
     assert np.abs(lab.cell.robot.setpoint("psm1").q - start).max() < 1e-6
-    assert [span.name for span in lab.log.spans[-2:]] == ["capture", "perception"]
+    captured, seen = (max(s.end_s for s in lab.log.spans if s.name == name) for name in ("capture", "perception"))
+    home = max(s.end_s for s in lab.log.spans if s.name == "motion")
+    assert captured < home and seen > captured  # the last look is taken on the way
+
+
+def test_a_robot_that_only_looks_at_rest_takes_longer_and_does_the_same(clean):
+    _, _, (_, score) = clean
+    lab, in_time, (_, slow) = play([EMPTY, FIRST], settings=replace(SETTINGS, looks_ahead=False))
+    assert in_time and slow.succeeded
+    assert slow.end_s > score.end_s + 0.1
+    moving = [s for s in lab.log.spans if s.name == "motion"]
+    for capture in (s for s in lab.log.spans if s.name == "capture"):
+        assert all(capture.end_s <= m.start_s + 1e-9 or capture.start_s >= m.end_s - 1e-9 for m in moving)
 
 
 def test_the_other_arm_stays_where_it_was(clean):

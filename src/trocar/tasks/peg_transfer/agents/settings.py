@@ -38,7 +38,7 @@ class Settings:
         planning_budget_s: declared for planning a motion (paper: .103 s).
         traffic_budget_s: declared for checking a motion against what the other arm does.
         settle_s: rest after a motion before the jaws act.
-        looks_ahead: look at the next block, and plan, while the arm still moves.
+        looks_ahead: look at the next block, and plan, while the arm still moves; else only at rest.
         jaw_open_rad: widest opening round the wall of a block, against the clearance in its hole.
         release_rad: least opening there, and the one at which two arms have room in one hole.
         depth_m: of the tip under the block's top face.
@@ -71,7 +71,7 @@ class Settings:
     planning_budget_s: float = 0.103
     traffic_budget_s: float = 0.02
     settle_s: float = 0.06
-    looks_ahead: bool = False
+    looks_ahead: bool = True
     jaw_open_rad: float = 0.40
     release_rad: float = 0.32
     depth_m: float = 4.0e-3
@@ -108,4 +108,4 @@ def quick() -> Settings:
 
     A run says where a machine needs longer (``missed_budgets``).
     """
-    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, looks_ahead=True)
+    return Settings(perception_budget_s=0.085, planning_budget_s=0.06)

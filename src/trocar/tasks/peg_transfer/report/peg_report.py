@@ -12,6 +12,7 @@ from trocar.geometry import SE3
 from trocar.replay import Viewpoint
 from trocar.tasks.kit import PaperRow, TaskReport
 from trocar.tasks.peg_transfer.goals import PegSet
+from trocar.tasks.peg_transfer.report.floor import floor_sentence, motion_floor_s
 from trocar.tasks.peg_transfer.report.paths import draw_paths
 
 if TYPE_CHECKING:
@@ -80,19 +81,22 @@ class PegReport(TaskReport):
         return drawn
 
     def summary(self, trials: Sequence[Trial]) -> dict[str, Any]:
-        """Return how many transfers there were whose block stood on its source: the paper's denominator."""
-        return {"available": sum(bool(s["available"]) for trial in trials for s in trial.scores)}
+        """Return the paper's denominator, transfers whose block stood on its source; and what motion alone takes."""
+        available = sum(bool(s["available"]) for trial in trials for s in trial.scores)
+        return {"available": available, "motion_floor_s": motion_floor_s(trials)}
 
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
         """Return the variant's table of the paper: II, III or IV."""
         return PAPER.get(str(summary["variant"]), ())
 
     def notes(self, trials: Sequence[Trial]) -> list[str]:
-        """Return what the paper counts."""
-        available = self.summary(trials)["available"]
+        """Return what the paper counts, and how near to motion alone the time is."""
+        summary = self.summary(trials)
+        available = summary["available"]
         done = sum(bool(s["succeeded"]) for trial in trials for s in trial.scores)
         return [
             f"counted as in the paper, from the transfers whose block stood on its source: {done} of {available}",
+            floor_sentence(summary["motion_floor_s"]),
             "blocks are amber in the pictures only; the camera sees them red",
         ]
 
