@@ -12,6 +12,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.station import load_station
 from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.goals import PAIRS
 from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.report.peg_report import PAPER
 from trocar.tasks.peg_transfer.task import BOARD_SHIFT_M, BOARD_TURN_RAD, VARIANTS, PegTransfer
@@ -121,6 +122,13 @@ def test_a_station_without_a_board_is_refused_in_a_sentence():
 
 def test_the_options_are_what_tells_one_run_from_another():
     assert json.loads(json.dumps(TASK.options())) == {"variant": "unilateral", "transfers": 12, "budget_s": 180.0}
+
+
+def test_two_arms_work_far_apart_and_the_left_one_further_left():
+    pegs = Pegboard().pegs_m
+    for left, right in PAIRS:
+        for a, b in ((left.source, right.source), (left.target, right.target)):
+            assert pegs[a, 0] <= pegs[b, 0] and np.linalg.norm(pegs[a] - pegs[b]) > 25e-3
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
