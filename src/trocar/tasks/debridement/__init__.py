@@ -1,0 +1,1 @@
+"""Multilateral debridement (Kehoe 2014): what is this task's own, all in this folder."""

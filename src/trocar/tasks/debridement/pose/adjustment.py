@@ -1,0 +1,61 @@
+"""The paper's rule: two adjustment transforms that are updated in turn."""
+
+from __future__ import annotations
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.tasks.debridement.pose.estimator import check_order
+
+
+class PaperAdjustment:
+    """Moves on from the last detection by the kinematic increment between two adjustments (Kehoe 2014, V-A.2).
+
+    ``dT_c = L dT_K R``, with increments ``dT = T_before^-1 T_after``. Each detection updates L or R in turn, half-way
+    to what would make the increment since the detection before exact. In print the update of R inverts the detected
+    increment in place of the kinematic one; ``R = (L dT_K)^-1 dT_c`` solves the paper's equation 1.
+
+    Args:
+        share: of the way to the exact adjustment, in (0, 1]; their program has 0.5.
+    """
+
+    def __init__(self, share: float = 0.5) -> None:
+        if not 0 < share <= 1:
+            raise TrocarError(f"the share of the way to the new adjustment is {share}; give a number in (0, 1]")
+        self.share = share
+        self.T_left = self.T_right = SE3.identity()
+        self._left_is_next = True
+        self._t_s: float | None = None
+        self._last: tuple[SE3, SE3] | None = None
+
+    def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
+        """Adjust to a detection; kinematics alone teach nothing."""
+        check_order(t_s, self._t_s)
+        self._t_s = t_s
+        if T_base_detected is None:
+            return
+        if self._last is not None:
+            before_detected, before_kinematic = self._last
+            self._adjust(before_detected.inverse() @ T_base_detected, before_kinematic.inverse() @ T_base_kinematic)
+        self._last = T_base_detected, T_base_kinematic
+
+    def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
+        """Return the last detection moved on by the adjusted increment; before any, the kinematic pose."""
+        check_order(t_s, self._t_s)
+        if self._last is None:
+            return T_base_kinematic
+        T_base_detected, before_kinematic = self._last
+        return T_base_detected @ self.T_left @ (before_kinematic.inverse() @ T_base_kinematic) @ self.T_right
+
+    def _adjust(self, detected: SE3, kinematic: SE3) -> None:
+        if self._left_is_next:
+            self.T_left = interpolate(self.T_left, detected @ (kinematic @ self.T_right).inverse(), self.share)
+        else:
+            self.T_right = interpolate(self.T_right, (self.T_left @ kinematic).inverse() @ detected, self.share)
+        self._left_is_next = not self._left_is_next
+
+
+def interpolate(T_from: SE3, T_to: SE3, share: float) -> SE3:
+    """Return the pose at this share of the way: positions along a line, rotations about one axis (slerp)."""
+    turn = (T_from.rotation.inverse() @ T_to.rotation).log()
+    translation_m = (1 - share) * T_from.translation_m + share * T_to.translation_m
+    return SE3.from_parts(T_from.rotation @ SO3.exp(share * turn), translation_m)

@@ -1,0 +1,53 @@
+"""What every estimator of a gripper's pose can do, and the one that does nothing."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Protocol
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+
+
+class PoseEstimator(Protocol):
+    """Estimates the pose that the camera would detect now, from what came before.
+
+    Example:
+        >>> from trocar.geometry import SE3
+        >>> from trocar.tasks.debridement.pose import PaperAdjustment
+        >>> estimator = PaperAdjustment()
+        >>> estimator.update(0.0, SE3.identity(), SE3.from_parts(translation_m=(0.02, 0.0, 0.0)))
+        >>> T_base_kinematic = SE3.from_parts(translation_m=(0.0, 0.01, 0.0))
+        >>> estimator.estimate(0.1, T_base_kinematic).translation_m.tolist()
+        [0.02, 0.01, 0.0]
+    """
+
+    def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
+        """Take in the kinematic pose of this moment and, where the camera saw the gripper, the detected pose."""
+        ...
+
+    def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
+        """Return the pose for a moment not before the last update; the estimator stays as it is."""
+        ...
+
+
+class RawKinematics:
+    """Believes the forward kinematics, as the Raven's control software does."""
+
+    def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
+        """Learn nothing."""
+
+    def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
+        """Return the kinematic pose."""
+        return T_base_kinematic
+
+
+def check_order(t_s: float, last_s: float | None) -> None:
+    """Refuse a moment before the last one.
+
+    Raises:
+        TrocarError: time runs backwards, or is not a number.
+    """
+    if not t_s >= (-inf if last_s is None else last_s):
+        after = "" if last_s is None else f" after one at {last_s} s"
+        raise TrocarError(f"a pose at {t_s} s came{after}; give poses in the order of their times")
