@@ -19,6 +19,8 @@ from trocar.registry import Lazy, Registry
 Unit = TypeVar("Unit")
 Result = TypeVar("Result")
 
+UNITS_A_PROCESS = 10
+"""After so many units a process makes room for a new one: what its libraries keep of memory goes with it."""
 MAX_DEATHS = 3
 """Workers may die so often in a row, with nothing finished in between, before the work is given up."""
 
@@ -56,7 +58,9 @@ class Processes:
     def open(self) -> Iterator[Executor]:
         """Return a pool; a worker that is killed breaks it, and another one is opened."""
         context = multiprocessing.get_context("spawn")  # a fork would copy the progress bar's threads and their locks
-        pool = ProcessPoolExecutor(self.count, mp_context=context, initializer=_left_alone)
+        pool = ProcessPoolExecutor(
+            self.count, mp_context=context, initializer=_left_alone, max_tasks_per_child=UNITS_A_PROCESS
+        )
         try:
             yield pool
         finally:

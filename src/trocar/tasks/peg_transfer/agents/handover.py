@@ -43,8 +43,9 @@ class Handover(TwoArms):
                     job = partial(giver.give, meeting, to_give)
                 else:
                     job = partial(receiver.receive, meeting, to_give, to_receive)
-                working = working and await self._done(arm, job, meeting)
-                if not working:
+                if working:
+                    working = await self._done(arm, job, meeting)
+                else:
                     meeting.fail(TransferOutcome.ARM_STOPPED)
                 if meeting.passed or meeting.outcome not in AGAIN:
                     ended = meeting
@@ -62,8 +63,9 @@ class Handover(TwoArms):
             meeting.fail(TransferOutcome.BLOCKED)
         except ArmStopped as error:
             arm.stopped = True
-            meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
-        return meeting.outcome is not TransferOutcome.ARM_STOPPED
+            if not meeting.parted.is_set():  # else the block is the other arm's alone
+                meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
+        return not arm.stopped and meeting.outcome is not TransferOutcome.ARM_STOPPED
 
     def _gives(self, arm: PegArm, goal: Transfer) -> bool:
         """Return whether an arm gives: that on whose side the source is."""

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import trio
 
-from trocar.cell import Result
+from trocar.cell import Execution, Result
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
@@ -289,20 +289,30 @@ class PegArm:
             waits: whether to wait until the other arm does something else, where its announced motion leaves no room.
 
         Raises:
-            Blocked: the other arm is in the way, and waiting does not help.
+            Blocked: the other arm is in the way, and waiting does not help; or the robot refused to start.
             ArmStopped: the arm did not come to the end.
         """
         await self.traffic.admit(self.hand, motion, jaw_rad, margin_m, meets_s, leaving, waits)
         if begun is not None:
             begun()
         if jaw_rad is None:
-            execution = await self.traffic.run(self.hand, motion)
+            execution = await self._run(motion)
         else:
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(self.cell.robot.jaw, self.name, jaw_rad)
-                execution = await self.traffic.run(self.hand, motion)
+                execution = await self._run(motion)
+        if execution is None:
+            raise Blocked
         if not execution.done:
             raise ArmStopped(execution.reason)
+
+    async def _run(self, motion: Trajectory) -> Execution | None:
+        """Run a motion that was admitted; None, with the reason in the log, where the robot refuses to start it."""
+        try:
+            return await self.traffic.run(self.hand, motion)
+        except TrocarError as error:
+            self.cell.log.event("refused", arm=self.name, reason=str(error))
+            return None
 
     async def plan(self, compute: Callable[[], Result]) -> Result | None:
         """Plan a motion; None, with the reason in the log, where a pose or the way to it leaves the joints' ranges."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import trio
 
 from trocar.motion import TimedPath
-from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.together import Pending, together, with_helpers
+from trocar.tasks.peg_transfer.agents.traffic import Blocked
 
 
 async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[], Awaitable[None]]] = ()) -> bool:
@@ -38,7 +40,7 @@ async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[
 
 
 async def finish(table: Table, arm: PegArm) -> None:
-    """Let the last arm go home, and look whether the blocks lie where they were set down.
+    """Let the last arm go home, if it can, and look whether the blocks lie where they were set down.
 
     If the settings say so, one looks when it is half-way; what it hid then is looked at when it is home.
     """
@@ -54,8 +56,24 @@ async def finish(table: Table, arm: PegArm) -> None:
             if table.settings.looks_ahead:
                 checked.start(helpers, lambda: look(path))
 
-        await arm.go_home(begun)
+        with may_stay(arm):
+            await arm.go_home(begun)
         return await checked.take()
 
-    if not await with_helpers(script):
+    if arm.stopped or not await with_helpers(script):
         await table.check(arm.hand)
+
+
+async def withdraw(arm: PegArm) -> None:
+    """Let an arm that has nothing to do leave the board, if it can."""
+    with may_stay(arm):
+        await arm.go_home()
+
+
+@contextmanager
+def may_stay(arm: PegArm) -> Iterator[None]:
+    """Note it where an arm cannot leave."""
+    try:
+        yield
+    except (Blocked, ArmStopped) as error:
+        arm.cell.log.event("stayed", arm=arm.name, reason=str(error) or type(error).__name__)

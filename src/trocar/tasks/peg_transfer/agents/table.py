@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import trio
 
@@ -12,6 +13,8 @@ from trocar.geometry import SE3
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.tasks.kit import ArmScript, Brief
 from trocar.tasks.peg_transfer.goals import TransferOutcome
+
+BOARD_LOOKS = 2
 
 
 class Table:
@@ -44,15 +47,18 @@ class Table:
         return image
 
     async def find_board(self, hand: ArmScript) -> bool:
-        """Register the board once; it does not move during a trial. Return whether it was there."""
-        image = await self.capture(hand)
-        guess = self.cell.T_world_fixture["board"]
-        fit = await self._survey(hand, lambda: self.see.find_board(image, self.T_world_camera, self.board, guess))
-        if not fit.found:
-            self.cell.log.event("stopped", outcome=TransferOutcome.BOARD_NOT_FOUND.name, reason=fit.reason)
-            return False
-        self.T_world_board = fit.T_world_board
-        return True
+        """Register the board once; it does not move during a trial. Return whether it was there, at the second look."""
+        guess, reason = self.cell.T_world_fixture["board"], ""
+        for _ in range(BOARD_LOOKS):
+            image = await self.capture(hand)
+            find = partial(self.see.find_board, image, self.T_world_camera, self.board, guess)
+            fit = await self._survey(hand, find)
+            if fit.found:
+                self.T_world_board = fit.T_world_board
+                return True
+            reason = fit.reason
+        self.cell.log.event("stopped", outcome=TransferOutcome.BOARD_NOT_FOUND.name, reason=reason)
+        return False
 
     async def check(self, hand: ArmScript) -> bool:
         """Look whether the blocks lie where they were set down; return whether all do, and were seen.

@@ -15,10 +15,10 @@ from trocar.tasks.peg_transfer.agents.meeting import choose_taking
 from trocar.tasks.peg_transfer.agents.motions import Joints, end_of, raised, starts_at, yaw_of
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.side import Appointment, Side
+from trocar.tasks.peg_transfer.agents.start import withdraw
 from trocar.tasks.peg_transfer.agents.together import Pending
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
-from trocar.tasks.peg_transfer.agents.two_arms import withdraw
 from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.tasks.peg_transfer.places import held_block
 

@@ -79,6 +79,8 @@ class OneArm:
             self._come(number, Step.LEFT_SOURCE)
             self.note(self.goals[number], start_s, outcome, reason)
             if self.arm.stopped:
+                for goal in self.goals[number + 1 :]:
+                    self.note(goal, self.cell.clock.now_s(), TransferOutcome.ARM_STOPPED, reason)
                 return
 
     def note(self, goal: Transfer, start_s: float, outcome: TransferOutcome, reason: str = "") -> None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Awaitable, Callable, Sequence
 
 from trocar.errors import TrocarError
 from trocar.tasks.kit import Brief
-from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
-from trocar.tasks.peg_transfer.agents.start import begin, finish
+from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.start import begin, finish, withdraw
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.traffic import Blocked, Traffic
+from trocar.tasks.peg_transfer.agents.traffic import Traffic
 
 
 class TwoArms(ABC):
@@ -31,14 +30,12 @@ class TwoArms(ABC):
         self.traffic = Traffic(brief.cell, brief.known.block, brief.settings)
         arms = [PegArm(brief, name, self.table, self.traffic) for name in brief.arms]
         self.left, self.right = sorted(arms, key=lambda arm: float(arm.motions.T_base_board.inverse().translation_m[0]))
-        self._gone, self._checked = 0, False
+        self._gone = 0
 
     async def run(self) -> None:
         """Wake both arms, find the board, do the transfers, and look once more at the end."""
         if await begin(self.table, [self.left, self.right], self.first_looks()):
             await self.transfer_all()
-            if not self._checked:
-                await self.table.check(self.right.hand)
 
     def first_looks(self) -> Sequence[Callable[[], Awaitable[None]]]:
         """Return what looks at the first blocks."""
@@ -47,30 +44,11 @@ class TwoArms(ABC):
     async def leave(self, arm: PegArm) -> None:
         """Let an arm that has done leave the board, if it can; the last one looks once more."""
         self._gone += 1
-        if arm.stopped:
-            return
-        if self._gone < 2:
-            await withdraw(arm)
-            return
-        with _may_stay(arm):
+        if self._gone == 2:
             await finish(self.table, arm)
-            self._checked = True
+        elif not arm.stopped:
+            await withdraw(arm)
 
     @abstractmethod
     async def transfer_all(self) -> None:
         """Do the transfers."""
-
-
-async def withdraw(arm: PegArm) -> None:
-    """Let an arm that has nothing to do leave the board, if it can."""
-    with _may_stay(arm):
-        await arm.go_home()
-
-
-@contextmanager
-def _may_stay(arm: PegArm) -> Iterator[None]:
-    """Note it where an arm cannot leave."""
-    try:
-        yield
-    except (Blocked, ArmStopped) as error:
-        arm.cell.log.event("stayed", arm=arm.name, reason=str(error) or type(error).__name__)

@@ -1,0 +1,482 @@
+"""Faults of every kind in every variant, as method `best` plays it: each has a name, the arms rest, the trial is kept.
+
+All of it goes the way of an ordinary trial, in a cell without cable errors, and is read back from the trial's file.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trio
+
+from simulated import STATION, ideal_session, scene_of, standing
+from trocar.calibration.models import OffsetModel
+from trocar.calibration.models.base import TrainingMotion
+from trocar.cell import Ended, Execution
+from trocar.errors import TrocarError
+from trocar.motion import PLANNERS
+from trocar.perception.image import RgbdImage
+from trocar.robots import TICK_S
+from trocar.tasks.peg_transfer.agents import agent_of
+from trocar.tasks.peg_transfer.agents.settings import quick
+from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
+from trocar.tasks.peg_transfer.task import PegTransfer
+from trocar.trials import Trial
+from trocar.trials.config import RunConfig
+from trocar.trials.run import Prepared, run_trial
+
+BEST = PegTransfer.methods["best"]
+SETTINGS = quick()
+VARIANTS = tuple(GOALS)
+PEGS = range(6)
+STILL_S = 0.2
+NOTHING = "this planner finds nothing"
+
+ARM_STOPPED = TransferOutcome.ARM_STOPPED.name
+BLOCKED = TransferOutcome.BLOCKED.name
+BOARD_NOT_FOUND = TransferOutcome.BOARD_NOT_FOUND.name
+DONE = TransferOutcome.DONE.name
+DROPPED = TransferOutcome.DROPPED.name
+NO_BLOCK = TransferOutcome.NO_BLOCK.name
+NOT_GRASPED = TransferOutcome.NOT_GRASPED.name
+OUT_OF_REACH = TransferOutcome.OUT_OF_REACH.name
+
+
+class Wrapped:
+    """A device that does what another does, but for what a subclass changes."""
+
+    def __init__(self, inner):
+        self.inner = inner
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+
+def dark(*frames, onwards=False):
+    """Return a camera of whose images those with these numbers are empty; onwards: all later ones too."""
+
+    class Dark(Wrapped):
+        taken = 0
+
+        async def capture(self):
+            number, self.taken = self.taken, self.taken + 1
+            image = await self.inner.capture()
+            if number not in frames and not (onwards and number > max(frames)):
+                return image
+            nothing = np.zeros_like(image.color), np.full_like(image.depth_m, np.nan)
+            return RgbdImage(*nothing, image.intrinsics, image.time_s)
+
+    return Dark
+
+
+def stuck(arm, closings=None):
+    """Return a robot one of whose arms cannot close its jaws: the first so many times, or ever."""
+
+    class Stuck(Wrapped):
+        tried = 0
+
+        async def jaw(self, name, angle_rad):
+            if name == arm and angle_rad < 0:
+                self.tried += 1
+                if closings is None or self.tried <= closings:
+                    angle_rad = SETTINGS.release_rad
+            return await self.inner.jaw(name, angle_rad)
+
+    return Stuck
+
+
+def clumsy(arm, share):
+    """Return a robot one of whose arms loses the first block that it carries, after this share of the way.
+
+    Where that is 0, the block has fallen before the arm moves.
+    """
+
+    class Clumsy(Wrapped):
+        closed = lost = False
+
+        async def jaw(self, name, angle_rad):
+            if name == arm:
+                self.closed = angle_rad < 0
+            return await self.inner.jaw(name, angle_rad)
+
+        async def move(self, motions):
+            if arm not in motions or not self.closed or self.lost:
+                return await self.inner.move(motions)
+            self.lost = True
+            if share == 0.0:
+                await self.lose(0.0)
+                return await self.inner.move(motions)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self.lose, share * motions[arm].duration_s)
+                return await self.inner.move(motions)
+
+        async def lose(self, after_s):
+            await trio.sleep(after_s)
+            await self.inner.jaw(arm, 0.6)
+
+    return Clumsy
+
+
+def silent(arm, motion, share=1 / 3):
+    """Return a robot one of whose arms stops after this share of its motion of this number, and moves no more."""
+
+    class Silent(Wrapped):
+        count = 0
+
+        async def move(self, motions):
+            if arm not in motions:
+                return await self.inner.move(motions)
+            self.count += 1
+            if self.count < motion:
+                return await self.inner.move(motions)
+            if self.count == motion and share:
+                async with trio.open_nursery() as nursery:
+                    nursery.start_soon(self.stop, share * motions[arm].duration_s)
+                    await self.inner.move(motions)
+            return {arm: Execution(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), Ended.FAULT, f"{arm} is silent")}
+
+        async def stop(self, after_s):
+            await trio.sleep(after_s)
+            self.inner.hold(arm)
+
+    return Silent
+
+
+def cut_off(arm, motion):
+    """Return a robot that raises an error in the midst of one arm's motion of this number."""
+
+    class CutOff(Wrapped):
+        count = 0
+
+        async def move(self, motions):
+            self.count += arm in motions
+            if self.count != motion or arm not in motions:
+                return await self.inner.move(motions)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self.fail, motions[arm].duration_s / 3)
+                return await self.inner.move(motions)
+
+        async def fail(self, after_s):
+            await trio.sleep(after_s)
+            raise ConnectionError("the controller does not answer")
+
+    return CutOff
+
+
+def no_way(*calls):
+    """Return a planner that finds nothing when it is asked for these times, counted from 0; no number: ever."""
+    asked = []
+
+    def plan(problem, *args, **kwargs):
+        asked.append(problem)
+        if not calls or len(asked) - 1 in calls:
+            raise TrocarError(NOTHING)
+        return PLANNERS["optimal"](problem, *args, **kwargs)
+
+    return plan
+
+
+class Watched:
+    """An agent that notes which arms still move when its script has ended, and watches them for a while."""
+
+    def __init__(self, agent, cell):
+        self.agent, self.cell = agent, cell
+
+    async def run(self):
+        await self.agent.run()
+        moving = [name for name in self.cell.arms if self.cell.robot.setpoint(name).moving]
+        self.cell.log.event("script ended", moving=moving)
+        await self.cell.clock.sleep(STILL_S)
+
+
+def block_on(peg, height_m=0.0):
+    return standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg, height_m)
+
+
+def without_cables(station):
+    """Return a session of exact joints, whose arms wear a compensation that has nothing to do."""
+    session = ideal_session(station)
+    models = {
+        name: OffsetModel(np.zeros(6), TrainingMotion(np.full(6, 1e-3), model.lower, model.upper, rows=30))
+        for name, model in session.station.models.items()
+    }
+    return Prepared(0, session, models)
+
+
+def faulty(variant, transfers, blocks, robot, camera, planner):
+    """Return a peg transfer with these blocks, whose method `best` gets these devices and this planner."""
+
+    def made(brief):
+        cameras = {name: camera(device) for name, device in brief.cell.cameras.items()}
+        cell = replace(brief.cell, robot=robot(brief.cell.robot), cameras=cameras)
+        return Watched(agent_of(replace(brief, cell=cell, planner=planner or brief.planner)), brief.cell)
+
+    class Faulty(PegTransfer):
+        methods = {"best": replace(BEST, agent=made)}  # noqa: RUF012
+
+        def scene(self, rng, station):
+            return scene_of(*blocks)
+
+    return Faulty(variant, transfers, budget_s=60.0)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """Return what plays a trial with faults, keeps it, and reads it back."""
+
+    def play(variant, transfers=2, *, blocks=None, robot=Wrapped, camera=Wrapped, planner=None):
+        blocks = [block_on(peg) for peg in PEGS] if blocks is None else blocks
+        task = faulty(variant, transfers, blocks, robot, camera, planner)
+        config = RunConfig(task, method="best", model="offset", calibration="joints", flawless_camera=True)
+        return Trial.load(run_trial(config, without_cables(config.station), 0).save(tmp_path / "trial.npz"))
+
+    return play
+
+
+def named(trial, name):
+    return [event for event in trial.events if event["name"] == name]
+
+
+def scored(trial):
+    return [score["failure"] or DONE for score in trial.scores]
+
+
+def noted(trial):
+    outcomes = {(event["source"], event["target"]): event["outcome"] for event in named(trial, "transfer")}
+    return [outcomes[score["source"], score["target"]] for score in trial.scores]
+
+
+def came_to_an_end(trial):
+    """Return whether the script ended by itself, in time, and the arms held still from then on."""
+    (end,) = named(trial, "script ended")
+    after = trial.times_s > end["time_s"]
+    still = [np.ptp(trial.arrays[f"commanded_{arm}"][after, :6], axis=0).max() == 0.0 for arm in trial.arms]
+    return trial.ended == "done" and end["moving"] == [] and after.sum() > 10 and all(still)
+
+
+def at_home(trial, arm):
+    told = trial.arrays[f"commanded_{arm}"][:, :6]
+    return bool(np.abs(told[-1] - told[0]).max() < 1e-5)
+
+
+def moved_m(trial, block):
+    """Return how far a block came from where it lay."""
+    place = trial.arrays[f"body_block{block}"][:, :3]
+    return float(np.linalg.norm(place[-1] - place[0]))
+
+
+# A camera that returns an empty frame.
+
+
+@pytest.mark.parametrize(
+    ("variant", "transfers", "frames"),
+    [("unilateral", 2, (1, 3, 4, 5)), ("bilateral", 4, (1, 4, 5, 6)), ("handover", 2, (1, 3, 4, 5))],
+)
+def test_where_frames_are_empty_one_looks_again(kept, variant, transfers, frames):
+    """The first look at a block, then those at the next one from the moving arm."""
+    trial = kept(variant, transfers, camera=dark(*frames))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [DONE] * transfers
+    assert named(trial, "no grasp")
+
+
+@pytest.mark.parametrize(
+    ("variant", "outcomes", "frame"),
+    [
+        ("unilateral", [DONE, NO_BLOCK], 2),
+        ("bilateral", [DONE, DONE, NO_BLOCK, NO_BLOCK], 3),
+        ("handover", [DONE, NO_BLOCK], 6),
+    ],
+)
+def test_a_camera_that_goes_dark_shows_no_more_blocks(kept, variant, outcomes, frame):
+    trial = kept(variant, len(outcomes), camera=dark(frame, onwards=True))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == outcomes
+    assert all(at_home(trial, arm) for arm in trial.arms)
+
+
+def test_a_block_whose_taking_nobody_can_see_is_put_back(kept):
+    trial = kept("handover", 1, camera=dark(2, onwards=True))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [NO_BLOCK], "it was seen once, and not at the second try"
+    assert named(trial, "offer") and moved_m(trial, block=1) < 3e-3
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_camera_that_is_dark_from_the_start_ends_it_all(kept, variant):
+    trial = kept(variant, camera=dark(0, onwards=True))
+    assert came_to_an_end(trial) and named(trial, "transfer") == []
+    assert scored(trial) == [BOARD_NOT_FOUND] * 2
+    assert all(at_home(trial, arm) for arm in trial.arms)
+
+
+# Blocks that are not there, and blocks on blocks.
+
+
+@pytest.mark.parametrize(("variant", "transfers"), [("unilateral", 2), ("bilateral", 4), ("handover", 2)])
+def test_a_block_that_is_not_there_is_passed_over(kept, variant, transfers):
+    missing = GOALS[variant][0].source
+    trial = kept(variant, transfers, blocks=[block_on(peg) for peg in PEGS if peg != missing])
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [NO_BLOCK] + [DONE] * (transfers - 1)
+    assert not trial.scores[0]["available"]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_two_blocks_on_one_peg_are_left_alone(kept, variant):
+    """The upper one hides the lower one, and is not where a block would be."""
+    peg = GOALS[variant][0].source
+    trial = kept(variant, blocks=[*map(block_on, PEGS), block_on(peg, Block().height_m)])
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [NO_BLOCK, DONE]
+    assert max(moved_m(trial, peg), moved_m(trial, len(PEGS))) < 1.5e-3
+    assert trial.collisions == []
+
+
+def test_a_lower_block_that_is_seen_past_the_upper_one_is_not_grasped(kept):
+    """The two are turned against each other: between the corners of one, those of the other show."""
+    upper = standing(0, (0.5e-3, 0.3e-3), 0.3 + np.radians(60.0), Block().height_m)
+    trial = kept("bilateral", blocks=[*map(block_on, PEGS), upper])
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [NOT_GRASPED, DONE]
+
+
+@pytest.mark.parametrize(("variant", "transfers"), [("unilateral", 1), ("bilateral", 2), ("handover", 1)])
+def test_a_block_does_not_go_on_a_peg_that_is_taken(kept, variant, transfers):
+    goal = GOALS[variant][0]
+    trial = kept(variant, transfers, blocks=[*map(block_on, PEGS), block_on(goal.target)])
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [DROPPED, DONE][:transfers]
+    assert moved_m(trial, len(PEGS)) < 1e-3, "what stands there stays"
+
+
+# Jaws.
+
+
+@pytest.mark.parametrize(
+    ("variant", "arm", "outcomes"),
+    [
+        ("unilateral", "psm1", [NOT_GRASPED, NOT_GRASPED]),
+        ("bilateral", "psm2", [NOT_GRASPED, DONE]),
+        ("handover", "psm1", [NOT_GRASPED]),
+        ("handover", "psm2", [NOT_GRASPED]),
+    ],
+)
+def test_jaws_that_do_not_close_grasp_nothing(kept, variant, arm, outcomes):
+    trial = kept(variant, len(outcomes), robot=stuck(arm))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == outcomes
+    left = [score["source"] for score in trial.scores if not score["succeeded"]]
+    assert max(moved_m(trial, block) for block in left) < 3e-3, "it stands where it stood, or was put back there"
+
+
+@pytest.mark.parametrize(("variant", "arm"), [("unilateral", "psm1"), ("bilateral", "psm2"), ("handover", "psm1")])
+def test_jaws_that_do_not_close_once_try_again(kept, variant, arm):
+    trial = kept(variant, robot=stuck(arm, closings=1))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [DONE, DONE]
+    assert len(named(trial, "pick failed")) == 1
+
+
+@pytest.mark.parametrize(
+    ("variant", "arm", "share", "outcomes"),
+    [
+        ("unilateral", "psm1", 1 / 3, [DROPPED, DONE]),
+        ("bilateral", "psm1", 1 / 3, [DONE, DROPPED, DONE, DONE]),
+        ("handover", "psm2", 1 / 3, [DROPPED, DONE]),
+        ("handover", "psm1", 0.0, [DROPPED, DONE]),
+    ],
+)
+def test_a_block_lost_on_its_way_is_noticed_and_the_next_ones_are_moved(kept, variant, arm, share, outcomes):
+    trial = kept(variant, len(outcomes), robot=clumsy(arm, share))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == outcomes
+
+
+def test_a_block_that_slips_back_on_its_peg_is_picked_again(kept):
+    trial = kept("unilateral", robot=clumsy("psm1", 0.0))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [DONE, DONE]
+    assert sum(span.name == "jaw" for span in trial.spans) == 6, "the jaws closed and opened once more"
+
+
+# Planners.
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_planner_that_finds_nothing_leaves_all_blocks_where_they_are(kept, variant):
+    trial = kept(variant, planner=no_way())
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [OUT_OF_REACH, OUT_OF_REACH]
+    assert {e["reason"] for e in named(trial, "no motion")} == {"planner 'plan' found no motion: " + NOTHING}
+    assert max(moved_m(trial, block) for block in PEGS) < 1e-4
+
+
+@pytest.mark.parametrize(("variant", "call"), [("unilateral", 1), ("bilateral", 2), ("handover", 2)])
+def test_a_motion_that_was_not_found_ahead_is_planned_when_it_is_due(kept, variant, call):
+    """The call is the first one that is made while the arm moves: how to carry the block, or to offer it."""
+    trial = kept(variant, planner=no_way(call))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [DONE, DONE]
+    (event,) = named(trial, "no motion")
+    motions = [span for span in trial.spans if span.name == "motion" and span.arm == event["arm"]]
+    assert any(span.start_s <= event["time_s"] < span.end_s for span in motions)
+
+
+# Arms.
+
+
+def test_an_arm_alone_that_stops_answering_ends_its_transfers(kept):
+    trial = kept("unilateral", robot=silent("psm1", 5))
+    assert came_to_an_end(trial)
+    assert scored(trial) == [ARM_STOPPED, ARM_STOPPED]
+    assert trial.scores[0]["reason"] == "psm1 is silent" and not at_home(trial, "psm1")
+
+
+@pytest.mark.parametrize(
+    ("arm", "other", "outcomes"),
+    [("psm2", "psm1", [ARM_STOPPED, DONE]), ("psm1", "psm2", [DONE, ARM_STOPPED])],
+)
+def test_an_arm_that_stops_answering_does_not_keep_the_other_from_its_work(kept, arm, other, outcomes):
+    trial = kept("bilateral", robot=silent(arm, 4))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == outcomes
+    assert at_home(trial, other) and not at_home(trial, arm)
+
+
+def test_an_arm_whose_way_leads_past_one_that_stopped_gives_up_and_goes_home(kept):
+    """That one has closed its jaws on its block, and stays there."""
+    trial = kept("bilateral", robot=silent("psm1", 5, share=0.0))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [BLOCKED, ARM_STOPPED]
+    assert at_home(trial, "psm2") and not at_home(trial, "psm1")
+
+
+@pytest.mark.parametrize("arm", ["psm1", "psm2"])
+def test_an_arm_of_a_handover_that_stops_answering_ends_all_transfers(kept, arm):
+    trial = kept("handover", robot=silent(arm, 5))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [ARM_STOPPED, ARM_STOPPED]
+    assert trial.scores[0]["reason"] == f"{arm} is silent"
+
+
+@pytest.mark.parametrize(
+    ("variant", "arm", "motion"), [("unilateral", "psm1", 8), ("bilateral", "psm1", 6), ("handover", "psm2", 10)]
+)
+def test_an_arm_that_stops_on_its_way_home_has_done_its_transfers(kept, variant, arm, motion):
+    trial = kept(variant, robot=silent(arm, motion))
+    assert came_to_an_end(trial) and not at_home(trial, arm)
+    assert noted(trial) == scored(trial) == [DONE, DONE]
+    assert [event["arm"] for event in named(trial, "stayed")] == [arm]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_controller_that_is_cut_off_brings_all_arms_to_rest(kept, variant):
+    trial = kept(variant, robot=cut_off("psm1", 5))
+    assert (trial.ended, trial.reason) == ("FAULT", "the controller does not answer")
+    assert scored(trial) == ["FAULT", "FAULT"]
+    for arm, model in STATION.arms.items():
+        last = np.diff(trial.arrays[f"commanded_{arm}"][-2:, :6], axis=0)
+        assert (np.abs(last) < model.limits.acceleration * TICK_S**2).all(), "no more than braking ends with"
+    assert not at_home(trial, "psm1")
