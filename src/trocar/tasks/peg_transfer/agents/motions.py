@@ -47,11 +47,13 @@ class Carriage:
     Attributes:
         path: lift, travel, lower.
         T_board_placed: where the block comes to lie.
+        leaving: how the arm then rises from it.
         beside: the other blocks, by peg, as they were known when this was planned.
     """
 
     path: TimedPath
     T_board_placed: SE3
+    leaving: Leaving
     beside: dict[int, SE3]
 
 
@@ -160,8 +162,11 @@ class Motions:
         points = [q]
         if tip.translation_m[2] < height - AT_HEIGHT_M:
             points.append(self.ik(raised(tip, height)))
-        points += [self.ik(raised(place.T_board_tip, height)), self.ik(place.T_board_tip)]
-        return Carriage(self.through(points), place.T_board_tip @ T_tip_block, beside)
+        down = self.ik(place.T_board_tip)
+        points += [self.ik(raised(place.T_board_tip, height)), down]
+        risen = self.ik(raised(place.T_board_tip, self._settings.clear_height_m))
+        leaving = Leaving(rest_to_rest(down, risen, self._settings.limits), None)
+        return Carriage(self.through(points), place.T_board_tip @ T_tip_block, leaving, beside)
 
     def over(self, q: Joints, T_board_tip: SE3) -> TimedPath:
         """Return how to come to a pose over the pegs."""

@@ -209,7 +209,10 @@ class PegArm:
                 return None
             try:
                 await self.move(
-                    ready.path.trajectory, begun=partial(begun, ready) if begun else None, margin_m=margin_m
+                    ready.path.trajectory,
+                    begun=partial(begun, ready) if begun else None,
+                    margin_m=margin_m,
+                    leaving=ready.leaving,
                 )
             except Blocked:
                 await self.give_way()
@@ -235,7 +238,7 @@ class PegArm:
         if self.height_m < self.settings.clear_height_m - AT_HEIGHT_M:
             path = await self.plan(lambda: self.motions.through(self.motions.risen(self.hand.q)))
             if path is not None:
-                await self.move(path.trajectory)
+                await self.move(path.trajectory, margin_m=self.settings.min_margin_m)
 
     async def shift(self, line_m: Sequence[float], margin_m: float, meets_s: tuple[float, float] = NEVER) -> None:
         """Move the tip straight, in the board's axes."""
@@ -256,14 +259,14 @@ class PegArm:
         return [self.settings.margin_m] + [self.settings.min_margin_m] * self.settings.detours
 
     async def give_way(self) -> None:
-        """Leave room for the other arm: go home, or wait where that cannot be or with a block in the jaws."""
+        """Leave room for the other arm: go home, or rise at least; wait where neither can be, or with a block held."""
         self.cell.log.event("gives way", arm=self.name)
-        try:
-            if not self.traffic.holds(self.name):
-                await self.go_home()
+        for leave in () if self.traffic.holds(self.name) else (self.go_home, self.retreat):
+            try:
+                await leave()
                 return
-        except Blocked:
-            pass
+            except Blocked:
+                continue
         await self.cell.clock.sleep(self.settings.pause_s)
 
     async def move(

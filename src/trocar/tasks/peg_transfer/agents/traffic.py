@@ -229,7 +229,7 @@ class Traffic:
         theirs = MovingArm.resting(other.model, body.arm.joints(body.arm.end_s), other.T_world_base, body.arm.jaw_rad)
         ways = [
             (leaving, lane, Body(theirs, body.T_tip_block, self._block)),
-            (other.leaving, other, Body(mine, None, self._block)),
+            (other.leaving, other, Body(mine, lane.T_tip_block, self._block)),
         ]
         for way, mover, still in ways:
             if way is None:
