@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import trio
 
 from simulated import ideal_laboratory, standing
 from trocar.arms import capsules
@@ -35,8 +36,8 @@ class Wrapped:
         return getattr(self.inner, name)
 
 
-def silent(arm: str, motion: int):
-    """Return a robot one of whose arms stops answering at its motion of this number."""
+def silent(arm: str, motion: int, share: float = 0.0):
+    """Return a robot one of whose arms stops after a share of its motion of this number, and moves no more."""
 
     class Silent(Wrapped):
         count = 0
@@ -47,9 +48,15 @@ def silent(arm: str, motion: int):
             self.count += 1
             if self.count < motion:
                 return await self.inner.move(motions)
-            self.inner.hold(arm)
-            await self.inner.rest(arm)
+            if self.count == motion and share:
+                async with trio.open_nursery() as nursery:
+                    nursery.start_soon(self.stop, share * motions[arm].duration_s)
+                    await self.inner.move(motions)
             return {arm: Execution(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), Ended.FAULT, f"{arm} is silent")}
+
+        async def stop(self, after_s):
+            await trio.sleep(after_s)
+            self.inner.hold(arm)
 
     return Silent
 

@@ -12,7 +12,6 @@ import trio
 from simulated import STATION, ideal_session, scene_of, standing
 from trocar.calibration.models import OffsetModel
 from trocar.calibration.models.base import TrainingMotion
-from trocar.cell import Ended, Execution
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
@@ -25,12 +24,14 @@ from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.trials import Trial
 from trocar.trials.config import RunConfig
 from trocar.trials.run import Prepared, run_trial
+from two_armed import Wrapped, silent
 
 BEST = PegTransfer.methods["best"]
 SETTINGS = quick()
 VARIANTS = tuple(GOALS)
 PEGS = range(6)
 STILL_S = 0.2
+MIDWAY = 1 / 3
 NOTHING = "this planner finds nothing"
 
 ARM_STOPPED = TransferOutcome.ARM_STOPPED.name
@@ -41,16 +42,6 @@ DROPPED = TransferOutcome.DROPPED.name
 NO_BLOCK = TransferOutcome.NO_BLOCK.name
 NOT_GRASPED = TransferOutcome.NOT_GRASPED.name
 OUT_OF_REACH = TransferOutcome.OUT_OF_REACH.name
-
-
-class Wrapped:
-    """A device that does what another does, but for what a subclass changes."""
-
-    def __init__(self, inner):
-        self.inner = inner
-
-    def __getattr__(self, name):
-        return getattr(self.inner, name)
 
 
 def dark(*frames, onwards=False):
@@ -116,31 +107,6 @@ def clumsy(arm, share):
             await self.inner.jaw(arm, 0.6)
 
     return Clumsy
-
-
-def silent(arm, motion, share=1 / 3):
-    """Return a robot one of whose arms stops after this share of its motion of this number, and moves no more."""
-
-    class Silent(Wrapped):
-        count = 0
-
-        async def move(self, motions):
-            if arm not in motions:
-                return await self.inner.move(motions)
-            self.count += 1
-            if self.count < motion:
-                return await self.inner.move(motions)
-            if self.count == motion and share:
-                async with trio.open_nursery() as nursery:
-                    nursery.start_soon(self.stop, share * motions[arm].duration_s)
-                    await self.inner.move(motions)
-            return {arm: Execution(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), Ended.FAULT, f"{arm} is silent")}
-
-        async def stop(self, after_s):
-            await trio.sleep(after_s)
-            self.inner.hold(arm)
-
-    return Silent
 
 
 def cut_off(arm, motion):
@@ -428,7 +394,7 @@ def test_a_motion_that_was_not_found_ahead_is_planned_when_it_is_due(kept, varia
 
 
 def test_an_arm_alone_that_stops_answering_ends_its_transfers(kept):
-    trial = kept("unilateral", robot=silent("psm1", 5))
+    trial = kept("unilateral", robot=silent("psm1", 5, MIDWAY))
     assert came_to_an_end(trial)
     assert scored(trial) == [ARM_STOPPED, ARM_STOPPED]
     assert trial.scores[0]["reason"] == "psm1 is silent" and not at_home(trial, "psm1")
@@ -439,7 +405,7 @@ def test_an_arm_alone_that_stops_answering_ends_its_transfers(kept):
     [("psm2", "psm1", [ARM_STOPPED, DONE]), ("psm1", "psm2", [DONE, ARM_STOPPED])],
 )
 def test_an_arm_that_stops_answering_does_not_keep_the_other_from_its_work(kept, arm, other, outcomes):
-    trial = kept("bilateral", robot=silent(arm, 4))
+    trial = kept("bilateral", robot=silent(arm, 4, MIDWAY))
     assert came_to_an_end(trial)
     assert noted(trial) == scored(trial) == outcomes
     assert at_home(trial, other) and not at_home(trial, arm)
@@ -447,7 +413,7 @@ def test_an_arm_that_stops_answering_does_not_keep_the_other_from_its_work(kept,
 
 def test_an_arm_whose_way_leads_past_one_that_stopped_gives_up_and_goes_home(kept):
     """That one has closed its jaws on its block, and stays there."""
-    trial = kept("bilateral", robot=silent("psm1", 5, share=0.0))
+    trial = kept("bilateral", robot=silent("psm1", 5))
     assert came_to_an_end(trial)
     assert noted(trial) == scored(trial) == [BLOCKED, ARM_STOPPED]
     assert at_home(trial, "psm2") and not at_home(trial, "psm1")
@@ -455,7 +421,7 @@ def test_an_arm_whose_way_leads_past_one_that_stopped_gives_up_and_goes_home(kep
 
 @pytest.mark.parametrize("arm", ["psm1", "psm2"])
 def test_an_arm_of_a_handover_that_stops_answering_ends_all_transfers(kept, arm):
-    trial = kept("handover", robot=silent(arm, 5))
+    trial = kept("handover", robot=silent(arm, 5, MIDWAY))
     assert came_to_an_end(trial)
     assert noted(trial) == scored(trial) == [ARM_STOPPED, ARM_STOPPED]
     assert trial.scores[0]["reason"] == f"{arm} is silent"
@@ -465,7 +431,7 @@ def test_an_arm_of_a_handover_that_stops_answering_ends_all_transfers(kept, arm)
     ("variant", "arm", "motion"), [("unilateral", "psm1", 8), ("bilateral", "psm1", 6), ("handover", "psm2", 10)]
 )
 def test_an_arm_that_stops_on_its_way_home_has_done_its_transfers(kept, variant, arm, motion):
-    trial = kept(variant, robot=silent(arm, motion))
+    trial = kept(variant, robot=silent(arm, motion, MIDWAY))
     assert came_to_an_end(trial) and not at_home(trial, arm)
     assert noted(trial) == scored(trial) == [DONE, DONE]
     assert [event["arm"] for event in named(trial, "stayed")] == [arm]

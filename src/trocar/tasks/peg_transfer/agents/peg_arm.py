@@ -292,8 +292,9 @@ class PegArm:
             waits: whether to wait until the other arm does something else, where its announced motion leaves no room.
 
         Raises:
-            Blocked: the other arm is in the way, and waiting does not help; or the robot refused to start.
+            Blocked: the other arm is in the way, and waiting does not help; or the robot refuses to move beside it.
             ArmStopped: the arm did not come to the end.
+            TrocarError: the robot refuses the motion of an arm that is alone.
         """
         await self.traffic.admit(self.hand, motion, jaw_rad, margin_m, meets_s, leaving, waits)
         if begun is not None:
@@ -304,18 +305,20 @@ class PegArm:
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(self.cell.robot.jaw, self.name, jaw_rad)
                 execution = await self._run(motion)
-        if execution is None:
+        if isinstance(execution, TrocarError):
+            if self.traffic.alone:
+                raise execution
+            self.cell.log.event("refused", arm=self.name, reason=str(execution))
             raise Blocked
         if not execution.done:
             raise ArmStopped(execution.reason)
 
-    async def _run(self, motion: Trajectory) -> Execution | None:
-        """Run a motion that was admitted; None, with the reason in the log, where the robot refuses to start it."""
+    async def _run(self, motion: Trajectory) -> Execution | TrocarError:
+        """Run a motion that was admitted; return why the robot refuses to start it, where it does."""
         try:
             return await self.traffic.run(self.hand, motion)
         except TrocarError as error:
-            self.cell.log.event("refused", arm=self.name, reason=str(error))
-            return None
+            return error
 
     async def plan(self, compute: Callable[[], Result]) -> Result | None:
         """Plan a motion; None, with the reason in the log, where a pose or the way to it leaves the joints' ranges."""

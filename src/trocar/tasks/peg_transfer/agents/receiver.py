@@ -50,6 +50,7 @@ class Receiver(Taker):
         try:
             await self._place(meeting, T_tip_block, to_give, to_receive, helpers)
         except Blocked:
+            self.table.blocks.pop(meeting.goal.target, None)
             meeting.fail(TransferOutcome.BLOCKED)
             await self.arm.let_go()
 

@@ -98,6 +98,11 @@ class Traffic:
         """Let an arm take part; those that do not rest outside the board, and the robot's guard knows of them."""
         self._lanes[hand.name] = _Lane(hand.model, self._cell.T_world_base_registered[hand.name])
 
+    @property
+    def alone(self) -> bool:
+        """Return whether only one arm takes part."""
+        return len(self._lanes) == 1
+
     def carries(self, name: str, T_tip_block: SE3 | None) -> None:
         """Note what an arm holds now; None: nothing."""
         self._lanes[name].T_tip_block = T_tip_block
@@ -185,7 +190,7 @@ class Traffic:
         The declared time passes before the check: it has to see the newest state of the other arms, and nothing may
         come between it and the announcement.
         """
-        if len(self._lanes) == 1:
+        if self.alone:
             return 0.0
         budget_s = self._settings.traffic_budget_s
         with self._cell.log.span(name, "planning"):

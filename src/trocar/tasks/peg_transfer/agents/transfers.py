@@ -148,6 +148,7 @@ class OneArm:
                 outcome = await self._bring(number, grasp, T_board_block, carriage, helpers)
             except Blocked:  # the block stands where it stood: nothing has moved
                 self.table.blocks[goal.source] = T_board_block
+                self.table.blocks.pop(goal.target, None)
                 await self.arm.open()
                 await self.arm.give_way()
                 continue
