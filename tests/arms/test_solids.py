@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trocar.arms import ARMS, SOLIDS, capsules, frames
+from trocar.arms.solids import MOVED, joint_axes
 
 ARM_CASES = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
 
@@ -36,3 +37,17 @@ def test_one_opening_for_all_or_one_for_each(arm):
     each = capsules(arm, q, [0.0, 0.3, 0.6]).ends_m
     for k, jaw_rad in enumerate((0.0, 0.3, 0.6)):
         np.testing.assert_array_equal(each[k], capsules(arm, q[k], jaw_rad).ends_m)
+
+
+@ARM_CASES
+def test_axes_of_the_joints_move_the_capsules_as_finite_differences_do(arm):
+    rng = np.random.default_rng(0)
+    q, step = rng.uniform(arm.lower, arm.upper, (20, 6)), 1e-6
+    axes, origins = joint_axes(arm, q)
+    ends = capsules(arm, q, 0.7).ends_m
+    for joint in range(6):
+        aside = step * np.eye(6)[joint]
+        differences = (capsules(arm, q + aside, 0.7).ends_m - capsules(arm, q - aside, 0.7).ends_m) / (2 * step)
+        axis, origin = axes[:, None, None, joint], origins[:, None, None, joint]
+        moves = np.broadcast_to(axis, ends.shape) if joint == 2 else np.cross(axis, ends - origin)
+        np.testing.assert_allclose(moves * MOVED[None, :, None, joint, None], differences, atol=1e-8)

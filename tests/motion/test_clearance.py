@@ -213,3 +213,16 @@ def test_the_distance_between_two_poses_is_that_of_their_capsules():
     a, b = np.unravel_index(np.argmin(apart), apart.shape)
     assert clear.between == (f"one {SOLIDS[a]}", f"two {SOLIDS[b]}")
     assert len(bodies.pairs) == 16
+
+
+def test_what_is_too_near_need_not_be_known_well():
+    """One sample that is too near ends the search: the bound stays one, the least distance is not looked for."""
+    first, second = transfer(LEFT, (-0.04, 0.01), (0.03, 0.0)), transfer(RIGHT, (0.04, 0.01), (-0.03, 0.0))
+    arms = {
+        name: MovingArm(PSM, plan_motion(MotionProblem({name: asked})).trajectory, asked.T_world_base)
+        for name, asked in (("psm1", first), ("psm2", second))
+    }
+    exact = swept_clearance(arms, enough_m=1e-3, resolution_m=1e-5)
+    rough = swept_clearance(arms, enough_m=1e-3, resolution_m=1e-5, too_near_m=1e-3)
+    assert exact.distance_m < 1e-3 and rough.sampled_m < 1e-3
+    assert rough.distance_m <= exact.distance_m <= exact.sampled_m <= rough.sampled_m

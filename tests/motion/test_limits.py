@@ -3,7 +3,7 @@ import pytest
 
 from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits
 from trocar.motion import limit_use
-from trocar.motion.limits import knot_jumps
+from trocar.motion.limits import CHECK_STEP_S, hulls, knot_jumps
 from trocar.trajectory import Trajectory
 
 ARM = ARMS["psm-classic"]
@@ -87,3 +87,32 @@ def test_jumps_at_knots():
     trajectory = Trajectory(np.array([0.0, 1.0, 2.0]), pieces)
     np.testing.assert_allclose(knot_jumps(trajectory, 0), np.array([[0, 0.5, 0, 0, 0, 0]]).T)
     np.testing.assert_allclose(knot_jumps(trajectory, 1), np.array([[0, 2, 0, 0, 0, 0]]).T)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_pieces_that_are_left_out_hide_no_extreme(seed):
+    """Many pieces of any degree: the shares are those of all samples at 1 kHz and of both sides of all knots."""
+    rng = np.random.default_rng(seed)
+    times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.01, 0.3, rng.integers(1, 30)))])
+    motion = Trajectory(times, rng.normal(size=(rng.integers(1, 8), len(times) - 1, 6)))
+    limits = MotionLimits(LIMITS.velocity, LIMITS.acceleration)
+    use = limit_use(ARM, motion, limits)
+    grid = np.arange(0.0, times[-1], CHECK_STEP_S)
+    samples = np.concatenate([grid, times[:-1], np.nextafter(times[1:], 0.0)])
+    for name, order in (("velocity", 1), ("acceleration", 2)):
+        share = np.abs(motion(samples, order)).max(axis=0) / getattr(limits, name)
+        np.testing.assert_allclose(getattr(use, name), share, rtol=1e-9, atol=1e-9)
+    q = motion(samples)
+    excess = np.maximum(0.0, np.maximum(ARM.lower - q.min(axis=0), q.max(axis=0) - ARM.upper))
+    np.testing.assert_allclose(use.range_excess, excess, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", range(5))
+def test_a_derivative_stays_in_its_hull(order):
+    rng = np.random.default_rng(order)
+    motion = Trajectory(np.array([0.0, 0.4, 1.0]), rng.normal(size=(4, 2, 3)))
+    hull = hulls(motion, order)
+    for piece, (begin, end) in enumerate([(0.0, 0.4), (0.4, 1.0)]):
+        values = motion(np.linspace(begin, np.nextafter(end, 0), 200), order)
+        assert np.all(values <= hull[:, piece].max(axis=0) + 1e-12)
+        assert np.all(values >= hull[:, piece].min(axis=0) - 1e-12)

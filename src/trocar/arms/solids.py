@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.model import ArmModel
-from trocar.geometry.capsules import Capsules
+from trocar.geometry.capsules import Capsules, cross
 
 SOLIDS = ("shaft", "wrist", "left finger", "right finger")
 """What the capsules of :func:`capsules` stand for, in order."""
+
+MOVED = np.array([[1, 1, 1, 0, 0, 0], [1, 1, 1, 1, 1, 0], [1, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]], dtype=np.float64)
+"""(4, 6) 1 where a joint moves the axis of a capsule of :func:`capsules`, else 0."""
 
 _ENDS = np.array([[0, 1], [2, 3], [3, 4], [3, 5]])
 """Of shaft, wrist, fingers, in the points of :func:`_points`: both fingers start at the wrist's end."""
@@ -35,6 +38,32 @@ def solid_radii_m(arm: ArmModel) -> NDArray[np.float64]:
     """Return the radii (4,) of :func:`capsules`, which no configuration changes."""
     shape = arm.instrument
     return np.array([shape.shaft_radius_m, shape.wrist_radius_m, shape.finger_radius_m, shape.finger_radius_m])
+
+
+def joint_axes(arm: ArmModel, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the axes of the joints, and points on them, in the arm's base: (..., 6, 3) each, m.
+
+    The axis of the joint that slides is the way it slides. Points of the instrument move by ``axis x (point -
+    origin)`` for each joint that turns; what a joint does not carry, see :data:`MOVED`.
+
+    Args:
+        arm: whose joints.
+        q: (..., 6) joints, rad and m.
+    """
+    q = arm.configurations(q)
+    depth, shaft, out, side = _wrist(arm, q)
+    (c0, s0), (c1, s1), _ = arm.twist_cosines
+    yaw = q[..., 0] + arm.offsets[0]
+    x, y = np.sin(yaw) * s1, -np.cos(yaw) * s1
+    axes, origins = np.empty((*q.shape, 3)), np.zeros((*q.shape, 3))
+    axes[..., 0, :] = 0.0, -s0, c0
+    axes[..., 1, 0], axes[..., 1, 1], axes[..., 1, 2] = x, c0 * y - s0 * c1, s0 * y + c0 * c1
+    axes[..., 2, :] = axes[..., 3, :] = shaft
+    axes[..., 4, :] = -arm.wrist_sign * side
+    axes[..., 5, :] = cross(side, out)
+    origins[..., 4, :] = depth[..., None] * shaft
+    origins[..., 5, :] = origins[..., 4, :] + arm.wrist_length_m * out
+    return axes, origins
 
 
 def _points(arm: ArmModel, q: NDArray[np.float64], jaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:

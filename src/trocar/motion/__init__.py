@@ -3,6 +3,7 @@
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.bound import duration_bound_s, shortest_rest_to_rest_s, shortest_to_rest_s
 from trocar.motion.clearance import Clearance, swept_clearance
+from trocar.motion.facing import Facing
 from trocar.motion.limits import LimitUse, limit_use
 from trocar.motion.moves import move_to, rest_to_rest, straight
 from trocar.motion.moving_arm import MovingArm
@@ -12,6 +13,7 @@ from trocar.motion.plan import MotionPlan, plan_motion, plan_through
 from trocar.motion.planners import PLANNERS, Demand, Planner, ignores
 from trocar.motion.problem import MotionProblem
 from trocar.motion.straightness import line_deviation, vertical_deviation_m
+from trocar.motion.walls import open_box, wall
 
 __all__ = [
     "PLANNERS",
@@ -19,6 +21,7 @@ __all__ = [
     "Capsule",
     "Clearance",
     "Demand",
+    "Facing",
     "HalfSpace",
     "LimitUse",
     "MotionPlan",
@@ -32,6 +35,7 @@ __all__ = [
     "limit_use",
     "line_deviation",
     "move_to",
+    "open_box",
     "plan_motion",
     "plan_through",
     "rest_to_rest",
@@ -40,4 +44,5 @@ __all__ = [
     "straight",
     "swept_clearance",
     "vertical_deviation_m",
+    "wall",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, MotionLimits, Unreachable, ik
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.motion.facing import Facing
 from trocar.motion.limits import KEPT
 
 NEAREST = 1e-9
@@ -48,6 +50,8 @@ class ArmMotion:
         T_base_goals: batch (m,) of poses of the tip in its base, to go through after the waypoints. Before the
             planner is asked they become waypoints, by the inverse kinematics nearest to the one before.
         jaw_rad: opening between its fingers.
+        max_tip_m_s: greatest speed of the tip, m/s.
+        facing: what the tip must keep turned towards a point, the marks that a camera sees; None: nothing.
     """
 
     model: ArmModel
@@ -59,6 +63,8 @@ class ArmMotion:
     start_velocity: NDArray[np.float64] = field(default_factory=_still)
     T_base_goals: SE3 | None = None
     jaw_rad: float = 0.0
+    max_tip_m_s: float = inf
+    facing: Facing | None = None
 
     def __post_init__(self) -> None:
         goals = 0 if self.T_base_goals is None else _count(self.T_base_goals)
@@ -83,6 +89,8 @@ class ArmMotion:
         self._require_apart()
         if not np.isfinite(self.jaw_rad):
             raise TrocarError(f"the jaws of {self.model.name} open {self.jaw_rad} rad; give a finite number")
+        if not self.max_tip_m_s > 0:
+            raise TrocarError(f"the tip of {self.model.name} may move at {self.max_tip_m_s} m/s; give a speed above 0")
 
     @property
     def moves(self) -> bool:

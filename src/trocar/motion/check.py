@@ -17,10 +17,14 @@ from trocar.motion.path import TimedPath
 from trocar.motion.planners import Demand
 from trocar.motion.problem import MotionProblem
 from trocar.motion.straightness import line_deviation
+from trocar.motion.tip import tip_use
 from trocar.motion.tolerances import passed_over, passing_deviation, sag_m
 
 REACHED = 1e-6
 """How far (rad, m, and per second) a motion may miss a waypoint, its start, its rest, or itself at a knot."""
+
+TIP_KEPT = 1 + 1e-6
+"""Share of its limit up to which the speed of the tip, a difference quotient, counts as kept."""
 
 ROUNDED = 1e-9
 """What a tolerance (m, rad) may be exceeded by."""
@@ -69,6 +73,7 @@ def check(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Check:
         violations += _limits(name, arm, use[name], problem.range_slack)
         violations += _straight(name, arm, paths[name], problem)
         violations += _sag(name, arm, paths[name], problem)
+        violations += _tip(name, arm, paths[name])
     clearance = _clearance(problem, paths)
     if clearance.distance_m < problem.min_distance_m - DISTANCE_M:
         violations.append(Violation(Demand.DISTANCES, _too_near(clearance, problem.min_distance_m)))
@@ -145,7 +150,7 @@ def _limits(name: str, arm: ArmMotion, use: LimitUse, range_slack: float) -> Ite
             joint = arm.model.joints[int(np.argmax(share))].name
             yield Violation(demand, f"joint '{joint}' of '{name}' uses {share.max():.3f} of its {what} limit")
     for joint, excess in zip(arm.model.joints, use.range_excess, strict=True):
-        if excess > range_slack * (joint.upper - joint.lower):
+        if excess > range_slack * (joint.upper - joint.lower) + ROUNDED:
             yield Violation(
                 Demand.RANGES,
                 f"joint '{joint.name}' of '{name}' goes {excess:.4f} {joint.unit} out of its range "
@@ -165,6 +170,17 @@ def _straight(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem
             allowed = f"{problem.straight_tolerance_rad:.4f} rad"
             sentence = f"the tip of '{name}' turns {off_rad:.4f} rad aside on its straight piece {piece}, not {allowed}"
             yield Violation(Demand.STRAIGHT, sentence)
+
+
+def _tip(name: str, arm: ArmMotion, path: TimedPath) -> Iterator[Violation]:
+    """Yield where the tip is too fast or does not face what it should; at 50 Hz and at all knots."""
+    speed, angle = tip_use(arm, path.trajectory)
+    if speed > TIP_KEPT * arm.max_tip_m_s:
+        fast = f"{speed:.4f} m/s, not {arm.max_tip_m_s:.4f}"
+        yield Violation(Demand.TIP_SPEED, f"the tip of '{name}' moves at up to {fast}")
+    if arm.facing is not None and angle > arm.facing.max_rad + ROUNDED:
+        aside = f"{angle:.4f} rad, not {arm.facing.max_rad:.4f}"
+        yield Violation(Demand.FACING, f"the tip of '{name}' faces aside by up to {aside}")
 
 
 def _clearance(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Clearance:

@@ -15,8 +15,11 @@ from trocar.motion.bodies import Bodies
 from trocar.motion.moving_arm import MovingArm
 from trocar.motion.obstacles import Obstacle
 
-COARSE_S = 0.04
-"""Longest interval between the first samples."""
+COARSE_S, COARSE = 0.04, 64
+"""Longest interval between the first samples; but so many intervals are enough for any span."""
+
+STRETCH = 8
+"""Intervals in which a pair of capsules is looked at together, or not at all where boxes show it far apart."""
 
 SPLIT = 8
 """Parts into which an interval is cut that may hide something."""
@@ -50,6 +53,7 @@ def swept_clearance(
     obstacles: Mapping[str, Obstacle] | None = None,
     span_s: tuple[float, float] | None = None,
     enough_m: float = inf,
+    too_near_m: float = -inf,
     resolution_m: float = 1e-4,
 ) -> Clearance:
     """Return a guaranteed lower bound of the least distance between moving arms, and to what is in their way.
@@ -72,6 +76,7 @@ def swept_clearance(
         obstacles: by name.
         span_s: from when to when; default: from the first start to the last end of them all.
         enough_m: what is further apart need not be known any better.
+        too_near_m: nor what is nearer than this: one such sample ends the search.
         resolution_m: how far the bound may lie under the samples, where that is less than enough.
     """
     if not resolution_m > 0:
@@ -80,22 +85,29 @@ def swept_clearance(
     if not len(bodies.pairs):
         return Clearance(inf, inf, 0.0, ("", ""))
     knots = _first_samples(bodies, span_s)
-    pair = np.arange(len(bodies.pairs))
-    times = np.broadcast_to(knots, (len(pair), len(knots)))
-    bend = bodies.accelerations(knots[:-1], knots[1:]).T[bodies.pairs].sum(axis=1)
-    floor, best, when_s, which = inf, inf, 0.0, 0
-    while len(pair):
-        distances, bounds = _measured(bodies, times, pair, bend)
+    ends, bends = bodies.ends_m(knots), bodies.accelerations(knots[:-1], knots[1:])
+    pair, stretch, apart_m = _near(bodies, knots, ends, bends, enough_m)
+    where = _stretches(len(knots))[stretch]
+    times = knots[where]
+    bend = bends[np.minimum(where[:, :-1], len(bends) - 1)[:, None], bodies.pairs[pair][..., None]].sum(axis=1)
+    floor, best, when_s, which = apart_m, inf, 0.0, 0
+    while True:
+        distances, bounds = _measured(bodies, times, ends[where[..., None], bodies.pairs[pair][:, None]], pair, bend)
         row, sample = np.unravel_index(np.argmin(distances), distances.shape)
         if distances[row, sample] < best:
             best, when_s, which = float(distances[row, sample]), float(times[row, sample]), int(pair[row])
         hiding = bounds < min(best - resolution_m, enough_m)
         floor = min(floor, best, float(bounds[~hiding].min(initial=inf)))
         row, part = np.nonzero(hiding)
+        if not len(row) or best < too_near_m:
+            floor = min(floor, float(bounds[hiding].min(initial=inf)))
+            break
         # an interval's parts inherit its bound of the acceleration
         pair, bend = pair[row], np.broadcast_to(bend, bounds.shape)[row, part][:, None]
         begin, end = times[row, part, None], times[row, part + 1, None]
         times = begin + (end - begin) * np.linspace(0.0, 1.0, SPLIT + 1)
+        moments, where = np.unique(times, return_inverse=True)
+        where, ends = where.reshape(times.shape), bodies.ends_m(moments)
     first, second = bodies.pairs[which]
     return Clearance(floor, best, when_s, (bodies.names[first], bodies.names[second]))
 
@@ -107,13 +119,56 @@ def _first_samples(bodies: Bodies, span_s: tuple[float, float] | None) -> NDArra
     if not (np.isfinite([begin, end]).all() and begin <= end):
         raise TrocarError(f"distances are asked for from {begin} to {end} s; give two finite times in order")
     knots = np.concatenate([arm.knots_s for arm in bodies.movers])
-    even = np.linspace(begin, end, max(1, ceil((end - begin) / COARSE_S)) + 1)
+    even = np.linspace(begin, end, min(COARSE, max(1, ceil((end - begin) / COARSE_S))) + 1)
     times = np.unique(np.concatenate([even, knots[(knots > begin) & (knots < end)]]))
-    return times[np.diff(times, prepend=-inf) > MERGED_S]
+    times = times[np.diff(times, prepend=-inf) > MERGED_S]
+    return times if len(times) > 1 else np.repeat(times, 2)
+
+
+def _stretches(samples: int) -> NDArray[np.intp]:
+    """Return which samples belong to which stretch of the span: (stretches, STRETCH + 1); the last is repeated."""
+    first = np.arange(0, max(1, samples - 1), STRETCH)
+    return np.minimum(first[:, None] + np.arange(STRETCH + 1), samples - 1)
+
+
+def _near(
+    bodies: Bodies, knots: NDArray[np.float64], ends: NDArray[np.float64], bends: NDArray[np.float64], enough_m: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], float]:
+    """Return pairs of capsules, and stretches, in which they may be nearer than needs to be known.
+
+    A capsule stays in the box round its samples in a stretch, wider by what its path bends between them.
+
+    Args:
+        bodies: the capsules over time.
+        knots: (n,) samples.
+        ends: (n, bodies, 2, 3) of the capsules there, m.
+        bends: (n - 1, bodies) bounds of the accelerations between them, m/s^2.
+        enough_m: what is further apart need not be known any better.
+
+    Returns:
+        (rows,) index of the pair; (rows,) index of the stretch; how far apart all others are at least, m.
+    """
+    where = _stretches(len(knots))
+    hidden_m = bends * np.diff(knots)[:, None] ** 2 / 8
+    wider = bodies.radii_m + hidden_m[np.minimum(where[:, :-1], len(hidden_m) - 1)].max(axis=1)
+    low = ends.min(axis=2)[where].min(axis=1) - wider[..., None]
+    high = ends.max(axis=2)[where].max(axis=1) + wider[..., None]
+    a, b = bodies.pairs.T
+    between = np.maximum(0.0, np.maximum(low[:, a] - high[:, b], low[:, b] - high[:, a]))
+    apart_m = np.sqrt(np.einsum("...i,...i->...", between, between))
+    nearest = np.unravel_index(np.argmin(apart_m), apart_m.shape)
+    kept = (apart_m < enough_m) | (apart_m <= 0.0)  # boxes that meet say nothing
+    kept[nearest] = True  # so that there is always a sample
+    stretch, pair = np.nonzero(kept)
+    return pair, stretch, float(apart_m[~kept].min(initial=inf))
 
 
 def _measured(
-    bodies: Bodies, times: NDArray[np.float64], pair: NDArray[np.intp], bend: NDArray[np.float64]
+    bodies: Bodies,
+    times: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    pair: NDArray[np.intp],
+    bend: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return distances (rows, samples) of pairs of capsules, and lower bounds (rows, samples - 1) in between, m.
 
@@ -125,13 +180,11 @@ def _measured(
     Args:
         bodies: the capsules over time.
         times: (rows, samples).
+        ends: (rows, samples, 2 capsules, 2 ends, 3) of the pairs then, m.
         pair: (rows,) which pair each row is about.
         bend: (rows, samples - 1) or (rows, 1) bounds of their accelerations, summed, m/s^2.
     """
-    moments, where = np.unique(times, return_inverse=True)
-    ends, (a, b) = bodies.ends_m(moments), bodies.pairs[pair].T[..., None]
-    where = where.reshape(times.shape)
-    p, q = ends[where, a], ends[where, b]
+    p, q, (a, b) = ends[:, :, 0], ends[:, :, 1], bodies.pairs[pair].T[..., None]
     radii = bodies.radii_m[a] + bodies.radii_m[b]
     gaps = segment_gaps_m(p[..., 0, :], p[..., 1, :], q[..., 0, :], q[..., 1, :])
     lengths = np.sqrt(np.einsum("...i,...i->...", gaps, gaps))

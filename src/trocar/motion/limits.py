@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import perm
+from math import comb, perm
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,14 +69,17 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
         limits: bounds of velocity and acceleration, and of jerk where it has one.
     """
     times = trajectory.times_s
-    grid = np.arange(times[0], times[-1], CHECK_STEP_S)
     pieces = np.arange(len(times) - 1)
-    # every sample says which piece it belongs to: a knot belongs to the piece before it and to the one after it
-    found = np.minimum(np.searchsorted(times, grid, side="right") - 1, pieces[-1])  # arange may reach the end
-    piece = np.concatenate([found, pieces, pieces])
-    since = np.concatenate([grid - times[piece[: len(grid)]], np.zeros(len(pieces)), times[1:] - times[:-1]])
     orders = (0, 1, 2) if limits.jerk is None else (0, 1, 2, 3)
-    q, v, a, *jerks = _derivatives(trajectory, piece, since, orders)
+    # every sample says which piece it belongs to: a knot belongs to the piece before it and to the one after it
+    piece = np.concatenate([pieces, pieces])
+    since = np.concatenate([np.zeros(len(pieces)), times[1:] - times[:-1]])
+    at_knots = _derivatives(trajectory, piece, since, orders)
+    grid = np.arange(times[0], times[-1], CHECK_STEP_S)
+    found = np.minimum(np.searchsorted(times, grid, side="right") - 1, pieces[-1])  # arange may reach the end
+    inside = np.logical_or.reduce([_beyond(trajectory, k, at) for k, at in zip(orders, at_knots, strict=True)])[found]
+    between = _derivatives(trajectory, found[inside], (grid - times[found])[inside], orders)
+    q, v, a, *jerks = (np.concatenate(both, axis=1) for both in zip(between, at_knots, strict=True))
     jerk = np.zeros(len(arm.joints))
     if limits.jerk is not None:
         jerk = np.abs(jerks[0]).max(axis=1) / limits.jerk
@@ -107,6 +110,31 @@ def knot_jumps(trajectory: Trajectory, order: int) -> NDArray[np.float64]:
     (left,) = _derivatives(trajectory, after - 1, times[after] - times[after - 1], (order,))
     (right,) = _derivatives(trajectory, after, np.zeros(len(after)), (order,))
     return np.abs(left - right)
+
+
+def hulls(trajectory: Trajectory, order: int) -> NDArray[np.float64]:
+    """Return values (k, pieces, joints) between whose extremes the derivative stays on each piece, ends included.
+
+    They are the coefficients of Bernstein's polynomials: a polynomial lies in their hull.
+    """
+    degree = max(0, len(trajectory.coefficients) - 1 - order)
+    h = np.diff(trajectory.times_s)[:, None]
+    rows = trajectory.coefficients[::-1][order : order + degree + 1]
+    if not len(rows):
+        return np.zeros((1, *trajectory.coefficients.shape[1:]))
+    powers = np.stack([perm(k + order, order) * row * h**k for k, row in enumerate(rows)])
+    weights = [[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)]
+    return np.tensordot(np.array(weights), powers, axes=1)
+
+
+def _beyond(trajectory: Trajectory, order: int, at_knots: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return on which pieces a derivative may go further than its values (joints, n) at the knots do: (pieces,)."""
+    hull = hulls(trajectory, order)
+    low, high = at_knots.min(axis=1), at_knots.max(axis=1)
+    if order:
+        high = np.maximum(-low, high)
+        low = -high
+    return np.any((hull.min(axis=0) < low) | (hull.max(axis=0) > high), axis=1)
 
 
 def _acceleration_jumps(trajectory: Trajectory, limits: MotionLimits) -> NDArray[np.bool_]:

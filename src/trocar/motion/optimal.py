@@ -35,7 +35,7 @@ PARALLEL = 1e-3
 """Sine of the angle, and turn in rad, up to which a piece counts as one along ``up``."""
 
 
-@ignores(Demand.DISTANCES, Demand.JERK)
+@ignores(Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
 def optimal(problem: MotionProblem) -> dict[str, TimedPath]:
     """Return the time-optimal motion of each arm that follows its straight pieces strictly, planned for itself.
 

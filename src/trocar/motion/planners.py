@@ -25,6 +25,7 @@ PLANNERS: Registry[Planner] = Registry(
         "sqp": Lazy("trocar.motion.sqp:sqp"),
         "optimal": Lazy("trocar.motion.optimal:optimal"),
         "relaxed": Lazy("trocar.motion.relaxed:relaxed"),
+        "convex": Lazy("trocar.motion.convex:convex"),
     },
 )
 """Every planner; other packages add theirs as entry points ``trocar.planners``, files by ``PLANNERS.register``."""
@@ -39,6 +40,8 @@ class Demand(Enum):
     RANGES = "ranges"
     STRAIGHT = "straight pieces"
     DISTANCES = "distances"
+    TIP_SPEED = "the speed of the tip"
+    FACING = "what the tip faces"
 
 
 P = TypeVar("P", bound=Planner)

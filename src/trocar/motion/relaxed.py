@@ -44,7 +44,7 @@ FAST = 0.8
 """Share of a velocity limit from which on a joint's velocities are bounded."""
 
 
-@ignores(Demand.DISTANCES, Demand.JERK)
+@ignores(Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
 def relaxed(problem: MotionProblem) -> dict[str, TimedPath]:
     """Return the fastest motion of each arm that stays within the problem's tolerances, planned for itself.
 

@@ -23,7 +23,7 @@ FINAL_STEP_S = 0.01  # durations tried in the end: the control period
 LONGEST_S = 120.0
 
 
-@ignores(Demand.STRAIGHT, Demand.DISTANCES, Demand.JERK)
+@ignores(Demand.STRAIGHT, Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
 def spline(problem: MotionProblem) -> dict[str, TimedPath]:
     """Return the cubic spline of each arm through its waypoints, planned for itself.
 

@@ -45,7 +45,7 @@ PENALTY = 1e3
 """Of leaving the channel by once its width, beside the mean square of the jerks in accelerations per knot."""
 
 
-@ignores(Demand.DISTANCES)
+@ignores(Demand.DISTANCES, Demand.TIP_SPEED, Demand.FACING)
 def sqp(problem: MotionProblem) -> dict[str, TimedPath]:
     """Return the smoothest motion over the shortest horizon that has one, of each arm, planned for itself.
 

@@ -1,0 +1,5 @@
+"""Collision-free motions of one arm or several by sequential convex programmes (Schulman et al. 2013)."""
+
+from trocar.motion.convex.planner import convex
+
+__all__ = ["convex"]

@@ -1,0 +1,90 @@
+"""The planner ``convex``: what is asked of it, what it refuses, and what it answers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trocar.arms import fk
+from trocar.errors import TrocarError
+from trocar.geometry import shown
+from trocar.motion.convex.scene import SOLID_COUNT, Scene, joint_path
+from trocar.motion.convex.search import Search
+from trocar.motion.path import TimedPath
+from trocar.motion.planners import Demand, ignores
+from trocar.motion.problem import MotionProblem
+
+NEAR_M = 1e-9
+"""What a distance at an end may be short of what was asked: rounding."""
+ASIDE_RAD = 1e-9
+
+
+@ignores(Demand.STRAIGHT, Demand.JERK)
+def convex(problem: MotionProblem) -> dict[str, TimedPath]:
+    """Return a motion of all arms together that keeps its distances from everything, by sequential convex programmes.
+
+    Schulman et al. 2013, as used by Kehoe et al. 2014: the path of all joints together, through the waypoints
+    of every arm, is bent as little as it must. Distances of all capsules are linear about the path before, and what
+    they are broken by costs (an l1 merit, a trust region); each step is a small quadratic programme. The plain path
+    is tried first, then ways round. A path is certified between its samples before it is answered, and followed as
+    fast as joints and tips may.
+
+    Raises:
+        TrocarError: "infeasible: ..." where there can be no such motion, "not found: ..." where none was found.
+    """
+    for name, arm in problem.arms.items():
+        if arm.moves:
+            raise TrocarError(f"'{name}' is under way at the start; 'convex' plans from rest, let the arm rest first")
+    scene = Scene.of(problem)
+    search = Search(problem, scene)
+    timing = search.plain()
+    if timing is None:
+        require_possible(problem, scene)
+        timing = search.round_about()
+    if timing is None:
+        raise TrocarError("not found: no start led to a motion that keeps all distances; ask for less or elsewhere")
+    return {
+        name: TimedPath(joint_path(timing.motion, k), timing.times_s(search.passing[k]))
+        for k, name in enumerate(problem.arms)
+    }
+
+
+def require_possible(problem: MotionProblem, scene: Scene) -> None:
+    """Raise where the start, the end or a waypoint already breaks what is asked."""
+    ends = np.stack([np.concatenate([arm.waypoints[i] for arm in scene.arms]) for i in (0, -1)])
+    distances = scene.distances(ends, np.array([0.0, max((o.end_s for o in problem.others.values()), default=0.0)]))
+    for place, where in enumerate(("start", "end")):
+        short = distances.distance_m[place] - problem.min_distance_m
+        if short.min(initial=0.0) < -NEAR_M:
+            pair = int(np.argmin(short))
+            a, b = (scene.bodies.names[body] for body in scene.pairs[pair])
+            near = shown(float(distances.distance_m[place, pair]), "m", ".2f")
+            wanted = shown(problem.min_distance_m, "m", ".2f")
+            raise TrocarError(f"infeasible: at the {where}, {a} is {near} from {b}, not {wanted}; move the {where}")
+    for k, (name, arm) in enumerate(problem.arms.items()):
+        _require_waypoints_clear(scene, k, problem.min_distance_m)
+        if arm.facing is None:
+            continue
+        angles = arm.facing.angle_rad(arm.T_world_base @ fk(arm.model, arm.waypoints))
+        if angles.max() > arm.facing.max_rad + ASIDE_RAD:
+            index = int(np.argmax(angles))
+            raise TrocarError(
+                f"infeasible: at waypoint {index} the tip of '{name}' faces {angles[index]:.3f} rad aside, "
+                f"not {arm.facing.max_rad:.3f}; turn it towards the point"
+            )
+
+
+def _require_waypoints_clear(scene: Scene, k: int, min_distance_m: float) -> None:
+    """Raise where an inner waypoint of an arm is too near to what stands still."""
+    arm = scene.arms[k]
+    if len(arm.waypoints) == 2:
+        return
+    moving = SOLID_COUNT * len(scene.bodies.movers)
+    own = (scene.pairs[:, 0] // SOLID_COUNT == k) & (scene.pairs[:, 1] >= moving)
+    joints = np.concatenate([other.waypoints[0] for other in scene.arms])
+    q = np.tile(joints, (len(arm.waypoints) - 2, 1))
+    q[:, 6 * k : 6 * (k + 1)] = arm.waypoints[1:-1]
+    distances = scene.looking_at(own).distances(q, np.zeros(len(q))).distance_m
+    if distances.size and distances.min() < min_distance_m - NEAR_M:
+        index, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
+        a, b = (scene.bodies.names[body] for body in scene.pairs[own][pair])
+        raise TrocarError(f"infeasible: at waypoint {index + 1}, {a} is too near to {b}; move the waypoint")

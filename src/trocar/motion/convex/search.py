@@ -1,0 +1,236 @@
+"""Sequential convex programmes from one start after the other, until a path is certified."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.motion.arm_motion import ArmMotion
+from trocar.motion.convex.certificate import CERTIFIED_M, THROUGH_M, clearance, faces, in_range
+from trocar.motion.convex.curve import Curve, curve_of
+from trocar.motion.convex.programme import Programme
+from trocar.motion.convex.retime import Timing, retimed
+from trocar.motion.convex.rows import Rows, distance_rows, facing_rows, range_rows, taper
+from trocar.motion.convex.scene import Scene
+from trocar.motion.convex.starts import Starts, plain_path
+from trocar.motion.problem import MotionProblem
+from trocar.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+PIECES, PIECES_A_WAYPOINT = 9, 4
+"""Pieces of the curve: between two waypoints, and for each one more."""
+SAMPLES_A_PIECE = 4
+"""Places at which a path is planned; it is certified between them too."""
+COARSE = 2
+"""Of these every so many is looked at when starts are compared."""
+FINER = 4
+"""Times as fine as planned, what tips face is looked at in the end."""
+MARGIN_M, MARGIN_RAD = 5e-4, 0.01
+"""By which distances and angles are kept more than asked at first, for what lies between the places."""
+WATCHED_M, NEAR_M = 0.015, 0.04
+"""A row counts when its pair is nearer than this and what is asked; a pair is followed if it is near at the start."""
+PRICE = 300.0
+"""Of a metre by which a distance is broken, beside the energy."""
+TRUST_RAD, TRUST_M = 0.35, 0.05
+"""By which a control point moves in one step at most: a joint that turns, one that slides."""
+ACCEPTED = 0.1
+"""Share of what a step promised that it must keep to be taken."""
+KEPT_M = 2e-5
+"""What a path may break its margins by and still be worth certifying."""
+WAITS = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the time until all other arms rest by which a motion may start later, where others move."""
+STARTS = 12
+"""Starts that are followed, of those in one batch."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long a start is followed: prices of a broken metre, one after the other, and programmes at each."""
+
+    prices: tuple[float, ...]
+    steps: int
+
+
+QUICK, PATIENT = Effort((PRICE,), 6), Effort((PRICE, 10 * PRICE, 100 * PRICE), 8)
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What a path of control points keeps, at its places.
+
+    Attributes:
+        control: (controls, joints).
+        rows: linear about it.
+        broken_m: what its rows are broken by, summed.
+        energy: of the path.
+    """
+
+    control: Array
+    rows: Rows
+    broken_m: float
+    energy: float
+
+    @property
+    def worst_m(self) -> float:
+        """Return what the worst row is broken by."""
+        return float(max(0.0, -self.rows.room.min(initial=0.0)))
+
+
+class Search:
+    """The search for one problem: what it looks at, and how finely, grows as certificates fail."""
+
+    def __init__(self, problem: MotionProblem, scene: Scene) -> None:
+        self.problem, self.scene = problem, scene
+        arms = self.arms = scene.arms
+        most = max(len(arm.waypoints) for arm in arms)
+        self.curve: Curve = curve_of(PIECES + PIECES_A_WAYPOINT * (most - 2))
+        self.passing = tuple(passing_shares(arm) for arm in arms)
+        held = tuple(self.curve.basis(shares[1:-1]) for shares in self.passing)
+        weights = np.concatenate([(arm.limits.acceleration[0] / arm.limits.acceleration) ** 2 for arm in arms])
+        self.programme = Programme(self.curve, weights, held)
+        self.starts = Starts(arms, self.programme, plain_path(arms, self.curve, held), problem.range_slack)
+        self.margin_m, self.margin_rad = MARGIN_M, MARGIN_RAD
+        self.passes_through = False
+        self._plan_at(self.curve.inner(SAMPLES_A_PIECE))
+        self.trust = np.tile([TRUST_RAD, TRUST_RAD, TRUST_M, TRUST_RAD, TRUST_RAD, TRUST_RAD], len(arms))
+
+    def _plan_at(self, shares: Array) -> None:
+        self.shares, self.basis = shares, self.curve.basis(shares)
+
+    def plain(self) -> Timing | None:
+        """Return the motion along the path of least energy, if that is certified."""
+        return self.certified(self._plain_path())
+
+    def round_about(self) -> Timing | None:
+        """Return the motion of the first path that is certified; None where none was found."""
+        for batch, effort in self._batches():
+            for control in self._in_order(batch):
+                timing = self.followed(control, effort)
+                if timing is not None:
+                    return timing
+        return None
+
+    def _batches(self) -> Iterator[tuple[Array, Effort]]:
+        """Yield starts (k, controls, joints), the most promising first, and with how much patience to follow them."""
+        plain = self.starts.plain[None]
+        yield plain, QUICK
+        few = self.starts.few()
+        yield few, QUICK
+        yield plain, PATIENT
+        for batch in self.starts.many():
+            yield batch, QUICK
+        yield few, PATIENT
+        for batch in self.starts.many():
+            yield batch, PATIENT
+
+    def _plain_path(self) -> Trajectory:
+        """Return the path of least energy: a straight line where there are no waypoints on the way."""
+        if any(len(shares) > 2 for shares in self.passing):
+            return self.curve.path(self.starts.plain)
+        start, end = self.starts.plain[0], self.starts.plain[-1]
+        return Trajectory(np.array([0.0, 1.0]), np.stack([end - start, start])[:, None])
+
+    def _in_order(self, controls: Array) -> Array:
+        """Return the best starts (k, controls, joints) of a batch, the best first; look at what is near any of them."""
+        self.scene = self.scene.everything()
+        shares, basis = self.shares[::COARSE], self.basis[::COARSE]
+        q = np.einsum("nc,kcj->knj", basis, controls)
+        flat = q.reshape(-1, q.shape[-1])
+        distances = self.scene.distances(flat, self._times_s(controls[0], np.tile(shares, len(controls))))
+        near = distances.distance_m.reshape(len(controls), len(shares), -1)
+        self.scene = self.scene.looking_at(near.min(axis=(0, 1)) < self.problem.min_distance_m + NEAR_M)
+        wanted = self.problem.min_distance_m + taper(shares, self.margin_m)
+        broken = np.maximum(0.0, wanted[:, None] - near).sum(axis=(1, 2)) * COARSE
+        merits = [self.programme.energy(c) + PRICE * b for c, b in zip(controls, broken, strict=True)]
+        return controls[np.argsort(merits)[:STARTS]]
+
+    def followed(self, control: Array, effort: Effort = PATIENT) -> Timing | None:
+        """Return the motion that a start leads to, if it leads to one."""
+        sight, self.passes_through = self.seen(control), False
+        for price in effort.prices:
+            damping = 0.0
+            for _ in range(effort.steps):
+                if sight.worst_m <= KEPT_M:
+                    timing = self.certified(self.curve.path(sight.control))
+                    if timing is not None or self.passes_through:
+                        return timing
+                    sight = self.seen(sight.control)  # more is asked now
+                change = self.programme.step(sight.control, sight.rows, price, damping)
+                change = change * min(1.0, 1.0 / max(1e-9, float((np.abs(change) / self.trust).max())))
+                after = self.seen(sight.control + change)
+                promised = sight.rows.after(change)
+                model = self.programme.energy(after.control) + price * float(np.maximum(0, -promised).sum())
+                merit = sight.energy + price * sight.broken_m
+                gained, hoped = merit - after.energy - price * after.broken_m, merit - model
+                if hoped <= 1e-6 * merit:
+                    break
+                if gained >= ACCEPTED * hoped:
+                    sight = after
+                    damping *= 0.3 if gained > 0.5 * hoped else 1.0
+                else:
+                    damping = max(4 * damping, 1.0)
+        return None
+
+    def seen(self, control: Array) -> Sight:
+        """Return what a path keeps."""
+        basis = self.basis
+        q = basis @ control
+        rows = [range_rows(self.arms, control, self.problem.range_slack)]
+        wanted = self.problem.min_distance_m + taper(self.shares, self.margin_m)
+        distances = self.scene.distances(q, self._times_s(control, self.shares))
+        rows.append(distance_rows(distances, wanted, basis, WATCHED_M))
+        rows.append(facing_rows(distances, taper(self.shares, self.margin_rad), basis))
+        joined = Rows.joined(rows)
+        return Sight(control, joined, float(np.maximum(0, -joined.room).sum()), self.programme.energy(control))
+
+    def _times_s(self, control: Array, shares: Array) -> Array:
+        """Return when a path is where; it only matters where another arm moves."""
+        if not self.scene.timed:
+            return np.zeros(len(shares))
+        return self._timed(self.curve.path(control)).times_s(shares)
+
+    def _timed(self, path: Trajectory) -> Timing:
+        return retimed(path, self.arms, np.concatenate(self.passing))
+
+    def certified(self, path: Trajectory) -> Timing | None:
+        """Return the motion along a path that keeps all that was asked, between its places too; else ask for more."""
+        self.passes_through = False
+        fine = path(np.linspace(0.0, 1.0, FINER * SAMPLES_A_PIECE * self.curve.pieces + 1))
+        if not in_range(self.arms, fine, self.problem.range_slack):
+            return None
+        if not faces(self.arms, fine):
+            self.margin_rad = min(2 * self.margin_rad, 0.1)
+            return None
+        if not self.scene.timed:
+            return self._timed(path) if self._clear(path, None) else None
+        rest_s, timing = max(arm.end_s for arm in self.problem.others.values()), self._timed(path)
+        waiting = (timing.later(share * rest_s) for share in WAITS)
+        return next((later for later in waiting if self._clear(later.motion, later)), None)
+
+    def _clear(self, motion: Trajectory, timing: Timing | None) -> bool:
+        """Return whether all distances are kept on a path, or where others move on its motion; else look closer."""
+        clear = clearance(self.problem, motion)
+        if clear.distance_m >= self.problem.min_distance_m - CERTIFIED_M:
+            return True
+        missing_m = self.problem.min_distance_m - clear.sampled_m
+        self.passes_through = missing_m > THROUGH_M
+        if not self.passes_through:
+            self._look_closer(timing, clear.time_s, missing_m)
+        return False
+
+    def _look_closer(self, timing: Timing | None, time_s: float, missing_m: float) -> None:
+        """Plan with more margin, and at the place where a path was refused."""
+        share = time_s if timing is None else float(np.interp(time_s, timing.motion.times_s, timing.shares))
+        self.margin_m = min(self.margin_m + 0.5 * missing_m, 2e-3)
+        self._plan_at(np.union1d(self.shares, [np.clip(share, 1e-3, 1 - 1e-3)]))
+        self.scene = self.scene.everything()
+
+
+def passing_shares(arm: ArmMotion) -> Array:
+    """Return the shares (waypoints,) of the way at which an arm passes its waypoints: by the time its joints need."""
+    pieces = (np.abs(np.diff(arm.waypoints, axis=0)) / arm.limits.acceleration).max(axis=1) ** 0.5
+    return np.concatenate([[0.0], np.cumsum(pieces) / pieces.sum()])

@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ravens import asked, random_waypoints
+from trocar.geometry.capsules import nearest_m, segment_distances_m
+from trocar.motion import Capsule, HalfSpace
+from trocar.motion.convex.rows import distance_rows, facing_rows, range_rows
+from trocar.motion.convex.scene import Scene
+
+OBSTACLES = {
+    "table": HalfSpace([0.0, 0.0, -0.162], [0.0, 0.0, 1.0]),
+    "rod": Capsule([-0.1, 0.02, -0.13], [-0.05, 0.0, -0.12], radius_m=2e-3),
+    "ball": Capsule([-0.06, 0.0, -0.15], radius_m=3e-3),
+}
+HALF = 1e-5
+
+
+def scene_at(seed, **more):
+    """A scene of both arms, and joints (1, 12) in it."""
+    rng = np.random.default_rng(seed)
+    problem = asked(random_waypoints(rng), rng.uniform(0, 1.2, 2), obstacles=OBSTACLES, **more)
+    q = np.concatenate([arm.waypoints[0] for arm in problem.arms.values()])[None]
+    return Scene.of(problem), q + 0.05 * rng.normal(size=q.shape)
+
+
+def quotients(function, q):
+    """Central differences of a function (rows,) of joints (1, 12): (rows, 12)."""
+    steps = HALF * np.eye(q.shape[1])
+    return np.stack([(function(q + step) - function(q - step)) / (2 * HALF) for step in steps], axis=-1)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_gradients_of_all_distances_are_those_of_finite_differences(seed):
+    scene, q = scene_at(seed)
+    distances = scene.distances(q, np.zeros(1))
+    pair = np.arange(len(scene.pairs))
+    slopes = distances.gradients(0 * pair, pair)
+    differences = quotients(lambda at: scene.distances(at, np.zeros(1)).distance_m[0], q)
+    # where the nearest points leave the ends of both capsules the distance has a bend; it is smooth on both sides
+    one_sided = np.abs(quotients(lambda at: scene.distances(at + 3 * HALF, np.zeros(1)).distance_m[0], q) - differences)
+    smooth = one_sided.max(axis=1) < 3e-3
+    assert smooth.mean() > 0.8
+    np.testing.assert_allclose(slopes[smooth], differences[smooth], atol=2e-3)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_rows_of_what_tips_face_are_linear_about_the_joints(seed):
+    scene, q = scene_at(seed, max_rad=1.5)
+    basis = np.ones((1, 1))
+
+    def rows(at):
+        return facing_rows(scene.distances(at, np.zeros(1)), np.zeros(1), basis)
+
+    found = rows(q)
+    if not len(found.room):
+        return
+    np.testing.assert_allclose(found.slope, quotients(lambda at: rows(at).room, q), atol=1e-6)
+
+
+def test_axes_that_cross_are_pushed_apart_along_their_common_normal():
+    scene, q = scene_at(3)
+    shafts = np.flatnonzero((scene.pairs == [0, 4]).all(axis=1))
+    a, b = scene.ends_m(q, np.zeros(1))[0, [0, 4]]
+    assert np.linalg.norm(np.cross(a[1] - a[0], b[1] - b[0])) > 0
+    distances = scene.distances(q, np.zeros(1))
+    distances.gaps_m[0, shafts] = 0.0  # as where they meet exactly
+    slopes = distances.gradients(np.zeros(1, dtype=int), shafts)
+    assert np.isfinite(slopes).all() and np.abs(slopes).max() > 1e-3
+
+
+def test_rows_of_ranges_tell_how_far_inside_a_control_point_is():
+    scene, q = scene_at(5)
+    upper = np.concatenate([arm.model.upper for arm in scene.arms])
+    control = np.repeat(q, 5, axis=0)
+    control[2, 3] = upper[3] + 0.2
+    rows = range_rows(scene.arms, control, 0.0)
+    worst = int(np.argmin(rows.room))
+    assert rows.room[worst] == pytest.approx(-0.1 * (0.2 + 5e-4))
+    back = np.zeros_like(control)
+    back[2, 3] = -0.3
+    assert rows.after(back)[worst] == pytest.approx(0.1 * (0.1 - 5e-4))
+
+
+def test_only_what_is_near_makes_rows():
+    scene, q = scene_at(7)
+    distances = scene.distances(q, np.zeros(1))
+    rows = distance_rows(distances, np.full(1, 1e-3), np.ones((1, 1)), watched_m=0.02)
+    assert len(rows.room) == np.count_nonzero(distances.distance_m < 0.021)
+
+
+def test_the_shares_of_the_nearest_points_lead_to_the_shortest_vector():
+    rng = np.random.default_rng(1)
+    p0, p1, q0, q1 = rng.normal(size=(4, 500, 3))
+    gap, s, t = nearest_m(p0, p1, q0, q1)
+    np.testing.assert_allclose(p0 + s[:, None] * (p1 - p0) - q0 - t[:, None] * (q1 - q0), gap, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(gap, axis=1), segment_distances_m(p0, p1, q0, q1))
