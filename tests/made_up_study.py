@@ -6,8 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from synthetic import synthetic_trial
-from trocar.tasks.peg_transfer.study.cells import Cell, cells_of, opened
+from trocar.tasks.peg_transfer.study.cells import cells_of
 from trocar.tasks.peg_transfer.study.row import read_row
+from trocar.trials.cells import Cell
+from trocar.trials.study import opened
 from trocar.trials.trial import trial_file
 
 

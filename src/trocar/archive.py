@@ -32,6 +32,14 @@ UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZip
 """What zip, JSON and NumPy raise on files that are damaged or not ours."""
 
 
+def replace_text(path: Path, text: str) -> Path:
+    """Write a text file and return its path; an interrupted write leaves what was there before."""
+    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+    draft.write_text(text, encoding="utf-8")
+    draft.replace(path)
+    return path
+
+
 @dataclass(frozen=True, eq=False)
 class Archive:
     """What is in such a file.

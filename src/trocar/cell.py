@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
 from trocar.geometry import SE3
-from trocar.perception.image import CameraModel, Image
+from trocar.perception.image import CameraModel, Image, StereoWindow, Window
 from trocar.trajectory import Trajectory
 
 Result = TypeVar("Result")
@@ -159,8 +159,16 @@ class Camera(Protocol):
         """Return its lens or lenses."""
         ...
 
-    async def capture(self) -> Image:
-        """Expose one image; takes the sensor's exposure time on the cell's clock."""
+    async def capture(self, window: Window | StereoWindow | None = None) -> Image:
+        """Expose one image; takes the sensor's exposure time on the cell's clock.
+
+        Args:
+            window: the pixels to read out: a ``Window`` of one eye, a ``StereoWindow`` of two; None: all of them. The
+                image's camera then is that of the window.
+
+        Raises:
+            TrocarError: the window leaves the image, or is not of this kind of camera.
+        """
         ...
 
 

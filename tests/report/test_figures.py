@@ -100,6 +100,20 @@ def test_between_two_goals_is_before_the_next_and_not_after_the_last(tmp_path):
     assert plain.shape[0] < more.shape[0] == start.shape[0]
 
 
+def test_of_arms_side_by_side_each_piece_has_the_spans_of_the_arm_that_had_it(tmp_path):
+    """Both arms work from 0 to 3 s: by the scores alone each would have a part of both goals."""
+    scores = [{"start_s": 0.0, "end_s": 2.0}, {"start_s": 0.5, "end_s": 3.0}]
+    spans = [Span(arm, "move", at_s, at_s + 0.9) for arm in ("psm1", "psm2") for at_s in (0.0, 1.0, 2.0)]
+    trial = replace(trial_of(*spans, scores=scores), events=[])
+    noted = [
+        {"name": "transfer", "time_s": end_s, "arm": arm, "start_s": 0.0, "outcome": "DONE"}
+        for arm, end_s in (("psm1", 2.0), ("psm2", 3.0))
+    ]
+    mixed = drawn(draw_timechart(trial, tmp_path / "mixed.png"))
+    apart = drawn(draw_timechart(replace(trial, events=noted), tmp_path / "apart.png"))
+    assert apart.shape[0] < mixed.shape[0]  # three rows in place of four: psm1 ends its own, then does more
+
+
 def test_the_storyboard_of_a_trial_shows_its_moments(tmp_path):
     trial = synthetic_trial(failures={3: "DROPPED"})
     image = drawn(draw_trial(trial, tmp_path / "story.png"))

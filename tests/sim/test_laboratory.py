@@ -16,9 +16,10 @@ from trocar.errors import TrocarError
 from trocar.laboratory import build_cell
 from trocar.log import Span
 from trocar.motion import rest_to_rest
-from trocar.perception.image import StereoImage, StereoRig
+from trocar.perception.image import StereoImage, StereoRig, StereoWindow, Window
 from trocar.robots import TICK_S
 from trocar.sim.camera import RayCamera
+from trocar.sim.eyes import EYE_GAINS
 from trocar.sim.laboratory import SimLaboratory, arrays_of
 from trocar.sim.pace import RealTime
 from trocar.sim.sensor import Light
@@ -567,15 +568,43 @@ def test_the_right_eye_sees_from_its_own_place_under_the_same_lamp():
 
     lab.run(script, 5.0)
     (image,) = lab.cameras["stereo"].taken
-    for eye, picture in (("left", image.left), ("right", image.right)):
+    for eye, picture, gain in zip(("left", "right"), (image.left, image.right), EYE_GAINS, strict=True):
         T_left_eye = rig.T_left_right if eye == "right" else rig.T_left_right.inverse() @ rig.T_left_right
         lamp_m = T_left_eye.inverse().apply(camera.lamp_m)
         T_world_eye = camera.T_world_camera @ T_left_eye
-        alone = RayCamera(
-            lab.world.model, getattr(rig, eye), T_world_eye, lamp_m, SensorFlaws.none(), Light(gain=camera.gain)
-        )
+        light = Light(ambient=camera.ambient, gain=camera.gain)
+        alone = RayCamera(lab.world.model, getattr(rig, eye), T_world_eye, lamp_m, SensorFlaws.none(), light)
         assert picture.std() > 5
-        assert np.array_equal(alone.render(lab.world.data, np.random.default_rng(0)).color, picture)
+        assert np.array_equal(alone.render_color(lab.world.data, np.random.default_rng(0), gain), picture)
+
+
+def test_a_window_is_read_out_and_not_kept():
+    station = load_station("raven-pair")
+    camera = station.cameras["stereo"]
+    rig = StereoRig(camera.model.left.binned(4), camera.model.right.binned(4), camera.model.T_left_right)
+    day = ideal_session(replace(station, cameras={"stereo": replace(camera, model=rig)}))
+    lab = SimLaboratory(day, rng=np.random.default_rng(0), flaws=SensorFlaws.none())
+    window = StereoWindow(Window((60, 20), (200, 150)), Window((20, 20), (180, 150)))
+    seen = {}
+
+    async def script(cell):
+        eyes = cell.cameras["stereo"]
+        seen["whole"] = await eyes.capture()
+        seen["part"] = await eyes.capture(window)
+        before_s = cell.clock.now_s()
+        with pytest.raises(TrocarError, match="leaves the image"):
+            await eyes.capture(StereoWindow(Window((300, 0), (100, 50)), Window((0, 0), (100, 50))))
+        with pytest.raises(TrocarError, match="give a StereoWindow"):
+            await eyes.capture(Window((0, 0), (100, 50)))
+        assert cell.clock.now_s() == before_s, "what is refused takes no time"
+
+    lab.run(script, 5.0)
+    part, whole = seen["part"], seen["whole"]
+    assert lab.cameras["stereo"].taken == [whole]
+    assert part.rig == window.of(rig)
+    inner = np.s_[4:-4, 4:-4]  # the lens blurs across a window's border
+    assert np.array_equal(part.left[inner], whole.left[20:170, 60:260][inner])
+    assert np.array_equal(part.right[inner], whole.right[20:170, 20:200][inner])
 
 
 def test_an_image_shows_the_end_of_its_exposure(lab):

@@ -5,6 +5,7 @@ import pytest
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
+from trocar.perception.image import Intrinsics, StereoRig
 from trocar.station import read_station, station_text
 from trocar.station.registered import with_registered
 from trocar.station.session import draw_session
@@ -47,6 +48,35 @@ def test_sessions_use_what_was_registered_and_say_so():
         np.testing.assert_array_equal(getattr(day, name)["psm2"].matrix, getattr(other, name)["psm2"].matrix)
     assert station.flaws()["registration of psm1"] == "as the station file has it"
     assert "registration of psm1" not in usual.flaws()
+
+
+RIG = StereoRig(
+    Intrinsics(1280, 960, 1601.25, 1600.5, 638.7, 480.9, (-0.01, 0.002, 1e-4, -2e-4, 0.0)),
+    Intrinsics(1280, 960, 1599.0, 1598.5, 641.0, 479.2, (0.01, -0.002, 0.0, 3e-4, 0.0)),
+    SE3.from_parts(SO3.exp([1e-3, -2e-3, 5e-4]), (0.0469, 1e-5, -2e-5)),
+)
+
+
+def test_a_registered_camera_and_its_lenses_are_kept_and_sessions_use_them():
+    T_camera = SE3.from_parts(SO3.axis("x", 2.47), (-0.0512, 0.1385, 0.0667))
+    before = station_text("raven-pair")
+    after = with_registered(before, {}, {"stereo": (T_camera, RIG)})
+    assert [line for line in after.splitlines() if not line.startswith("registered")] == before.splitlines()
+    station = read_station(after)
+    camera = station.cameras["stereo"]
+    for found, lens in ((camera.model_registered.left, RIG.left), (camera.model_registered.right, RIG.right)):
+        assert found == lens
+    T_left_right = camera.model_registered.T_left_right
+    np.testing.assert_allclose(T_left_right.matrix, RIG.T_left_right.matrix, atol=1e-9)
+    assert camera.model.left.fx == 1600
+    day = draw_session(station, np.random.default_rng(0))
+    usual = draw_session(read_station(before), np.random.default_rng(0))
+    np.testing.assert_allclose(day.T_world_camera_registered["stereo"].matrix, T_camera.matrix, atol=1e-9)
+    np.testing.assert_array_equal(day.T_world_camera["stereo"].matrix, usual.T_world_camera["stereo"].matrix)
+    assert "registration of stereo" in station.flaws()
+    assert with_registered(after, {}, {"stereo": (T_camera, RIG)}) == after
+    with pytest.raises(TrocarError, match=r"no table \[cameras.mono\]; write 'mono' as one"):
+        with_registered(before, {}, {"mono": (T_camera, RIG)})
 
 
 def test_an_arm_without_a_table_of_its_own_is_refused():

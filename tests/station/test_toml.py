@@ -8,9 +8,17 @@ import pytest
 from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.errors import TrocarError
 from trocar.perception.image import Intrinsics, StereoRig
-from trocar.station import built_in_stations, check_station, load_station, read_station, station_text
+from trocar.station import (
+    CheckerboardRegistration,
+    built_in_stations,
+    check_station,
+    load_station,
+    read_station,
+    station_text,
+)
 
 PEGS = station_text("peg-transfer")
+RAVENS = station_text("raven-pair")
 
 
 def changed(old, new, text=PEGS):
@@ -54,6 +62,32 @@ def test_what_the_raven_station_says():
     for arm in station.arms.values():
         R = arm.T_world_base.matrix[:3, :3]
         assert np.abs(R @ R.T - np.eye(3)).max() < 1e-12
+
+
+def test_a_registration_by_a_checkerboard_is_read_and_checked():
+    text = RAVENS
+    how = read_station(text).registration
+    assert isinstance(how, CheckerboardRegistration)
+    assert (how.board.columns, how.board.rows, how.board.square_m) == (10, 7, pytest.approx(0.008))
+    assert "checkerboard" in how.about and how.views >= 6
+    for old, new, says in (
+        ("columns = 10", "columns = 9", "looks the same after half a turn"),
+        ("views = 20", "views = 3", "registration.views is 3; give a number from 6 to 1000"),
+        ('kind = "checkerboard"', 'kind = "tape"', "registration.kind is 'tape'; choose one of points, checkerboard"),
+        ('kind = "checkerboard"', 'kind = "points"', "registration has an unknown key"),
+    ):
+        with pytest.raises(TrocarError, match=re.escape(says)):
+            read_station(changed(old, new, text))
+
+
+def test_a_camera_may_be_registered_in_its_pose_alone():
+    text = changed('kind = "stereo"', 'kind = "stereo"\nregistered = { pose = { xyz_mm = [1, 2, 3] } }', RAVENS)
+    camera = read_station(text).cameras["stereo"]
+    assert camera.T_world_camera_registered is not None
+    assert camera.T_world_camera_registered.translation_m == pytest.approx([0.001, 0.002, 0.003])
+    assert camera.model_registered is camera.model
+    with pytest.raises(TrocarError, match=r"stereo\.registered has an unknown key 'lens'"):
+        read_station(changed("pose = { xyz_mm = [1, 2, 3] }", "lens = 3", text))
 
 
 def test_a_file_of_ones_own_is_read(tmp_path):

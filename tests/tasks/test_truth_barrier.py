@@ -82,7 +82,7 @@ def test_an_agent_works_with_every_other_name_poisoned(name, method):
     lab, cell = poisoned(name, seed=1)
     kind, task, chosen = TASKS[name], TASKS[name](), pick_method(TASKS[name], method)
     brief = Brief(
-        cell=cell,
+        cell=replace(cell, robot=chosen.worn(cell, chosen.default_settings())),
         goals=task.goals()[:1],
         known=task.known(),
         arms=task.working_arms(lab.session.station),

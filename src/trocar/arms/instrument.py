@@ -9,6 +9,40 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
+class FingerMarks:
+    """Two marks of one colour on each finger, by which a camera finds the jaws (Kehoe 2014, V-A.2).
+
+    A mark is a disc through the finger and a little more, so that it shows on both sides; it stands out from the back.
+
+    Attributes:
+        colors: linear RGB in [0, 1] of the left finger's marks and of the right one's.
+        along_m: of the two marks' middles from the yaw axis, along the finger.
+        behind_m: of their middles, behind the plane in which closed jaws meet.
+        radius_m: of a mark.
+        proud_m: by which it stands out on both sides of the finger, along the yaw axis.
+    """
+
+    colors: tuple[tuple[float, float, float], tuple[float, float, float]]
+    along_m: tuple[float, float] = (7.0e-3, 14.5e-3)
+    behind_m: float = 1.7e-3
+    radius_m: float = 1.6e-3
+    proud_m: float = 0.3e-3
+
+    def centers_m(self, side: int, jaw_rad: float) -> NDArray[np.float64]:
+        """Return the middles (2, 3) of one finger's marks in the frame of :meth:`Instrument.finger_m`, jaws open so.
+
+        Args:
+            side: +1 of the left finger, -1 of the right one.
+            jaw_rad: opening between both fingers.
+        """
+        half = 0.5 * side * jaw_rad
+        along, behind = np.array(self.along_m), side * self.behind_m
+        x = np.cos(half) * along - np.sin(half) * behind
+        y = np.sin(half) * along + np.cos(half) * behind
+        return np.stack([x, y, np.zeros(2)], axis=-1)
+
+
+@dataclass(frozen=True)
 class Instrument:
     """An instrument with two fingers; shaft, wrist and jaws as solids.
 
@@ -26,6 +60,7 @@ class Instrument:
         finger_tip_m: thickness of one finger near its end.
         finger_width_m: width of a finger along the yaw axis.
         tip_chamfer_m: length over which the outer face of the end is rounded off.
+        marks: colour marks on its fingers; None: it has none.
     """
 
     name: str
@@ -38,6 +73,7 @@ class Instrument:
     finger_tip_m: float
     finger_width_m: float
     tip_chamfer_m: float
+    marks: FingerMarks | None = None
 
     def finger_m(self, side: int) -> NDArray[np.float64]:
         """Return the corner points (10, 3) of one finger, closed jaws, in its joint's frame.

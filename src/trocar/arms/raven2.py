@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from math import pi, radians
 
-from trocar.arms.instrument import RAVEN_GRIPPER
+from trocar.arms.instrument import RAVEN_GRIPPER, FingerMarks
 from trocar.arms.model import ArmModel, Joint
 
 # facts/debridement.md, "Raven II kinematics". Row 4 there has d = -0.47 m, which commutes with the roll and is added
@@ -14,6 +14,9 @@ from trocar.arms.model import ArmModel, Joint
 INSERTION_OFFSET_M = -0.47
 WRIST_LENGTH_M = 0.013  # Raven instruments; 0.009 for da Vinci instruments on the adapter
 TIP_LENGTH_M = 0.010  # jaw axis to the controlled point; the jaws end at 0.020
+
+YELLOW, GREEN, BLUE, MAGENTA = (0.80, 0.62, 0.02), (0.02, 0.45, 0.10), (0.02, 0.14, 0.62), (0.50, 0.03, 0.48)
+"""Four colours that differ from each other, from steel and from red tissue (assumed; Kehoe 2014, V-A.2 has four)."""
 
 _DRIVE = 3.0, 1.0  # rad/s, rad/s^2: drive limits
 _SLIDE = 0.1, 0.1  # m/s: surgeons' peak tip speed; m/s^2: assumed, no source
@@ -34,13 +37,14 @@ RAVEN2_LEFT = ArmModel(
     wrist_length_m=WRIST_LENGTH_M,
     tip_length_m=TIP_LENGTH_M,
     jaw=Joint("jaw", 0.0, radians(120), *_DRIVE),
-    instrument=RAVEN_GRIPPER,
+    instrument=replace(RAVEN_GRIPPER, marks=FingerMarks((YELLOW, GREEN))),
     safe_depth_m=0.045,  # assumed, as on the dVRK: no source for Raven
 )
 
 RAVEN2_RIGHT = replace(
     RAVEN2_LEFT,
     name="raven2-right",
+    instrument=replace(RAVEN_GRIPPER, marks=FingerMarks((BLUE, MAGENTA))),
     twists_rad=(pi, radians(75), radians(52)),
     offsets=(radians(25), 0.0, INSERTION_OFFSET_M, -pi / 2, 0.0, 0.0),
 )

@@ -120,5 +120,43 @@ class StereoImage:
     time_s: float = 0.0
 
 
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of a camera's pixels.
+
+    Attributes:
+        corner_px: (u, v) of its first pixel.
+        size_px: (width, height).
+    """
+
+    corner_px: tuple[int, int]
+    size_px: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class StereoWindow:
+    """A rectangle of each eye's pixels; both begin in the same row if the pair is to stay rectified.
+
+    Attributes:
+        left: of the left eye.
+        right: of the right eye.
+    """
+
+    left: Window
+    right: Window
+
+    def of(self, rig: StereoRig) -> StereoRig:
+        """Return the pair that reads out only these rectangles.
+
+        Raises:
+            TrocarError: a rectangle leaves its image.
+        """
+        return StereoRig(
+            rig.left.cropped(self.left.corner_px, self.left.size_px),
+            rig.right.cropped(self.right.corner_px, self.right.size_px),
+            rig.T_left_right,
+        )
+
+
 CameraModel = Intrinsics | StereoRig
 Image = RgbdImage | StereoImage

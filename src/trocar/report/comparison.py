@@ -14,6 +14,8 @@ from trocar.report.statistics import session_posterior
 
 EXACT_UP_TO = 1 << 14
 """Sign patterns that are counted all; of more sessions so many are drawn."""
+DRAWS = 10_000
+"""So often sessions are drawn anew for the interval of a ratio."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,63 @@ def session_estimate(values: Mapping[int, Sequence[float]]) -> Estimate:
     if not len(means):
         raise TrocarError("there is no session to average over; run some trials")
     return Estimate(float(means.mean()), *_student(means))
+
+
+Pairs = Mapping[int, Sequence[tuple[float, float]]]
+"""Numerator and denominator of each trial, by session."""
+
+
+def ratio_estimate(values: Pairs) -> Estimate | None:
+    """Return a ratio of sums with its 95 % interval over sessions; None where the denominators are all 0.
+
+    The interval is Student's t over what each session's numerator is off the common ratio (linearised, Cochran 1977).
+    Where all sessions have the same denominator it is that of :func:`session_estimate`.
+
+    Args:
+        values: of the trials of each session.
+    """
+    sums = _sums(values, list(values))
+    if sums[:, 1].sum() <= 0:
+        return None
+    ratio = float(sums[:, 0].sum() / sums[:, 1].sum())
+    low, high = _student((sums[:, 0] - ratio * sums[:, 1]) / sums[:, 1].mean())
+    return Estimate(ratio, None if low is None else ratio + low, None if high is None else ratio + high)
+
+
+def ratio_of_ratios(first: Pairs, second: Pairs) -> Estimate | None:
+    """Return one ratio of sums over another's, of the sessions that both have; None where that cannot be divided.
+
+    The 95 % interval is that of the percentiles when sessions are drawn anew with replacement, the same ones for both.
+    With few sessions it is somewhat narrow. Draws in which nothing can be divided are left out.
+
+    Args:
+        first: values of the trials, by session.
+        second: likewise; it divides.
+    """
+    both = [session for session in first if session in second]
+    one, two = _sums(first, both), _sums(second, both)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = _divided(one.sum(axis=0), two.sum(axis=0))
+        if not np.isfinite(found):
+            return None
+        if len(both) < 2:
+            return Estimate(float(found), None, None)
+        drawn = np.random.default_rng(0).integers(len(both), size=(DRAWS, len(both)))
+        ratios = _divided(one[drawn].sum(axis=1), two[drawn].sum(axis=1))
+    ratios = ratios[np.isfinite(ratios)]
+    low, high = np.percentile(ratios, [2.5, 97.5])
+    return Estimate(float(found), float(low), float(high))
+
+
+def _sums(values: Pairs, sessions: Sequence[int]) -> NDArray[np.float64]:
+    """Return the sums (n, 2) of numerators and denominators of sessions."""
+    return np.array([np.sum(values[session], axis=0) for session in sessions], dtype=np.float64).reshape(-1, 2)
+
+
+def _divided(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the first ratio over the second; NaN where one of them is not known, or the second is 0."""
+    below = one[..., 1] * two[..., 0]
+    return np.where((below > 0) & (two[..., 1] > 0), one[..., 0] * two[..., 1] / below, np.nan)
 
 
 def session_difference(

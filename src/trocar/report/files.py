@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from trocar.archive import replace_text
 from trocar.errors import TrocarError
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
@@ -45,10 +45,7 @@ def write_report(
     folder = Path(folder)
     report = report_of(trials[0])
     summary = summarise(trials, report)
-    path = folder / "summary.json"
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    draft.write_text(json.dumps(summary, indent=1) + "\n")
-    draft.replace(path)
+    path = replace_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
     pictures = _pictures(folder, trials, report)
     files = [path, *pictures]
     if find_spec("viser") is not None:

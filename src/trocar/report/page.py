@@ -70,3 +70,51 @@ def _table(rows: Sequence[tuple[str, str]]) -> str:
         + "".join(f"<tr><th>{html.escape(str(k))}</th><td>{html.escape(str(v))}</td></tr>" for k, v in rows)
         + "</table>"
     )
+
+
+def listed(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table with a head as HTML."""
+
+    def line(cells: Sequence[str], kind: str) -> str:
+        return "<tr>" + "".join(f"<{kind}>{html.escape(cell)}</{kind}>" for cell in cells) + "</tr>"
+
+    return "<table>" + line(head, "th") + "".join(line(row, "td") for row in rows) + "</table>"
+
+
+def study_page(
+    path: Path, title: str, sub: str, parts: Sequence[str], notes: Sequence[str], folders: Sequence[str]
+) -> Path:
+    """Write the page of a study of several runs and return its path.
+
+    Args:
+        path: of the page.
+        title: of the study.
+        sub: a line under it.
+        parts: HTML between head and notes.
+        notes: sentences that a reader must know.
+        folders: of the runs, beside the page.
+    """
+    links = "".join(
+        f'<li><a href="{html.escape(name)}">{html.escape(name)}</a>: a folder for <code>trocar report</code> and '
+        "<code>trocar view</code></li>"
+        for name in folders
+    )
+    text = [
+        "<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width'>",
+        f"<title>{html.escape(title)}</title><style>{STYLE}</style>",
+        f"<h1>{html.escape(title)}</h1>",
+        f"<p class=sub>{html.escape(sub)} Research use only, not a medical device.</p>",
+        *parts,
+        "<h2>Noted</h2><ul>" + "".join(f"<li>{html.escape(note)}</li>" for note in notes) + "</ul>",
+        f"<h2>Runs</h2><ul>{links}</ul></html>\n",
+    ]
+    path.write_text("".join(text), encoding="utf-8")
+    return path
+
+
+def pictured(pictures: Sequence[Path], captions: Mapping[str, str]) -> list[str]:
+    """Return pictures that lie beside the page, with captions by the files' names, as HTML."""
+    return [
+        f'<p><img src="{picture.name}" alt="{picture.stem}"><br>{html.escape(captions.get(picture.name, ""))}</p>'
+        for picture in pictures
+    ]

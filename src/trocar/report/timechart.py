@@ -30,7 +30,8 @@ SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 def draw_timechart(trial: Trial, path: Path, title: str = "Time chart") -> Path:
     """Draw one row per goal and arm, coloured by what was done, and return the path.
 
-    What belongs to no goal is "start" before the last of them begins and "end" after it.
+    What belongs to no goal is "start" before the last of them begins and "end" after it; goals are numbered in the
+    order of the scores or, where scripts note which arm had which, in that in which they ended.
 
     Args:
         trial: whose spans and scores.
@@ -86,13 +87,21 @@ def draw_timechart(trial: Trial, path: Path, title: str = "Time chart") -> Path:
 
 
 def _with_goals(trial: Trial) -> list[dict[str, Any]]:
-    """Return a trial's spans as dicts with the number of the goal that each belongs to; START or END where to none."""
-    last_s = max((float(score["start_s"]) for score in trial.scores), default=float("inf"))
+    """Return a trial's spans as dicts with the number of the goal that each belongs to; START or END where to none.
+
+    Where scripts note of each piece which arm had it and since when, spans go by that: arms that work side by side
+    have goals that overlap. Else they go by the scores.
+    """
+    noted = [event for event in trial.events if event["name"] == trial.piece and {"arm", "start_s"} <= event.keys()]
+    goals = [(event["arm"], float(event["start_s"]), float(event["time_s"])) for event in noted] or [
+        (None, float(score["start_s"]), float(score["end_s"])) for score in trial.scores
+    ]
     found = []
     for span in trial.spans:
-        goal = END if span.start_s > last_s else START
-        for number, score in enumerate(trial.scores):
-            if score["start_s"] - 1e-9 <= span.start_s < score["end_s"] - 1e-9:
+        mine = [(number, *times) for number, (arm, *times) in enumerate(goals) if arm in (None, span.arm)]
+        goal = END if span.start_s > max((start_s for _, start_s, _ in mine), default=float("inf")) else START
+        for number, start_s, end_s in mine:
+            if start_s - 1e-9 <= span.start_s < end_s - 1e-9:
                 goal = number
         found.append({**vars(span), "goal": goal})
     return found

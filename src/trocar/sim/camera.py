@@ -15,7 +15,8 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
-from trocar.sim.sensor import Light, apply_flaws, shade
+from trocar.sim.finish import Finish, Sight
+from trocar.sim.sensor import Light, apply_flaws, expose, shade
 from trocar.station.sensor_flaws import SensorFlaws
 
 VISIBLE_GROUPS = (1, 1, 1, 0, 0, 0)
@@ -35,6 +36,7 @@ class RayCamera:
         lamp_m: (3,) projector or lamp in the camera frame; what it does not light is dark and has no depth.
         flaws: what the sensor does wrong; ``SensorFlaws.none()`` gives exact depth.
         light: of the scene.
+        finish: grain and wet spots of surfaces; None: each has one plain colour.
     """
 
     def __init__(
@@ -45,6 +47,7 @@ class RayCamera:
         lamp_m: ArrayLike,
         flaws: SensorFlaws | None = None,
         light: Light | None = None,
+        finish: Finish | None = None,
     ):
         if T_world_camera.matrix.shape != (4, 4) or not np.isfinite(T_world_camera.matrix).all():
             raise TrocarError("a camera needs one finite pose (4, 4) as T_world_camera")
@@ -54,11 +57,12 @@ class RayCamera:
         self._lamp_m = np.asarray(lamp_m, dtype=np.float64)
         self.flaws = SensorFlaws() if flaws is None else flaws
         self.light = Light() if light is None else light
+        self._finish = finish
         R = T_world_camera.rotation.matrix
         self._T_world_projector = SE3.from_parts(T_world_camera.rotation, T_world_camera.apply(self._lamp_m))
         self._rays = pixel_rays(intrinsics).reshape(-1, 3)
         self._rays_world = np.ascontiguousarray(self._rays @ R.T)
-        self._raster = _Raster(self._rays, intrinsics)
+        self._raster = _Raster(self._rays, intrinsics.fx)
         self._cell = self._raster.index(self._rays)
         group = np.clip(model.geom_group, 0, 5)
         alpha = np.where(model.geom_matid >= 0, 1.0, model.geom_rgba[:, 3])
@@ -96,7 +100,7 @@ class RayCamera:
         camera = copy.copy(self)
         camera.intrinsics = lens
         camera._rays, camera._rays_world = part(self._rays), part(self._rays_world)
-        camera._cell = part(self._cell)
+        camera._raster, camera._cell = self._raster.part(part(self._cell))
         camera._background = self._background.parts(part)
         return camera
 
@@ -114,6 +118,11 @@ class RayCamera:
             rng,
         )
         return RgbdImage(color, depth, self.intrinsics, float(data.time))
+
+    def render_color(self, data: mujoco.MjData, rng: np.random.Generator, gain: float = 1.0) -> NDArray[np.uint8]:
+        """Return the picture (h, w, 3) of an eye without depth: blurred by its lens, with its own noise and gain."""
+        view = self._view(data, shadow=self.flaws.shadow)
+        return expose(view.color.reshape(*self.size, 3) * np.float32(gain), self.flaws.color_sd, rng)
 
     def render_exact(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
         """Return depth (h, w) m with NaN where nothing is hit, geom ids (h, w) with -1, colour (h, w, 3)."""
@@ -134,24 +143,33 @@ class RayCamera:
             self.model, data, self.T_world_camera.translation_m, self._rays_world[active]
         )
         if shadow:
-            dark = self._raster.covered(self.model, data, self._moving, self._T_world_projector)
+            dark = background.raster.covered(self.model, data, self._moving, self._T_world_projector)
             shaded = np.flatnonzero(dark[background.projector_cell] & ~covered & background.view.lit)
             active = np.concatenate([active, shaded])
             normal = np.concatenate([normal, background.normal_world[shaded]])
             view.lit[active] = self._lit(self.model, data, view.depth[active], normal, active)
-            self._shade(view, active, normal)
+            self._shade(view, data, active, normal)
         else:
             view.lit = np.isfinite(view.depth)
-            self._shade(view, np.arange(len(view.depth)), self._normals(background, active, normal))
+            self._shade(view, data, np.arange(len(view.depth)), self._normals(background, active, normal))
         return view
 
-    def _shade(self, view: _View, pixels: NDArray[np.intp], normal_world: NDArray[np.float64]) -> None:
+    def _shade(
+        self, view: _View, data: mujoco.MjData, pixels: NDArray[np.intp], normal_world: NDArray[np.float64]
+    ) -> None:
         """Fill in colour, mirroring and incidence of these pixels."""
         normal = normal_world @ np.ascontiguousarray(self.T_world_camera.rotation.matrix)
         rays = self._rays[pixels]
         view.color[pixels], view.mirror[pixels] = shade(
             self.model, rays, view.depth[pixels], view.geom[pixels], normal, view.lit[pixels], self._lamp_m, self.light
         )
+        if self._finish is not None:
+            eye = self.T_world_camera
+            points = np.nan_to_num(rays * view.depth[pixels, None]) @ np.ascontiguousarray(eye.rotation.matrix.T)
+            points += eye.translation_m
+            lamp = self._T_world_projector.translation_m
+            sight = Sight(view.geom[pixels], points, normal_world, eye.translation_m, lamp, view.lit[pixels])
+            view.color[pixels] = self._finish.apply(data, view.color[pixels], sight)
         view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
 
     def _fixed_seen(self, data: mujoco.MjData) -> _Background:
@@ -168,9 +186,10 @@ class RayCamera:
         )
         pixels = np.arange(count)
         view.lit = self._lit(self._fixed_model, data, depth, normal, pixels)
-        self._shade(view, pixels, normal)
+        self._shade(view, data, pixels, normal)
         from_projector = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - self._lamp_m
-        return _Background(view, normal, self._raster.index(from_projector))
+        raster = _Raster(from_projector[view.lit] if view.lit.any() else self._rays, self.intrinsics.fx)
+        return _Background(view, normal, raster, raster.index(from_projector))
 
     @staticmethod
     def _normals(
@@ -245,27 +264,49 @@ class _View:
 
 @dataclass(frozen=True)
 class _Background:
-    """What is fixed to the world: what is seen, the normals (n, 3), and the cell of each point for the projector."""
+    """What is fixed to the world: what is seen, the normals (n, 3), and the projector's map with each point's cell."""
 
     view: _View
     normal_world: NDArray[np.float64]
+    raster: _Raster
     projector_cell: NDArray[np.intp]
 
     def parts(self, part: Callable[[NDArray], NDArray]) -> _Background:
-        return _Background(self.view.parts(part), part(self.normal_world), part(self.projector_cell))
+        raster, cell = self.raster.part(part(self.projector_cell))
+        return _Background(self.view.parts(part), part(self.normal_world), raster, cell)
 
 
 class _Raster:
     """A coarse map of directions x/z, y/z on which the solids' outlines are drawn, never too small."""
 
     CELL_PIXELS = 2.0
-    MARGIN = 0.3
+    MARGIN_CELLS = 4
 
-    def __init__(self, rays: NDArray[np.float64], intrinsics: Intrinsics):
-        self.lower = rays[:, :2].min(0) - self.MARGIN
-        upper = rays[:, :2].max(0) + self.MARGIN
-        self.scale = intrinsics.fx / self.CELL_PIXELS
-        self.shape = tuple(np.ceil((upper - self.lower) * self.scale).astype(int)[::-1] + 2)
+    def __init__(self, rays: NDArray[np.float64], focal_px: float):
+        """Make the map that holds these directions (n, 3), in cells of some pixels of that focal length."""
+        self.scale = focal_px / self.CELL_PIXELS
+        flat = rays[:, :2] / rays[:, 2:]
+        self.lower = flat.min(0) - self.MARGIN_CELLS / self.scale
+        upper = flat.max(0) + self.MARGIN_CELLS / self.scale
+        rows, columns = np.ceil((upper - self.lower) * self.scale).astype(int)[::-1] + 2
+        self.shape = (int(rows), int(columns))
+
+    def part(self, cells: NDArray[np.intp]) -> tuple[_Raster, NDArray[np.intp]]:
+        """Return the smallest map that holds these of its cells, and their numbers in it."""
+        outside = cells == self.shape[0] * self.shape[1]
+        row, column = np.divmod(cells, self.shape[1])
+        inside = ~outside
+        if not inside.any():
+            return self, cells
+        top, left = (max(0, int(at[inside].min()) - self.MARGIN_CELLS) for at in (row, column))
+        smaller = copy.copy(self)
+        smaller.lower = self.lower + np.array([left, top]) / self.scale
+        smaller.shape = (
+            int(row[inside].max()) + 1 + self.MARGIN_CELLS - top,
+            int(column[inside].max()) + 1 + self.MARGIN_CELLS - left,
+        )
+        numbers = (row - top) * smaller.shape[1] + column - left
+        return smaller, np.where(outside, smaller.shape[0] * smaller.shape[1], numbers)
 
     def index(self, rays: NDArray[np.float64]) -> NDArray[np.intp]:
         """Return the flat cell of each direction (n, 3); those off the map share a cell that is always cast."""

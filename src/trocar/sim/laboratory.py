@@ -13,16 +13,26 @@ from numpy.typing import NDArray
 from trio.testing import MockClock, wait_all_tasks_blocked
 
 from trocar.cell import Cell, Result
+from trocar.errors import TrocarError
 from trocar.log import CellLog
-from trocar.perception.image import Image, RgbdImage, StereoImage, StereoRig
+from trocar.perception.image import (
+    CameraModel,
+    Image,
+    Intrinsics,
+    RgbdImage,
+    StereoImage,
+    StereoRig,
+    StereoWindow,
+    Window,
+)
 from trocar.robots import TICK_S, ArmGuard, Belief, Guarded
 from trocar.sim.camera import RayCamera
+from trocar.sim.eyes import EYE_GAINS, eyes_of
 from trocar.sim.mjcf import CellModel, Servo, Surface
-from trocar.sim.pace import Pace, Script, Stepping, Virtual
+from trocar.sim.pace import Pace, Script, Stepping, Virtual, repeat_scheduling
 from trocar.sim.record import Record
 from trocar.sim.recorder import Recorder
 from trocar.sim.robot import SimRobot
-from trocar.sim.sensor import Light
 from trocar.sim.task_world import TaskWorld
 from trocar.sim.touches import Touches
 from trocar.sim.world import World
@@ -57,25 +67,43 @@ class SimCamera:
     """A simulated camera behind the ``Camera`` protocol.
 
     Attributes:
-        taken: (time in s, image) of all that it took.
+        taken: (time in s, image) of all whole images that it took.
     """
 
     def __init__(self, world: World, camera: StationCamera, eyes: list[RayCamera], rng: np.random.Generator):
         self._world, self._camera, self._eyes, self._rng = world, camera, eyes, rng
-        self.model = camera.model
+        self.model = camera.model_registered
         self.taken: list[Image] = []
 
-    async def capture(self) -> Image:
+    async def capture(self, window: Window | StereoWindow | None = None) -> Image:
         """Expose one image; it shows the end of the exposure."""
+        model, windows = self._read_out(window)
         await trio.sleep(self._camera.exposure_s)
-        seen = [eye.render(self._world.data, self._rng) for eye in self._eyes]
-        now = self._world.time_s
-        if isinstance(self.model, StereoRig):
-            image: Image = StereoImage(seen[0].color, seen[1].color, self.model, now)
+        data, now = self._world.data, self._world.time_s
+        eyes = [
+            eye if part is None else eye.cropped(data, part.corner_px, part.size_px)
+            for eye, part in zip(self._eyes, windows, strict=True)
+        ]
+        if isinstance(model, StereoRig):
+            left, right = (eye.render_color(data, self._rng, gain) for eye, gain in zip(eyes, EYE_GAINS, strict=True))
+            image: Image = StereoImage(left, right, model, now)
         else:
-            image = RgbdImage(seen[0].color, seen[0].depth_m, seen[0].intrinsics, now)
-        self.taken.append(image)
+            seen = eyes[0].render(data, self._rng)
+            image = RgbdImage(seen.color, seen.depth_m, seen.intrinsics, now)
+        if window is None:
+            self.taken.append(image)
         return image
+
+    def _read_out(self, window: Window | StereoWindow | None) -> tuple[CameraModel, list[Window | None]]:
+        """Return the camera that reads out only a window, and the window of each eye."""
+        if window is None:
+            return self.model, [None] * len(self._eyes)
+        if isinstance(self.model, StereoRig) and isinstance(window, StereoWindow):
+            return window.of(self.model), [window.left, window.right]
+        if isinstance(self.model, Intrinsics) and isinstance(window, Window):
+            return self.model.cropped(window.corner_px, window.size_px), [window]
+        kind = "a StereoWindow" if isinstance(self.model, StereoRig) else "a Window"
+        raise TrocarError(f"this camera has {len(self._eyes)} eye(s) and cannot read out {window!r}; give {kind}")
 
 
 class SimLaboratory:
@@ -128,7 +156,9 @@ class SimLaboratory:
         self.world.settle(REST_S)
         self.log = CellLog(self.now_s, listener=listener)
         self.cameras = {
-            name: self._camera(camera, session.T_world_camera[name], flaws, camera_rng)
+            name: SimCamera(
+                self.world, camera, eyes_of(self.world.model, camera, session.T_world_camera[name], flaws), camera_rng
+            )
             for name, camera in station.cameras.items()
         }
         guards = {
@@ -152,22 +182,6 @@ class SimLaboratory:
         )
         self._observe()
         self._nursery: trio.Nursery | None = None
-
-    def _camera(
-        self, camera: StationCamera, T_world_camera: Any, flaws: SensorFlaws | None, rng: np.random.Generator
-    ) -> SimCamera:
-        light = Light(gain=camera.gain)
-        flaws = flaws or camera.flaws
-        model, lamp = camera.model, np.array(camera.lamp_m)
-        if isinstance(model, StereoRig):
-            right = T_world_camera @ model.T_left_right
-            eyes = [
-                RayCamera(self.world.model, model.left, T_world_camera, lamp, flaws, light),
-                RayCamera(self.world.model, model.right, right, model.T_left_right.inverse().apply(lamp), flaws, light),
-            ]
-        else:
-            eyes = [RayCamera(self.world.model, model, T_world_camera, lamp, flaws, light)]
-        return SimCamera(self.world, camera, eyes, rng)
 
     def now_s(self) -> float:
         """Return the cell's clock."""
@@ -219,6 +233,7 @@ class SimLaboratory:
                 before all else.
         """
         clock = MockClock()
+        repeat_scheduling()
         try:
             return trio.run(
                 self._run, script, budget_s, pace or Virtual(), clock,

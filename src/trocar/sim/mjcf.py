@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, indent, tostring
 import numpy as np
 
 from trocar.arms import ArmModel, frames
+from trocar.arms.instrument import Instrument
 from trocar.geometry import SE3, SO3
 from trocar.perception.fiducials.fixture import Fixture
 from trocar.sim.elements import add, arm_bits, placed, text
@@ -242,6 +243,26 @@ def _add_fingers(
             friction=text((cell.surface.jaw_friction, *cell.surface.patch_m)),
             condim="6",
             rgba=text((*STEEL, 1)),
+            **bits,
+        )
+        _add_marks(body, shape, name, side, bits)
+
+
+def _add_marks(finger: Element, shape: Instrument, name: str, side: int, bits: Mapping[str, str]) -> None:
+    """Paint the marks of one finger. They collide, since rays miss geoms that nothing collides with (``worn``)."""
+    marks = shape.marks
+    if marks is None:
+        return
+    half = 0.5 * shape.finger_width_m + marks.proud_m
+    for number, center in enumerate(marks.centers_m(side, 0.0)):
+        add(
+            finger,
+            "geom",
+            name=f"{name}_mark_{'left' if side > 0 else 'right'}{number}",
+            type="cylinder",
+            size=text((marks.radius_m, half)),
+            pos=text(center),
+            rgba=text((*marks.colors[0 if side > 0 else 1], 1)),
             **bits,
         )
 

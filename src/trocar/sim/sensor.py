@@ -34,6 +34,10 @@ METAL_BRIGHTNESS = 0.4
 MIRROR_EXPONENT = 80.0
 EDGE_M = 1.5e-3
 """Second difference of depth that makes an edge; smooth surfaces stay below it up to 75 deg."""
+MUJOCO_GREY = (0.5, 0.5, 0.5, 1.0)
+"""Colour of a geom that was given none: then that of its material counts."""
+LENS_BLUR_PX = 0.6
+"""SD of the point that a lens makes of a point (assumed)."""
 
 
 def shade(
@@ -59,7 +63,7 @@ def shade(
         light: its power.
     """
     albedo = model.geom_rgba[:, :3].astype(np.float32)
-    with_material = model.geom_matid >= 0
+    with_material = (model.geom_matid >= 0) & (model.geom_rgba == MUJOCO_GREY).all(-1)
     albedo[with_material] = model.mat_rgba[model.geom_matid[with_material], :3]
     brightest = albedo.max(-1)
     saturation = (brightest - albedo.min(-1)) / np.maximum(brightest, 1e-6)
@@ -123,6 +127,20 @@ def apply_flaws(
     depth[missing] = np.nan
     noisy = color * 255 + np.float32(flaws.color_sd) * (0.3 + np.sqrt(color)) * grain
     return np.asarray(depth, np.float32), np.rint(np.clip(noisy, 0, 255)).astype(np.uint8)
+
+
+def expose(color: NDArray[np.float32], sd: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return the picture (h, w, 3) that an eye takes: a little blurred, with noise of its own in each channel.
+
+    Args:
+        color: (h, w, 3) in [0, 1], or brighter where the eye saturates.
+        sd: of the noise in grey levels at full brightness; it grows with the root of the light.
+        rng: draws the noise.
+    """
+    blurred = cv2.GaussianBlur(color, (0, 0), LENS_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
+    grain = rng.standard_normal(color.shape, dtype=np.float32)
+    noisy = blurred * 255 + np.float32(sd) * (0.3 + np.sqrt(blurred)) * grain
+    return np.rint(np.clip(noisy, 0, 255)).astype(np.uint8)
 
 
 def _smooth_noise(shape: tuple[int, ...], length: float, rng: np.random.Generator) -> NDArray[np.float32]:

@@ -1,13 +1,15 @@
 """Laboratories: what stands where, and a day in one."""
 
 from trocar.station.check import check_station
+from trocar.station.registration import CheckerboardRegistration, Registration
 from trocar.station.sensor_flaws import SensorFlaws
-from trocar.station.station import Registration, Station, StationArm, StationCamera
+from trocar.station.station import Station, StationArm, StationCamera
 from trocar.station.toml import built_in_stations, load_station, read_station, station_text
 from trocar.station.transmission import TRANSMISSIONS, Transmission
 
 __all__ = [
     "TRANSMISSIONS",
+    "CheckerboardRegistration",
     "Registration",
     "SensorFlaws",
     "Station",

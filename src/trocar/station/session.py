@@ -9,7 +9,8 @@ import numpy as np
 
 from trocar.geometry import SE3
 from trocar.geometry.rigid_fit import fit_rigid
-from trocar.station.station import Registration, Station
+from trocar.station.registration import CheckerboardRegistration, Registration
+from trocar.station.station import Station
 from trocar.station.transmission import Transmission
 
 
@@ -23,7 +24,7 @@ class Session:
         T_world_base: true bases.
         T_world_base_registered: as registration found them.
         T_world_camera: true poses of the cameras.
-        T_world_camera_registered: as registration found them: the cameras' frames are what the world's refers to.
+        T_world_camera_registered: as registration found them; true where the world refers to them.
     """
 
     station: Station
@@ -43,10 +44,18 @@ def draw_session(station: Station, rng: np.random.Generator) -> Session:
     transmissions = _transmissions(station, rng)
     bases = {name: arm.T_world_base for name, arm in station.arms.items()}
     cameras = {name: camera.T_world_camera for name, camera in station.cameras.items()}
-    registered = {name: _register(T, station.registration, rng) for name, T in bases.items()}
+    how = station.registration
+    if isinstance(how, CheckerboardRegistration):
+        found, seen = _by_checkerboard(bases, cameras, how, rng)
+    else:
+        found, seen = {name: _register(T, how, rng) for name, T in bases.items()}, cameras
     kept = {name: arm.T_world_base_registered for name, arm in station.arms.items()}
-    registered |= {name: T for name, T in kept.items() if T is not None}
-    return Session(station, transmissions, bases, registered, cameras, cameras)
+    kept_seen = {name: camera.T_world_camera_registered for name, camera in station.cameras.items()}
+    return Session(station, transmissions, bases, found | _known(kept), cameras, dict(seen) | _known(kept_seen))
+
+
+def _known(poses: Mapping[str, SE3 | None]) -> dict[str, SE3]:
+    return {name: T for name, T in poses.items() if T is not None}
 
 
 def _transmissions(station: Station, rng: np.random.Generator) -> dict[str, Transmission]:
@@ -59,3 +68,17 @@ def _register(T_world_base: SE3, how: Registration, rng: np.random.Generator) ->
     p_base = T_world_base.inverse().apply(p_world)
     seen = p_world + how.sd_m * rng.standard_normal(p_world.shape)
     return fit_rigid(p_base, seen).T_target_source
+
+
+def _by_checkerboard(
+    bases: Mapping[str, SE3], cameras: Mapping[str, SE3], how: CheckerboardRegistration, rng: np.random.Generator
+) -> tuple[dict[str, SE3], dict[str, SE3]]:
+    """Return bases and cameras as boards on the bases' brackets show them; the first base is the world's reference."""
+    sd = np.repeat([how.sd_m, how.sd_rad], 3)
+    off = {}
+    for name in bases:
+        T_board_found = SE3.exp(sd * rng.standard_normal(6))
+        off[name] = how.T_world_board @ T_board_found @ how.T_world_board.inverse()
+    world = off[next(iter(bases))].inverse()
+    found = {name: world @ off[name] @ T for name, T in bases.items()}
+    return found, {name: world @ T for name, T in cameras.items()}

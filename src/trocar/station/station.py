@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, MotionLimits, ik, wrist_depth_m
 from trocar.calibration.excitation import MotionBox
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, shown
-from trocar.perception.image import CameraModel
+from trocar.geometry import SE3
+from trocar.perception.image import CameraModel, StereoRig
+from trocar.station.registration import CheckerboardRegistration, Registration
 from trocar.station.sensor_flaws import SensorFlaws
 from trocar.station.transmission import Transmission
 
@@ -77,6 +78,9 @@ class StationCamera:
         lamp_m: (3,) projector or lamp in the camera's frame.
         flaws: what the sensor does wrong.
         gain: of the exposure: what is near the lamp wants less.
+        ambient: light of the room that comes from everywhere, as a share of the lamp's at .6 m.
+        T_world_camera_registered: where a registration found it; None: each session finds it anew.
+        rig_registered: the lenses of a pair as a calibration found them; None: as they are.
     """
 
     model: CameraModel
@@ -85,21 +89,14 @@ class StationCamera:
     lamp_m: tuple[float, float, float]
     flaws: SensorFlaws = field(default_factory=SensorFlaws)
     gain: float = 1.2
+    ambient: float = 0.06
+    T_world_camera_registered: SE3 | None = None
+    rig_registered: StereoRig | None = None
 
-
-@dataclass(frozen=True)
-class Registration:
-    """How the arms' bases are found: a rigid fit to points that robot and camera both know.
-
-    Attributes:
-        points: how many.
-        sd_m: noise of each on each axis.
-        volume_m: corners of the box in the world in which they lie.
-    """
-
-    points: int = 270
-    sd_m: float = 0.3e-3
-    volume_m: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-0.06, -0.04, 0.0), (0.06, 0.04, 0.05))
+    @property
+    def model_registered(self) -> CameraModel:
+        """Return lens or lenses as whoever looks through them knows them."""
+        return self.rig_registered or self.model
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +118,7 @@ class Station:
     arms: Mapping[str, StationArm]
     cameras: Mapping[str, StationCamera]
     T_world_fixture: Mapping[str, SE3] = field(default_factory=dict)
-    registration: Registration = field(default_factory=Registration)
+    registration: Registration | CheckerboardRegistration = field(default_factory=Registration)
     min_distance_m: float = 0.0
 
     def __post_init__(self) -> None:
@@ -142,9 +139,9 @@ class Station:
     def flaws(self, flawless_camera: bool = False) -> dict[str, str]:
         """Return in words what is imperfect here, for the summary of a run."""
         found = {f"transmission of {name}": arm.transmission.source for name, arm in self.arms.items()}
-        how = self.registration
-        found["registration of bases"] = f"{how.points} points, {shown(how.sd_m, 'm', 'g')} an axis"
+        found["registration of bases"] = self.registration.about
         kept = [name for name, arm in self.arms.items() if arm.T_world_base_registered is not None]
+        kept += [name for name, camera in self.cameras.items() if camera.T_world_camera_registered is not None]
         if kept:
             found[f"registration of {', '.join(kept)}"] = "as the station file has it"
         cameras = "switched off" if flawless_camera else "switched on, as large as the station's file says"

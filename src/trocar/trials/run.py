@@ -57,6 +57,8 @@ def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Liste
     if prepared.models:
         laboratory.wear(lambda cell: _calibrated(config, prepared, cell))
     settings = method.default_settings()
+    if method.wears is not None:
+        laboratory.wear(lambda cell: method.worn(cell, settings))
     brief = Brief(
         cell=laboratory.cell,
         goals=task.goals(),

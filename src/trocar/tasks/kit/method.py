@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from trocar.cell import Cell
+from trocar.cell import Cell, Robot
 from trocar.errors import TrocarError
 from trocar.motion.plan import Planner
 from trocar.registry import Lazy, Registry
@@ -57,6 +57,8 @@ class Method:
         agent: class of its agent, or any function of a brief; lazy where importing it is expensive.
         settings: class of its settings; as they come they are the defaults. Lazy likewise.
         calibrated: whether the arms' cables are compensated by a fitted model.
+        wears: what the robot wears for its agent: a function of the cell and the method's settings that returns a
+            robot; None: nothing more. A guard believes it if it is a ``Belief``.
         stop_at_limits: whether a motion is refused whose compensation would leave a joint's range; else what cannot
             be corrected stays uncorrected.
         planner: name in ``PLANNERS``, if none is asked for.
@@ -67,6 +69,7 @@ class Method:
     agent: Callable[[Brief], Agent] | Lazy
     settings: Callable[[], Any] | Lazy
     calibrated: bool = True
+    wears: Callable[[Cell, Any], Robot] | Lazy | None = None
     stop_at_limits: bool = False
     planner: str = "spline"
     perception: str = ""
@@ -74,6 +77,10 @@ class Method:
     def made(self, brief: Brief) -> Agent:
         """Return an agent with its brief."""
         return _loaded(self.agent)(brief)
+
+    def worn(self, cell: Cell, settings: Any) -> Robot:
+        """Return the cell's robot with what this method lets it wear."""
+        return cell.robot if self.wears is None else _loaded(self.wears)(cell, settings)
 
     def default_settings(self) -> Any:
         """Return the settings as they come."""

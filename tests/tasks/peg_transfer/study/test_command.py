@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 
 from made_up_study import saved
 from trocar.errors import TrocarError
-from trocar.tasks.peg_transfer.study.cells import cells_of, chosen, opened
+from trocar.tasks.peg_transfer.study.cells import cells_of
 from trocar.tasks.peg_transfer.study.command import app
+from trocar.trials.study import opened
 from trocar.trials.trial import trial_files
 
 STUDY = "from trocar.tasks.peg_transfer.study.command import app; app()"
@@ -99,8 +100,3 @@ def test_bad_input_is_one_sentence(tmp_path, words, said):
     result = run(*words, "--out", tmp_path / "study")
     assert isinstance(result.exception, TrocarError)
     assert said in str(result.exception)
-
-
-def test_all_that_the_task_has_is_chosen_by_default():
-    assert chosen("", ["a", "b"], "methods") == ["a", "b"]
-    assert chosen("b, b", ["a", "b"], "methods") == ["b"]

@@ -14,7 +14,8 @@ from trocar.tasks.peg_transfer.study import figures, row
 from trocar.tasks.peg_transfer.study.hypotheses import HELD, OPEN, REJECTED, findings
 from trocar.tasks.peg_transfer.study.report import write_study
 from trocar.tasks.peg_transfer.study.results import results_of
-from trocar.tasks.peg_transfer.study.row import read_row, row_file
+from trocar.tasks.peg_transfer.study.row import read_row
+from trocar.trials.rows import row_file
 from trocar.trials.trial import Trial, trial_file
 
 

@@ -41,6 +41,10 @@ class PaperAdjustment:
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
         """Return the last detection moved on by the adjusted increment; before any, the kinematic pose."""
         check_order(t_s, self._t_s)
+        return self.settled(T_base_kinematic)
+
+    def settled(self, T_base_kinematic: SE3) -> SE3:
+        """Return the same: the rule knows no time."""
         if self._last is None:
             return T_base_kinematic
         T_base_detected, before_kinematic = self._last

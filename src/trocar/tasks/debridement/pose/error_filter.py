@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +118,18 @@ class ErrorFilter:
 
     def belief(self, t_s: float, T_base_kinematic: SE3) -> PoseBelief:
         """Return the estimate with its covariance."""
-        history, translation, rotation = self._at(t_s, T_base_kinematic)
+        return self._belief(T_base_kinematic, *self._at(t_s, T_base_kinematic))
+
+    def settled(self, T_base_kinematic: SE3) -> SE3:
+        """Return the pose that follows once the lag is over, with the drift as it is believed now."""
+        if self._history is None:
+            return T_base_kinematic
+        resting = replace(self._history, T_base_last=T_base_kinematic, lag=np.zeros(6))
+        return self._belief(T_base_kinematic, resting, self._translation, self._rotation).T_base_gripper
+
+    def _belief(
+        self, T_base_kinematic: SE3, history: KinematicHistory, translation: ErrorBelief, rotation: ErrorBelief
+    ) -> PoseBelief:
         H_p, H_r = history.translation_design(), history.rotation_design()
         R = SO3.exp(H_r @ rotation.mean) @ (self._R_first_error or SO3.identity()) @ T_base_kinematic.rotation
         T_base_gripper = SE3.from_parts(R, T_base_kinematic.translation_m + H_p @ translation.mean)

@@ -30,6 +30,10 @@ class PoseEstimator(Protocol):
         """Return the pose for a moment not before the last update; the estimator stays as it is."""
         ...
 
+    def settled(self, T_base_kinematic: SE3) -> SE3:
+        """Return the pose once the arm has come to rest at this kinematic pose, as far as is known now."""
+        ...
+
 
 class RawKinematics:
     """Believes the forward kinematics, as the Raven's control software does."""
@@ -38,6 +42,10 @@ class RawKinematics:
         """Learn nothing."""
 
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
+        """Return the kinematic pose."""
+        return T_base_kinematic
+
+    def settled(self, T_base_kinematic: SE3) -> SE3:
         """Return the kinematic pose."""
         return T_base_kinematic
 

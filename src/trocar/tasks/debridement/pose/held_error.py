@@ -23,6 +23,10 @@ class HeldError:
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
         """Return the kinematic pose with the last error added; before any detection, the kinematic pose."""
         check_order(t_s, self._t_s)
+        return self.settled(T_base_kinematic)
+
+    def settled(self, T_base_kinematic: SE3) -> SE3:
+        """Return the same: a held error knows no time."""
         if self._last is None:
             return T_base_kinematic
         detected, kinematic = self._last

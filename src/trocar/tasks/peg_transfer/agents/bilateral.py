@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from trocar.tasks.kit import Brief
+from trocar.tasks.kit.together import together
 from trocar.tasks.peg_transfer.agents.pace import Pace
-from trocar.tasks.peg_transfer.agents.together import together
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.agents.two_arms import TwoArms
 from trocar.tasks.peg_transfer.goals import PAIRS

@@ -12,11 +12,11 @@ import trio
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
 from trocar.robots import TICK_S
+from trocar.tasks.kit.together import Pending, with_helpers
 from trocar.tasks.peg_transfer.agents.meeting import Offer, choose_offer
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.side import Appointment, Side
-from trocar.tasks.peg_transfer.agents.together import Pending, with_helpers
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm, Seen
 from trocar.tasks.peg_transfer.goals import TransferOutcome

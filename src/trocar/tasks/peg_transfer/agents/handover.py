@@ -6,11 +6,11 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 
 from trocar.tasks.kit import Brief
+from trocar.tasks.kit.together import together
 from trocar.tasks.peg_transfer.agents.giver import Giver
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
 from trocar.tasks.peg_transfer.agents.receiver import Receiver
 from trocar.tasks.peg_transfer.agents.side import AGAIN, Appointment
-from trocar.tasks.peg_transfer.agents.together import together
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.agents.two_arms import TwoArms

@@ -8,10 +8,10 @@ import numpy as np
 import trio
 
 from trocar.geometry import SE3
+from trocar.tasks.kit.together import with_helpers
 from trocar.tasks.peg_transfer.agents.motions import Carriage
 from trocar.tasks.peg_transfer.agents.side import Appointment
 from trocar.tasks.peg_transfer.agents.taker import Taker
-from trocar.tasks.peg_transfer.agents.together import with_helpers
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 

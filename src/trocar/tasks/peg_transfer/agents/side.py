@@ -9,9 +9,9 @@ import numpy as np
 import trio
 
 from trocar.geometry import SE3
+from trocar.tasks.kit.together import first_of
 from trocar.tasks.peg_transfer.agents.meeting import Partner, Ways
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.together import first_of
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 import trio
 
 from trocar.motion import TimedPath
+from trocar.tasks.kit.together import Pending, together, with_helpers
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.together import Pending, together, with_helpers
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 
 

@@ -11,12 +11,12 @@ import trio
 
 from trocar.geometry import SE3, SO3
 from trocar.motion import TimedPath
+from trocar.tasks.kit.together import Pending
 from trocar.tasks.peg_transfer.agents.meeting import choose_taking
 from trocar.tasks.peg_transfer.agents.motions import Joints, end_of, raised, starts_at, yaw_of
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.side import Appointment, Side
 from trocar.tasks.peg_transfer.agents.start import withdraw
-from trocar.tasks.peg_transfer.agents.together import Pending
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.grasps import Grasp

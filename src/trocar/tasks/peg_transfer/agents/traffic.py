@@ -13,9 +13,9 @@ from trocar.cell import Cell, Execution, SetPoint
 from trocar.geometry import SE3
 from trocar.motion import MovingArm, swept_clearance
 from trocar.tasks.kit import ArmScript
+from trocar.tasks.kit.together import first_of
 from trocar.tasks.peg_transfer.agents.moving_body import NEVER, Body, distances_m, min_delay_s
 from trocar.tasks.peg_transfer.agents.settings import Settings
-from trocar.tasks.peg_transfer.agents.together import first_of
 from trocar.tasks.peg_transfer.block import Block
 from trocar.trajectory import Trajectory
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from trocar.report.page import STYLE
+from trocar.report.page import listed, pictured, study_page
 from trocar.tasks.peg_transfer.study.hypotheses import NOTES, Finding
 from trocar.tasks.peg_transfer.study.published import TABLES
 from trocar.tasks.peg_transfer.study.tables import HEAD, HYPOTHESIS_HEAD, cell_rows, hypothesis_rows
@@ -32,34 +32,20 @@ def write_page(
         notes: sentences on what is missing.
     """
     cells = summary["cells"]
-    parts = [
-        "<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width'>",
-        f"<title>Study: peg transfer</title><style>{STYLE}</style>",
-        "<h1>Study: peg transfer</h1>",
-        f"<p class=sub>Simulated, {summary['transfers']} transfers in {summary['trials']} trials. The paper's rows "
-        "(Hwang et al. 2022) are as published. Research use only, not a medical device.</p>",
-    ]
+    parts = []
     for variant in dict.fromkeys(cell["variant"] for cell in cells):
         parts.append(f"<h2>{TABLES.get(variant, '')} {html.escape(variant)}</h2>")
-        parts.append(_table(HEAD, cell_rows(variant, cells)))
-    parts.append("<h2>H1 to H4</h2>" + _table(HYPOTHESIS_HEAD, hypothesis_rows(found)))
-    parts += [
-        f'<p><img src="{picture.name}" alt="{picture.stem}"><br>{CAPTIONS.get(picture.name, "")}</p>'
-        for picture in pictures
-    ]
-    parts.append("<h2>Noted</h2><ul>" + "".join(f"<li>{html.escape(n)}</li>" for n in [*NOTES, *notes]) + "</ul>")
-    links = "".join(
-        f'<li><a href="{cell["folder"]}">{html.escape(cell["folder"])}</a>: a folder for <code>trocar report</code> '
-        "and <code>trocar view</code></li>"
-        for cell in cells
+        parts.append(listed(HEAD, cell_rows(variant, cells)))
+    parts.append("<h2>H1 to H4</h2>" + listed(HYPOTHESIS_HEAD, hypothesis_rows(found)))
+    sub = (
+        f"Simulated, {summary['transfers']} transfers in {summary['trials']} trials. The paper's rows (Hwang et al. "
+        "2022) are as published."
     )
-    parts.append(f"<h2>Runs</h2><ul>{links}</ul></html>\n")
-    path.write_text("".join(parts), encoding="utf-8")
-    return path
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    def line(cells: Sequence[str], kind: str) -> str:
-        return "<tr>" + "".join(f"<{kind}>{html.escape(cell)}</{kind}>" for cell in cells) + "</tr>"
-
-    return "<table>" + line(head, "th") + "".join(line(row, "td") for row in rows) + "</table>"
+    return study_page(
+        path,
+        "Study: peg transfer",
+        sub,
+        [*parts, *pictured(pictures, CAPTIONS)],
+        [*NOTES, *notes],
+        [cell["folder"] for cell in cells],
+    )

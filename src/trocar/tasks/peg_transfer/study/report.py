@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from trocar.archive import replace_text
 from trocar.tasks.peg_transfer.study.figures import draw_motion, draw_paths, draw_performance
 from trocar.tasks.peg_transfer.study.hypotheses import NOTES, Finding, findings
 from trocar.tasks.peg_transfer.study.page import write_page
@@ -40,10 +40,7 @@ def write_study(
     """Write summary, figures and page of a study; return the summary, what it says of H1 to H4, and the files."""
     found = findings(results)
     summary = summary_of(results, found)
-    path = folder / "summary.json"
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    draft.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n")
-    draft.replace(path)
+    path = replace_text(folder / "summary.json", json.dumps(summary, indent=1, allow_nan=False) + "\n")
     pictures = [
         draw_performance(results, folder / "performance.png"),
         draw_motion(results, folder / "motion.png"),

@@ -4,37 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from trocar.errors import TrocarError
+from trocar.report.cells import CellRows, rows_of_cells
 from trocar.report.comparison import session_estimate
 from trocar.report.statistics import session_interval
-from trocar.tasks.peg_transfer.study.cells import Cell
 from trocar.tasks.peg_transfer.study.row import Row, read_row
-from trocar.trials.trial import trial_file
+from trocar.trials.cells import Cell
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
-    """What came of a cell.
-
-    Attributes:
-        cell: which.
-        rows: of its trials.
-    """
-
-    cell: Cell
-    rows: Sequence[Row]
-
-    def by_session(self, value: Callable[[Row], float]) -> dict[int, list[float]]:
-        """Return a value of each trial, by session."""
-        found: dict[int, list[float]] = {}
-        for row in self.rows:
-            found.setdefault(row.session, []).append(value(row))
-        return found
+class Result(CellRows[Row]):
+    """What came of a cell."""
 
     def successes(self) -> tuple[list[int], list[int]]:
         """Return how many transfers succeeded and how many were set, by session."""
@@ -84,24 +67,8 @@ def results_of(
     Raises:
         TrocarError: there is no trial at all.
     """
-    found: list[Result] = []
-    missing: list[str] = []
-    total, done = sum(len(cell.places) for cell in cells), 0
-    for cell in cells:
-        rows = []
-        for place in cell.places:
-            try:
-                rows.append(read_row(trial_file(cell.folder, *place), cell.config.fingerprint))
-            except TrocarError as error:
-                missing.append(f"left aside: {error}")
-            done += 1
-            if tick is not None:
-                tick("reading trials", done, total)
-        if rows:
-            found.append(Result(cell, rows))
-    if not found:
-        raise TrocarError("the study has no trial that can be read; run it without --report-only")
-    return found, missing
+    found, missing = rows_of_cells(cells, read_row, tick)
+    return [Result(cell, rows) for cell, rows in found], missing
 
 
 def _estimate(result: Result, value: Callable[[Row], float]) -> dict[str, Any]:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from trocar.motion.analysis import JointAnalysis, analyse_joints
+from trocar.trials.rows import kept_row
 from trocar.trials.trial import Trial
 
 VERSION = 1
@@ -93,27 +91,10 @@ def _rms(parts: list[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
-def row_file(trial: Path) -> Path:
-    """Return where the row of a trial lies."""
-    return trial.with_suffix(".row.json")
-
-
 def read_row(trial: Path, fingerprint: str) -> Row:
     """Return the row of a trial's file; it is made, and kept, where there is none that fits.
 
     Raises:
         TrocarError: the trial cannot be read.
     """
-    path = row_file(trial)
-    try:
-        values = json.loads(path.read_text())
-        if values.pop("version") == VERSION and values["fingerprint"] == fingerprint:
-            return Row(**values)
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
-        pass
-    row = row_of(Trial.load(trial))
-    values: dict[str, Any] = {"version": VERSION, **asdict(row)}
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    draft.write_text(json.dumps(values))
-    draft.replace(path)
-    return row
+    return kept_row(trial, fingerprint, Row, VERSION, row_of)

@@ -4,7 +4,7 @@ import pytest
 import trio
 from trio.testing import MockClock
 
-from trocar.tasks.peg_transfer.agents.together import Pending, first_of, with_helpers
+from trocar.tasks.kit.together import Pending, first_of, with_helpers
 
 
 def run(script):

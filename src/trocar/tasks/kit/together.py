@@ -59,10 +59,24 @@ async def with_helpers(script: Callable[[trio.Nursery], Awaitable[Result]]) -> R
 
 
 async def together(*scripts: Callable[[], Awaitable[Any]]) -> None:
-    """Run scripts side by side; return when all have ended."""
+    """Run scripts side by side; return when all have ended.
+
+    What the first one raises goes on as it is, and ends the others.
+    """
+    failures: list[Exception] = []
+
+    async def run(script: Callable[[], Awaitable[Any]]) -> None:
+        try:
+            await script()
+        except Exception as error:
+            failures.append(error)
+            nursery.cancel_scope.cancel()
+
     async with trio.open_nursery() as nursery:
         for script in scripts:
-            nursery.start_soon(script)
+            nursery.start_soon(run, script)
+    if failures:
+        raise failures[0]
 
 
 async def first_of(*events: trio.Event) -> None:

@@ -1,0 +1,94 @@
+"""``trocar register cell``: lenses, camera and bases from images of a checkerboard."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from trocar.cli.extras import need
+from trocar.cli.out_folder import check_out_folder
+from trocar.cli.plugin import Plugins
+from trocar.cli.progress import COLUMNS
+from trocar.errors import TrocarError
+
+if TYPE_CHECKING:
+    from trocar.collect.checkerboard import CellRegistration
+
+FILES = ("station.toml", "report.json", "corners.png")
+
+
+def cell(
+    station: Annotated[str, typer.Argument(metavar="STATION", help="Name of a station, or a TOML file.")],
+    *,
+    seed: Annotated[int, typer.Option(help="Of everything random: the hand, the brackets, the images.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/registration-STATION-SEED.")
+    ] = None,
+    plugin: Plugins = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Register a simulated cell by a checkerboard: lenses of the stereo pair, camera, bases; errors against truth."""
+    need("sim", "mujoco", "cv2")
+    del plugin  # loaded when it was parsed
+    if seed < 0:
+        raise TrocarError(f"seed {seed} is negative; give 0 or more")
+    folder = out or Path("out") / f"registration-{Path(station).stem}-{seed}"
+    check_out_folder(folder, FILES)
+    began = time.perf_counter()
+    found = _register(station, seed, Console(stderr=True))
+    summary = {"station": station, "seed": seed, **found.summary()}
+    files = _write(found, station, summary, folder)
+    if as_json:
+        typer.echo(json.dumps(summary))
+        return
+    from trocar.collect.checkerboard_report import registration_table  # noqa: PLC0415 (slow to import)
+
+    shown = Console()
+    shown.print(registration_table(summary))
+    views = f"{summary['views_used']} of {summary['views_shown']} views"
+    shown.print(
+        f"lenses from {views}: {summary['lenses_rms_px']:.3f} px RMS; {summary['minutes_of_a_person']:.0f} min of a "
+        f"person's time; computed in {time.perf_counter() - began:.0f} s",
+        soft_wrap=True,
+    )
+    shown.print("files: " + ", ".join(map(str, files)), soft_wrap=True)
+
+
+def _register(station: str, seed: int, console: Console) -> CellRegistration:
+    from trocar.collect.checkerboard import checkerboard_of, register_cell  # noqa: PLC0415 (the simulator is heavy)
+    from trocar.station import load_station  # noqa: PLC0415
+
+    loaded = load_station(station)
+    checkerboard_of(loaded)  # refused before a bar is drawn
+    with Progress(*COLUMNS, console=console, transient=True) as progress:
+        bar = progress.add_task("images of the board", total=None)
+
+        def listen(done: int, total: int) -> None:
+            progress.update(bar, completed=done, total=total)
+
+        return register_cell(loaded, np.random.SeedSequence(seed), listener=listen)
+
+
+def _write(found: CellRegistration, station: str, summary: dict[str, Any], folder: Path) -> list[Path]:
+    """Write station, report and picture; return their paths."""
+    from trocar.collect.checkerboard_report import draw_registration  # noqa: PLC0415
+    from trocar.station import station_text  # noqa: PLC0415
+    from trocar.station.registered import with_registered  # noqa: PLC0415
+
+    text, report, picture = (folder / name for name in FILES)
+    cameras = {found.camera: (found.T_world_camera, found.calibration.rig)}
+    written = with_registered(station_text(station), found.T_world_base, cameras)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        text.write_text(written, encoding="utf-8")
+        report.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise TrocarError(f"cannot write into {str(folder)!r} ({error.strerror}); give another folder") from None
+    return [text, report, draw_registration(found, picture)]

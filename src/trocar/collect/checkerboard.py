@@ -1,0 +1,226 @@
+"""A cell registered by a checkerboard: held by hand for the lenses, by a bracket on each base for the poses.
+
+Kehoe et al. 2014, IV-B: the camera is the frame in between that tells where the bases stand to each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.perception.checkerboard.board import Checkerboard
+from trocar.perception.checkerboard.calibrate import StereoCalibration, calibrate_stereo
+from trocar.perception.checkerboard.detect import find_corners
+from trocar.perception.checkerboard.pose import BoardPose, board_pose
+from trocar.perception.depth import project
+from trocar.perception.image import StereoImage, StereoRig
+from trocar.perception.stereo import triangulate
+from trocar.sim.checkerboard_cell import CheckerboardCell
+from trocar.station import CheckerboardRegistration, SensorFlaws, Station
+
+HAND_S, BRACKET_S = 6.0, 120.0
+"""Time of a person for one pose by hand, and to mount a bracket, take the image and remove it (assumed)."""
+BELOW_M = 0.04
+"""Where no fixture is called 'table', the table lies this much below the board on its bracket (assumed)."""
+PLACES_M = (0.04, 0.03, 0.02)
+"""Half the box round the board in which errors of seen places are asked for, along the board's axes."""
+
+Listener = Callable[[int, int], None]
+"""Called with the images that are done, and all."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoardView:
+    """What both eyes saw of a board.
+
+    Attributes:
+        image: of both eyes.
+        left_px: (n, 2) corners in the left image, in the board's order.
+        right_px: (n, 2) likewise.
+    """
+
+    image: StereoImage
+    left_px: NDArray[np.float64]
+    right_px: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CellRegistration:
+    """What the checkerboard told of a cell.
+
+    Attributes:
+        station: the cell; its true poses and lenses are used for errors alone.
+        camera: name of the camera.
+        calibration: of its lenses.
+        shown: views that a person held before the camera.
+        hand_px: (m, 2, n, 2) corners of the views in which both eyes found them, left and right.
+        views: the view of the board on each arm's bracket.
+        poses: of these boards.
+        T_world_camera: pose of the camera as found.
+        T_world_base: bases as found; that of the first arm is what the world refers to.
+    """
+
+    station: Station
+    camera: str
+    calibration: StereoCalibration
+    shown: int
+    hand_px: NDArray[np.float64]
+    views: Mapping[str, BoardView]
+    poses: Mapping[str, BoardPose]
+    T_world_camera: SE3
+    T_world_base: Mapping[str, SE3]
+
+    @property
+    def duration_s(self) -> float:
+        """Return the time that it takes a person beside the robot."""
+        return HAND_S * self.shown + BRACKET_S * len(self.views)
+
+    def T_base_board_off(self, arm: str) -> SE3:
+        """Return the pose of the board as found in the board as the bracket was made to hold it: whole error there."""
+        how, true = checkerboard_of(self.station), self.station.cameras[self.camera].T_world_camera
+        return how.T_world_board.inverse() @ true @ self.poses[arm].T_left_board
+
+    def errors(self) -> dict[str, Any]:
+        """Return by how much all is off from the simulator's truth, in mm and deg, as JSON's values."""
+        arms, seen_by = self.station.arms, self.station.cameras[self.camera]
+        first = next(iter(arms))
+        found: dict[str, Any] = {"camera_to_base": {}, "base_to_base": {}, "places_mm": {}}
+        for name, arm in arms.items():
+            T_camera_base = seen_by.T_world_camera.inverse() @ arm.T_world_base
+            T_camera_found = self.T_world_camera.inverse() @ self.T_world_base[name]
+            found["camera_to_base"][name] = _apart(T_camera_base, T_camera_found)
+            found["places_mm"][name] = 1e3 * self._places_off_m(T_camera_base, T_camera_found)
+            if name != first:
+                T_first_base = arms[first].T_world_base.inverse() @ arm.T_world_base
+                T_first_found = self.T_world_base[first].inverse() @ self.T_world_base[name]
+                found["base_to_base"][name] = _apart(T_first_base, T_first_found)
+        return found
+
+    def _places_off_m(self, T_camera_base: SE3, T_camera_found: SE3) -> float:
+        """Return how far, on average, places near the board are found from where they are to a base."""
+        seen_by = self.station.cameras[self.camera]
+        true = seen_by.model
+        assert isinstance(true, StereoRig)
+        steps = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3), -1).reshape(-1, 3) * PLACES_M
+        T_left_board = seen_by.T_world_camera.inverse() @ checkerboard_of(self.station).T_world_board
+        p_left = T_left_board.apply(steps)
+        right_px = project(true.right, true.T_left_right.inverse().apply(p_left))
+        p_found, _ = triangulate(self.calibration.rig, project(true.left, p_left), right_px)
+        off = T_camera_found.inverse().apply(p_found) - T_camera_base.inverse().apply(p_left)
+        return float(np.linalg.norm(off, axis=-1).mean())
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the report as JSON's values."""
+        return {
+            "views_shown": self.shown,
+            "views_used": len(self.hand_px),
+            "lenses_rms_px": self.calibration.rms_px,
+            "boards_rms_px": {name: pose.rms_px for name, pose in self.poses.items()},
+            "minutes_of_a_person": round(self.duration_s / 60, 2),
+            "T_world_camera": self.T_world_camera.matrix.tolist(),
+            "T_world_base": {name: T.matrix.tolist() for name, T in self.T_world_base.items()},
+            "off": self.errors(),
+        }
+
+
+def _apart(true: SE3, found: SE3) -> dict[str, float]:
+    """Return how far, and by what angle, a pose was found from the true one."""
+    off = true.inverse() @ found
+    return {"mm": 1e3 * float(np.linalg.norm(off.translation_m)), "deg": float(np.degrees(off.rotation.angle()))}
+
+
+def checkerboard_of(station: Station) -> CheckerboardRegistration:
+    """Return how a station's checkerboard registers it.
+
+    Raises:
+        TrocarError: it is registered in another way.
+    """
+    if not isinstance(station.registration, CheckerboardRegistration):
+        raise TrocarError(
+            f'station {station.name!r} is registered by points; give its [registration] kind = "checkerboard", or '
+            "choose raven-pair"
+        )
+    return station.registration
+
+
+def stereo_camera(station: Station) -> str:
+    """Return the name of a station's first stereo pair.
+
+    Raises:
+        TrocarError: there is none.
+    """
+    found = [name for name, camera in station.cameras.items() if isinstance(camera.model, StereoRig)]
+    if not found:
+        raise TrocarError(f"station {station.name!r} has no stereo pair, which a checkerboard needs; add one")
+    return found[0]
+
+
+def register_cell(
+    station: Station,
+    seeds: np.random.SeedSequence,
+    *,
+    flaws: SensorFlaws | None = None,
+    listener: Listener | None = None,
+) -> CellRegistration:
+    """Show the board, calibrate the lenses, mount the brackets, find camera and bases; all through images.
+
+    Args:
+        station: the cell.
+        seeds: of the person's hand, the brackets' errors and the images.
+        flaws: of the camera, in place of the station's.
+        listener: called after each image.
+
+    Raises:
+        TrocarError: the station has no checkerboard or no pair, or the camera does not see the board.
+    """
+    how, camera = checkerboard_of(station), stereo_camera(station)
+    hand, brackets, images = (np.random.default_rng(seed) for seed in seeds.spawn(3))
+    table = station.T_world_fixture.get("table")
+    table_z_m = how.T_world_board.translation_m[2] - BELOW_M if table is None else table.translation_m[2]
+    cell = CheckerboardCell(station, camera, how.board, float(table_z_m), flaws)
+    distance_m = float(station.cameras[camera].T_world_camera.inverse().apply(how.T_world_board.translation_m)[2])
+    total, done = how.views + len(station.arms), 0
+
+    def look(T_world_board: SE3) -> BoardView | None:
+        nonlocal done
+        view = _seen(how.board, cell.image(T_world_board, images))
+        done += 1
+        if listener is not None:
+            listener(done, total)
+        return view
+
+    held = [view for _ in range(how.views) if (view := look(cell.hand_pose(hand, distance_m))) is not None]
+    hand_px = np.array([(view.left_px, view.right_px) for view in held]).reshape(-1, 2, len(how.board.corners_m), 2)
+    rig = station.cameras[camera].model
+    assert isinstance(rig, StereoRig)
+    size = (rig.left.width, rig.left.height)
+    calibration = calibrate_stereo(how.board, hand_px[:, 0], hand_px[:, 1], size)
+
+    sd = np.repeat([how.bracket_sd_m, how.bracket_sd_rad], 3)
+    views, poses, T_camera_base = {}, {}, {}
+    for name, arm in station.arms.items():
+        T_base_board = arm.T_world_base.inverse() @ how.T_world_board  # as the bracket was made to hold it
+        view = look(arm.T_world_base @ T_base_board @ SE3.exp(sd * brackets.standard_normal(6)))
+        if view is None:
+            raise TrocarError(
+                f"camera {camera!r} does not see the whole board on the bracket of arm {name!r}; move 'board' in "
+                f"[registration] of station {station.name!r}"
+            )
+        views[name], poses[name] = view, board_pose(how.board, calibration.rig, view.left_px, view.right_px)
+        T_camera_base[name] = poses[name].T_left_board @ T_base_board.inverse()
+    first = next(iter(station.arms))
+    T_world_camera = station.arms[first].T_world_base @ T_camera_base[first].inverse()
+    bases = {name: T_world_camera @ T for name, T in T_camera_base.items()}
+    return CellRegistration(station, camera, calibration, how.views, hand_px, views, poses, T_world_camera, bases)
+
+
+def _seen(board: Checkerboard, image: StereoImage) -> BoardView | None:
+    """Return the corners in both eyes, or None if one of them does not find them."""
+    left, right = find_corners(board, image.left), find_corners(board, image.right)
+    return None if left is None or right is None else BoardView(image, left, right)

@@ -1,0 +1,54 @@
+"""Colours by hue, saturation and value, as OpenCV counts them: H 0 to 179, S and V 0 to 255."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+HUES = 180
+
+
+@dataclass(frozen=True)
+class HueRange:
+    """Colours of a kind.
+
+    Attributes:
+        low: first hue; above ``high`` the range goes through 0.
+        high: last hue.
+        saturation: smallest.
+        value: smallest; in the dark a hue means nothing.
+    """
+
+    low: int
+    high: int
+    saturation: int
+    value: int
+
+    @staticmethod
+    def around(rgb: tuple[float, float, float], hue: int = 9, saturation: int = 110, value: int = 35) -> HueRange:
+        """Return the hues that differ by at most ``hue`` from that of a colour in [0, 1]."""
+        paint = np.array([[rgb]], dtype=np.float32)
+        middle = round(float(cv2.cvtColor(paint, cv2.COLOR_RGB2HSV)[0, 0, 0]) / 2)
+        return HueRange((middle - hue) % HUES, (middle + hue) % HUES, saturation, value)
+
+    def mask(self, hsv: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return 255 for each pixel (h, w) of an HSV picture (h, w, 3) that has such a colour, else 0."""
+        if self.low <= self.high:
+            return self._between(hsv, self.low, self.high)
+        return self._between(hsv, self.low, HUES - 1) | self._between(hsv, 0, self.high)
+
+    def _between(self, hsv: NDArray[np.uint8], low: int, high: int) -> NDArray[np.uint8]:
+        found = cv2.inRange(hsv, np.array([low, self.saturation, self.value]), np.array([high, 255, 255]))
+        return np.asarray(found, dtype=np.uint8)
+
+
+RED_FOAM = HueRange(170, 6, 120, 50)
+"""Of the fragments: hue 0-6 or 170-180, as the program of Kehoe et al. 2014 had it."""
+
+
+def to_hsv(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an RGB picture (h, w, 3) as HSV."""
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2HSV), dtype=np.uint8)

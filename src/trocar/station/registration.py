@@ -1,0 +1,59 @@
+"""How arms and cameras of a laboratory find each other, as data."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from trocar.geometry import SE3, SO3, shown
+from trocar.perception.checkerboard.board import Checkerboard
+
+
+@dataclass(frozen=True)
+class Registration:
+    """A rigid fit of each base to points that robot and camera both know; the cameras are the world's reference.
+
+    Attributes:
+        points: how many.
+        sd_m: noise of each on each axis.
+        volume_m: corners of the box in the world in which they lie.
+    """
+
+    points: int = 270
+    sd_m: float = 0.3e-3
+    volume_m: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-0.06, -0.04, 0.0), (0.06, 0.04, 0.05))
+
+    @property
+    def about(self) -> str:
+        """Return in words how well it finds a base."""
+        return f"{self.points} points, {shown(self.sd_m, 'm', 'g')} an axis"
+
+
+@dataclass(frozen=True, eq=False)
+class CheckerboardRegistration:
+    """A checkerboard on a bracket on each base in turn; the first arm's base is the world's reference.
+
+    The camera stands where the first arm's board shows it, the other bases where theirs do (Kehoe et al. 2014, IV-B).
+
+    Attributes:
+        board: that brackets and people hold.
+        T_world_board: where each arm's bracket was made to hold it.
+        sd_m: by how much a base is beside its place as found, at the board, on each axis: bracket and images together.
+        sd_rad: by how much it is turned, about each axis.
+        bracket_sd_m: by how much a bracket holds the board beside its place, on each axis.
+        bracket_sd_rad: by how much it turns it, about each axis.
+        views: in which a person shows the board for the lenses.
+    """
+
+    board: Checkerboard = field(default_factory=Checkerboard)
+    T_world_board: SE3 = field(default_factory=lambda: SE3.from_parts(SO3.axis("y", math.pi)))
+    sd_m: float = 0.3e-3
+    sd_rad: float = math.radians(0.1)
+    bracket_sd_m: float = 0.3e-3
+    bracket_sd_rad: float = math.radians(0.1)
+    views: int = 20
+
+    @property
+    def about(self) -> str:
+        """Return in words how well it finds a base."""
+        return f"checkerboard, {shown(self.sd_m, 'm', 'g')} an axis and {shown(self.sd_rad, 'rad', 'g')} about each"

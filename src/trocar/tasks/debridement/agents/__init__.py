@@ -1,0 +1,28 @@
+"""Scripts for debridement: the paper's way, and ours."""
+
+from __future__ import annotations
+
+from trocar.cell import Cell, Robot
+from trocar.tasks.debridement.agents.adjusted import Adjusted
+from trocar.tasks.debridement.agents.debriders import Debriders
+from trocar.tasks.debridement.agents.settings import Settings
+from trocar.tasks.debridement.pose import ErrorFilter, FilterSettings, PaperAdjustment
+from trocar.tasks.kit import Brief
+
+STEADY = FilterSettings(lag_gain=0.2, tilt=0.1, turn_gain=0.2)
+"""Gains that inverse control can invert: cables with play do not pass on small turns, and a filter that may believe
+that no turn is passed on at all has no inverse."""
+ESTIMATORS = {"filter": lambda: ErrorFilter(STEADY), "paper": PaperAdjustment}
+
+
+def with_adjustment(cell: Cell, settings: Settings) -> Robot:
+    """Return the cell's robot with its kinematics put right by what the camera sees."""
+    return Adjusted(cell, ESTIMATORS[settings.estimator])
+
+
+def agent_of(brief: Brief) -> Debriders:
+    """Return the agent of a trial."""
+    return Debriders(brief)
+
+
+__all__ = ["Debriders", "agent_of", "with_adjustment"]

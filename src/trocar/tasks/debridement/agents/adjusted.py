@@ -1,0 +1,288 @@
+"""A robot whose kinematics are put right by what a camera saw of its grippers."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+import trio
+from numpy.typing import NDArray
+
+from trocar.arms import Unreachable, fk, ik
+from trocar.cell import Cell, Ended, Execution, JointReading, SetPoint
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.tasks.debridement.agents.inverse_control import command_for, commands_for, corrected
+from trocar.tasks.debridement.pose import PoseEstimator
+from trocar.trajectory import Trajectory
+
+MOST_OFF_RAD = 0.05
+"""A motion that starts further than this (rad, m) from where its arm is believed was planned for another moment."""
+
+
+INSIDE = 0.006
+"""A pose counts as within reach if each joint keeps this share of its range from its ends: estimates change."""
+
+
+REST_STEP_S = 0.05
+LATE_S = 0.25
+"""Nothing is corrected any more so shortly before the end of a motion."""
+
+
+class Successor:
+    """What became of the commands that took over from others."""
+
+    def __init__(self) -> None:
+        self.ended = trio.Event()
+        self.execution: Execution | None = None
+
+
+@dataclass(eq=False)
+class Course:
+    """What an arm was last told.
+
+    Attributes:
+        desired: of the joints as they are believed.
+        commands: that were sent for it, on the same time.
+        began_s: clock at which it was sent.
+        successor: the commands that took over, once corrected ones did.
+    """
+
+    desired: Trajectory
+    commands: Trajectory
+    began_s: float
+    successor: Successor | None = None
+
+
+class Adjusted:
+    """A robot that is told, and tells, where its joints are believed to be rather than what its encoders say.
+
+    Scripts plan in joints that a camera would confirm; commands are found by inverse control (Kehoe 2014, V-A.2): the
+    pose to be commanded is the one at which the estimator expects the pose that is wanted.
+
+    Args:
+        cell: whose robot it wraps, with its arms, registered bases and clock.
+        estimator: makes the estimator of one gripper.
+    """
+
+    def __init__(self, cell: Cell, estimator: Callable[[], PoseEstimator]):
+        self._robot, self._arms, self._clock = cell.robot, cell.arms, cell.clock
+        self._T_world_base = cell.T_world_base_registered
+        self._estimators = {name: estimator() for name in cell.arms}
+        self._seen_s: dict[str, float] = {}
+        self._courses: dict[str, Course] = {}
+        self._off = {name: np.zeros(6) for name in cell.arms}
+        self._later: dict[str, list[tuple[float, SE3, SE3]]] = {}
+        self._rested: dict[str, NDArray[np.float64]] = {}
+
+    def saw(self, arm: str, time_s: float, T_base_kinematic: SE3, T_world_tip: SE3) -> None:
+        """Learn that a camera saw the tip there when the kinematics said this; an older image teaches nothing.
+
+        Args:
+            arm: whose.
+            time_s: of the image.
+            T_base_kinematic: by the encoders at that time.
+            T_world_tip: as detected.
+        """
+        if arm in self._later:
+            self._later[arm].append((time_s, T_base_kinematic, T_world_tip))
+            return
+        if time_s <= self._seen_s.get(arm, -np.inf):
+            return
+        T_base_detected = self._T_world_base[arm].inverse() @ T_world_tip
+        self._estimators[arm].update(time_s, T_base_kinematic, T_base_detected)
+        self._seen_s[arm] = time_s
+        self._learn_offset(arm)
+
+    def keep(self, *arms: str) -> None:
+        """Learn nothing more of these arms until they move, or ``learn``: a plan is made from what is known."""
+        for arm in arms:
+            self._later.setdefault(arm, [])
+
+    def learn(self, *arms: str) -> None:
+        """Learn what was seen meanwhile."""
+        for arm in arms:
+            for sight in self._later.pop(arm, []):
+                self.saw(arm, *sight)
+
+    def age_s(self, arm: str) -> float:
+        """Return the time since the image in which the arm was last seen; infinite before the first."""
+        return self._clock.now_s() - self._seen_s.get(arm, -np.inf)
+
+    def kinematic(self, arm: str) -> SE3:
+        """Return ``T_base_tip`` as the encoders have it now."""
+        return fk(self._arms[arm], self._robot.read(arm).q)
+
+    def T_world_tip(self, arm: str) -> SE3:
+        """Return where the tip is believed to be now."""
+        T_base_kinematic = self.kinematic(arm)
+        now = max(self._clock.now_s(), self._seen_s.get(arm, 0.0))
+        return self._T_world_base[arm] @ self._estimators[arm].estimate(now, T_base_kinematic)
+
+    def reaches(self, arm: str, T_world_tip: SE3) -> bool:
+        """Return whether the tip can be brought to a pose: by the joints as believed and by those to be commanded."""
+        model, T_base_tip = self._arms[arm], self._T_world_base[arm].inverse() @ T_world_tip
+        sent = self._robot.setpoint(arm).q
+        try:
+            believed = ik(model, T_base_tip, reference=sent + self._off[arm])
+            commanded = command_for(model, T_base_tip, self._estimators[arm].settled, reference=sent)
+        except Unreachable:
+            return False
+        slack = INSIDE * (model.upper - model.lower)
+        return all(((model.lower + slack < q) & (q < model.upper - slack)).all() for q in (believed, commanded))
+
+    def read(self, arm: str) -> JointReading:
+        """Return the encoders' state, the joints where they are believed to be."""
+        reading = self._robot.read(arm)
+        return JointReading(reading.time_s, reading.q + self._off[arm], reading.jaw_rad)
+
+    def setpoint(self, arm: str) -> SetPoint:
+        """Return where the joints are believed to be told now."""
+        sent = self._robot.setpoint(arm)
+        rested = self._rested.get(arm)
+        if not sent.moving and rested is not None and np.array_equal(rested, sent.q):
+            q = sent.q + self._off[arm]
+        else:
+            if not sent.moving:
+                self._learn_offset(arm)
+            q = sent.q + self._off[arm] + self._drift(arm, sent)
+        q = np.clip(q, self._arms[arm].lower, self._arms[arm].upper)
+        return SetPoint(sent.time_s, q, sent.velocity, sent.moving, sent.path_s, sent.path_rate, sent.on_path)
+
+    def expected(self, arm: str) -> Trajectory | None:
+        """Return what the joints are believed to do while the arm plays its commands, on their time."""
+        course = self._courses.get(arm)
+        return None if course is None else course.desired
+
+    def course(self, arm: str) -> tuple[Trajectory, float] | None:
+        """Return the believed motion that is under way and the clock at its start; None at rest."""
+        sent, course = self._robot.setpoint(arm), self._courses.get(arm)
+        if course is None or not sent.moving:
+            return None
+        return course.desired, sent.time_s - sent.path_s
+
+    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+        """Run trajectories of the believed joints, from rest; ``correct`` may better the commands meanwhile.
+
+        Raises:
+            TrocarError: as the robot; or a pose on the way cannot be commanded.
+        """
+        return await self._send(self._robot.move, motions)
+
+    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+        """Let trajectories of the believed joints take over from what the arms are doing now."""
+        return await self._send(self._robot.replace, motions)
+
+    async def correct(self, arm: str) -> None:
+        """Let corrected commands take over for the rest of what an arm does, if it moves; return when it has ended.
+
+        The motion stays as it was planned; what has been learned since it started changes the commands for it.
+        """
+        sent, course = self._robot.setpoint(arm), self._courses.get(arm)
+        if course is None or not sent.moving or not sent.on_path or sent.path_rate <= 0:
+            return
+        desired = _rest_of(course.desired, sent.path_s, sent.path_rate)
+        under_way = _rest_of(course.commands, sent.path_s, sent.path_rate)
+        if desired is None or under_way is None:
+            return
+        successor = course.successor = Successor()
+        try:
+            model = self._arms[arm]
+            commands = corrected(model, desired, under_way, self._estimators[arm].settled, model.motion_limits)
+            self._courses[arm] = Course(desired, commands, self._clock.now_s())
+            successor.execution = (await self._robot.replace({arm: commands}))[arm]
+        except TrocarError:  # too much for the limits: what is under way goes on
+            course.successor = None
+            self._courses[arm] = course
+        finally:
+            successor.ended.set()
+
+    def prepare(self, motions: Mapping[str, Trajectory]) -> None:
+        """Do nothing: commands are found when a motion starts, from the newest estimate."""
+
+    async def jaw(self, arm: str, angle_rad: float) -> Execution:
+        """Drive the jaws; what is seen of them corrects nothing."""
+        return await self._robot.jaw(arm, angle_rad)
+
+    def hold(self, *arms: str, reason: str = "") -> None:
+        """Bring these arms, or all, to rest."""
+        self._robot.hold(*arms, reason=reason)
+
+    async def rest(self, *arms: str) -> None:
+        """Return when these arms, or all, are at rest."""
+        await self._robot.rest(*arms)
+
+    def _learn_offset(self, arm: str) -> None:
+        """Find anew by how much the believed joints differ from the commanded ones, where the arm is now."""
+        model, sent = self._arms[arm], self._robot.setpoint(arm)
+        T_base_tip = self._estimators[arm].settled(fk(model, sent.q))
+        with suppress(Unreachable):  # out of a joint's range by less than is known: then the last offset stays
+            self._off[arm] = ik(model, T_base_tip, reference=sent.q + self._off[arm]) - sent.q
+        course = self._courses.get(arm)
+        if sent.moving and course is not None:
+            self._off[arm] = self._off[arm] - self._drift(arm, sent)
+        self._rested[arm] = sent.q
+
+    def _drift(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
+        """Return by how much (6,) the offset on a motion's way differs from that at its start."""
+        course = self._courses.get(arm)
+        if course is None or not sent.moving or not sent.on_path:
+            return np.zeros(6)
+        here, first = sent.path_s, course.commands.times_s[0]
+        return (course.desired(here) - course.commands(here)) - (course.desired(first) - course.commands(first))
+
+    async def _send(
+        self, verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, Execution]]],
+        motions: Mapping[str, Trajectory],
+    ) -> Mapping[str, Execution]:  # fmt: skip
+        courses = {arm: self._course(arm, motion) for arm, motion in motions.items()}
+        before = {arm: self._courses.get(arm) for arm in motions}
+        self._courses.update(courses)
+        self.learn(*motions)
+        try:
+            executions = await verb({arm: course.commands for arm, course in courses.items()})
+            return {arm: await self._last(arm, executions[arm], course) for arm, course in courses.items()}
+        except TrocarError:  # refused: what was under way goes on
+            for arm, course in before.items():
+                if course is None:
+                    del self._courses[arm]
+                else:
+                    self._courses[arm] = course
+            raise
+
+    async def _last(self, arm: str, execution: Execution, course: Course) -> Execution:
+        """Return how a motion ended, whichever commands were the last for it."""
+        while execution.ended is Ended.REPLACED and course.successor is not None:
+            successor, course = course.successor, self._courses[arm]
+            await successor.ended.wait()
+            if successor.execution is None:
+                break
+            execution = successor.execution
+        return execution
+
+    def _course(self, arm: str, desired: Trajectory) -> Course:
+        believed = self.setpoint(arm).q
+        off = float(np.abs(desired(desired.times_s[0]) - believed).max())
+        if off > MOST_OFF_RAD:
+            raise TrocarError(
+                f"the motion of arm {arm!r} starts {off:.4f} rad (or m) away from where it is believed to be; plan it "
+                "from its set-point"
+            )
+        return Course(desired, self._commands(arm, desired), self._clock.now_s())
+
+    def _commands(self, arm: str, desired: Trajectory) -> Trajectory:
+        sent = self._robot.setpoint(arm)
+        return commands_for(
+            self._arms[arm], desired, self._estimators[arm].settled, q_start=sent.q, velocity=sent.velocity
+        )
+
+
+def _rest_of(desired: Trajectory, path_s: float, rate: float) -> Trajectory | None:
+    """Return what is left of a motion at this time of its own, which runs so fast; None near its end."""
+    left_s = float(desired.times_s[-1]) - path_s
+    if left_s / rate < LATE_S:
+        return None
+    times = np.linspace(path_s, desired.times_s[-1], max(2, int(np.ceil(left_s / REST_STEP_S)) + 1))
+    return Trajectory.hermite((times - path_s) / rate, desired(times), rate * desired(times, 1))

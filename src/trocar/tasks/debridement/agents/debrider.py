@@ -1,0 +1,238 @@
+"""The script of one arm: takes one fragment after another into the receptacle (Kehoe 2014, V-C)."""
+
+from __future__ import annotations
+
+import trio
+
+from trocar.tasks.debridement.agents.eyes import CameraFrozen
+from trocar.tasks.debridement.agents.fleet import Fleet
+from trocar.tasks.debridement.agents.movers import ArmStopped, NoWay
+from trocar.tasks.debridement.agents.places import Grasp
+from trocar.tasks.debridement.agents.raven_arm import RavenArm
+from trocar.tasks.debridement.outcomes import FragmentOutcome
+from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.kit.together import together
+
+SHAKES = 3
+"""Jaws that a fragment clings to are closed and opened again so many times."""
+TOO_MANY = 8
+"""An arm that fails so many times in a row gives up."""
+IDLE_S = 5.0
+"""An arm that has nothing to do looks again after this time, or once the other one has got on."""
+
+
+class GiveUp(Exception):
+    """An arm goes home, for a person has to do something first.
+
+    Attributes:
+        outcome: what it is.
+    """
+
+    def __init__(self, outcome: FragmentOutcome, what_to_do: str):
+        super().__init__(what_to_do)
+        self.outcome = outcome
+
+
+class NothingHeld(Exception):
+    """The jaws closed on nothing, or lost it."""
+
+
+class Debrider:
+    """One arm at work.
+
+    Args:
+        arm: with its verbs.
+        fleet: what it shares with the other.
+    """
+
+    def __init__(self, arm: RavenArm, fleet: Fleet):
+        self.arm, self.fleet, self.places = arm, fleet, arm.places
+        self.cell, self.name, self.s = arm.cell, arm.name, arm.s
+        self.side = fleet.sides[arm.name]
+        self._began_s, self._in_a_row = 0.0, 0
+
+    async def run(self) -> None:
+        """Clear fragments until there are none, or none within reach."""
+        self.fleet.busy.add(self.name)
+        try:
+            await self.arm.find()
+            while await self._one_more():
+                pass
+            await self._home()
+            self.fleet.give(self.name, None)
+        except ArmStopped as stop:  # where it stands, nobody else can work
+            self.fleet.give(self.name, self.arm.robot.T_world_tip(self.name).translation_m)
+            self.note(FragmentOutcome.ARM_STOPPED, str(stop))
+        except GiveUp as end:
+            self.note(end.outcome, str(end))
+            await self._home()
+            self.fleet.give(self.name, None)
+        finally:
+            self.fleet.busy.discard(self.name)
+            self.fleet.change()
+            self.arm.mover.resting(self.name).__enter__()
+
+    async def _one_more(self) -> bool:
+        """Clear one fragment, or wait for one; return whether there may be more."""
+        if self._in_a_row >= TOO_MANY or (self.fleet.cleared >= self.fleet.goals and await self._all_cleared()):
+            return False
+        self._began_s = self.cell.clock.now_s()
+        found = await self._allocated()
+        if found is None:
+            return await self._wait()
+        fragment, grasp = found
+        try:
+            outcome, reason = await self._clear(fragment, grasp)
+        except NoWay as error:
+            outcome, reason = FragmentOutcome.BLOCKED, str(error)
+            await self._back()
+        self._in_a_row = 0 if outcome is FragmentOutcome.DONE else self._in_a_row + 1
+        if outcome is not FragmentOutcome.DONE:
+            self.fleet.failed_s.append((fragment.p_world_m, self.cell.clock.now_s()))
+        self.note(outcome, reason)
+        self.fleet.give(self.name, None)
+        return True
+
+    async def _all_cleared(self) -> bool:
+        """Look once more when all should be cleared, beside the work surface; return whether nothing is left to do."""
+        await self._home()
+        if self.fleet.busy - {self.name}:
+            return True  # the last arm looks
+        left = len(self.fleet.loose((await self.arm.eyes.look(self.name)).fragments))
+        self.fleet.cleared = self.fleet.known.fragments - left
+        return self.fleet.cleared >= self.fleet.goals
+
+    async def _allocated(self) -> tuple[SeenFragment, Grasp] | None:
+        """Look, and be given the outermost fragment within reach, or the last one if it is nearer."""
+        if self.s.vision_lag_s > 0:
+            with self.cell.log.span(self.name, "perception"):
+                await self.cell.clock.sleep(self.s.vision_lag_s)
+        look = await self.arm.eyes.look(self.name)
+        if self.fleet.full(look.fragments, [self.arm.robot.T_world_tip(n).translation_m for n in self.cell.arms]):
+            raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
+        loose = self.fleet.loose(look.fragments)
+        for fragment in self.fleet.choice(self.name, loose, self.s.apart_m, self.cell.clock.now_s()):
+            others = [f for f in loose if f is not fragment]
+            grasps = self.places.grasps(fragment, others, self.arm.model)
+            again = self.fleet.failures_at(fragment.p_world_m) % len(grasps)
+            grasp = self.arm.possible([*grasps[again:], *grasps[:again]])  # another way than the one that failed
+            if grasp is None:
+                continue
+            self.fleet.give(self.name, fragment.p_world_m)
+            self.cell.log.event("allocated", arm=self.name, place=fragment.p_world_m.tolist())
+            return fragment, grasp
+        if loose and not self.fleet.busy - {self.name}:
+            where = ", ".join(f"({1e3 * f.p_world_m[0]:.0f}, {1e3 * f.p_world_m[1]:.0f}) mm" for f in loose)
+            self.note(FragmentOutcome.OUT_OF_REACH, f"no grasp at {where} is within reach")
+        return None
+
+    async def _wait(self) -> bool:
+        """Let the other arm go on; return whether to look again."""
+        if not (self.fleet.busy - {self.name}) & self.fleet.taken.keys():
+            return False
+        await self._home()
+        with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
+            with trio.move_on_after(IDLE_S):
+                await self.fleet.changed()
+        return True
+
+    async def _clear(self, fragment: SeenFragment, grasp: Grasp) -> tuple[FragmentOutcome, str]:
+        """Take a fragment and bring it into the receptacle; return how that ended."""
+        await self.arm.take(grasp)
+        try:
+            if self.s.checks_on_the_way:
+                await together(self._check, self._bring)
+            else:
+                await self._check()
+                await self._bring()
+            return await self._let_go()
+        except NothingHeld:
+            await self.arm.jaw(grasp.open_rad)
+            return FragmentOutcome.GRASP_FAILURE, "no fragment was seen in the jaws after they closed"
+        finally:
+            self.fleet.token.drop(self.name)
+
+    async def _check(self) -> None:
+        """Look whether the jaws hold a fragment.
+
+        Raises:
+            NothingHeld: they do not.
+        """
+        if not await self.arm.eyes.holds(self.name):
+            raise NothingHeld
+
+    async def _bring(self) -> None:
+        """Go over the receptacle; then this arm has its token."""
+        if self.s.holds_first:
+            await self.arm.go_to_one(self.places.hold(self.side))
+        await self._token()
+        await self.arm.go_to_one(self.places.drop(self.side))
+
+    async def _token(self) -> None:
+        """Get the receptacle's token; wait for it beside the receptacle."""
+        if not self.fleet.token.take_now(self.name):
+            await self.arm.go_to_one(self.places.hold(self.side))
+            with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
+                await self.fleet.token.take(self.name)
+
+    async def _let_go(self) -> tuple[FragmentOutcome, str]:
+        """Open the jaws over the receptacle, and shake off what clings to them."""
+        self.cell.log.event("releasing", arm=self.name)
+        for _ in range(1 + SHAKES):
+            await self.arm.jaw(self.s.open_rad)
+            if not self.s.checks_release or not await self.arm.eyes.clings(self.name):
+                self.fleet.cleared += 1
+                return FragmentOutcome.DONE, ""
+            await self.arm.jaw(0.5 * self.s.open_rad)
+        raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
+
+    async def _back(self) -> None:
+        """Open the jaws where the arm is, and go aside as far as that is possible."""
+        try:
+            await self.arm.jaw(self.s.open_rad)
+            await self.arm.go_to_one(self.places.hold(self.side))
+        except NoWay:
+            self.cell.log.event("stayed", arm=self.name)
+
+    async def _home(self) -> None:
+        try:
+            await self.arm.go_to_one(self.places.home(self.side))
+        except NoWay:
+            self.cell.log.event("stayed", arm=self.name)
+
+    def note(self, outcome: FragmentOutcome, reason: str) -> None:
+        """Note how the handling of a fragment ended."""
+        self.cell.log.event(
+            "fragment", arm=self.name, outcome=outcome.name, reason=reason, start_s=round(self._began_s, 6)
+        )
+
+
+async def work(debriders: list[Debrider]) -> None:
+    """Run the scripts of all arms; a camera that fails ends them all, where they are."""
+    frozen: list[CameraFrozen] = []
+
+    async def one(debrider: Debrider, nursery: trio.Nursery) -> None:
+        try:
+            await debrider.run()
+        except CameraFrozen as error:
+            frozen.append(error)
+            nursery.cancel_scope.cancel()
+
+    async with trio.open_nursery() as nursery, trio.open_nursery() as watchers:
+
+        async def watch(debrider: Debrider) -> None:
+            try:
+                await debrider.arm.eyes.watch(debrider.name)
+            except CameraFrozen as error:
+                frozen.append(error)
+                nursery.cancel_scope.cancel()
+
+        for debrider in debriders:
+            watchers.start_soon(watch, debrider)
+        async with trio.open_nursery() as scripts:
+            for debrider in debriders:
+                scripts.start_soon(one, debrider, nursery)
+        watchers.cancel_scope.cancel()
+    if frozen:
+        for debrider in debriders:
+            debrider.note(FragmentOutcome.CAMERA_FROZEN, str(frozen[0]))

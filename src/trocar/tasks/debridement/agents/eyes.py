@@ -1,0 +1,176 @@
+"""What the stereo camera tells the arms: where fragments lie, where the grippers are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trio
+
+from trocar.cell import Cell
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.perception.image import StereoImage, StereoWindow
+from trocar.tasks.debridement.agents.adjusted import Adjusted
+from trocar.tasks.debridement.agents.settings import Settings
+from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.kit.together import with_helpers
+
+CAMERA = "stereo"
+FROZEN = 3
+"""So many images in a row without a new pixel, and the camera is taken to be frozen: no two real ones are the same."""
+LOST_S = 1.0
+MARGIN_M, LOST_MARGIN_M = 0.008, 0.020
+"""A window shows so much round the gripper, and more if it has not been seen for longer than ``LOST_S``."""
+HELD_MARGIN_M = 0.016
+"""And so much where it may hold a fragment: it sticks out of the jaws."""
+AGAIN_S = 0.2
+"""Pause before another try after an image that shows nothing new."""
+
+
+class CameraFrozen(TrocarError):
+    """The camera gives no new images."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one pair of images showed.
+
+    Attributes:
+        time_s: when it was taken.
+        fragments: all that look like one, wherever they are.
+    """
+
+    time_s: float
+    fragments: Sequence[SeenFragment]
+
+
+class Eyes:
+    """The stereo camera as the arms share it."""
+
+    def __init__(self, cell: Cell, perception: Any, robot: Adjusted, settings: Settings):
+        self._cell, self._perception, self._robot, self._settings = cell, perception, robot, settings
+        self._camera = cell.cameras[CAMERA]
+        self._T_world_camera = cell.T_world_camera_registered[CAMERA]
+        self._last: dict[str, np.ndarray] = {}
+
+    async def look(self, arm: str) -> Look:
+        """Take a pair of images for an arm: find fragments, and all grippers in it.
+
+        Raises:
+            CameraFrozen: images do not change any more.
+        """
+        image, kinematic = await self._captured(arm, "whole")
+        table, arms = self._cell.T_world_fixture["table"], self._cell.arms
+        found = await self._cell.compute(
+            arm,
+            "perception",
+            lambda: (
+                self._perception.fragments(image, self._T_world_camera, table, arms),
+                {name: self._perception.gripper(image, self._T_world_camera, model) for name, model in arms.items()},
+            ),
+            self._settings.fragments_budget_s,
+        )
+        fragments, grippers = found
+        for name, gripper in grippers.items():
+            if gripper is not None:
+                self._robot.saw(name, image.time_s, kinematic[name], gripper.T_world_tip)
+        places = [np.round(f.p_world_m, 5).tolist() for f in fragments]
+        self._cell.log.event("detected", arm=arm, image_s=round(image.time_s, 6), fragments=places)
+        return Look(image.time_s, fragments)
+
+    async def glance(self, arm: str, span: bool = True, margin_m: float = MARGIN_M) -> StereoImage:
+        """Take an image of the surroundings of a gripper, and learn where it is if it is seen.
+
+        Args:
+            arm: whose.
+            span: whether the arm waits for it; else it goes on with what it does.
+            margin_m: of the window round the gripper.
+        """
+        model = self._cell.arms[arm]
+        rig = self._camera.model
+        margin_m = margin_m if self._robot.age_s(arm) < LOST_S else max(margin_m, LOST_MARGIN_M)
+        window = self._perception.gripper_window(
+            self._robot.T_world_tip(arm), self._T_world_camera, rig, margin_m=margin_m
+        )
+        image, kinematic = await self._captured(arm, "window", window, span)
+        budget_s = self._settings.gripper_budget_s
+
+        def compute():
+            return self._perception.gripper(image, self._T_world_camera, model)
+
+        if span:
+            seen = await self._cell.compute(arm, "perception", compute, budget_s)
+        else:
+            seen, seconds = await self._cell.clock.compute(compute, budget_s)
+            self._cell.log.compute("watching", seconds, budget_s)
+        if seen is not None:
+            self._robot.saw(arm, image.time_s, kinematic[arm], seen.T_world_tip)
+        return image
+
+    async def watch(self, arm: str) -> None:
+        """Follow a gripper for ever while it moves, and correct its commands by what is seen.
+
+        Raises:
+            CameraFrozen: images do not change any more.
+        """
+
+        async def follow(helpers: trio.Nursery) -> None:
+            while True:
+                if self._robot.setpoint(arm).moving:
+                    await self.glance(arm, span=False)
+                    if self._settings.corrects:
+                        helpers.start_soon(self._robot.correct, arm)
+                await self._cell.clock.sleep(self._settings.watch_s)
+
+        await with_helpers(follow)
+
+    async def holds(self, arm: str) -> bool:
+        """Return whether pixels show that a fragment was picked up, and note it."""
+        holding, image_s = await self._in_jaws(arm)
+        self._cell.log.event("pickup", arm=arm, holding=holding, image_s=round(image_s, 6))
+        return holding
+
+    async def clings(self, arm: str) -> bool:
+        """Return whether pixels show a fragment at the open jaws."""
+        return (await self._in_jaws(arm))[0]
+
+    async def _in_jaws(self, arm: str) -> tuple[bool, float]:
+        """Return whether pixels show a fragment in the jaws, and when."""
+        image = await self.glance(arm, margin_m=HELD_MARGIN_M)
+        jaw_rad = self._robot.read(arm).jaw_rad
+        holding = await self._cell.compute(
+            arm,
+            "perception",
+            lambda: self._perception.holding(
+                image, self._T_world_camera, self._cell.arms[arm], self._robot.T_world_tip(arm), jaw_rad
+            ),
+            self._settings.gripper_budget_s,
+        )
+        return bool(holding), image.time_s
+
+    async def _captured(
+        self, arm: str, kind: str, window: StereoWindow | None = None, span: bool = True
+    ) -> tuple[StereoImage, dict[str, SE3]]:
+        """Return a new image, and the kinematic poses of all arms when it was taken.
+
+        Raises:
+            CameraFrozen: the images are not new.
+        """
+        for _ in range(FROZEN):
+            if span:
+                with self._cell.log.span(arm, "capture"):
+                    image = await self._camera.capture(window)
+            else:
+                image = await self._camera.capture(window)
+            if not isinstance(image, StereoImage):
+                raise TrocarError(f"camera {CAMERA!r} has one eye; debridement needs two")
+            kinematic = {name: self._robot.kinematic(name) for name in self._cell.arms}
+            key = f"{arm} {kind}"
+            before, self._last[key] = self._last.get(key), image.left
+            if before is None or before.shape != image.left.shape or not np.array_equal(before, image.left):
+                return image, kinematic
+            await self._cell.clock.sleep(AGAIN_S)
+        raise CameraFrozen("the stereo camera has stopped giving new images; check its connection")

@@ -1,0 +1,124 @@
+"""What the arms share: fragments, the receptacle's token, who is at work."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import trio
+from numpy.typing import NDArray
+
+from trocar.geometry import SE3
+from trocar.tasks.debridement.agents.token import Token
+from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.workspace import Workspace
+
+BESIDE_REGION_M = 0.012
+"""Fragments that rolled may lie so far outside the region in which they were laid."""
+IN_THE_AIR_M = 0.014
+"""What is seen so high above the work surface is held by jaws, or lies in the receptacle."""
+FULL_LOOKS = 3
+"""So many looks in a row have to show it: fragments are also seen while they fall."""
+FULL_M = 3e-3
+"""A fragment whose middle is this near to the height of the receptacle's edge lies on others; higher, jaws hold it."""
+NEAR_GRIPPER_M = 0.035
+"""What is seen this near to a gripper may be in its jaws (facts/debridement.md: 35 mm)."""
+SAME_M = 0.010
+"""Two places this near are the same fragment."""
+PATIENCE_S = 20.0
+"""A place where an arm failed is left alone for so long, if there is another one."""
+
+
+@dataclass
+class Fleet:
+    """The state that the scripts of all arms share, on one clock.
+
+    Attributes:
+        known: the workspace.
+        T_world_table: the work surface.
+        T_world_receptacle: where the receptacle is.
+        sides: of every arm that takes part: +1 at +x, the left one; -1 the right one.
+        goals: how many fragments are to be cleared.
+        token: whoever holds it may be over the receptacle.
+        taken: where the fragment lies that each arm has been given.
+        busy: arms that are not done.
+        cleared: fragments that arms let go over the receptacle.
+        failed_s: places at which something went wrong, and when.
+    """
+
+    known: Workspace
+    T_world_table: SE3
+    T_world_receptacle: SE3
+    sides: dict[str, int]
+    goals: int
+    token: Token = field(default_factory=Token)
+    taken: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    busy: set[str] = field(default_factory=set)
+    cleared: int = 0
+    failed_s: list[tuple[NDArray[np.float64], float]] = field(default_factory=list)
+    _full: int = 0
+    _changed: trio.Event = field(default_factory=trio.Event)
+
+    def loose(self, fragments: Sequence[SeenFragment]) -> list[SeenFragment]:
+        """Return the fragments that lie on the work surface outside the receptacle."""
+        (x0, y0), (x1, y1) = self.known.region_m
+        low = np.array([min(x0, x1), min(y0, y1)]) - BESIDE_REGION_M
+        high = np.array([max(x0, x1), max(y0, y1)]) + BESIDE_REGION_M
+        T_receptacle_world = self.T_world_receptacle.inverse()
+        table = self.T_world_table.translation_m[2]
+        return [
+            f
+            for f in fragments
+            if np.all((low < f.p_world_m[:2]) & (f.p_world_m[:2] < high))
+            and f.p_world_m[2] - table < IN_THE_AIR_M
+            and not self.known.receptacle.holds(T_receptacle_world.apply(f.p_world_m))
+        ]
+
+    def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
+        """Return whether what lies in the receptacle stands out of it; what is near a tip (3,) may be in its jaws."""
+        T_receptacle_world, shape = self.T_world_receptacle.inverse(), self.known.receptacle
+        for fragment in fragments:
+            p = T_receptacle_world.apply(fragment.p_world_m)
+            over = bool(np.all(np.abs(p[:2]) < 0.5 * np.array(shape.size_m)))
+            held = any(np.linalg.norm(fragment.p_world_m - tip) < NEAR_GRIPPER_M for tip in p_world_tips)
+            if over and not held and abs(p[2] - shape.height_m) < FULL_M:
+                self._full += 1
+                return self._full >= FULL_LOOKS
+        self._full = 0
+        return False
+
+    def choice(self, arm: str, fragments: Sequence[SeenFragment], apart_m: float, now_s: float) -> list[SeenFragment]:
+        """Return the fragments that an arm may take, the outermost on its side first (V-C.2)."""
+        others = [place for name, place in self.taken.items() if name != arm]
+        free = [f for f in fragments if all(_apart_m(f, place) > apart_m for place in others)]
+        side = self.sides[arm]
+        free.sort(key=lambda f: -side * float(f.p_world_m[0]))
+        recent = [place for place, when in self.failed_s if now_s - when < PATIENCE_S]
+        bad = [f for f in free if any(_apart_m(f, place) < SAME_M for place in recent)]
+        return [f for f in free if f not in bad] + bad
+
+    def failures_at(self, place: NDArray[np.float64]) -> int:
+        """Return how often something went wrong at a place."""
+        return sum(float(np.linalg.norm(place[:2] - failed[:2])) < SAME_M for failed, _ in self.failed_s)
+
+    def give(self, arm: str, place: NDArray[np.float64] | None) -> None:
+        """Note which place an arm works at; None: at none."""
+        if place is None:
+            self.taken.pop(arm, None)
+        else:
+            self.taken[arm] = place
+        self.change()
+
+    def change(self) -> None:
+        """Wake whoever waits for something to change."""
+        self._changed.set()
+        self._changed = trio.Event()
+
+    async def changed(self) -> None:
+        """Return when something has changed."""
+        await self._changed.wait()
+
+
+def _apart_m(fragment: SeenFragment, place: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(fragment.p_world_m[:2] - place[:2]))

@@ -1,0 +1,199 @@
+"""What to command so that the gripper goes where it should (Kehoe 2014, V-A.2: inverse control)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, make_interp_spline
+
+from trocar.arms import ArmModel, MotionLimits, Unreachable, fk, ik
+from trocar.geometry import SE3, SO3
+from trocar.trajectory import Trajectory
+
+STEP_S = 0.05
+"""Commands are found for moments this far apart, and joined by a cubic spline."""
+NODE_M = 0.015
+"""The error of the kinematics is asked for at places this far apart on the path; between them it is interpolated."""
+KEPT_SHARE = 0.97
+"""Of the limits, for corrected commands: a guard looks at them more closely."""
+LITTLE_RAD, LITTLE_M = 0.06, 1e-3
+"""What a joint's command may be short of: an angle of this size in the wrist is 1 mm at the tip, and is seen there."""
+SHORT = 5e-3
+"""They stay this share of their range inside it: a spline through such commands swings a little beyond them."""
+APART_M = 1e-3
+"""Places nearer to each other than this have the same error."""
+ROUNDS = 4
+"""The error depends on the command that it is to correct; it changes by tenths at most, so few rounds are enough."""
+
+
+def commands_for(
+    arm: ArmModel,
+    desired: Trajectory,
+    settled: Callable[[SE3], SE3],
+    *,
+    q_start: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+) -> Trajectory:
+    """Return the joints to be commanded so that the tip follows ``desired``.
+
+    Args:
+        arm: the model.
+        desired: of the joints as a camera would confirm them.
+        settled: the pose in the base that is expected at a kinematic pose.
+        q_start: (6,) what is commanded now; what the first command differs from it fades out along the way.
+        velocity: (6,) of the commands now.
+
+    Raises:
+        Unreachable: a command would leave a joint's range.
+    """
+    times = _moments(desired)
+    commands = _commands(arm, desired(times), settled, q_start)
+    commands = commands + (q_start - commands[0]) * (1 - _ramp(times))[:, None]
+    return _spline(times, np.concatenate([q_start[None], _inside(arm, commands[1:])]), velocity)
+
+
+def corrected(
+    arm: ArmModel,
+    desired: Trajectory,
+    sent: Trajectory,
+    settled: Callable[[SE3], SE3],
+    limits: MotionLimits,
+) -> Trajectory:
+    """Return commands that lead from those that are sent to those that follow ``desired``, as far as limits allow.
+
+    They begin like those that are sent, in position, velocity and acceleration, and reach the correction at the end.
+    An acceleration is the sum of that of what is sent and of a share of the correction's: the largest share that keeps
+    the limits is taken. What is left is for the next correction.
+
+    Args:
+        arm: the model.
+        desired: of the joints as a camera would confirm them, from now on.
+        sent: the commands that are under way, on the same time.
+        settled: the pose in the base that is expected at a kinematic pose.
+        limits: of the commands.
+
+    Raises:
+        Unreachable: a command would leave a joint's range.
+    """
+    times = _moments(desired)
+    change = (_commands(arm, desired(times), settled, sent(times[0])) - sent(times)) * _ramp(times)[:, None]
+    start = sent(times[0], 1)
+    still, moved = _spline(times, sent(times), start), _spline(times, change, np.zeros(6))
+    fine = np.linspace(times[0], times[-1], 4 * len(times))
+    share = 1.0
+    for order, most in ((1, limits.velocity), (2, limits.acceleration)):
+        share = min(share, _largest_share(still(fine, order), moved(fine, order), KEPT_SHARE * most))
+    return _spline(times, sent(times) + share * change, start)
+
+
+def _largest_share(still: NDArray[np.float64], moved: NDArray[np.float64], most: NDArray[np.float64]) -> float:
+    """Return the largest share in [0, 1] with ``|still + share moved| <= most`` wherever ``still`` is below that."""
+    room = most - np.sign(moved) * still
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.where(np.abs(moved) > 1e-9, room / np.abs(moved), 1.0)
+    return float(np.clip(shares.min(), 0.0, 1.0))
+
+
+def _moments(desired: Trajectory) -> NDArray[np.float64]:
+    count = max(6, int(np.ceil(desired.duration_s / STEP_S)))
+    return np.linspace(desired.times_s[0], desired.times_s[-1], count + 1)
+
+
+def _ramp(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what rises from 0 to 1 over these times, without a jump of velocity or acceleration."""
+    x = (times - times[0]) / (times[-1] - times[0])
+    return x**3 * (10 - 15 * x + 6 * x * x)
+
+
+def _commands(
+    arm: ArmModel, q: NDArray[np.float64], settled: Callable[[SE3], SE3], q_sent: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the joints (n, 6) to be commanded for believed ones (n, 6)."""
+    T_wanted = fk(arm, q)
+    return _within(arm, _corrected(T_wanted, _errors(T_wanted, settled)), q + (q_sent - q[0]))
+
+
+def _within(arm: ArmModel, T_base_tip: SE3, reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the joints (..., 6) for poses; where they would leave their range by little, they stay at its end.
+
+    Raises:
+        Unreachable: it is more than a little.
+    """
+    try:
+        return ik(arm, T_base_tip, reference=reference)
+    except Unreachable:
+        return _inside(arm, ik(_widened(arm), T_base_tip, reference=reference))
+
+
+def _inside(arm: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    short = SHORT * (arm.upper - arm.lower)
+    return np.clip(q, arm.lower + short, arm.upper - short)
+
+
+@lru_cache
+def _widened(arm: ArmModel) -> ArmModel:
+    joints = (
+        replace(joint, lower=joint.lower - margin, upper=joint.upper + margin)
+        for joint in arm.joints
+        for margin in [LITTLE_M if joint.prismatic else LITTLE_RAD]
+    )
+    return replace(arm, joints=tuple(joints))
+
+
+def _spline(times: NDArray[np.float64], q: NDArray[np.float64], velocity: NDArray[np.float64]) -> Trajectory:
+    """Return the cubic spline through joints, from a velocity to rest."""
+    spline = CubicSpline(times, q, bc_type=((1, velocity), (1, np.zeros(6))))  # type: ignore[arg-type]
+    return Trajectory(spline.x, spline.c)
+
+
+def _errors(T_wanted: SE3, settled: Callable[[SE3], SE3]) -> NDArray[np.float64]:
+    """Return (n, 6) shift in m and turn as a rotation vector, in the base, from a kinematic pose to the expected one.
+
+    They are asked for at some of the poses, each beginning with what the one before had, and interpolated.
+    """
+    places = T_wanted.translation_m
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=-1))])
+    count = max(4, int(np.ceil(way[-1] / NODE_M)) + 1)
+    near = np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(0, len(way) - 1)
+    nodes = np.unique(np.concatenate([[0], near, [len(way) - 1]]))
+    nodes = nodes[np.diff(way[nodes], prepend=-1.0) > APART_M]
+    found, error = [], np.zeros(6)
+    for node in nodes:
+        error = _error(T_wanted[int(node)], settled, error)
+        found.append(error)
+    if len(nodes) == 1:
+        return np.broadcast_to(found[0], (len(way), 6))
+    spline = make_interp_spline(way[nodes], np.array(found), k=min(3, len(nodes) - 1))
+    return spline(np.minimum(way, way[nodes[-1]]))
+
+
+def _error(T_wanted: SE3, settled: Callable[[SE3], SE3], error: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the shift and turn (6,) from the pose to be commanded to the wanted one, beginning with a guess."""
+    for _ in range(ROUNDS):
+        T_kinematic = _corrected(T_wanted, error)
+        T_expected = settled(T_kinematic)
+        shift = T_expected.translation_m - T_kinematic.translation_m
+        turn = (T_expected.rotation @ T_kinematic.rotation.inverse()).log()
+        error = np.concatenate([shift, turn])
+    return error
+
+
+def command_for(
+    arm: ArmModel, T_wanted: SE3, settled: Callable[[SE3], SE3], reference: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the joints (6,) to be commanded so that the tip comes to rest at one pose in the base.
+
+    Raises:
+        Unreachable: they would leave a joint's range.
+    """
+    return _within(arm, _corrected(T_wanted, _error(T_wanted, settled, np.zeros(6))), reference)
+
+
+def _corrected(T_wanted: SE3, error: NDArray[np.float64]) -> SE3:
+    """Return the kinematic pose that this error leads to the wanted one."""
+    turn = SO3.exp(error[..., 3:]).inverse()
+    return SE3.from_parts(turn @ T_wanted.rotation, T_wanted.translation_m - error[..., :3])

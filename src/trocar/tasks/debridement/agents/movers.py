@@ -1,0 +1,270 @@
+"""How motions of several arms are planned and started: each beside the others, or all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import trio
+
+from trocar.arms import fk
+from trocar.cell import Cell, Ended
+from trocar.errors import TrocarError
+from trocar.motion import MotionPlan, plan_motion
+from trocar.motion.planners import Planner
+from trocar.tasks.debridement.agents.adjusted import Adjusted
+from trocar.tasks.debridement.agents.motion_asked import Asked, Problems
+from trocar.tasks.debridement.agents.settings import Settings
+from trocar.trajectory import Trajectory
+
+WAIT_S = 0.25
+"""Pause of an arm that finds no way before it tries again: the other one moves on meanwhile."""
+PATH_STEP_S = 0.05
+STEP_ENDED = "a step of the way is done"
+
+
+class ArmStopped(Exception):
+    """An arm did not come to the end of its motion."""
+
+
+class NoWay(Exception):
+    """No plan was found, or the robot refused it.
+
+    Attributes:
+        lasting: nothing but the estimates would change it: it is not another arm that is in the way.
+        begins_too_near: the arm is believed to be too near to something where it is.
+    """
+
+    def __init__(self, reason: str, lasting: bool = False):
+        super().__init__(reason)
+        self.lasting = lasting
+        self.begins_too_near = "at the start" in reason
+
+
+class Mover(Protocol):
+    """Moves an arm a step of its way, from the newest estimate."""
+
+    async def step(self, arm: str, asked: Asked, way_m: float) -> None:
+        """Plan anew, and move along the plan, but not further than ``way_m``.
+
+        Raises:
+            NoWay: there is no plan.
+            ArmStopped: the arm did not do what it was told.
+        """
+        ...
+
+    def resting(self, arm: str) -> Rest:
+        """Return a context in which the others need not wait for what this arm asks."""
+        ...
+
+
+@dataclass
+class Rest:
+    """A stretch in which an arm asks for no motion."""
+
+    arm: str
+    awake: set[str] = field(default_factory=set)
+    changed: object = None
+
+    def __enter__(self) -> None:
+        self.awake.discard(self.arm)
+        if self.changed is not None:
+            self.changed()  # type: ignore[operator]
+
+    def __exit__(self, *_: object) -> None:
+        self.awake.add(self.arm)
+
+
+class Beside:
+    """Plans one arm at a time; what the other does meanwhile is a moving obstacle (V-C.1, decentralised)."""
+
+    def __init__(self, cell: Cell, robot: Adjusted, problems: Problems, planner: Planner, settings: Settings):
+        self._cell, self._robot, self._problems, self._settings = cell, robot, problems, settings
+        self._planner = planner
+        self._lock = trio.Lock()
+
+    async def step(self, arm: str, asked: Asked, way_m: float) -> None:
+        """Plan beside what the others do, and move."""
+        with self._cell.log.span(arm, "waiting"):
+            await self._lock.acquire()
+        try:
+            budget_s = self._settings.plan_budget_s
+            self._robot.keep(arm)
+            plan = await self._cell.compute(
+                arm, "planning", lambda: planned(self._problems, {arm: asked}, budget_s, self._planner), budget_s
+            )
+        finally:
+            self._lock.release()  # nothing comes between this and the start of the motion, which waits later
+        if plan is None or not plan.found:
+            self._robot.learn(arm)
+        if plan is None:
+            return
+        if not plan.found:
+            self._cell.log.event("no_way", arm=arm, reason=plan.reason)
+            raise NoWay(plan.reason, self._lasting(arm, plan.reason))
+        motion = plan.trajectories[arm]
+        await run(self._cell, self._robot, arm, motion, moment(self._cell, arm, motion, way_m))
+
+    def _lasting(self, arm: str, reason: str) -> bool:
+        return not any(name in reason.replace(f"{arm} ", "") for name in self._cell.arms if name != arm)
+
+    def resting(self, arm: str) -> Rest:
+        """Return a context that changes nothing: nobody waits for anybody's request."""
+        return Rest(arm)
+
+
+@dataclass
+class _Request:
+    """What an arm has asked, and what became of it."""
+
+    asked: Asked
+    way_m: float
+    plan: MotionPlan | None = None
+    stop_s: float | None = None
+    answered: trio.Event = field(default_factory=trio.Event)
+    begun: bool = False
+    nothing: bool = False
+
+
+class Together:
+    """Plans for all arms at once as soon as each has asked (V-C.1, centralised), with one clock for all plans.
+
+    An arm that waits for the token, or has nothing left to do, need not ask.
+    """
+
+    def __init__(
+        self, cell: Cell, robot: Adjusted, problems: Problems, planner: Planner, settings: Settings, arms: set[str]
+    ):
+        self._cell, self._robot, self._problems, self._settings = cell, robot, problems, settings
+        self._planner = planner
+        self._awake = set(arms)
+        self._requests: dict[str, _Request] = {}
+        self._changed = trio.Event()
+
+    async def step(self, arm: str, asked: Asked, way_m: float) -> None:
+        """Ask, wait until the others have asked too, and move along what was planned."""
+        request = self._requests[arm] = _Request(asked, way_m)
+        self._change()
+        with self._cell.log.span(arm, "waiting"):
+            while not request.begun and not self._awake <= self._requests.keys():
+                await self._wait(request)
+        if not request.begun and arm == min(self._requests):
+            await self._answer()
+        else:
+            with self._cell.log.span(arm, "planning"):
+                await request.answered.wait()
+        if request.nothing:
+            return
+        plan = request.plan
+        if plan is None or not plan.found:
+            reason = plan.reason if plan else "nothing was planned"
+            self._cell.log.event("no_way", arm=arm, reason=reason)
+            raise NoWay(reason)
+        await run(self._cell, self._robot, arm, plan.trajectories[arm], request.stop_s)
+
+    def resting(self, arm: str) -> Rest:
+        """Return a context in which the others plan without this arm; it stays where it is."""
+        return Rest(arm, self._awake, self._change)
+
+    async def _wait(self, request: _Request) -> None:
+        async with trio.open_nursery() as nursery:
+
+            async def wake(event: trio.Event) -> None:
+                await event.wait()
+                nursery.cancel_scope.cancel()
+
+            nursery.start_soon(wake, self._changed)
+            nursery.start_soon(wake, request.answered)
+
+    def _change(self) -> None:
+        self._changed.set()
+        self._changed = trio.Event()
+
+    async def _answer(self) -> None:
+        """Plan for all who have asked; where that fails, for each by itself beside the others."""
+        requests, self._requests = self._requests, {}
+        for request in requests.values():
+            request.begun = True
+        self._change()
+        first = min(requests)
+        budget_s = self._settings.plan_budget_s
+
+        def compute() -> dict[str, MotionPlan | None]:
+            asked = {name: request.asked for name, request in requests.items()}
+            plan = planned(self._problems, asked, budget_s, self._planner)
+            if plan is not None and plan.found:
+                return dict.fromkeys(asked, plan)
+            # one after the other: the second one respects what the first one was given by resting beside it
+            for name, a in asked.items():
+                alone = planned(self._problems, {name: a}, budget_s, self._planner)
+                if alone is None or alone.found:
+                    return {name: alone}
+            return dict.fromkeys(asked, plan)
+
+        plans = await self._cell.compute(first, "planning", compute, budget_s)
+        for name, request in requests.items():
+            request.plan = plans.get(name)
+            request.nothing = name in plans and plans[name] is None
+        self._stop_together(requests)
+        for request in requests.values():
+            request.answered.set()
+
+    def _stop_together(self, requests: Mapping[str, _Request]) -> None:
+        """Let all whose motions were planned for each other stop when the first of them has gone its way."""
+        moving = {name: r for name, r in requests.items() if r.plan is not None and r.plan.found}
+        moments = [moment(self._cell, name, r.plan.trajectories[name], r.way_m) for name, r in moving.items() if r.plan]
+        first = min((m for m in moments if m is not None), default=None)
+        for request in moving.values():
+            request.stop_s = first
+
+
+def planned(problems: Problems, asked: Mapping[str, Asked], delay_s: float, planner: Planner) -> MotionPlan | None:
+    """Return a plan; None where an arm is at its goal already."""
+    try:
+        return plan_motion(problems.of(asked, delay_s), planner)
+    except TrocarError as error:
+        if "coincide" in str(error):
+            return None
+        return MotionPlan("convex", {}, float("nan"), 0.0, reason=str(error))
+
+
+async def run(cell: Cell, robot: Adjusted, arm: str, motion: Trajectory, stop_s: float | None) -> None:
+    """Run a motion, up to a time of its own if one is given.
+
+    Raises:
+        NoWay: the robot refuses.
+        ArmStopped: it did not come to its end, and not because a step was over.
+    """
+    refusal: TrocarError | None = None
+    execution = None
+    with cell.log.span(arm, "motion"):
+        async with trio.open_nursery() as nursery:
+            if stop_s is not None:
+                nursery.start_soon(_hold_at, cell, robot, arm, stop_s)
+            try:
+                execution = (await robot.move({arm: motion}))[arm]
+            except TrocarError as error:
+                refusal = error
+            nursery.cancel_scope.cancel()
+    if execution is None:
+        cell.log.event("refused", arm=arm, reason=str(refusal))
+        raise NoWay(str(refusal), "comes within" not in str(refusal))
+    if not execution.done and not (execution.ended is Ended.HELD and execution.reason == STEP_ENDED):
+        raise ArmStopped(execution.reason)
+
+
+async def _hold_at(cell: Cell, robot: Adjusted, arm: str, path_s: float) -> None:
+    """Bring an arm to rest when it has come so far along its path."""
+    while robot.setpoint(arm).path_s < path_s or not robot.setpoint(arm).moving:
+        await cell.clock.sleep(max(0.01, path_s - robot.setpoint(arm).path_s))
+    robot.hold(arm, reason=STEP_ENDED)
+
+
+def moment(cell: Cell, arm: str, motion: Trajectory, way_m: float) -> float | None:
+    """Return when the tip has gone this far along a motion; None where all of it is shorter."""
+    times, q = motion.sample(PATH_STEP_S)
+    gone = np.cumsum(np.linalg.norm(np.diff(fk(cell.arms[arm], q).translation_m, axis=0), axis=-1))
+    beyond = np.flatnonzero(gone > way_m)
+    return None if not len(beyond) else float(times[beyond[0]])

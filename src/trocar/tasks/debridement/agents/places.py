@@ -1,0 +1,147 @@
+"""Where grippers go: over and onto fragments, beside and over the receptacle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel
+from trocar.geometry import SE3, SO3
+from trocar.tasks.debridement.agents.settings import Settings
+from trocar.tasks.debridement.perception.seen import SeenFragment
+
+TILT_RAD = np.radians(8.0)
+"""The gripper leans back by this, so that the marks on its fingers face a camera at the front."""
+TURNS_RAD = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -40.0, 40.0])
+"""Turns about the vertical that are tried; beyond them, marks turn away from the camera."""
+ENDS_ABOVE_M = 2.0e-3
+"""Closed jaws end so high over the work surface."""
+BESIDE_M = 0.045
+"""Where arms wait: so far to their side of the receptacle's middle."""
+OVER_M = 0.025
+"""Where they let go: so far to their side of its middle."""
+NEAR_M = tuple((out, back) for out in (0.0, 0.010, -0.012, 0.018, -0.025) for back in (0.0, -0.010, 0.010, -0.018))
+"""Other places if one is out of reach: outwards, and across."""
+NEAR_RAD = (0.0, 0.35, -0.35)
+"""Other turns of the gripper there."""
+BEHIND_M = 0.030
+"""Where they wait: so far behind the middle of the world's y in front of the receptacle."""
+HIGHER_M = 0.015
+"""Arms at rest are so much higher than on their way."""
+ROOM_M = 1.0e-3
+"""Between the open jaws and a neighbouring fragment."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """How one fragment is taken.
+
+    Attributes:
+        T_world_above: tip over it.
+        T_world_grasp: tip with the fragment between the jaws.
+        open_rad: of the jaws before.
+        crowded: how many other fragments the jaws may catch.
+    """
+
+    T_world_above: SE3
+    T_world_grasp: SE3
+    open_rad: float
+    crowded: int
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places in the world as registration and fixtures have them.
+
+    Attributes:
+        T_world_table: the work surface.
+        T_world_receptacle: the receptacle's floor.
+        settings: of the method.
+    """
+
+    T_world_table: SE3
+    T_world_receptacle: SE3
+    settings: Settings
+
+    @property
+    def table_m(self) -> float:
+        """Return the height of the work surface in the world."""
+        return float(self.T_world_table.translation_m[2])
+
+    def side(self, T_world_base: SE3) -> int:
+        """Return on which side of the receptacle an arm stands: +1 at +x, the left one, or -1."""
+        return 1 if T_world_base.translation_m[0] > self.T_world_receptacle.translation_m[0] else -1
+
+    def hold(self, side: int) -> list[SE3]:
+        """Return where an arm (side +1: the one at +x) may wait beside the receptacle, the best place first."""
+        return self._around(side, BESIDE_M, -BEHIND_M, self.settings.hold_high_m)
+
+    def home(self, side: int) -> list[SE3]:
+        """Return where an arm may rest out of the other one's way."""
+        return self._around(side, BESIDE_M, -BEHIND_M, self.settings.hold_high_m + HIGHER_M)
+
+    def drop(self, side: int) -> list[SE3]:
+        """Return where an arm may let go."""
+        return self._around(side, OVER_M, 0.0, self.settings.drop_high_m)
+
+    def _around(self, side: int, along_m: float, across_m: float, high_m: float) -> list[SE3]:
+        """Return poses at a place and near it: bases and cables decide which of them are within reach."""
+        return [
+            self._standing(side * (along_m + out), across_m + back, high_m, side * turn)
+            for out, back in NEAR_M
+            for turn in NEAR_RAD
+        ]
+
+    def grasps(self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel) -> list[Grasp]:
+        """Return ways to take a fragment, the one least likely to catch a neighbour first."""
+        turns = TURNS_RAD if self.settings.turns else TURNS_RAD[:1]
+        found = [self._grasp(fragment, others, arm, float(turn)) for turn in turns]
+        return [grasp for _, grasp in sorted(found, key=lambda pair: (pair[1].crowded, pair[0]))]
+
+    def _grasp(
+        self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel, turn_rad: float
+    ) -> tuple[float, Grasp]:
+        """Return the width of the fragment between the jaws, and the grasp with this turn."""
+        s, finger_m = self.settings, arm.instrument.finger_length_m
+        R = SO3.axis("z", turn_rad) @ SO3.axis("x", TILT_RAD)
+        back = R.matrix[:, 2]
+        rise = (fragment.p_world_m[2] - self.table_m - ENDS_ABOVE_M) / back[2]
+        ends = fragment.p_world_m - rise * back
+        tip = ends + (finger_m - arm.tip_length_m) * back
+        width = _width_m(fragment, turn_rad)
+        open_rad = s.open_rad
+        if s.hug_m > 0:
+            open_rad = min(open_rad, 2 * np.arcsin(min(1.0, (width + s.hug_m) / (2 * finger_m))))
+        gap = 2 * finger_m * np.sin(open_rad / 2)
+        crowded = sum(_within(fragment, other, turn_rad, gap, arm) for other in others)
+        above = tip + s.above_m * back
+        return width, Grasp(SE3.from_parts(R, above), SE3.from_parts(R, tip), float(open_rad), crowded)
+
+    def _standing(self, along_m: float, across_m: float, high_m: float, turn_rad: float) -> SE3:
+        middle = self.T_world_receptacle.translation_m
+        place = [middle[0] + along_m, middle[1] + across_m, self.table_m + high_m]
+        return SE3.from_parts(SO3.axis("z", turn_rad) @ SO3.axis("x", TILT_RAD), place)
+
+
+def raised(T_world_tip: SE3, by_m: float) -> SE3:
+    """Return a pose higher up."""
+    return SE3.from_parts(T_world_tip.rotation, T_world_tip.translation_m + [0.0, 0.0, by_m])
+
+
+def _width_m(fragment: SeenFragment, turn_rad: float) -> float:
+    """Return the extent of a fragment along the direction in which jaws with this turn close."""
+    off = fragment.yaw_rad - turn_rad
+    long, short = fragment.extent_m
+    return float(np.hypot(long * np.cos(off), short * np.sin(off)))
+
+
+def _within(fragment: SeenFragment, other: SeenFragment, turn_rad: float, gap_m: float, arm: ArmModel) -> bool:
+    """Return whether jaws that close round a fragment may touch another one."""
+    away: NDArray[np.float64] = SO3.axis("z", -turn_rad).apply(other.p_world_m - fragment.p_world_m)
+    reach = 0.5 * float(np.mean(other.extent_m)) + ROOM_M
+    shape = arm.instrument
+    along = 0.5 * gap_m + shape.finger_base_m + reach
+    return bool(abs(away[0]) < along and abs(away[1]) < 0.5 * shape.finger_width_m + reach)

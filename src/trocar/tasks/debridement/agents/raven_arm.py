@@ -1,0 +1,250 @@
+"""One Raven arm as the script uses it: goes to places, takes, lets go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
+
+import numpy as np
+
+from trocar.arms import ArmModel, Unreachable, ik
+from trocar.geometry import SE3
+from trocar.motion import rest_to_rest
+from trocar.tasks.debridement.agents.eyes import Eyes
+from trocar.tasks.debridement.agents.motion_asked import Asked, Problems
+from trocar.tasks.debridement.agents.movers import WAIT_S, ArmStopped, Mover, NoWay, run
+from trocar.tasks.debridement.agents.places import Grasp, Places, raised
+from trocar.tasks.debridement.agents.settings import Settings
+from trocar.tasks.kit.together import together
+
+TRIES = 60
+"""An arm that finds no way asks so many times, a quarter of a second apart, before it gives up."""
+ENOUGH_PLACES = 4
+"""Of several places that are within reach so many are tried: the way to one may leave a joint's range."""
+LIFT_SHARES = (1.0, 0.6, 0.3)
+"""Of the height by which a fragment is lifted, where it cannot be lifted as high."""
+FEW = 2
+"""Where what hinders it is not another arm, it asks again only so many times: estimates change a little."""
+LOW_M = 0.020
+"""A tip lower than this over the work surface rises before it goes elsewhere: open fingers end 9 mm below it."""
+WITHDRAWN_M = 0.006
+"""An arm that is too near to something rises by this, or goes aside as far."""
+ARRIVED_M = 0.006
+"""Places in the air count as reached this near (facts/debridement.md: 6 mm)."""
+CLOSING_STEPS = 25
+"""A slow closing of the jaws is made of so many small ones."""
+SEARCH_M = (
+    (0.0, 0.0, 0.0),
+    (-0.02, 0.0, 0.0),
+    (-0.04, 0.0, 0.0),
+    (-0.02, 0.02, 0.01),
+    (-0.02, -0.03, 0.0),
+    (0.0, -0.03, 0.0),
+    (-0.04, -0.03, 0.01),
+    (-0.04, 0.03, 0.01),
+    (-0.02, 0.0, 0.03),
+    (0.02, 0.0, 0.0),
+)
+"""Where an arm that no camera sees is sent from where it is, one place after the other: towards the middle first (x),
+then across and up. Where it is in truth nobody knows; it is more likely outside the picture than too low."""
+
+
+class NotSeen(ArmStopped):
+    """No camera sees the gripper, wherever it is sent."""
+
+
+class RavenArm:
+    """Verbs of one arm.
+
+    Args:
+        problems: the laboratory, and what is in the way there.
+        name: of the arm.
+        eyes: the camera.
+        mover: plans and moves.
+        places: where things are.
+        settings: of the method.
+    """
+
+    def __init__(self, problems: Problems, name: str, eyes: Eyes, mover: Mover, places: Places, settings: Settings):
+        self.problems, self.cell, self.robot = problems, problems.cell, problems.robot
+        self.name, self.eyes, self.mover, self.places, self.s = name, eyes, mover, places, settings
+        self.side = places.side(problems.cell.T_world_base_registered[name])
+
+    @property
+    def model(self) -> ArmModel:
+        """Return the arm's model."""
+        return self.cell.arms[self.name]
+
+    async def go(
+        self, T_world_goal: SE3, *, precise: bool = False, straight: bool = False, speed_m_s: float | None = None
+    ) -> None:
+        """Go somewhere in steps, planning anew before each from the newest estimate (V-B).
+
+        Args:
+            T_world_goal: of the tip.
+            precise: whether the camera has to confirm that it is there.
+            straight: a short piece near a fragment.
+            speed_m_s: of the tip; default: the method's.
+
+        Raises:
+            NoWay: no plan was found for a long time.
+            ArmStopped: the arm does not move as it is told.
+        """
+        speed = speed_m_s or self.s.tip_speed_m_s
+        visits = 0
+        if not straight:
+            await self._rise()
+        while True:
+            await self._step(Asked(T_world_goal, speed, straight))
+            if precise:
+                await self.settle()
+                await self.eyes.glance(self.name)
+            off = np.abs(self.robot.T_world_tip(self.name).translation_m - T_world_goal.translation_m)
+            visits += bool(np.linalg.norm(off) < self.s.close_m)
+            if (off < (self.s.reached_m if precise else ARRIVED_M)).all() or visits > self.s.max_visits:
+                return
+
+    async def _rise(self) -> None:
+        """Go straight up first where the tip is so low that no plan could begin there."""
+        T_world_tip = self.robot.T_world_tip(self.name)
+        low = self.places.table_m + LOW_M - float(T_world_tip.translation_m[2])
+        if low > 0:
+            await self._step(Asked(raised(T_world_tip, low), self.s.descent_speed_m_s, straight=True))
+
+    async def _step(self, asked: Asked) -> None:
+        """Go one step, as soon as there is a way."""
+        for number in range(TRIES):
+            try:
+                return await self.mover.step(self.name, asked, self.s.step_m)
+            except NoWay as error:
+                if error.begins_too_near:
+                    await self._withdraw(str(error))
+                    continue
+                if number == TRIES - 1 or (error.lasting and number >= FEW):
+                    raise
+                with self.cell.log.span(self.name, "waiting"):
+                    await self.cell.clock.sleep(WAIT_S)
+
+    async def _withdraw(self, reason: str) -> None:
+        """Go a little away from what the arm is believed to be too near to: the estimate has changed.
+
+        No plan begins there; the robot's guard lets arms that are too near go apart, and no nearer.
+        """
+        T_world_tip, aside = self.robot.T_world_tip(self.name), np.array([self.side, 0.0, 0.0])
+        up = np.array([0.0, 0.0, 1.0])
+        ways = (aside, aside + up, up, -aside) if self._names_an_arm(reason) else (up, aside + up)
+        for way in ways:
+            goal = SE3.from_parts(T_world_tip.rotation, T_world_tip.translation_m + WITHDRAWN_M * way)
+            try:
+                goal_q = ik(
+                    self.model,
+                    self.cell.T_world_base_registered[self.name].inverse() @ goal,
+                    reference=self.robot.setpoint(self.name).q,
+                )
+                motion = rest_to_rest(self.robot.setpoint(self.name).q, goal_q, self.model.motion_limits)
+                return await run(self.cell, self.robot, self.name, motion, None)
+            except (NoWay, Unreachable):
+                continue
+
+    def _names_an_arm(self, reason: str) -> bool:
+        """Return whether it is another arm that is too near."""
+        return any(name in reason.replace(f"{self.name} ", "") for name in self.cell.arms if name != self.name)
+
+    def reachable(self, *poses: SE3) -> bool:
+        """Return whether all of these poses of the tip are within the joints' ranges."""
+        return all(self.robot.reaches(self.name, pose) for pose in poses)
+
+    async def go_to_one(self, places: Sequence[SE3]) -> None:
+        """Go to the first of some places that is within reach.
+
+        Raises:
+            NoWay: none is; or as ``go``.
+        """
+        reason = f"no place of {len(places)} is within reach of arm {self.name!r}"
+        for place in [place for place in places if self.reachable(place)][:ENOUGH_PLACES]:
+            try:
+                return await self.go(place)
+            except NoWay as error:
+                if not error.lasting:
+                    raise
+                reason = str(error)
+        raise NoWay(reason, lasting=True)
+
+    def possible(self, grasps: Sequence[Grasp]) -> Grasp | None:
+        """Return the first grasp that is within reach, with the way up after it."""
+        for grasp in grasps:
+            poses = grasp.T_world_above, grasp.T_world_grasp, raised(grasp.T_world_grasp, self.s.lift_m)
+            if self.reachable(*poses) and self.problems.clear(self.name, grasp.T_world_above, grasp.open_rad):
+                return grasp
+        return None
+
+    async def find(self) -> None:
+        """See the gripper once, wherever the kinematics are wrong to.
+
+        Raises:
+            NotSeen: it is nowhere to be seen.
+        """
+        T_world_start = self.robot.T_world_tip(self.name)
+        for x, y, z in SEARCH_M:
+            off = np.array([self.side * x, y, z])
+            goal = SE3.from_parts(T_world_start.rotation, T_world_start.translation_m + off)
+            with suppress(NoWay):
+                await self.mover.step(self.name, Asked(goal, self.s.tip_speed_m_s, straight=True), self.s.step_m)
+                await self.settle()
+                await self.eyes.look(self.name)
+            if self.robot.age_s(self.name) < np.inf:
+                return
+        raise NotSeen(f"no camera sees the gripper of arm {self.name!r}")
+
+    async def settle(self) -> None:
+        """Rest until the arm holds still."""
+        with self.cell.log.span(self.name, "settling"):
+            await self.cell.clock.sleep(self.s.settle_s)
+
+    async def jaw(self, angle_rad: float, over_s: float = 0.0) -> None:
+        """Drive the jaws, slowly if a time is given.
+
+        Raises:
+            ArmStopped: the robot stopped them.
+        """
+        with self.cell.log.span(self.name, "jaw"):
+            start = self.robot.read(self.name).jaw_rad
+            steps = CLOSING_STEPS if over_s > 0 else 1
+            for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
+                execution = await self.cell.robot.jaw(self.name, float(start + share * (angle_rad - start)))
+                if not execution.done:
+                    raise ArmStopped(execution.reason)
+                await self.cell.clock.sleep(over_s / steps)
+
+    async def take(self, grasp: Grasp) -> None:
+        """Go over a fragment, look, go down, close the jaws, lift."""
+        await together(
+            partial(self.jaw, grasp.open_rad), partial(self.go, grasp.T_world_above, precise=self.s.confirms_above)
+        )
+        await self.seen_lately()
+        await self.go(grasp.T_world_grasp, precise=True, straight=True, speed_m_s=self.s.descent_speed_m_s)
+        self.cell.log.event("closing", arm=self.name)
+        await self.jaw(0.0, self.s.close_s)
+        for share in LIFT_SHARES:
+            up = raised(self.robot.T_world_tip(self.name), share * self.s.lift_m)
+            try:
+                return await self.go(up, straight=True)
+            except NoWay as error:
+                if not error.lasting:
+                    raise
+        self.cell.log.event("not_lifted", arm=self.name)
+
+    async def seen_lately(self) -> None:
+        """Wait until the camera has seen the gripper lately.
+
+        Raises:
+            NoWay: it does not see it for long.
+        """
+        for _ in range(TRIES):
+            if self.robot.age_s(self.name) <= self.s.fresh_s:
+                return
+            await self.eyes.glance(self.name)
+            with self.cell.log.span(self.name, "waiting"):
+                await self.cell.clock.sleep(WAIT_S)
+        raise NoWay("the marks on the gripper are hidden")

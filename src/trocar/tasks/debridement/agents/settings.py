@@ -1,0 +1,124 @@
+"""Settings of the methods: how fast, how often it looks and plans anew, and what its computations may take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a method; as they come they are those of ``best``.
+
+    Attributes:
+        estimator: of the gripper's pose: ``filter`` or ``paper``.
+        centralised: whether one plan is made for both arms once both have asked (V-C.1), instead of one at a time
+            beside what the other arm does.
+        tip_speed_m_s: greatest speed of the tips; 1 cm/s in the paper's laboratory, up to 10 cm/s by surgeons.
+        descent_speed_m_s: greatest speed on the last piece to a fragment.
+        limits_share: of the joints' limits, that plans use; the rest is for what commands add to correct errors.
+        corrects: whether commands are corrected under way by what is seen, so that the plan is kept.
+        step_m: an arm stops, looks and plans anew after this way at most (V-B: 2.5 cm).
+        reached_m: a place counts as reached this near on each axis; 8 mm in their program.
+        close_m: or when it has been visited this near more than ``max_visits`` times; 15 mm in their program.
+        max_visits: see ``close_m``.
+        open_rad: of the jaws at a fragment.
+        hug_m: the jaws open by so much more than the fragment is wide, if that is less; 0: always ``open_rad``.
+        turns: whether the gripper is turned about the vertical to close across a fragment and beside its neighbours.
+        close_s: the jaws' closing takes as long; 0: as fast as they can.
+        above_m: the tip stops so high over a grasp, along the approach, and looks again.
+        lift_m: after closing; 5 cm in their program.
+        hold_high_m: height of tips over the work surface on the way.
+        drop_high_m: height of the tip over the work surface when the jaws open over the receptacle.
+        margin_m: between the arms, and to the receptacle. V-B has 1 mm, at which the guard stops an arm here: plans
+            keep half a millimetre more, for estimates that change on the way.
+        confirms_above: whether the camera has to confirm the place over a fragment before the tip goes down; that of
+            the grasp it has to confirm always.
+        checks_on_the_way: whether the pickup is checked while the arm goes on already.
+        holds_first: whether an arm goes to its place beside the receptacle before it asks for the token.
+        checks_release: whether it looks whether a fragment clings to the open jaws.
+        vision_lag_s: rest before every plan to a fragment, for the images to catch up; 2 s in their program.
+        watch_s: time between two images of a gripper.
+        fragments_budget_s: declared for finding fragments in a pair of images.
+        gripper_budget_s: declared for finding a gripper in a window.
+        plan_budget_s: declared for one plan.
+        settle_s: rest before an image whose estimate decides.
+        fresh_s: a gripper that was not seen for longer does not go down to a fragment.
+        max_grasps: at one fragment before it is left to the next allocation.
+        apart_m: fragments this near to the other arm's are not allocated.
+    """
+
+    estimator: str = "filter"
+    centralised: bool = False
+    tip_speed_m_s: float = 0.05
+    descent_speed_m_s: float = 0.025
+    limits_share: float = 0.75
+    corrects: bool = True
+    step_m: float = 0.15
+    reached_m: float = 0.002
+    close_m: float = 0.004
+    max_visits: int = 2
+    open_rad: float = 1.2
+    hug_m: float = 0.010
+    turns: bool = True
+    close_s: float = 0.0
+    above_m: float = 0.014
+    lift_m: float = 0.028
+    hold_high_m: float = 0.040
+    drop_high_m: float = 0.038
+    margin_m: float = 0.004
+    confirms_above: bool = False
+    checks_on_the_way: bool = True
+    holds_first: bool = False
+    checks_release: bool = True
+    vision_lag_s: float = 0.0
+    watch_s: float = 0.2
+    fragments_budget_s: float = 0.12
+    gripper_budget_s: float = 0.02
+    plan_budget_s: float = 0.10
+    settle_s: float = 0.05
+    fresh_s: float = 0.5
+    max_grasps: int = 3
+    apart_m: float = 0.028
+
+
+def best() -> Settings:
+    """Return the settings of ``best``: 5 cm/s."""
+    return Settings()
+
+
+def slow() -> Settings:
+    """Return those of ``best`` at the paper's 1 cm/s."""
+    return replace(Settings(), tip_speed_m_s=0.01, descent_speed_m_s=0.01)
+
+
+def paper() -> Settings:
+    """Return the settings of the paper and of its program (facts/debridement.md, What their system did)."""
+    return Settings(
+        estimator="paper",
+        centralised=True,
+        tip_speed_m_s=0.01,
+        descent_speed_m_s=0.01,
+        corrects=False,
+        step_m=0.025,
+        reached_m=0.008,
+        close_m=0.015,
+        max_visits=7,
+        hug_m=0.0,
+        turns=False,
+        close_s=2.5,
+        above_m=0.030,
+        lift_m=0.050,
+        margin_m=0.0015,
+        confirms_above=True,
+        checks_on_the_way=False,
+        holds_first=True,
+        checks_release=False,
+        vision_lag_s=2.0,
+        watch_s=0.3,
+        fragments_budget_s=0.3,
+        gripper_budget_s=0.1,
+        plan_budget_s=2.4,
+        settle_s=0.1,
+        fresh_s=2.0,
+        apart_m=0.030,
+    )

@@ -1,0 +1,178 @@
+"""Each closing of jaws round fragments, and what became of what they held: from truth alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.tasks.debridement.thresholds import (
+    BESIDE_M,
+    CARRIED_M,
+    CLOSING_RAD,
+    ENOUGH_RAD,
+    FLICKER_S,
+    GRIP_S,
+    LIFTED_M,
+    NEAR_TABLE_M,
+    REST_S,
+    RISEN_M,
+    STALL_S,
+)
+from trocar.tasks.debridement.truth import DebridementTruth
+
+PICKUP, DROP, DROPOFF, STUCK, PUT_BACK, DELIVERED, KEPT = (
+    "pickup failure", "drop en route", "dropoff failure", "stuck", "put back", "delivered", "kept"
+)  # fmt: skip
+"""What can become of a fragment between closed jaws."""
+
+
+@dataclass(frozen=True)
+class Closing:
+    """One closing of an arm's jaws near the work surface; rows of the truth.
+
+    Attributes:
+        arm: whose.
+        start: row at which the jaws began to close.
+        closed: row at which they had closed.
+        opened: row at which they began to open again; the last row of all if they did not.
+        next: row at which the arm's next closing begins; the last row if there is none.
+        gripped: fragments that were between the fingers then.
+    """
+
+    arm: str
+    start: int
+    closed: int
+    opened: int
+    next: int
+    gripped: tuple[int, ...]
+
+
+def closings_of(truth: DebridementTruth) -> list[Closing]:
+    """Return all closings of all arms near the work surface and beside the receptacle, in order of time."""
+    found = [closing for arm in truth.jaw_rad for closing in _of_arm(truth, arm)]
+    return sorted(found, key=lambda closing: (closing.start, closing.arm))
+
+
+def fate(truth: DebridementTruth, closing: Closing, fragment: int, meant_to_release: bool) -> tuple[str, int]:
+    """Return what became of a fragment that was gripped, and the row at which it left the jaws.
+
+    Args:
+        truth: what happened.
+        closing: the grip.
+        fragment: one of those gripped.
+        meant_to_release: whether the agent said then that it lets go over the receptacle; this only tells a regrasp
+            from a release that missed the receptacle by far.
+    """
+    held = truth.held_by[closing.arm][:, fragment]
+    tip = truth.T_world_tips[closing.arm].translation_m
+    left = _left(truth, held, closing)
+    if left is None:
+        return (STUCK if closing.opened < len(held) - 1 else KEPT), len(held) - 1
+    rise = float(tip[left, 2] - tip[closing.closed, 2])
+    over = bool(truth.over_receptacle(tip[left]))
+    if left < closing.opened - _rows(truth, FLICKER_S):  # the jaws were closed
+        if rise < LIFTED_M and not over:
+            return PICKUP, left
+        return (_landed(truth, closing, fragment, left), left) if over else (DROP, left)
+    carried = float(np.linalg.norm(tip[left, :2] - tip[closing.closed, :2])) > CARRIED_M
+    near = carried and bool(truth.over_receptacle(tip[left], BESIDE_M))
+    if over or near or meant_to_release:
+        return _landed(truth, closing, fragment, left), left
+    return PUT_BACK, left
+
+
+def legs(jaw_rad: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Return (first, last) row of each closing of jaws (n,), from its highest to its lowest point."""
+    found: list[tuple[int, int]] = []
+    high = low = 0
+    closing = False
+    for row, now in enumerate(jaw_rad):
+        if closing:
+            if now < jaw_rad[low]:
+                low = row
+            elif now > jaw_rad[low] + CLOSING_RAD:
+                found.append((high, low))
+                closing, high = False, row
+        elif now >= jaw_rad[high]:
+            high = row
+        elif now < jaw_rad[high] - CLOSING_RAD:
+            closing, low = True, row
+    return [*found, (high, low)] if closing else found
+
+
+def _of_arm(truth: DebridementTruth, arm: str) -> list[Closing]:
+    jaw, last = truth.jaw_rad[arm], len(truth.times_s) - 1
+    tip = truth.T_world_tips[arm].translation_m
+    found = []
+    all_legs = legs(jaw)
+    for number, (start, low) in enumerate(all_legs):
+        following = all_legs[number + 1][0] if number + 1 < len(all_legs) else last
+        stop = next((row for row in _stalls(truth, jaw, start, low) if _at_work(truth, tip[row])), None)
+        if stop is None:
+            continue
+        risen = np.flatnonzero(tip[stop : low + 1, 2] > tip[stop, 2] + RISEN_M)
+        lowest = start + int(np.argmin(jaw[start : (stop + int(risen[0]) if len(risen) else low) + 1]))
+        closed = start + int(np.argmax(jaw[start : lowest + 1] <= jaw[lowest] + ENOUGH_RAD))
+        if not _at_work(truth, tip[closed]):
+            continue
+        rest = jaw[lowest : following + 1]
+        opening = np.flatnonzero(rest > np.minimum.accumulate(rest) + 2 * ENOUGH_RAD)
+        opened = lowest + int(opening[0]) if len(opening) else following
+        rows = slice(closed, max(closed + 1, min(closed + _rows(truth, GRIP_S), opened) + 1))
+        gripped = np.flatnonzero(truth.held_by[arm][rows].mean(axis=0) >= 0.5)
+        found.append(Closing(arm, start, closed, opened, following, tuple(gripped.tolist())))
+    return found
+
+
+def _at_work(truth: DebridementTruth, tip_m: NDArray[np.float64]) -> bool:
+    """Return whether jaws at this tip (3,) can reach a fragment on the work surface."""
+    return bool(tip_m[2] - truth.table_z_m <= NEAR_TABLE_M and not truth.over_receptacle(tip_m))
+
+
+def _stalls(truth: DebridementTruth, jaw: NDArray[np.float64], start: int, low: int) -> list[int]:
+    """Return the rows of a closing at which the jaws began to stand still.
+
+    They close on when they lose what they hold; and they may have closed a little beforehand, to be opened no wider
+    than a fragment needs.
+    """
+    later = np.minimum(np.arange(start, low + 1) + _rows(truth, STALL_S), low)
+    still = (jaw[start] - jaw[start : low + 1] > CLOSING_RAD) & (jaw[start : low + 1] - jaw[later] < ENOUGH_RAD)
+    begins = np.flatnonzero(still & ~np.append(False, still[:-1]))
+    return [*(start + begins).tolist(), low]
+
+
+def _left(truth: DebridementTruth, held: NDArray[np.bool_], closing: Closing) -> int | None:
+    """Return the row after which a fragment was not between the fingers any more, but for flickers; None: never."""
+    rows = closing.closed + np.flatnonzero(held[closing.closed :])
+    if not len(rows):
+        return closing.closed
+    gaps = np.flatnonzero(np.diff(truth.times_s[rows]) > FLICKER_S)
+    last = int(rows[gaps[0]] if len(gaps) else rows[-1])
+    return None if truth.times_s[-1] - truth.times_s[last] <= FLICKER_S else last
+
+
+def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int) -> str:
+    """Return what became of a fragment that was let go at the receptacle: judged when no finger touched it a while.
+
+    A charged one may cling to a finger for longer, and touches it now and then.
+    """
+    touched = np.flatnonzero(truth.touched_by[closing.arm][left:, fragment])
+    begins = left + np.append(0, touched + 1)
+    ends = np.append(left + touched, len(truth.times_s))
+    rested = np.flatnonzero(ends - begins > _rows(truth, REST_S))
+    if len(rested):
+        judged = int(begins[rested[0]]) + _rows(truth, REST_S)
+    elif ends[-1] > begins[-1]:
+        judged = len(truth.times_s) - 1
+    else:
+        return STUCK
+    return DELIVERED if truth.between_walls[judged, fragment] else DROPOFF
+
+
+def _rows(truth: DebridementTruth, seconds: float) -> int:
+    """Return how many rows of the truth a time is."""
+    if len(truth.times_s) < 2:
+        return 0
+    return round(seconds / float(truth.times_s[1] - truth.times_s[0]))

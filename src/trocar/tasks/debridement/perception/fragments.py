@@ -1,0 +1,224 @@
+"""Red fragments in both eyes (Kehoe 2014, V-A.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry import SE3
+from trocar.perception.depth import rays_through
+from trocar.perception.hue import RED_FOAM, to_hsv
+from trocar.perception.image import StereoImage
+from trocar.perception.match import disparity_map
+from trocar.perception.stereo import rectify
+from trocar.tasks.debridement.perception.outlines import solidity, split_convex
+from trocar.tasks.debridement.perception.regions import (
+    HIGHEST_M,
+    MIN_AREA_M2,
+    Region,
+    group_regions,
+    plane_disparity,
+    region_of,
+    shifted_onto,
+)
+from trocar.tasks.debridement.perception.seen import SeenFragment
+
+MIDDLE_M = 3.8e-3
+"""Height of the middle of a fragment that lies on the table, as far as is known before it was measured."""
+MIDDLE_OF_MEAN = 0.6e-3, 0.54
+"""Height of a fragment's middle from the mean height of the surface that is seen, constant and factor: a fit to random
+convex pieces with flat bottoms, from which single ones differ by .2 mm."""
+USUAL_MEAN_M = 5.9e-3
+"""Mean height of the surface that is seen, where it cannot be measured."""
+BACK_M = 0.2e-3
+"""The middle of such a piece lies so much farther from the eyes than the middle of its outline."""
+LYING_M = 11e-3
+"""Mean height of the surface that is seen, above which a fragment does not lie on the table."""
+BEHIND_M = 2.2e-3
+"""By which the middle of a fragment lies behind the mean of the surface that is seen."""
+SINGLE_M2 = 75e-6
+"""Largest outline of one fragment that has a notch; ragged foam is not two fragments, nor is one behind a finger."""
+LARGEST_M2, LONGEST_M = 150e-6, 20e-3
+"""Outline of one fragment; more are several."""
+NOTCH_M = 0.7e-3
+SOLID = 0.93
+ALIKE = 0.85
+"""Ratio of the areas in both eyes below which one of them sees only a part."""
+COMMON = 0.6
+"""Share of the smaller outline that must lie on the other once both are laid over each other as the surface says."""
+MIN_MATCHES = 25
+RIM_M = 0.35e-3
+"""So near to the outline the windows that are matched see the table as well."""
+WINDOW_M, WINDOW_PX = 1.7e-3, 7
+"""Width of the windows that are matched, and least width."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A rectified pair over a table.
+
+    Attributes:
+        image: the pictures.
+        T_table_camera: pose of the left eye.
+        T_world_table: of the table.
+    """
+
+    image: StereoImage
+    T_table_camera: SE3
+    T_world_table: SE3
+
+    def meet(self, pixels: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
+        """Return where the left eye's rays through pixels (..., 2) reach a height above the table, in its frame."""
+        turned = self.T_table_camera.rotation.apply(rays_through(self.image.rig.left, pixels))
+        eye = self.T_table_camera.translation_m
+        return eye + turned * ((height_m - eye[2]) / turned[..., 2])[..., None]
+
+    def point(self, pixels: NDArray[np.float64], disparity_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points (..., 3) in the table's frame that the left eye sees in pixels at a disparity."""
+        rig = self.image.rig
+        ahead = rig.left.fx * rig.T_left_right.translation_m[0] / (disparity_px - rig.left.cx + rig.right.cx)
+        return self.T_table_camera.apply(rays_through(rig.left, pixels) * ahead[..., None])
+
+    def plane(self, pixel: NDArray[np.float64], height_m: float) -> float:
+        """Return the disparity at a pixel of a plane so high above the table."""
+        a, b, c = plane_disparity(self.image.rig, self.T_table_camera, height_m)
+        return float(a * pixel[0] + b * pixel[1] + c)
+
+    def pixel_m(self, pixel: NDArray[np.float64]) -> float:
+        """Return how wide a pixel of the left eye is on the table, across its view."""
+        ray = rays_through(self.image.rig.left, pixel)
+        return float(self.T_table_camera.translation_m[2] / -self.T_table_camera.rotation.apply(ray)[2]) / (
+            self.image.rig.left.fx
+        )
+
+
+def find_fragments(image: StereoImage, T_world_camera: SE3, T_world_table: SE3) -> list[SeenFragment]:
+    """Return the fragments that both eyes see, on the table, in the receptacle or held.
+
+    Args:
+        image: the pair, whole or windows.
+        T_world_camera: pose of the left eye.
+        T_world_table: pose of the work surface, z up.
+    """
+    image, R_left_rectified = rectify(image)
+    T_table_camera = T_world_table.inverse() @ T_world_camera @ SE3.from_parts(R_left_rectified)
+    scene = Scene(image, T_table_camera, T_world_table)
+    masks = [RED_FOAM.mask(to_hsv(picture)) for picture in (image.left, image.right)]
+    found = []
+    for left, right in group_regions(masks, image.rig, T_table_camera, MIDDLE_M):
+        for one, other, lumped in _singles(scene, left, right):
+            fragment = _fragment(scene, one, other, lumped)
+            if fragment is not None:
+                found.append(fragment)
+    return found
+
+
+def _singles(scene: Scene, left: Region, right: Region) -> list[tuple[Region, Region, bool]]:
+    """Return what both eyes see of each fragment in a group, and whether it is still several.
+
+    Both outlines are laid over each other: a notch in both is between two fragments; one in one eye is a finger's.
+    """
+    disparity = _shift(scene, left, right)
+    both = left.mask | shifted_onto(left, right, disparity)
+    pixel_m = scene.pixel_m(left.middle_px)
+    v, u = np.nonzero(both)
+    outline = cv2.convexHull(np.column_stack([u, v]).astype(np.int32))
+    hull_m2 = cv2.contourArea(outline) * pixel_m**2
+    long_m = max(cv2.minAreaRect(outline)[1]) * pixel_m
+    if hull_m2 < SINGLE_M2 or (solidity(both) > SOLID and hull_m2 < LARGEST_M2 and long_m < LONGEST_M):
+        return [(left, right, False)]
+    parts = split_convex(both, NOTCH_M / pixel_m, MIN_AREA_M2 / pixel_m**2)
+    found = []
+    for part in parts:
+        one = region_of(left.mask & part, left.corner_px)
+        other_mask = right.mask & shifted_onto(right, Region.of_mask(part, left.corner_px), -disparity)
+        other = region_of(other_mask, right.corner_px)
+        if one is not None and other is not None:
+            found.append((one, other, len(parts) == 1))
+    return found
+
+
+def _shift(scene: Scene, left: Region, right: Region) -> float:
+    """Return the disparity that lays both outlines over each other best."""
+    if min(left.area_px, right.area_px) > ALIKE * max(left.area_px, right.area_px):
+        return float(left.middle_px[0] - right.middle_px[0])
+    return scene.plane(left.middle_px, MIDDLE_M)
+
+
+def _depth(scene: Scene, left: Region, right: Region) -> tuple[float, float] | None:
+    """Return disparity in px and mean height above the table of what is seen of a thing, or None if the eyes disagree.
+
+    It is looked for on the table first, then up to where fragments are carried. What is too smooth or too small to be
+    matched may only lie on the table.
+    """
+    wide, high = left.mask.shape[::-1]
+    corners = np.array(left.corner_px) + np.array([[0, 0], [wide, 0], [0, high], [wide, high]], dtype=np.float64)
+    lowest = min(scene.plane(corner, -1e-3) for corner in corners)
+    least = COMMON * min(left.area_px, right.area_px)
+
+    def agrees(disparity: float) -> bool:
+        return bool(np.count_nonzero(left.mask & shifted_onto(left, right, disparity)) >= least)
+
+    for top_m in (1.3 * LYING_M, HIGHEST_M):
+        surface = _matched(scene, left, (lowest, max(scene.plane(corner, top_m) for corner in corners)))
+        if surface is not None and agrees(disparity := float(np.median(surface[1]))):
+            return disparity, float(surface[0][:, 2].mean())
+    disparity = scene.plane(left.middle_px, MIDDLE_M)
+    return (disparity, USUAL_MEAN_M) if agrees(disparity) else None
+
+
+def _matched(
+    scene: Scene, left: Region, disparity_px: tuple[float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    image, (u, v), (high, wide) = scene.image, left.corner_px, left.mask.shape
+    window = 2 * round(0.5 * WINDOW_M / scene.pixel_m(left.middle_px)) + 1
+    found = disparity_map(
+        image.left[..., 0], image.right[..., 0], (u, v, wide, high), disparity_px, max(window, WINDOW_PX)
+    )
+    rim = max(1, round(RIM_M / scene.pixel_m(left.middle_px)))
+    framed = cv2.copyMakeBorder(left.mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    inner = cv2.erode(framed, np.ones((3, 3), np.uint8), iterations=rim)
+    good = np.isfinite(found) & (inner[1:-1, 1:-1] > 0)
+    if good.sum() < max(MIN_MATCHES, 0.2 * np.count_nonzero(inner)):
+        return None
+    rows, columns = np.nonzero(good)
+    disparities = found[good]
+    return scene.point(np.column_stack([columns + u, rows + v]).astype(np.float64), disparities), disparities
+
+
+def _fragment(scene: Scene, left: Region, right: Region, lumped: bool) -> SeenFragment | None:
+    depth = _depth(scene, left, right)
+    if depth is None:
+        return None
+    disparity, mean_m = depth
+    partly = min(left.area_px, right.area_px) < ALIKE * max(left.area_px, right.area_px)
+    occluded = partly or left.pieces + right.pieces > 2
+    whole, middle = left, left.middle_px
+    if occluded:
+        both = left.mask_with(right, disparity)
+        whole, middle = both, both.hull_middle_px
+    if mean_m < LYING_M:
+        p_table = scene.meet(middle, MIDDLE_OF_MEAN[0] + MIDDLE_OF_MEAN[1] * mean_m)
+        away = p_table[:2] - scene.T_table_camera.translation_m[:2]
+        p_table[:2] += BACK_M * away / max(float(np.linalg.norm(away)), 1e-9)
+    else:
+        p_table = scene.point(middle, np.array(disparity))
+        ray = p_table - scene.T_table_camera.translation_m
+        p_table = p_table + BEHIND_M * ray / np.linalg.norm(ray)
+    outline = 1e3 * scene.meet(whole.hull_px, float(p_table[2]))[:, :2]
+    _, size, angle = cv2.minAreaRect(outline.astype(np.float32))
+    along = np.radians(angle) + (np.pi / 2 if size[1] > size[0] else 0.0)
+    direction = scene.T_world_table.rotation.apply(np.array([np.cos(along), np.sin(along), 0.0]))
+    return SeenFragment(
+        p_world_m=scene.T_world_table.apply(p_table),
+        extent_m=1e-3 * np.sort(size)[::-1],
+        yaw_rad=float(np.arctan2(direction[1], direction[0]) % np.pi),
+        height_m=float(p_table[2]),
+        reference_m=scene.T_world_table.apply(scene.point(left.middle_px, np.array(disparity))),
+        lumped=lumped,
+        area_px=int(left.area_px),
+        occluded=occluded,
+    )

@@ -1,0 +1,199 @@
+"""Connected red pixels of one picture, and which of the other picture show the same thing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry import SE3
+from trocar.perception.image import StereoRig
+
+MIN_AREA_M2 = 3e-6
+"""Of what is seen of a fragment, at the table; smaller spots are noise."""
+OVERLAP = 0.25
+"""Regions whose common share of the smaller one is larger show the same thing."""
+ROW_PX = 0.012
+"""As a share of the focal length: by which the middles of one thing may lie in different rows (half hidden ones do)."""
+HIGHEST_M = 0.15
+"""Above the table, where fragments are carried."""
+CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """What one eye sees of one thing.
+
+    Attributes:
+        mask: (h, w) 255 where it is, in a rectangle of the picture.
+        corner_px: (u, v) of this rectangle's first pixel.
+        pieces: in how many pieces it is seen.
+        middle_px: (2,) centroid u, v.
+        area_px: number of its pixels.
+    """
+
+    mask: NDArray[np.uint8]
+    corner_px: tuple[int, int]
+    pieces: int
+    middle_px: NDArray[np.float64]
+    area_px: float
+
+    @staticmethod
+    def of_mask(mask: NDArray[np.uint8], corner_px: tuple[int, int], pieces: int = 1) -> Region:
+        """Return the region of a mask that is not empty."""
+        v, u = np.nonzero(mask)
+        return Region(mask, corner_px, pieces, np.array([u.mean(), v.mean()]) + corner_px, float(len(u)))
+
+    @property
+    def hull_px(self) -> NDArray[np.float64]:
+        """Return the corners (n, 2) of its convex hull."""
+        v, u = np.nonzero(self.mask)
+        hull = cv2.convexHull(np.column_stack([u, v]).astype(np.int32))[:, 0]
+        return hull.astype(np.float64) + self.corner_px
+
+    @property
+    def hull_middle_px(self) -> NDArray[np.float64]:
+        """Return the centroid (2,) of its convex hull."""
+        moments = cv2.moments((self.hull_px - self.corner_px).astype(np.float32))
+        if moments["m00"] < 1.0:
+            return self.middle_px
+        return np.array([moments["m10"], moments["m01"]]) / moments["m00"] + self.corner_px
+
+    def mask_with(self, right: Region, disparity_px: float) -> Region:
+        """Return what this left region and a right one show together."""
+        shifts = ((self, 0), (right, round(disparity_px)))
+        ends = [(region.corner_px[0] + shift, region.corner_px[1], region.mask) for region, shift in shifts]
+        u, v = min(end[0] for end in ends), min(end[1] for end in ends)
+        wide = max(end[0] + end[2].shape[1] for end in ends) - u
+        high = max(end[1] + end[2].shape[0] for end in ends) - v
+        mask = np.zeros((high, wide), dtype=np.uint8)
+        for left, top, part in ends:
+            mask[top - v : top - v + part.shape[0], left - u : left - u + part.shape[1]] |= part
+        return Region.of_mask(mask, (u, v), max(self.pieces, right.pieces))
+
+
+def region_of(mask: NDArray[np.uint8], corner_px: tuple[int, int]) -> Region | None:
+    """Return the region of a mask, or None if it is empty."""
+    return Region.of_mask(mask, corner_px) if mask.any() else None
+
+
+def shifted_onto(base: Region, other: Region, disparity_px: float) -> NDArray[np.uint8]:
+    """Return another region's mask in the rectangle of this one, shifted by so much to the right."""
+    result = np.zeros_like(base.mask)
+    du = other.corner_px[0] + round(disparity_px) - base.corner_px[0]
+    dv = other.corner_px[1] - base.corner_px[1]
+    (high, wide), (h, w) = base.mask.shape, other.mask.shape
+    u0, u1, v0, v1 = max(du, 0), min(du + w, wide), max(dv, 0), min(dv + h, high)
+    if u1 > u0 and v1 > v0:
+        result[v0:v1, u0:u1] = other.mask[v0 - dv : v1 - dv, u0 - du : u1 - du]
+    return result
+
+
+def plane_disparity(rig: StereoRig, T_table_camera: SE3, height_m: float) -> NDArray[np.float64]:
+    """Return a, b, c of the disparity a u + b v + c in px at which a rectified pair sees a plane above the table."""
+    lens, baseline = rig.left, float(rig.T_left_right.translation_m[0])
+    normal = T_table_camera.rotation.matrix[2]  # the table's z in the camera
+    distance = float(height_m - T_table_camera.translation_m[2])
+    per_depth = lens.fx * baseline * normal / distance
+    a, b = per_depth[0] / lens.fx, per_depth[1] / lens.fy
+    c = per_depth[2] - a * lens.cx - b * lens.cy + (rig.left.cx - rig.right.cx)
+    return np.array([a, b, c])
+
+
+def group_regions(
+    masks: Sequence[NDArray[np.uint8]], rig: StereoRig, T_table_camera: SE3, height_m: float
+) -> list[tuple[Region, Region]]:
+    """Return the things that both eyes of a rectified pair see.
+
+    What lies on the table is seen at the same place once the right picture is shifted by the disparity of the table;
+    pieces of one thing that is split in one eye thereby find together. What is left is paired by its rows, higher up.
+
+    Args:
+        masks: 255 at the red pixels of the left and the right picture.
+        rig: the rectified cameras.
+        T_table_camera: pose of the left one.
+        height_m: above the table at which pictures are laid over each other.
+    """
+    least = MIN_AREA_M2 * rig.left.fx**2 / T_table_camera.translation_m[2] ** 2 / 2
+    labels = [_labelled(mask, least) for mask in masks]
+    a, b, c = plane_disparity(rig, T_table_camera, height_m)
+    shape = masks[0].shape[::-1]
+    onto_left = np.array([[1 - a, -b, -c], [0.0, 1.0, 0.0]])
+    flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    shifted = cv2.warpAffine(labels[1].astype(np.int16), onto_left, shape, flags=flags)
+    groups = _linked(labels[0], shifted.astype(np.int32))
+    found = [(_region(labels[0], lefts), _region(labels[1], rights)) for lefts, rights in groups if lefts and rights]
+    alone_left = [_region(labels[0], lefts) for lefts, rights in groups if not rights]
+    alone_right = [_region(labels[1], rights) for lefts, rights in groups if not lefts]
+    return found + _paired_by_row(alone_left, alone_right, rig, (a, b, c), T_table_camera)
+
+
+def _labelled(mask: NDArray[np.uint8], least_px: float) -> NDArray[np.int32]:
+    """Return the number of each pixel's region, from 1 on; 0 for none. Holes of mirroring spots are filled."""
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, CLOSING)
+    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    labels = np.zeros(mask.shape, dtype=np.int32)
+    number = 0
+    for contour in contours:
+        if cv2.contourArea(contour) >= least_px:
+            number += 1
+            cv2.drawContours(labels, [contour], -1, number, cv2.FILLED)
+    return labels
+
+
+def _linked(left: NDArray[np.int32], right: NDArray[np.int32]) -> list[tuple[list[int], list[int]]]:
+    """Return groups of regions (left numbers, right numbers) that overlap."""
+    counts = [np.bincount(labels.ravel(), minlength=1) for labels in (left, right)]
+    n, m = len(counts[0]), max(len(counts[1]), int(right.max()) + 1)
+    common = np.bincount((left * m + right)[(left > 0) & (right > 0)].ravel(), minlength=n * m).reshape(n, m)
+    groups: list[tuple[list[int], list[int]]] = []
+    seen = np.zeros(m, dtype=bool)
+    for i in range(1, n):
+        rights = [j for j in range(1, len(counts[1])) if common[i, j] > OVERLAP * min(counts[0][i], counts[1][j])]
+        seen[rights] = True
+        joined = [group for group in groups if set(group[1]) & set(rights)]
+        merged = ([i], rights)
+        for group in joined:
+            groups.remove(group)
+            merged = (group[0] + merged[0], sorted({*group[1], *merged[1]}))
+        groups.append(merged)
+    return groups + [([], [j]) for j in range(1, m) if not seen[j]]
+
+
+def _region(labels: NDArray[np.int32], numbers: Sequence[int]) -> Region:
+    here = np.isin(labels, numbers) if len(numbers) > 1 else labels == numbers[0]
+    rows, columns = np.flatnonzero(here.any(1)), np.flatnonzero(here.any(0))
+    v, u = int(rows[0]), int(columns[0])
+    mask = np.where(here[v : rows[-1] + 1, u : columns[-1] + 1], 255, 0).astype(np.uint8)
+    return Region.of_mask(mask, (u, v), len(numbers))
+
+
+def _paired_by_row(
+    lefts: Sequence[Region],
+    rights: Sequence[Region],
+    rig: StereoRig,
+    plane: tuple[float, float, float],
+    T_table_camera: SE3,
+) -> list[tuple[Region, Region]]:
+    """Return pairs of regions above the table: in the same rows, of similar size, not too near to the eyes."""
+    found = []
+    rest = list(rights)
+    far = T_table_camera.translation_m[2]
+    for left in sorted(lefts, key=lambda region: -region.area_px):
+        lying = float(plane[0] * left.middle_px[0] + plane[1] * left.middle_px[1] + plane[2])
+        nearest = lying * far / max(far - HIGHEST_M, 0.05)
+        fits = []
+        for right in rest:
+            disparity = left.middle_px[0] - right.middle_px[0]
+            rows = abs(left.middle_px[1] - right.middle_px[1])
+            alike = min(left.area_px, right.area_px) / max(left.area_px, right.area_px)
+            if lying - 8 <= disparity <= nearest and rows <= ROW_PX * rig.left.fy and alike > 0.4:
+                fits.append((rows + 20 * (1 - alike), right))
+        if fits:
+            _, best = min(fits, key=lambda fit: fit[0])
+            found.append((left, best))
+            rest = [right for right in rest if right is not best]
+    return found

@@ -1,0 +1,107 @@
+"""A trial in numbers: time by part, plans, what befell its fragments."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from trocar.report.parts import parts_of
+from trocar.tasks.debridement.report.published import MODES, PARTS
+
+if TYPE_CHECKING:
+    from trocar.trials.trial import Trial
+
+COUNTED = {
+    **dict.fromkeys(("capture", "perception", "settling"), "perception"),
+    "planning": "planning",
+    **dict.fromkeys(("motion", "jaw"), "motion"),
+}
+"""Part of Table I that a span counts for. All else is waiting: for the other arm, its token or its plan, for the
+camera, and, where an arm notes nothing, with nothing left to do."""
+
+OF_FRAGMENTS = ("fragment_false_negatives", "fragment_false_positives")
+"""Modes that are counted of fragments, each at most once; the others are counted of attempts."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial.
+
+    Attributes:
+        fingerprint: of its run.
+        session: number.
+        index: of the trial in its session.
+        fragments: that lay there.
+        cleared: of these.
+        first_attempts: fragments that were cleared by the first attempt, and nothing failed on the way.
+        attempts: closings of jaws, at all fragments.
+        recoveries: failures of grasping or movement after which the fragment was cleared after all.
+        duration_s: of the whole trial.
+        parts_s: by part of Table I, mean of the working arms; they add up to the duration.
+        plans: that were asked for, by all arms.
+        modes: of each failure mode, how often it occurred, and of how many fragments or attempts.
+        collisions: contacts of arms with the receptacle, the table and each other.
+        ended: ``done``, or what stopped the script.
+        failures: names of what became of fragments that were not cleared, with their number.
+        wall_s: real time of the trial; 0 where that was lost.
+    """
+
+    fingerprint: str
+    session: int
+    index: int
+    fragments: int
+    cleared: int
+    first_attempts: int
+    attempts: int
+    recoveries: int
+    duration_s: float
+    parts_s: dict[str, float]
+    plans: int
+    modes: dict[str, list[int]]
+    collisions: int
+    ended: str
+    failures: dict[str, int]
+    wall_s: float
+
+
+def row_of(trial: Trial) -> Row:
+    """Return a trial's row."""
+    scores = trial.scores
+    return Row(
+        fingerprint=trial.about["fingerprint"],
+        session=trial.about["session"],
+        index=trial.about["index"],
+        fragments=len(scores),
+        cleared=sum(bool(score["succeeded"]) for score in scores),
+        first_attempts=sum(bool(score["first_attempt"]) for score in scores),
+        attempts=sum(score["attempts"] for score in scores),
+        recoveries=sum(score["recoveries"] for score in scores),
+        duration_s=trial.duration_s,
+        parts_s=_parts(trial),
+        plans=sum(span.name == "planning" for span in trial.spans),
+        modes={
+            mode: [sum(pair) for pair in zip(*(_counted(score, mode) for score in scores), strict=True)] or [0, 0]
+            for mode in MODES
+        },
+        collisions=len(trial.collisions),
+        ended=trial.ended,
+        failures=dict(Counter(str(score["failure"]) for score in scores if score["failure"])),
+        wall_s=trial.wall_s,
+    )
+
+
+def _counted(score: Mapping[str, Any], mode: str) -> tuple[int, int]:
+    """Return how often a mode befell a fragment, and how often it could have."""
+    of = 1 if mode in OF_FRAGMENTS else score["attempts"]
+    return min(score[mode], of), of
+
+
+def _parts(trial: Trial) -> dict[str, float]:
+    seconds: dict[str, float] = dict.fromkeys(PARTS, 0.0)
+    arms = trial.about["arms"]
+    for arm in arms:
+        for name, part_s in parts_of(trial.spans, arm, trial.duration_s).items():
+            seconds[COUNTED.get(name, "waiting")] += part_s / len(arms)
+    return seconds

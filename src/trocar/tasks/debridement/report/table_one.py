@@ -1,0 +1,129 @@
+"""Table I beside the paper's columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from trocar.report.tables import figure
+from trocar.tasks.debridement.report.published import MODES, PARTS, PERSON, TABLE_1, Column
+
+Figures = Mapping[str, Any]
+
+
+def head_of(variants: Sequence[str]) -> list[str]:
+    """Return the heads of the columns: a person, then of each variant the paper's and ours, and whether it fits."""
+    columns = ["", "person"]
+    for variant in variants:
+        words = f"{variant.replace('-', ' ')}, " if len(variants) > 1 else ""
+        columns += [f"{words}paper", f"{words}ours", "within"]
+    return columns
+
+
+def lines_of(ours: Mapping[str, Figures]) -> list[list[str]]:
+    """Return the lines of Table I.
+
+    Args:
+        ours: figures by variant.
+    """
+    return [
+        _line("fragments", ours, lambda c: str(c.fragments), lambda f: f"{f['cleared']} of {f['fragments']}"),
+        _line("s per fragment", ours, lambda c: f"{c.s_per_fragment:.1f}", lambda f: estimated(f["s_per_fragment"], 1)),
+        *(_line(f"{part}, %", ours, _share(part), _our_share(part)) for part in PARTS),
+        _line(
+            "replans per fragment", ours, lambda c: figure(c.replans), lambda f: estimated(f["replans_per_fragment"], 1)
+        ),
+        *(_failure_line(mode, ours) for mode in MODES),
+        _own("at the first attempt, %", ours, lambda f: rated(f["first_attempt"])),
+        _own("contacts a trial", ours, lambda f: estimated(f["contacts_per_trial"], 1)),
+        _own("recoveries", ours, lambda f: str(f["recoveries"])),
+    ]
+
+
+def table_one(variant: str, ours: Figures, title: str) -> Table:
+    """Return Table I of one variant, to be printed in 80 columns."""
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        padding=(0, 1, 0, 0),
+        title=title,
+        caption="ours simulated, 95 % intervals count sessions; paper and person: Table I as published, rates with "
+        "Clopper-Pearson intervals of its fragments; within: our rate lies in the paper's",
+    )
+    for place, name in enumerate(head_of([variant])):
+        table.add_column(name, justify="right" if place else "left", no_wrap=True)
+    for line in lines_of({variant: ours}):
+        table.add_row(*line)
+    return table
+
+
+def estimated(estimate: Mapping[str, Any] | None, digits: int) -> str:
+    """Return a figure with its interval; a dash where there is none."""
+    if estimate is None:
+        return "-"
+    text = f"{estimate['mean']:.{digits}f}"
+    return text if estimate["low"] is None else f"{text} [{estimate['low']:.{digits}f}, {estimate['high']:.{digits}f}]"
+
+
+def rated(rate: Mapping[str, Any]) -> str:
+    """Return a rate in % with its interval and counts; a dash where nothing was counted."""
+    if rate["rate"] is None:
+        return "-"
+    low, high = rate["ci95"]
+    return f"{100 * rate['rate']:.1f} [{100 * low:.0f}, {100 * high:.0f}] {rate['count']}/{rate['of']}"
+
+
+def within(variant: str, mode: str, ours: Figures) -> str:
+    """Return whether our rate of a failure mode lies in the interval of the paper's: ``yes``, or on which side not.
+
+    A dash where nothing was counted.
+    """
+    rate = ours["failure_modes"][mode]["rate"]
+    if rate is None:
+        return "-"
+    low, high = TABLE_1[variant].interval(mode)
+    return "no, below" if rate < low else "no, above" if rate > high else "yes"
+
+
+def _failure_line(mode: str, ours: Mapping[str, Figures]) -> list[str]:
+    line = [f"{MODES[mode]}, %", f"{PERSON.failures.get(mode, 0.0):.1f}"]
+    for variant, figures in ours.items():
+        low, high = TABLE_1[variant].interval(mode)
+        paper = f"{100 * TABLE_1[variant].rate(mode):.1f} [{100 * low:.0f}, {100 * high:.0f}]"
+        line += [paper, rated(figures["failure_modes"][mode]), within(variant, mode, figures)]
+    return line
+
+
+def _line(
+    what: str, ours: Mapping[str, Figures], theirs: Callable[[Column], str], mine: Callable[[Figures], str]
+) -> list[str]:
+    """Return a line of which Table I has figures too."""
+    line = [what, theirs(PERSON)]
+    for variant, figures in ours.items():
+        line += [theirs(TABLE_1[variant]), mine(figures), ""]
+    return line
+
+
+def _own(what: str, ours: Mapping[str, Figures], mine: Callable[[Figures], str]) -> list[str]:
+    """Return a line of which Table I has nothing."""
+    line = [what, ""]
+    for figures in ours.values():
+        line += ["", mine(figures), ""]
+    return line
+
+
+def _share(part: str) -> Callable[[Column], str]:
+    return lambda column: f"{column.shares[part]:.1f}" if part in column.shares else "-"
+
+
+def _our_share(part: str) -> Callable[[Figures], str]:
+    def text(figures: Figures) -> str:
+        share, seconds = figures["table_parts_share"][part], figures["table_parts_s"][part]
+        if share is None:
+            return "-"
+        return f"{100 * share:.1f}" if seconds is None else f"{100 * share:.1f} ({seconds:.1f} s)"
+
+    return text

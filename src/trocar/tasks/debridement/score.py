@@ -1,0 +1,220 @@
+"""What became of each fragment, from what really happened. No agent may import this."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.tasks.debridement.claims import false_detections, false_pickups
+from trocar.tasks.debridement.grips import DROP, DROPOFF, PICKUP, STUCK, Closing, closings_of, fate
+from trocar.tasks.debridement.outcomes import FragmentOutcome
+from trocar.tasks.debridement.thresholds import NEAR_M, RELEASE_S, STILL_M, STILL_S
+from trocar.tasks.debridement.truth import DebridementTruth
+from trocar.tasks.kit import Score, told
+
+Event = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class FragmentScore(Score):
+    """One fragment as the referee saw it, with how often each failure mode of Kehoe 2014, III-B, befell it.
+
+    Attributes:
+        fragment: its number in the scene.
+        attempts: closings of jaws that were meant for it, or gripped it.
+        first_attempt: it was cleared by the first, and nothing failed on the way.
+        recoveries: failures of grasping or movement after which it was cleared after all.
+        fragment_false_negatives: it lay there and was overlooked.
+        fragment_false_positives: something was seen, nearest to it, where nothing was.
+        pickup_false_negatives: it was held and not seen in the jaws.
+        pickup_false_positives: it was seen in the jaws and not held.
+        grasp_failures: the jaws closed and no part of a fragment was between them.
+        multiple_grasps: the jaws that were meant for it closed on several.
+        pickup_failures: it was gripped and lost before it was lifted.
+        drops_en_route: it was lifted and lost before the receptacle.
+        dropoff_failures: it was let go at the receptacle and came to lie outside, or still clings to a finger.
+    """
+
+    fragment: int
+    attempts: int
+    first_attempt: bool
+    recoveries: int
+    fragment_false_negatives: int
+    fragment_false_positives: int
+    pickup_false_negatives: int
+    pickup_false_positives: int
+    grasp_failures: int
+    multiple_grasps: int
+    pickup_failures: int
+    drops_en_route: int
+    dropoff_failures: int
+
+
+@dataclass
+class _Tally:
+    """What the closings did to one fragment: failures (row, arm, what), and rows at which closings began."""
+
+    began: list[int] = field(default_factory=list)
+    failures: list[tuple[int, str, FragmentOutcome]] = field(default_factory=list)
+    arms: list[tuple[int, str]] = field(default_factory=list)
+
+    def count(self, *kinds: FragmentOutcome) -> int:
+        """Return how many failures were of one of these kinds."""
+        return sum(kind in kinds for _, _, kind in self.failures)
+
+
+def score_fragments(truth: DebridementTruth, events: Sequence[Event]) -> list[FragmentScore]:
+    """Return one score for each fragment, those first that were cleared first.
+
+    Fragments are alike: who clears three of six has reached the first three goals, whichever they were.
+
+    Args:
+        truth: what happened; it alone decides.
+        events: what scripts noted: modes 1 to 4 hold their claims against truth; else they give times and words.
+    """
+    closings = closings_of(truth)
+    meant = [_meant(truth, events, closing) for closing in closings]
+    tallies = _tallies(truth, events, closings, meant)
+    detections = false_detections(truth, events)
+    pickups = false_pickups(truth, events, closings, meant)
+    entered = cleared_at(truth)
+    scores = []
+    for k, tally in enumerate(tallies):
+        done, end = bool(entered[k] >= 0), float(truth.times_s[-1])
+        wrong = [int(counts[k]) for counts in (*detections, *pickups)]
+        start_s = _start(truth, events, tally, k)
+        noted = _noted(truth, events, tally)
+        end_s = float(truth.times_s[entered[k]]) if done else min(float(noted["time_s"]) if noted else end, end)
+        failure, reason = ("", "") if done else _why(tally, noted, wrong[0], events)
+        moved = tally.count(*MOVEMENT)
+        scores.append(
+            FragmentScore(
+                attempted=True,
+                succeeded=done,
+                failure=failure,
+                reason=reason,
+                start_s=min(start_s, end_s),
+                end_s=end_s,
+                fragment=k,
+                attempts=len(tally.began),
+                first_attempt=done and len(tally.began) == 1 and not tally.failures and not any(wrong),
+                recoveries=moved if done else 0,
+                fragment_false_negatives=wrong[0],
+                fragment_false_positives=wrong[1],
+                pickup_false_negatives=wrong[2],
+                pickup_false_positives=wrong[3],
+                grasp_failures=tally.count(FragmentOutcome.GRASP_FAILURE),
+                multiple_grasps=tally.count(FragmentOutcome.MULTIPLE_GRASP),
+                pickup_failures=tally.count(FragmentOutcome.PICKUP_FAILURE),
+                drops_en_route=tally.count(FragmentOutcome.DROPPED_EN_ROUTE),
+                dropoff_failures=tally.count(FragmentOutcome.DROPOFF_FAILURE, FragmentOutcome.STUCK_IN_JAWS),
+            )
+        )
+    return sorted(scores, key=lambda score: (not score.succeeded, score.end_s, score.fragment))
+
+
+MOVEMENT = (
+    FragmentOutcome.GRASP_FAILURE,
+    FragmentOutcome.PICKUP_FAILURE,
+    FragmentOutcome.DROPPED_EN_ROUTE,
+    FragmentOutcome.DROPOFF_FAILURE,
+    FragmentOutcome.STUCK_IN_JAWS,
+)
+"""After these a fragment has to be fetched again."""
+
+_OF_FATE = {
+    PICKUP: FragmentOutcome.PICKUP_FAILURE,
+    DROP: FragmentOutcome.DROPPED_EN_ROUTE,
+    DROPOFF: FragmentOutcome.DROPOFF_FAILURE,
+    STUCK: FragmentOutcome.STUCK_IN_JAWS,
+}
+
+
+def cleared_at(truth: DebridementTruth) -> NDArray[np.intp]:
+    """Return the row (k,) since which each fragment is in the receptacle for good; -1 if it does not rest there."""
+    inside = truth.between_walls & ~truth.held
+    since = np.searchsorted(truth.times_s, truth.times_s[-1] - STILL_S)
+    middle = truth.p_world_fragments_m
+    still = np.linalg.norm(middle[since:] - middle[-1], axis=-1).max(axis=0) < STILL_M
+    outside = [np.flatnonzero(~column) for column in inside.T]
+    rows = np.array([rows[-1] + 1 if len(rows) else 0 for rows in outside])
+    return np.where(inside[-1] & still & ~truth.touched[-1], rows, -1)
+
+
+def _meant(truth: DebridementTruth, events: Sequence[Event], closing: Closing) -> int:
+    """Return the fragment that a closing was meant for: that at the allocated place, else the nearest to the tip."""
+    loose = ~truth.between_walls[closing.start] & ~truth.held[closing.start]
+    begun = float(truth.times_s[closing.start])
+    said = [e for e in events if e["name"] == "allocated" and e.get("arm") == closing.arm and e["time_s"] <= begun]
+    if said:
+        row = truth.row(float(said[-1]["time_s"]))
+        away = np.linalg.norm(truth.p_world_fragments_m[row] - np.asarray(said[-1]["place"]), axis=-1)
+        if loose.any() and away[loose].min() < NEAR_M:
+            return int(np.where(loose, away, np.inf).argmin())
+    tip = truth.T_world_tips[closing.arm].translation_m[closing.closed]
+    away = np.linalg.norm(truth.p_world_fragments_m[closing.start] - tip, axis=-1)
+    return int(np.where(loose, away, np.inf).argmin() if loose.any() else away.argmin())
+
+
+def _tallies(
+    truth: DebridementTruth, events: Sequence[Event], closings: Sequence[Closing], meant: Sequence[int]
+) -> list[_Tally]:
+    tallies = [_Tally() for _ in range(truth.count)]
+    for closing, aim in zip(closings, meant, strict=True):
+        gripped = closing.gripped
+        target = aim if aim in gripped or not gripped else gripped[0]
+        for k in {target, *gripped}:
+            tallies[k].began.append(closing.start)
+            tallies[k].arms.append((closing.start, closing.arm))
+        if not gripped:
+            tallies[target].failures.append((closing.closed, closing.arm, FragmentOutcome.GRASP_FAILURE))
+        if len(gripped) > 1:
+            tallies[target].failures.append((closing.closed, closing.arm, FragmentOutcome.MULTIPLE_GRASP))
+        for k in gripped:
+            what, row = fate(truth, closing, k, _let_go(truth, events, closing))
+            if what in _OF_FATE:
+                tallies[k].failures.append((row, closing.arm, _OF_FATE[what]))
+    return tallies
+
+
+def _let_go(truth: DebridementTruth, events: Sequence[Event], closing: Closing) -> bool:
+    """Return whether the agent said that it lets go when these jaws opened again."""
+    opened = float(truth.times_s[closing.opened])
+    said = [float(e["time_s"]) for e in events if e["name"] == "releasing" and e.get("arm") == closing.arm]
+    return any(opened - RELEASE_S < time_s <= opened + STILL_S for time_s in said)
+
+
+def _start(truth: DebridementTruth, events: Sequence[Event], tally: _Tally, fragment: int) -> float:
+    """Return when a fragment was first gone for: allocated, or else jaws closed for it; the end if never."""
+    times = [float(truth.times_s[row]) for row in tally.began]
+    for event in events:
+        if event["name"] == "allocated":
+            there = truth.p_world_fragments_m[truth.row(float(event["time_s"])), fragment]
+            if np.linalg.norm(there - np.asarray(event["place"])) < NEAR_M:
+                times.append(float(event["time_s"]))
+    return min(times, default=float(truth.times_s[-1]))
+
+
+def _noted(truth: DebridementTruth, events: Sequence[Event], tally: _Tally) -> Event | None:
+    """Return the event with which the arm that went for a fragment last noted the end of that; None if it did not."""
+    if not tally.arms:
+        return None
+    row, arm = max(tally.arms)
+    after = [e for e in events if e["name"] == "fragment" and e.get("arm") == arm]
+    return next((e for e in after if e["time_s"] >= truth.times_s[row]), None)
+
+
+def _why(tally: _Tally, noted: Event | None, overlooked: int, events: Sequence[Event]) -> tuple[str, str]:
+    """Return the name of what went wrong, and a sentence: what happened to it last, else what the script said."""
+    last = max((failure[0], failure[2].name) for failure in tally.failures)[1] if tally.failures else ""
+    said = told(noted, events)
+    if last:
+        return last, said[1] if said and said[0] == last and said[1] else FragmentOutcome[last].value
+    if said is not None and said[0] != FragmentOutcome.DONE.name:
+        return said
+    kind = FragmentOutcome.NOT_FOUND if overlooked else FragmentOutcome.NOT_CLEARED
+    return kind.name, kind.value

@@ -1,0 +1,77 @@
+"""The numbers of a study, from the rows of its trials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from trocar.report.cells import CellRows, rows_of_cells
+from trocar.report.comparison import ratio_of_ratios
+from trocar.tasks.debridement.report.figures import figures_of
+from trocar.tasks.debridement.report.published import MODES, SPEEDUP, TABLE_1
+from trocar.tasks.debridement.report.row import Row, row_of
+from trocar.tasks.debridement.report.table_one import within
+from trocar.trials.cells import Cell
+from trocar.trials.rows import kept_row
+
+VERSION = 1
+"""Of rows: a change makes kept ones anew."""
+
+
+class Result(CellRows[Row]):
+    """What came of a cell."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the cell's figures as JSON's values, and which failure modes are within the paper's intervals."""
+        variant, figures = self.cell.variant, figures_of(self.rows)
+        return {
+            "variant": variant,
+            "method": self.cell.method,
+            "folder": self.cell.folder.name,
+            "fingerprint": self.cell.config.fingerprint,
+            "sessions": len({row.session for row in self.rows}),
+            "trials": len(self.rows),
+            **figures,
+            "within_paper": {mode: within(variant, mode, figures) for mode in MODES},
+        }
+
+
+def read_row(trial: Path, fingerprint: str) -> Row:
+    """Return the row of a trial's file; it is made, and kept, where there is none that fits.
+
+    Raises:
+        TrocarError: the trial cannot be read.
+    """
+    return kept_row(trial, fingerprint, Row, VERSION, row_of)
+
+
+def results_of(
+    cells: Sequence[Cell], tick: Callable[[str, int, int], None] | None = None
+) -> tuple[list[Result], list[str]]:
+    """Return the results of all cells that have a trial, and a sentence for each trial that is missing.
+
+    Raises:
+        TrocarError: there is no trial at all.
+    """
+    found, missing = rows_of_cells(cells, read_row, tick)
+    return [Result(cell, rows) for cell, rows in found], missing
+
+
+def speedups(results: Sequence[Result]) -> list[dict[str, Any]]:
+    """Return, for each method that both did, how many times as fast two arms cleared a fragment as one (VI-A: 1.5)."""
+    one, two = ({r.cell.method: r for r in results if r.cell.variant == variant} for variant in TABLE_1)
+    found = []
+    for method in one:
+        if method in two:
+            first, second = (each[method].by_session(_seconds_and_fragments) for each in (one, two))
+            ratio = ratio_of_ratios(first, second)
+            sessions = len(first.keys() & second.keys())
+            estimate = asdict(ratio) if ratio else None
+            found.append({"method": method, "sessions": sessions, "one_over_two": estimate, "paper": SPEEDUP})
+    return found
+
+
+def _seconds_and_fragments(row: Row) -> tuple[float, float]:
+    return row.duration_s, float(row.cleared)

@@ -1,0 +1,165 @@
+"""Debridement: every fragment of damaged tissue from the work surface into the receptacle (Kehoe 2014, III)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from trocar.calibration.excitation import MotionBox
+from trocar.errors import TrocarError
+from trocar.perception.image import StereoRig
+from trocar.registry import Lazy
+from trocar.station import Station, StationArm
+from trocar.tasks.debridement.goals import Clearing
+from trocar.tasks.debridement.scene import DebridementScene, lay_out
+from trocar.tasks.debridement.score import FragmentScore, score_fragments
+from trocar.tasks.debridement.truth import DebridementTruth
+from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.kit import Method, Task, check_budget, option
+
+if TYPE_CHECKING:
+    from trocar.sim.task_world import TaskWorld
+
+MOST_FRAGMENTS = 12
+"""More find no room beside each other in the region where fragments lie."""
+BACKDROPS = ("plain", "tissue")
+FIXTURES = ("table", "receptacle")
+CAMERA = "stereo"
+
+SWING = np.array([0.12, 0.12, 0.02, 0.60, 0.40, 0.40])
+"""How far a calibration's motion goes from the parking place, rad and m (assumed: above the work surface)."""
+PACE = np.array([0.010, 0.010, 0.0015, 0.06, 0.05, 0.05])
+"""Its mean step from sample to sample, rad and m, about as in the recordings of the PSM."""
+
+REGION_M = {
+    1: ((-0.100, -0.098), (-0.017, -0.038)),
+    2: ((-0.132, -0.100), (-0.017, -0.038)),
+}
+"""Where fragments lie, corners x, y in the world, by the number of arms: where those that work reach, though their
+kinematics err by centimetres."""
+WITHDRAWN_M = 0.10
+"""An arm that does not work is drawn back into its port by so much, out of the way; a person does that."""
+
+_SETTINGS = "trocar.tasks.debridement.agents.settings"
+_METHOD = {
+    "agent": Lazy("trocar.tasks.debridement.agents:agent_of"),
+    "calibrated": False,
+    "wears": Lazy("trocar.tasks.debridement.agents:with_adjustment"),
+    "planner": "convex",
+    "perception": "stereo",
+}
+_WORLD = Lazy("trocar.tasks.debridement.world.debridement_world:DebridementWorld")
+
+
+@dataclass(frozen=True)
+class Debridement(Task):
+    """Fragments of foam, scattered at random, into one receptacle, by one arm or by two at once."""
+
+    arms: int = option(2, "How many arms work, 1 or 2; with 1 the other stays parked.", metavar="N")
+    fragments: int = option(6, f"How many fragments lie there, 1 to {MOST_FRAGMENTS}.", metavar="N")
+    backdrop: str = option("plain", "What the fragments lie on: a white surface, or a likeness of tissue.",
+                           choices=BACKDROPS)  # fmt: skip
+    budget_s: float = option(1800.0, "A trial that takes longer is stopped.", flag="budget", metavar="S")
+
+    name = "debridement"
+    about = "fragments of foam into a receptacle, two arms at once, re-planning all the way (Kehoe et al. 2014)"
+    piece = "fragment"
+    report = Lazy("trocar.tasks.debridement.report:DebridementReport")
+    station = "raven-pair"
+    methods: ClassVar = {
+        "best": Method(
+            "a filter for the error of the kinematics, few stops, 5 cm/s", settings=Lazy(f"{_SETTINGS}:best"), **_METHOD
+        ),
+        "best-1cm": Method("the same at the paper's 1 cm/s", settings=Lazy(f"{_SETTINGS}:slow"), **_METHOD),
+        "paper": Method(
+            "the paper's rule and program: 1 cm/s, a new plan every 2.5 cm",
+            settings=Lazy(f"{_SETTINGS}:paper"),
+            **_METHOD,
+        ),
+    }
+    perceptions: ClassVar = {"stereo": Lazy("trocar.tasks.debridement.perception.stereo_view:StereoView")}
+
+    def __post_init__(self) -> None:
+        if self.arms not in (1, 2):
+            raise TrocarError(f"the number of arms is {self.arms}; give 1 or 2 with --arms")
+        if not 1 <= self.fragments <= MOST_FRAGMENTS:
+            raise TrocarError(
+                f"the number of fragments is {self.fragments}; give 1 to {MOST_FRAGMENTS} with --fragments"
+            )
+        if self.backdrop not in BACKDROPS:
+            raise TrocarError(
+                f"backdrop {self.backdrop!r} of debridement is unknown; choose one of {', '.join(BACKDROPS)}"
+            )
+        check_budget(self.budget_s)
+
+    @property
+    def variant(self) -> str:  # type: ignore[override]
+        """Return how many arms work."""
+        return ("one-arm", "two-arms")[self.arms - 1]
+
+    def at(self, station: Station) -> Station:
+        """Return the station, if it has what the task needs."""
+        for fixture in FIXTURES:
+            if fixture not in station.T_world_fixture:
+                raise TrocarError(
+                    f"station {station.name!r} has no fixture {fixture!r}, which debridement needs; add it"
+                )
+        camera = station.cameras.get(CAMERA)
+        if camera is None or not isinstance(camera.model, StereoRig):
+            raise TrocarError(
+                f"station {station.name!r} has no camera {CAMERA!r} with two eyes, which debridement needs; add it"
+            )
+        if len(station.arms) < self.arms:
+            raise TrocarError(
+                f"station {station.name!r} has one arm, and debridement --arms {self.arms} needs two; add one"
+            )
+        idle = {name: _withdrawn(arm) for name, arm in list(station.arms.items())[self.arms :]}
+        return replace(station, arms={**station.arms, **idle})
+
+    def working_arms(self, station: Station) -> tuple[str, ...]:
+        """Return the first arm, or the first two."""
+        return tuple(station.arms)[: self.arms]
+
+    def calibration(self, station: Station, arm: str) -> MotionBox:
+        """Return where the station says, else round the parking place."""
+        there = station.arm(arm)
+        if there.calibration is not None:
+            return there.calibration
+        q, model = there.park_q(), there.model
+        return MotionBox(np.maximum(q - SWING, model.lower + 1e-3), np.minimum(q + SWING, model.upper - 1e-3), PACE)
+
+    def goals(self) -> tuple[Clearing, ...]:
+        """Return one goal for each fragment, in the order in which they are cleared."""
+        return tuple(Clearing(number) for number in range(self.fragments))
+
+    def known(self) -> Workspace:
+        """Return the receptacle's shape, and where fragments may lie."""
+        return Workspace(fragments=self.fragments, region_m=REGION_M[self.arms])
+
+    def scene(self, rng: np.random.Generator, station: Station) -> DebridementScene:
+        """Return fragments scattered at random, and the receptacle a little beside its place."""
+        table, receptacle = (station.T_world_fixture[name] for name in FIXTURES)
+        scene = lay_out(table, receptacle, self.known(), rng, self.backdrop)
+        camera = station.cameras[CAMERA]
+        assert isinstance(camera.model, StereoRig)  # ``at`` has looked
+        right = camera.T_world_camera @ camera.model.T_left_right
+        return replace(scene, p_world_eyes_m=np.stack([camera.T_world_camera.translation_m, right.translation_m]))
+
+    def world(self, scene: DebridementScene) -> TaskWorld:
+        """Return work surface, receptacle, fragments and referee."""
+        return _WORLD.load()(scene)
+
+    def score(self, truth: DebridementTruth, events: Sequence[Mapping[str, Any]]) -> list[FragmentScore]:
+        """Return one score for each fragment, those first that were cleared first."""
+        return score_fragments(truth, events)
+
+
+def _withdrawn(arm: StationArm) -> StationArm:
+    """Return an arm parked as high in its port as its range allows, up to ``WITHDRAWN_M`` above where it else parks."""
+    q, model = arm.park_q(), arm.model
+    back = q.copy()
+    back[2] = np.clip(q[2] + model.wrist_sign * WITHDRAWN_M, model.lower[2] + 1e-3, model.upper[2] - 1e-3)
+    return replace(arm, park=back)

@@ -1,0 +1,98 @@
+"""What the referee of debridement saw: simulator truth, for the score alone. No agent may import this."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry import SE3
+from trocar.tasks.debridement.workspace import Receptacle
+
+HEAP_M = 0.015
+"""Fragments that lie on others inside the walls are in the receptacle: two more layers above its edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sights:
+    """Which fragments a camera could have seen, looked at now and then.
+
+    Attributes:
+        times_s: (m,) trial clock, in order.
+        seen: (m, k) share in [0, 1] of the points of a fragment that no other body hides from either eye.
+    """
+
+    times_s: NDArray[np.float64]
+    seen: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class DebridementTruth:
+    """Where everything really was.
+
+    Attributes:
+        times_s: (n,) trial clock.
+        T_world_fragments: poses (n, k).
+        fragments_m: corners (c, 3) of each fragment in its own frame.
+        held_by: (n, k) whether a fragment is between the fingers of an arm, by the arm's name: both touch it, or each
+            touches one of two that press on each other.
+        touched_by: (n, k) whether any finger of an arm touches it.
+        jaw_rad: (n,) true opening of each arm's jaws.
+        T_world_tips: (n,) true tip of each arm.
+        T_world_receptacle: where the receptacle stands.
+        receptacle: its shape.
+        table_z_m: height of the work surface.
+        sights: whether each fragment could be seen now and then, in order of time.
+    """
+
+    times_s: NDArray[np.float64]
+    T_world_fragments: SE3
+    fragments_m: tuple[NDArray[np.float64], ...]
+    held_by: Mapping[str, NDArray[np.bool_]]
+    touched_by: Mapping[str, NDArray[np.bool_]]
+    jaw_rad: Mapping[str, NDArray[np.float64]]
+    T_world_tips: Mapping[str, SE3]
+    T_world_receptacle: SE3
+    receptacle: Receptacle
+    table_z_m: float
+    sights: Sights
+
+    @property
+    def count(self) -> int:
+        """Return how many fragments there are."""
+        return self.T_world_fragments.matrix.shape[1]
+
+    @property
+    def p_world_fragments_m(self) -> NDArray[np.float64]:
+        """Return the middles (n, k, 3) of the fragments."""
+        return self.T_world_fragments.translation_m
+
+    def row(self, time_s: float) -> int:
+        """Return the row of the last tick not after this time."""
+        return min(max(0, int(np.searchsorted(self.times_s, time_s + 1e-9)) - 1), len(self.times_s) - 1)
+
+    @cached_property
+    def held(self) -> NDArray[np.bool_]:
+        """Return whether a fragment (n, k) is held by any arm."""
+        return np.any(list(self.held_by.values()), axis=0)
+
+    @cached_property
+    def touched(self) -> NDArray[np.bool_]:
+        """Return whether any finger of any arm touches a fragment (n, k)."""
+        return np.any(list(self.touched_by.values()), axis=0)
+
+    @cached_property
+    def between_walls(self) -> NDArray[np.bool_]:
+        """Return whether a fragment's middle (n, k) is inside the receptacle, or on a heap in it."""
+        p = self.p_world_fragments_m
+        edge_m = self.T_world_receptacle.translation_m[2] + self.receptacle.height_m
+        return self.over_receptacle(p) & (p[..., 2] < edge_m + HEAP_M)
+
+    def over_receptacle(self, p_world: NDArray[np.float64], margin_m: float = 0.0) -> NDArray[np.bool_]:
+        """Return whether points (..., 3) are above the receptacle's inside, or no further beside it than a margin."""
+        p = self.T_world_receptacle.inverse().apply(p_world)
+        near = np.abs(p[..., :2]) < 0.5 * np.array(self.receptacle.size_m) + margin_m
+        return np.all(near, axis=-1)

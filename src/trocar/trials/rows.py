@@ -1,0 +1,62 @@
+"""Rows: what a study needs of a trial, reduced from its file and kept beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from trocar.archive import replace_text
+from trocar.trials.trial import Trial
+
+
+class Row(Protocol):
+    """One trial in a study; a dataclass whose fields are JSON's values."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Return that of its run."""
+        ...
+
+    @property
+    def session(self) -> int:
+        """Return its number."""
+        ...
+
+
+AnyRow = TypeVar("AnyRow", bound=Row)
+
+
+def row_file(trial: Path) -> Path:
+    """Return where the row of a trial lies."""
+    return trial.with_suffix(".row.json")
+
+
+def kept_row(
+    trial: Path, fingerprint: str, kind: Callable[..., AnyRow], version: int, made: Callable[[Trial], AnyRow]
+) -> AnyRow:
+    """Return the row of a trial's file; it is made, and kept, where there is none that fits.
+
+    Args:
+        trial: its file.
+        fingerprint: of its run.
+        kind: class of the row.
+        version: of the row's fields and of how they are made.
+        made: makes the row of a trial.
+
+    Raises:
+        TrocarError: the trial cannot be read.
+    """
+    path = row_file(trial)
+    try:
+        values = json.loads(path.read_text())
+        if values.pop("version") == version and values["fingerprint"] == fingerprint:
+            return kind(**values)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        pass
+    row = made(Trial.load(trial))
+    values: dict[str, Any] = {"version": version, **asdict(row)}  # type: ignore[call-overload]
+    replace_text(path, json.dumps(values))
+    return row

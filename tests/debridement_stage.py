@@ -1,0 +1,122 @@
+"""Trials of debridement whose eyes are told where things are: as good as a camera, and a hundred times faster."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import trio
+
+from trocar.arms import fk
+from trocar.geometry import SE3, SO3
+from trocar.perception.image import StereoImage
+from trocar.sim.laboratory import SimLaboratory
+from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.task import Debridement
+from trocar.trials import run as trial_run
+from trocar.trials.config import RunConfig
+from trocar.trials.prepare import prepare
+
+EXPOSURE_S = 0.033
+HELD_M = 0.018
+
+
+class Eyes:
+    """Perception that is told, with a camera's noise; a test may change what it sees.
+
+    Attributes:
+        lab: the laboratory.
+        hidden: (arm, from, to in s): when marks are hidden.
+        frozen_s: from when on the camera gives the same image.
+        more: fragments that are seen besides.
+    """
+
+    def __init__(self):
+        self.lab, self.hidden, self.frozen_s, self.more = None, (), np.inf, ()
+        self.rng, self.count = np.random.default_rng(0), 0
+
+    def place(self, number):
+        return self.lab.world.free_pose(f"fragment{number}").translation_m
+
+    def numbers(self):
+        return range(len(self.lab.world.free_bodies))
+
+    def tip(self, arm):
+        cell = self.lab.world.cell
+        return cell.T_world_base[arm] @ fk(cell.arms[arm], self.lab.world.joints(arm))
+
+    def fragments(self, image, T_world_camera, T_world_table, arms=None):
+        places = [self.place(k) + self.rng.normal(0.0, 5e-4, 3) for k in self.numbers()]
+        return [
+            SeenFragment(np.array(p), np.array([0.012, 0.009]), 0.3, 0.004, np.array(p), False, 500, False)
+            for p in (*places, *self.more)
+        ]
+
+    def gripper(self, image, T_world_camera, model):
+        arm = "left" if "left" in model.name else "right"
+        if any(arm == who and start <= image.time_s <= end for who, start, end in self.hidden):
+            return None
+        T = self.tip(arm)
+        turned = SO3.exp(self.rng.normal(0.0, 8e-3, 3)) @ T.rotation
+        moved = T.translation_m + self.rng.normal(0.0, 5e-4, 3)
+        return SimpleNamespace(T_world_tip=SE3.from_parts(turned, moved), jaw_rad=0.5, marks=4, residual_m=0.0)
+
+    def gripper_window(self, *_, **__):
+        return None
+
+    def holding(self, image, T_world_camera, model, T_world_tip, jaw_rad):
+        near = [np.linalg.norm(self.place(k) - self.tip(self.arm_of(model)).translation_m) for k in self.numbers()]
+        return min(near) < HELD_M
+
+    @staticmethod
+    def arm_of(model):
+        return "left" if "left" in model.name else "right"
+
+
+class Camera:
+    """A camera whose images are worth nothing but their time."""
+
+    def __init__(self, eyes, model):
+        self.eyes, self.model, self.taken = eyes, model, []
+
+    async def capture(self, window=None):
+        await trio.sleep(EXPOSURE_S)
+        eyes = self.eyes
+        if eyes.lab.now_s() < eyes.frozen_s:
+            eyes.count += 1
+        picture = np.array([[[eyes.count % 251, eyes.count // 251, 0]]], dtype=np.uint8)
+        return StereoImage(picture, picture, self.model, eyes.lab.now_s())
+
+
+def play(monkeypatch, tmp_path, eyes, *, seed=3, method="best", change=None, robot=None, **options):
+    """Return a trial of ``run_trial`` in which a perception is told what is there.
+
+    Args:
+        monkeypatch: pytest's.
+        tmp_path: for the session's files.
+        eyes: what sees.
+        seed: of the run.
+        method: of the task.
+        change: function of the scene that returns another one.
+        robot: function of the laboratory, called before it runs, for faults.
+        options: of the task.
+    """
+    task = Debridement(**options)
+    config = RunConfig(task, method=method, seed=seed)
+    if change is not None:
+        lay = Debridement.scene
+        monkeypatch.setattr(Debridement, "scene", lambda self, rng, station: change(lay(self, rng, station)))
+
+    class Told(SimLaboratory):
+        def __init__(self, *args, **kwargs):
+            super().__init__(*args, **kwargs)
+            eyes.lab = self
+            camera = Camera(eyes, self.cell.cameras["stereo"].model)
+            self.cell = replace(self.cell, cameras={"stereo": camera})
+            if robot is not None:
+                robot(self)
+
+    monkeypatch.setattr(trial_run, "SimLaboratory", Told)
+    monkeypatch.setattr(trial_run, "pick_perception", lambda kind, name: eyes)
+    return trial_run.run_trial(config, prepare(config, 0, tmp_path), 0)

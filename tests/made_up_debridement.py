@@ -1,0 +1,131 @@
+"""Trials of debridement that nobody played: fragments of known fates, 10 s of each arm's time accounted for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from trocar.geometry import SE3
+from trocar.log import Span
+from trocar.replay import Solid
+from trocar.tasks.debridement.report.published import MODES
+from trocar.tasks.debridement.study.cells import cells_of
+from trocar.tasks.debridement.task import Debridement
+from trocar.trials.cells import Cell
+from trocar.trials.config import RunConfig
+from trocar.trials.scenery import Scenery
+from trocar.trials.study import opened
+from trocar.trials.trial import Trial, trial_file
+
+TICK_S = 0.01
+PARTS_S = {"capture": 0.2, "perception": 1.0, "planning": 2.0, "motion": 5.0, "jaw": 0.5, "settling": 0.3}
+"""Of each fragment; the last second, waiting or nothing, makes 10 s of one arm."""
+FRAGMENT_S = 10.0
+
+
+def score(number: int, start_s: float, *, failure: str = "", attempts: int = 1, **modes: int) -> dict:
+    """Return the score of a fragment that was cleared unless it failed."""
+    return {
+        "attempted": True,
+        "succeeded": not failure,
+        "failure": failure,
+        "reason": "made up" if failure else "",
+        "start_s": start_s,
+        "end_s": start_s + FRAGMENT_S,
+        "fragment": number,
+        "attempts": attempts,
+        "first_attempt": not failure and attempts == 1,
+        "recoveries": attempts - 1 if not failure else 0,
+        **dict.fromkeys(MODES, 0),
+        **modes,
+    }
+
+
+def made_up(config: RunConfig | None = None, session: int = 0, scores: list[dict] | None = None) -> Trial:
+    """Return a trial: each arm takes every so manyth fragment, 10 s each, of which the last one is waiting."""
+    config = config or RunConfig(Debridement(), seed=2)
+    assert isinstance(config.task, Debridement)
+    arms, count = config.arms, config.task.fragments
+    scores = scores if scores is not None else [score(k, FRAGMENT_S * (k // len(arms))) for k in range(count)]
+    spans, events = [], []
+    for number in range(count):
+        arm, at_s = arms[number % len(arms)], FRAGMENT_S * (number // len(arms))
+        events.append({"name": "allocated", "time_s": at_s + 1.0, "arm": arm, "place": [0.0, 0.0, -0.15]})
+        for name, length_s in PARTS_S.items():
+            spans.append(Span(arm, name, round(at_s, 6), round(at_s + length_s, 6)))
+            at_s += length_s
+        if number % 2 == 0:
+            spans.append(Span(arm, "waiting", round(at_s, 6), round(at_s + 1.0, 6)))
+        for name, late_s in {"closing": 5.0, "pickup": 6.0, "releasing": 9.0, "fragment": 10.0}.items():
+            more = {"outcome": "DONE", "reason": ""} if name == "fragment" else {}
+            start_s = FRAGMENT_S * (number // len(arms))
+            events.append({"name": name, "time_s": start_s + late_s, "arm": arm, **more})
+    duration_s = FRAGMENT_S * -(-count // len(arms))
+    rows = round(duration_s / TICK_S) + 1
+    arrays: dict[str, np.ndarray] = {"T_world_receptacle": np.eye(4)}
+    for name, arm_fixed in config.laboratory.arms.items():
+        q = np.append(arm_fixed.park_q(), arm_fixed.park_jaw_rad)
+        for kind in ("asked", "commanded", "measured", "true"):
+            arrays[f"{kind}_{name}"] = np.tile(q, (rows, 1)).astype(np.float32)
+    arrays["body_fragment0"] = np.tile([-0.07, -0.06, -0.158, 1.0, 0.0, 0.0, 0.0], (rows, 1)).astype(np.float32)
+    return Trial(
+        about={
+            **config.about(),
+            "fingerprint": config.fingerprint,
+            "session": session,
+            "index": 0,
+            "settings": {},
+            "transmissions": dict.fromkeys(config.laboratory.arms, "none"),
+        },
+        scores=scores,
+        spans=spans,
+        events=sorted(events, key=lambda event: event["time_s"]),
+        collisions=[],
+        ended="done",
+        reason="",
+        duration_s=duration_s,
+        command_limit_use=dict.fromkeys(config.laboratory.arms, (0.5, 0.9)),
+        arrays=arrays,
+        scenery=_scenery(config),
+        wall_s=20.0,
+    )
+
+
+def _scenery(config: RunConfig) -> Scenery:
+    station = config.laboratory
+    red, grey = (0.8, 0.2, 0.1, 1.0), (0.6, 0.6, 0.6, 1.0)
+    bases = {name: arm.T_world_base for name, arm in station.arms.items()}
+    box = Solid(
+        "receptacle", "box", (0.055, 0.035, 0.006), SE3.from_parts(translation_m=[-0.0745, 0.012, -0.156]), grey
+    )
+    return Scenery(
+        solids=(
+            box,
+            Solid("fragment0", "box", (0.006, 0.004, 0.004), SE3.identity(), red),
+            *(Solid(f"{arm}_link6", "sphere", (0.003,), SE3.identity(), grey) for arm in station.arms),
+        ),
+        T_world_body={"world": SE3.identity(), "receptacle": SE3.identity()},
+        arms=station.models,
+        T_world_base=bases,
+        T_world_base_registered=bases,
+        cameras={name: [] for name in station.cameras},
+        tick_s=TICK_S,
+    )
+
+
+def saved(folder: Path, sessions: int = 3, **more: object) -> list[Cell]:
+    """Return the cells of a study whose trials are there: with two arms one of six grasps is a multiple one."""
+    cells = cells_of(folder, methods="paper", sessions=sessions, seed=2, **more)  # type: ignore[arg-type]
+    opened(cells)
+    for cell in cells:
+        for session, index in cell.places:
+            trial = made_up(cell.config, session)
+            if cell.variant == "two-arms":
+                scores = [score(0, 0.0, attempts=2, multiple_grasps=1), *trial.scores[1:]]
+                trial = replace(trial, scores=scores)
+            path = trial_file(cell.folder, session, index)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            trial.save(path)
+    return cells

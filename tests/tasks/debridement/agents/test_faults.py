@@ -1,0 +1,108 @@
+"""What goes wrong has a name, both arms come to rest, and the trial is saved."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from debridement_stage import Eyes, play
+from trocar.geometry import SE3
+from trocar.tasks.debridement.outcomes import FragmentOutcome
+from trocar.trials.trial import Trial
+
+RESTING = 1e-4
+"""Change of a joint (rad, m) in the last tick; at the limit of acceleration the last step of braking is half of it."""
+
+
+def outcomes(trial, arm=None):
+    return [e["outcome"] for e in trial.events if e["name"] == "fragment" and arm in (None, e["arm"])]
+
+
+def done(trial):
+    return sum(score["succeeded"] for score in trial.scores)
+
+
+def still(trial, arm):
+    """Return whether an arm is at rest at the end: its last two commands are the same but for the end of a ramp."""
+    rows = trial.arrays[f"commanded_{arm}"][:, :6]
+    return np.abs(rows[-1] - rows[-2]).max() < RESTING
+
+
+@pytest.mark.parametrize("arms", [1, 2])
+def test_without_faults_everything_is_cleared(monkeypatch, tmp_path, arms):
+    trial = play(monkeypatch, tmp_path, Eyes(), arms=arms, fragments=2, budget_s=120.0)
+    assert trial.ended == "done" and done(trial) == 2
+    assert outcomes(trial).count("DONE") >= 2
+    assert still(trial, "left") and still(trial, "right")
+
+
+def test_a_camera_that_freezes_ends_the_trial_where_the_arms_are(monkeypatch, tmp_path):
+    eyes = Eyes()
+    eyes.frozen_s = 3.0
+    trial = play(monkeypatch, tmp_path, eyes, fragments=2, budget_s=60.0)
+    assert outcomes(trial)[-2:] == [FragmentOutcome.CAMERA_FROZEN.name] * 2
+    assert trial.duration_s < 12.0 and done(trial) == 0
+    assert still(trial, "left") and still(trial, "right")
+    trial.save(tmp_path / "trial.npz")
+    assert Trial.load(tmp_path / "trial.npz").events == trial.events
+
+
+def test_an_arm_that_stops_leaves_the_other_one_to_finish(monkeypatch, tmp_path):
+    def stop_left(lab):
+        tick = lab.driver.tick
+
+        def ticked(now_s):
+            if now_s > 4.0 and lab.driver.setpoint("left").moving:
+                lab.driver.fault("left", reason="left does not answer")
+            tick(now_s)
+
+        monkeypatch.setattr(lab.driver, "tick", ticked)
+
+    trial = play(monkeypatch, tmp_path, Eyes(), robot=stop_left, fragments=3, budget_s=150.0)
+    assert outcomes(trial, "left")[-1] == FragmentOutcome.ARM_STOPPED.name
+    assert outcomes(trial, "right").count("DONE") >= 1
+    assert not any(c["against"] in ("left", "right") for c in trial.collisions)
+    assert still(trial, "left") and still(trial, "right")
+
+
+def test_marks_that_are_hidden_for_three_seconds_cost_time_only(monkeypatch, tmp_path):
+    eyes = Eyes()
+    eyes.hidden = (("left", 2.5, 5.5), ("right", 3.0, 6.0))
+    trial = play(monkeypatch, tmp_path, eyes, fragments=2, budget_s=120.0)
+    assert trial.ended == "done" and done(trial) == 2
+    assert still(trial, "left") and still(trial, "right")
+
+
+def test_a_fragment_out_of_reach_is_named_and_left(monkeypatch, tmp_path):
+    def far(scene):
+        *near, last = scene.fragments
+        place = last.T_world_fragment
+        moved = SE3.from_parts(place.rotation, [-0.005, -0.111, place.translation_m[2]])
+        return replace(scene, fragments=(*near, replace(last, T_world_fragment=moved)))
+
+    trial = play(monkeypatch, tmp_path, Eyes(), change=far, arms=1, fragments=2, budget_s=120.0)
+    assert outcomes(trial)[-1] in (FragmentOutcome.OUT_OF_REACH.name, FragmentOutcome.DONE.name)
+    if outcomes(trial)[-1] == FragmentOutcome.OUT_OF_REACH.name:
+        assert (
+            done(trial) == 1 and "(-5, -111) mm" in [e for e in trial.events if e["name"] == "fragment"][-1]["reason"]
+        )
+    assert still(trial, "left")
+
+
+def test_a_fragment_that_sticks_to_the_jaws_is_for_a_person(monkeypatch, tmp_path):
+    class Sticky(Eyes):
+        def holding(self, *args):
+            return True
+
+    trial = play(monkeypatch, tmp_path, Sticky(), arms=1, fragments=1, budget_s=120.0)
+    assert outcomes(trial) == [FragmentOutcome.STUCK_IN_JAWS.name]
+    assert trial.ended == "done" and still(trial, "left")
+
+
+def test_a_receptacle_that_is_full_is_for_a_person(monkeypatch, tmp_path):
+    eyes = Eyes()
+    eyes.more = ([-0.0745, 0.012, -0.162 + 0.012],)
+    trial = play(monkeypatch, tmp_path, eyes, fragments=4, budget_s=120.0)
+    assert FragmentOutcome.RECEPTACLE_FULL.name in outcomes(trial)
+    assert done(trial) <= 3 and trial.ended == "done"
+    assert still(trial, "left") and still(trial, "right")

@@ -1,0 +1,99 @@
+"""Fragments in two pictures: where they are, also behind a shaft, in jaws, in the receptacle, side by side."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trocar.perception.depth import project
+from trocar.perception.image import StereoImage
+from trocar.tasks.debridement.perception.stereo_view import StereoView
+
+VIEW = StereoView()
+FAR_M = np.array([-0.03, -0.09, -0.158])
+GREY = (120, 121, 125)
+
+
+def look(stage, image=None):
+    return VIEW.fragments(stage.show().image if image is None else image, stage.T_world_camera, stage.T_world_table)
+
+
+def nearest(found, p):
+    return min(found, key=lambda fragment: np.linalg.norm(fragment.p_world_m - p))
+
+
+def test_all_are_found_where_they_lie(stage):
+    shown = stage.show()
+    found = look(stage, shown.image)
+    assert len(found) == 6
+    for p in shown.p_world_m.values():
+        fragment = nearest(found, p)
+        assert np.linalg.norm(fragment.p_world_m - p) < 1.5e-3
+        assert np.linalg.norm(fragment.reference_m - p) < 6e-3
+        assert 5e-3 < fragment.extent_m[1] <= fragment.extent_m[0] < 18e-3
+        assert 2e-3 < fragment.height_m < 6e-3
+        assert 0 <= fragment.yaw_rad < np.pi
+        assert not fragment.lumped and not fragment.occluded and fragment.area_px > 100
+
+
+def test_one_that_is_carried_is_seen_at_its_height(stage):
+    stage.move("fragment0", [-0.07, -0.06, -0.162 + 0.045])
+    fragment = nearest(look(stage), [-0.07, -0.06, -0.162 + 0.045])
+    assert np.linalg.norm(fragment.p_world_m - [-0.07, -0.06, -0.162 + 0.045]) < 2.5e-3
+    assert fragment.height_m == pytest.approx(0.045, abs=2e-3)
+
+
+def test_one_in_the_receptacle_is_told_by_its_place(stage):
+    middle = stage.scene.T_world_receptacle.apply([0.02, 0.0, 0.005])
+    stage.move("fragment0", middle)
+    found = look(stage)
+    inside = [
+        f for f in found if stage.scene.receptacle.holds(stage.scene.T_world_receptacle.inverse().apply(f.p_world_m))
+    ]
+    assert len(found) == 6 and len(inside) == 1
+    assert np.linalg.norm(inside[0].p_world_m - middle) < 2e-3
+
+
+@pytest.mark.parametrize("eyes", [("left",), ("left", "right")])
+def test_one_behind_a_shaft_is_one(stage, eyes):
+    shown = stage.show()
+    p = shown.p_world_m["fragment1"]
+    pictures = {"left": shown.image.left.copy(), "right": shown.image.right.copy()}
+    T_camera_world, rig = stage.T_world_camera.inverse(), shown.image.rig
+    for eye, aside in zip(eyes, (0, 12), strict=False):  # a shaft 25 mm above it
+        at = T_camera_world.apply(p)
+        lens = getattr(rig, eye)
+        u, _ = project(lens, at if eye == "left" else rig.T_left_right.inverse().apply(at))
+        pictures[eye][:, round(u) - 3 + aside : round(u) + 4 + aside] = GREY
+    found = look(stage, replace(shown.image, **pictures))
+    assert len(found) == 6
+    fragment = nearest(found, p)
+    assert np.linalg.norm(fragment.p_world_m - p) < 2e-3
+    assert fragment.occluded and not fragment.lumped
+
+
+def test_two_that_touch_are_two_or_known_as_a_lump(stage):
+    """Side by side before the eyes, and one behind the other."""
+    reach = {n: f.reach_m for n, f in zip(stage.world.free_bodies, stage.scene.fragments, strict=True)}
+    for direction in (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
+        stage.reset()
+        heights = {name: stage.world.free_pose(name).translation_m[2] for name in ("fragment0", "fragment1")}
+        one = np.array([-0.075, -0.07, heights["fragment0"]])
+        other = one + 0.85 * direction * (reach["fragment0"] + reach["fragment1"])
+        other[2] = heights["fragment1"]
+        for name in list(reach)[2:]:
+            stage.move(name, [0.3, 0.3, 0.0])
+        stage.move("fragment0", one)
+        stage.move("fragment1", other)
+        found = look(stage)
+        assert len(found) == 2 or (len(found) == 1 and found[0].lumped)
+        if len(found) == 2:
+            assert all(np.linalg.norm(nearest(found, p).p_world_m - p) < 3e-3 for p in (one, other))
+
+
+def test_nothing_is_seen_in_the_dark_or_by_one_eye(stage):
+    image = stage.show().image
+    dark = np.zeros_like(image.left)
+    assert look(stage, StereoImage(dark, dark, image.rig)) == []
+    assert look(stage, StereoImage(image.left, dark, image.rig)) == []
+    assert look(stage, StereoImage(image.left, image.left, image.rig)) == [], "a right eye that shows the left picture"

@@ -1,0 +1,111 @@
+"""Pose and opening of a gripper by its marks, whole or half hidden; and which pixels are read out for it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from stereo_scenes import RIG, STATION
+
+from trocar.geometry import SE3, SO3
+from trocar.perception.image import StereoImage, StereoRig
+from trocar.tasks.debridement.perception.mark_picture import draw_marks
+from trocar.tasks.debridement.perception.stereo_view import StereoView
+
+VIEW = StereoView()
+ARM = STATION.arms["left"].model
+GREY = (120, 121, 125)
+POSES = [
+    (SO3.axis("z", 0.3), (-0.05, -0.06, -0.12), 0.8),
+    (SO3.exp([0.3, 0.1, 0.0]) @ SO3.axis("z", -0.5), (-0.06, -0.05, -0.10), 1.2),
+    (SO3.exp([-0.2, 0.2, 0.0]), (-0.03, -0.04, -0.14), 0.3),
+]
+
+
+def off(found, T_world_tip):
+    E = T_world_tip.inverse() @ found.T_world_tip
+    return float(np.linalg.norm(E.translation_m)), float(np.linalg.norm(E.rotation.log()))
+
+
+def hide(image, ids, geoms):
+    pictures = []
+    for picture, seen in zip((image.left, image.right), ids, strict=True):
+        hidden = picture.copy()
+        hidden[np.isin(seen, geoms)] = GREY
+        pictures.append(hidden)
+    return replace(image, left=pictures[0], right=pictures[1])
+
+
+def marks_of(stage, *names):
+    return [stage.world.model.geom(f"left_mark_{name}").id for name in names]
+
+
+@pytest.mark.parametrize("turn, place, jaw_rad", POSES)
+def test_pose_and_opening_are_found(stage, turn, place, jaw_rad):
+    T_world_tip = SE3.from_parts(turn, place)
+    stage.put("left", T_world_tip, jaw_rad)
+    found = VIEW.gripper(stage.show().image, stage.T_world_camera, ARM)
+    assert found is not None and found.marks >= 3
+    away_m, turned_rad = off(found, T_world_tip)
+    assert away_m < 0.5e-3 and turned_rad < np.radians(3.0)
+    assert found.jaw_rad == pytest.approx(jaw_rad, abs=np.radians(2.0))
+    assert found.residual_m < 0.2e-3
+
+
+def test_a_hidden_mark_costs_little_and_two_of_them_the_pose(stage):
+    turn, place, jaw_rad = POSES[0]
+    stage.put("left", SE3.from_parts(turn, place), jaw_rad)
+    shown = stage.show()
+    for mark in ("left0", "left1", "right0", "right1"):
+        found = VIEW.gripper(hide(shown.image, shown.ids, marks_of(stage, mark)), stage.T_world_camera, ARM)
+        assert found is not None and found.marks == 3
+        away_m, turned_rad = off(found, SE3.from_parts(turn, place))
+        assert away_m < 1e-3 and turned_rad < np.radians(6.0)
+    assert (
+        VIEW.gripper(hide(shown.image, shown.ids, marks_of(stage, "left0", "left1")), stage.T_world_camera, ARM) is None
+    )
+
+
+def test_a_window_shows_the_same(stage):
+    turn, place, jaw_rad = POSES[0]
+    T_world_tip = SE3.from_parts(turn, place)
+    stage.put("left", T_world_tip, jaw_rad)
+    image = stage.show().image
+    guess = SE3.from_parts(turn, np.array(place) + [0.008, -0.006, 0.007])
+    window = VIEW.gripper_window(guess, stage.T_world_camera, image.rig, margin_m=0.015)
+    assert window.left.corner_px[1] == window.right.corner_px[1] and window.left.size_px[1] == window.right.size_px[1]
+    parts = []
+    for picture, part in ((image.left, window.left), (image.right, window.right)):
+        (u, v), (wide, high) = part.corner_px, part.size_px
+        parts.append(np.ascontiguousarray(picture[v : v + high, u : u + wide]))
+    found = VIEW.gripper(StereoImage(*parts, window.of(image.rig)), stage.T_world_camera, ARM)
+    whole = VIEW.gripper(image, stage.T_world_camera, ARM)
+    assert np.abs(found.T_world_tip.matrix - whole.T_world_tip.matrix).max() < 1e-6
+
+
+def test_there_is_no_window_out_of_sight(stage):
+    rig = StereoRig(RIG.left, RIG.right, RIG.T_left_right)
+    assert VIEW.gripper_window(SE3.from_parts(translation_m=[0.3, 0.0, -0.1]), stage.T_world_camera, rig) is None
+    assert VIEW.gripper_window(SE3.from_parts(translation_m=[0.0, 0.5, 0.3]), stage.T_world_camera, rig) is None
+
+
+def test_nothing_is_made_up(stage):
+    image = stage.show().image
+    dark = np.zeros_like(image.left)
+    assert VIEW.gripper(StereoImage(dark, dark, image.rig), stage.T_world_camera, ARM) is None
+    assert VIEW.gripper(StereoImage(image.left, image.left, image.rig), stage.T_world_camera, ARM) is None
+    bare = replace(ARM, name="bare", instrument=replace(ARM.instrument, marks=None))
+    assert VIEW.gripper(image, stage.T_world_camera, bare) is None
+
+
+@pytest.mark.parametrize("turn, place, jaw_rad", POSES)
+def test_drawings_look_as_the_marks_do(stage, turn, place, jaw_rad):
+    stage.put("left", SE3.from_parts(turn, place), jaw_rad)
+    shown = stage.show()
+    eye = stage.eyes[0]
+    T_eye_tip = stage.T_world_camera.inverse() @ SE3.from_parts(turn, place)
+    drawing = draw_marks(ARM.instrument, ARM.tip_length_m, eye.intrinsics, T_eye_tip, jaw_rad, 4.0)
+    for number, geom in enumerate(marks_of(stage, "left0", "left1", "right0", "right1")):
+        v, u = np.nonzero(shown.ids[0] == geom)
+        drawn = drawing.pixels[number]
+        assert np.linalg.norm(drawn.mean(0) - [u.mean(), v.mean()]) < 0.25
+        assert len(drawn) * drawing.pixel_area == pytest.approx(len(u), rel=0.15)

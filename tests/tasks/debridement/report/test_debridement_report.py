@@ -1,0 +1,91 @@
+"""The report of hand-made trials."""
+
+import json
+
+import pytest
+from rich.console import Console
+
+from made_up_debridement import made_up, score
+from trocar.report.files import report_of, write_report
+from trocar.tasks.debridement.report import DebridementReport
+from trocar.tasks.debridement.report.figures import figures_of
+from trocar.tasks.debridement.report.row import row_of
+from trocar.tasks.debridement.report.table_one import lines_of, within
+
+
+def text_of(table, width=80):
+    console = Console(width=width, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(table)
+    return console.export_text()
+
+
+def failed():
+    """Return a trial in which one fragment of six was left behind after a grasp failure and a drop."""
+    left = score(5, 0.0, failure="DROPPED_EN_ROUTE", attempts=2, grasp_failures=1, drops_en_route=1)
+    return made_up(session=1, scores=[*(score(k, 0.0) for k in range(5)), left])
+
+
+def test_time_is_of_fragments_that_were_cleared():
+    figures = figures_of([row_of(made_up()), row_of(failed())])
+    assert (figures["cleared"], figures["fragments"]) == (11, 12)
+    assert figures["s_per_fragment"]["mean"] == pytest.approx(60.0 / 11)
+    assert sum(figures["table_parts_s"].values()) == pytest.approx(60.0 / 11)
+    assert sum(figures["table_parts_share"].values()) == pytest.approx(1.0)
+    assert figures["replans_per_fragment"]["mean"] == pytest.approx(12 / 11)
+    assert figures["first_attempt"]["count"] == 11
+
+
+def test_rates_have_counts_and_intervals_over_sessions():
+    rates = figures_of([row_of(made_up()), row_of(failed())])["failure_modes"]
+    grasp = rates["grasp_failures"]
+    assert (grasp["count"], grasp["of"], grasp["rate"]) == (1, 13, pytest.approx(1 / 13))
+    low, high = grasp["ci95"]
+    assert 0.0 < low < 1 / 13 < high < 1.0
+    assert rates["pickup_failures"]["ci95"][0] == 0.0
+
+
+def test_nothing_cleared_gives_no_time():
+    scores = [score(k, 0.0, failure="NOT_CLEARED", attempts=0) for k in range(6)]
+    figures = figures_of([row_of(made_up(scores=scores))])
+    assert figures["s_per_fragment"] is None and figures["failure_modes"]["grasp_failures"]["rate"] is None
+    json.dumps(figures, allow_nan=False)
+    line = next(line for line in lines_of({"two-arms": figures}) if line[0].startswith("grasp"))
+    assert line[-2:] == ["-", "-"]
+
+
+def test_within_says_on_which_side_we_are():
+    def figures(rate):
+        return {"failure_modes": {"multiple_grasps": {"rate": rate}}}
+
+    said = [within("two-arms", "multiple_grasps", figures(rate)) for rate in (0.0, 0.071, 0.5, None)]
+    assert said == ["no, below", "yes", "no, above", "-"]
+
+
+def test_a_run_s_report_has_table_one_beside_the_papers(tmp_path):
+    trials = [made_up(), failed()]
+    report = report_of(trials[0])
+    assert isinstance(report, DebridementReport)
+    summary, files = write_report(tmp_path, trials)
+    assert {"failures.png", "timechart.png", "storyboard.png", "report.html"} <= {file.name for file in files}
+    assert json.loads((tmp_path / "summary.json").read_text())["table_1"]["cleared"] == 11
+    text = text_of(report.tables(summary)[0])
+    for words in ("60.3", "11 of 12", "36.6", "10.58", "7.1 [2, 17]", "1/13", "drop en route"):
+        assert words in text
+    assert [row.mean_time_s for row in report.paper_rows(summary)] == [60.3, 29.0]
+    assert any("cleared" in note for note in report.notes(trials))
+
+
+def test_the_storyboard_shows_the_first_grasp_step_by_step_and_failures():
+    trial = failed()
+    trial.events.append({"name": "fragment", "time_s": 29.0, "arm": "left", "outcome": "GRASP_FAILURE", "reason": ""})
+    moments = DebridementReport().moments(trial)
+    words = [caption for caption, _ in moments]
+    assert words[:5] == [
+        "start",
+        "left goes for a fragment",
+        "left: jaws open round it",
+        "left: lifted, and looked at",
+        "left: over the receptacle",
+    ]
+    assert "left: grasp failure" in words and words[-1] == "end: 5 of 6 cleared"
+    assert [at for _, at in moments] == sorted(at for _, at in moments)

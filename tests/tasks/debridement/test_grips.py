@@ -1,0 +1,66 @@
+"""Closings of jaws in what they truly did."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from debridement_story import FIRST, HOME, OVER, TABLE_M, Story
+from trocar.tasks.debridement.grips import DELIVERED, DROPOFF, KEPT, PUT_BACK, closings_of, fate, legs
+from trocar.tasks.debridement.thresholds import CLOSING_RAD
+
+RNG = np.random.default_rng(0)
+
+
+def wave(*turns_rad):
+    """Return jaws that go straight from one opening to the next."""
+    return np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(turns_rad)])
+
+
+def test_each_closing_is_found_from_its_highest_to_its_lowest_point():
+    jaw = wave(0.5, 1.2, 0.4, 0.4, 1.0, 0.0, 0.0)
+    found = legs(jaw)
+    assert [(round(jaw[a], 3), round(jaw[b], 3)) for a, b in found] == [(1.2, 0.4), (1.0, 0.0)]
+
+
+def test_trembling_is_no_closing():
+    jaw = wave(1.2, 0.4, 0.4, 1.2) + RNG.uniform(-0.4, 0.4, 150) * CLOSING_RAD
+    assert len(legs(jaw)) == 1
+    assert legs(0.5 + RNG.uniform(-0.4, 0.4, 500) * CLOSING_RAD) == []
+
+
+def test_a_closing_in_steps_is_one():
+    assert len(legs(wave(1.2, 1.0, 1.0, 0.8, 0.8, 0.5, 0.5, 0.0))) == 1
+
+
+def test_closings_are_those_near_the_table_and_beside_the_receptacle():
+    story = Story().jaws(0.3).jaws(1.2).above(FIRST).jaws(0.3, [0]).wait(0.3).lift().move(OVER).jaws(1.2)
+    story.move([*OVER[:2], TABLE_M + 0.02]).jaws(0.2)
+    (closing,) = closings_of(story.truth())
+    assert closing.arm == "left" and closing.gripped == (0,)
+    assert story.rows[closing.start][1] == pytest.approx(1.2) and story.rows[closing.opened][1] < 0.5
+    assert story.rows[closing.closed][1] == pytest.approx(0.3, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("over_m", "to_m", "said", "what"),
+    [
+        (OVER, OVER - [0, 0, 0.045], True, DELIVERED),
+        (OVER, HOME, True, DROPOFF),
+        (HOME, HOME, True, DROPOFF),
+        (HOME, HOME, False, PUT_BACK),
+    ],
+)
+def test_what_becomes_of_a_fragment_that_is_let_go(over_m, to_m, said, what):
+    story = Story().grasp(0).lift().deliver(0, to_m=to_m, over_m=over_m)
+    truth = story.truth()
+    (closing,) = closings_of(truth)
+    found, row = fate(truth, closing, 0, said)
+    assert found == what
+    assert abs(row - closing.opened) <= 10
+
+
+def test_what_is_held_to_the_end_was_kept():
+    truth = Story().grasp(0).lift().truth()
+    (closing,) = closings_of(truth)
+    assert fate(truth, closing, 0, False)[0] == KEPT

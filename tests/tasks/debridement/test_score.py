@@ -1,0 +1,263 @@
+"""Each of the nine failure modes from truth, and scripts that lie."""
+
+from dataclasses import asdict, fields
+
+import numpy as np
+import pytest
+
+from debridement_story import FIRST, HOME, INSIDE, LYING_M, OVER, SECOND, TABLE_M, Story
+from trocar.tasks.debridement.score import FragmentScore, score_fragments
+
+MODES = [f.name for f in fields(FragmentScore)][-9:]
+BESIDE = np.array([-0.0745, 0.075, LYING_M])
+OUTSIDE_OVER = np.array([-0.0745, 0.060, TABLE_M + 0.05])
+
+
+def scores_of(story):
+    scores = score_fragments(story.truth(), story.events)
+    assert len({score.fragment for score in scores}) == len(scores)
+    for score in scores:
+        assert score.attempted and 0 <= score.start_s <= score.end_s <= story.now_s + 1e-9
+        assert (score.failure == "") == score.succeeded
+        assert type(score.succeeded) is bool and type(score.first_attempt) is bool
+    return {score.fragment: score for score in scores}
+
+
+def modes_of(story, only=True):
+    """Return all failures of a story that are not zero."""
+    scores = scores_of(story).values()
+    totals = {mode: sum(getattr(score, mode) for score in scores) for mode in MODES}
+    return {mode: count for mode, count in totals.items() if count}
+
+
+def test_a_fragment_that_is_cleared_at_once():
+    story = Story().look(FIRST, SECOND).clear(0).look(SECOND)
+    scores = scores_of(story)
+    assert scores[0].succeeded and scores[0].first_attempt and scores[0].attempts == 1
+    assert not scores[1].succeeded and scores[1].failure == "NOT_CLEARED" and scores[1].attempts == 0
+    assert modes_of(story) == {}
+    assert 0 < scores[0].start_s < scores[0].end_s < story.now_s
+
+
+def test_what_is_cleared_first_stands_first():
+    story = Story().clear(1)
+    assert [score.fragment for score in score_fragments(story.truth(), [])] == [1, 0]
+    story.clear(0)
+    assert [score.fragment for score in score_fragments(story.truth(), [])] == [1, 0]
+
+
+def test_without_any_event_truth_says_the_same():
+    told, untold = Story().clear(0), Story().clear(0)
+    untold.events = []
+    silent, noisy = scores_of(untold)[0], scores_of(told)[0]
+    skip = ("start_s",)
+    assert {k: v for k, v in asdict(silent).items() if k not in skip} == {
+        k: v for k, v in asdict(noisy).items() if k not in skip
+    }
+
+
+# The nine modes (Kehoe 2014, III-B).
+
+
+def test_1_a_fragment_that_lies_there_and_is_overlooked():
+    story = Story().look(FIRST).clear(0).look().note("stopped", outcome="DONE")
+    assert modes_of(story) == {"fragment_false_negatives": 1}, "two looks in a row that miss it count once"
+    assert scores_of(story)[1].fragment_false_negatives == 1
+    assert scores_of(story)[1].failure == "NOT_FOUND"
+    again = Story().look(FIRST).clear(0).look(SECOND).wait(0.1).look().note("stopped", outcome="DONE")
+    assert modes_of(again) == {"fragment_false_negatives": 2}
+
+
+def test_1_a_look_that_nobody_acts_on_overlooks_nothing():
+    assert modes_of(Story().look(FIRST).wait(0.1).look(FIRST, SECOND).clear(0)) == {}
+
+
+@pytest.mark.parametrize("why", ["hidden", "held", "touched", "in the receptacle", "far away"])
+def test_1_what_cannot_be_seen_is_not_overlooked(why):
+    story = Story()
+    if why == "hidden":
+        story.hidden = {1}
+        story.wait(0.6)
+    elif why == "held":
+        story.grasp(1)
+    elif why == "touched":
+        story.touched = {1}
+        story.wait(0.1)
+    elif why == "in the receptacle":
+        story.places[1] = INSIDE.copy()
+    else:
+        story.places[1] = np.array([0.1, 0.1, LYING_M])
+    story.wait(0.1).look(FIRST).note("stopped", outcome="DONE")
+    assert "fragment_false_negatives" not in modes_of(story)
+
+
+def test_2_a_detection_where_no_fragment_is():
+    ghost = [-0.03, -0.045, LYING_M]
+    story = Story().look(FIRST, SECOND, ghost).wait(0.1).look(FIRST, SECOND, ghost).clear(0).look(SECOND)
+    assert modes_of(story) == {"fragment_false_positives": 1}
+    assert scores_of(story)[0].fragment_false_positives == 1, "the nearest takes the blame"
+    assert scores_of(story)[0].succeeded and not scores_of(story)[0].first_attempt
+
+
+def test_2_a_detection_a_little_beside_its_fragment_is_none():
+    assert modes_of(Story().look(FIRST + [0.009, 0, 0.003], SECOND).note("stopped", outcome="DONE")) == {}
+
+
+def test_3_a_fragment_in_the_jaws_that_is_not_seen():
+    story = Story().grasp(0).lift().note("pickup", arm="left", holding=False, image_s=0.0)
+    story.events[-1]["image_s"] = story.now_s
+    story.move([*FIRST[:2], TABLE_M + 0.012]).jaws(1.2).grasp(0).lift().deliver(0)
+    assert modes_of(story) == {"pickup_false_negatives": 1}
+    assert scores_of(story)[0].succeeded and scores_of(story)[0].attempts == 2
+
+
+def test_4_empty_jaws_in_which_a_fragment_is_seen():
+    story = Story().grasp(0, gripping=[]).lift()
+    story.note("pickup", arm="left", holding=True, image_s=story.now_s).move(OVER).jaws(1.2)
+    assert modes_of(story) == {"pickup_false_positives": 1, "grasp_failures": 1}
+
+
+@pytest.mark.parametrize("last", [True, False])
+def test_3_and_4_the_last_word_on_a_grip_counts(last):
+    story = Story().grasp(0).lift()
+    for holding in (not last, last):
+        story.note("pickup", arm="left", holding=holding, image_s=story.now_s).wait(0.1)
+    story.deliver(0)
+    assert modes_of(story) == ({} if last else {"pickup_false_negatives": 1})
+
+
+def test_5_jaws_that_close_on_nothing():
+    story = Story().grasp(0, gripping=[]).lift()
+    assert modes_of(story) == {"grasp_failures": 1}
+    assert scores_of(story)[0].failure == "GRASP_FAILURE"
+    story.jaws(1.2).clear(0)
+    score = scores_of(story)[0]
+    assert score.succeeded and not score.first_attempt
+    assert (score.attempts, score.grasp_failures, score.recoveries) == (2, 1, 1)
+
+
+def test_5_a_fragment_that_squirts_out_while_the_jaws_close_was_never_in_them():
+    story = Story().note("allocated", arm="left", place=FIRST.tolist()).above(FIRST)
+    story.jaws(0.5, [0], 0.3)
+    story.held = set()
+    story.jaws(0.0, seconds=0.2).wait(0.3).lift()
+    assert modes_of(story) == {"grasp_failures": 1}
+
+
+def test_5_is_no_matter_of_words():
+    story = Story().grasp(0, gripping=[], allocate=False).lift()
+    story.events = []
+    assert modes_of(story) == {"grasp_failures": 1}
+
+
+def test_5_jaws_that_close_in_the_air_or_over_the_receptacle_grasp_at_nothing():
+    story = Story().jaws(0.0).jaws(1.2).move(OVER - [0, 0, 0.03]).jaws(0.3).jaws(1.2)
+    assert modes_of(story) == {}
+    assert all(score.attempts == 0 for score in scores_of(story).values())
+
+
+def test_6_two_fragments_in_the_jaws_at_once():
+    story = Story(FIRST, FIRST + [0.01, 0, 0]).grasp(0, gripping=[0, 1]).lift().deliver(0, 1)
+    assert modes_of(story) == {"multiple_grasps": 1}
+    scores = scores_of(story)
+    assert all(score.succeeded for score in scores.values())
+    assert scores[0].multiple_grasps == 1 and not scores[0].first_attempt
+
+
+def test_7_a_fragment_that_is_lost_while_the_jaws_rise():
+    story = Story().grasp(0).move([*FIRST[:2], TABLE_M + 0.03]).lose(0, FIRST).lift()
+    assert modes_of(story) == {"pickup_failures": 1}
+    assert scores_of(story)[0].failure == "PICKUP_FAILURE"
+
+
+def test_8_a_fragment_that_falls_on_the_way():
+    story = Story().grasp(0).lift().move([-0.06, -0.04, TABLE_M + 0.06]).lose(0, [-0.06, -0.04, LYING_M]).move(OVER)
+    assert modes_of(story) == {"drops_en_route": 1}
+    assert scores_of(story)[0].failure == "DROPPED_EN_ROUTE"
+
+
+def test_8_jaws_that_shut_when_they_lose_a_fragment_did_not_close_there():
+    story = Story().grasp(0).lift().move([-0.06, -0.04, TABLE_M + 0.06]).lose(0, [-0.06, -0.04, LYING_M])
+    story.jaws(0.0, seconds=0.1).wait(0.3).move(OVER).jaws(1.2)
+    assert modes_of(story) == {"drops_en_route": 1}
+    assert scores_of(story)[0].attempts == 1
+
+
+def test_8_a_grip_that_flickers_was_not_lost():
+    story = Story().grasp(0).lift()
+    story.held = set()
+    story.wait(0.03)
+    story.held = {0}
+    assert modes_of(story.deliver(0)) == {}
+
+
+@pytest.mark.parametrize("over", [OVER, OUTSIDE_OVER], ids=["bounced", "missed"])
+def test_9_a_fragment_that_is_let_go_and_lands_outside(over):
+    story = Story().grasp(0).lift().deliver(0, to_m=BESIDE, over_m=over)
+    assert modes_of(story) == {"dropoff_failures": 1}
+    assert scores_of(story)[0].failure == "DROPOFF_FAILURE"
+
+
+def test_9_a_release_far_from_the_receptacle_is_one_if_the_script_thought_to_be_there():
+    far = np.array([-0.06, -0.09, TABLE_M + 0.06])
+    story = Story().grasp(0).lift().deliver(0, to_m=[*far[:2], LYING_M], over_m=far)
+    assert modes_of(story) == {"dropoff_failures": 1}
+    story.events = [event for event in story.events if event["name"] != "releasing"]
+    assert modes_of(story) == {}, "without a word it was put back, to be grasped anew"
+
+
+def test_9_a_fragment_that_clings_to_a_finger_and_never_falls():
+    story = Story().grasp(0).lift().move(OVER)
+    story.touched = {0}
+    story.jaws(1.2).wait(1.0).move(HOME)
+    assert modes_of(story) == {"dropoff_failures": 1}
+    assert scores_of(story)[0].failure == "STUCK_IN_JAWS"
+
+
+def test_9_a_fragment_that_clings_and_falls_inside_in_the_end():
+    story = Story().grasp(0).lift().move(OVER)
+    story.touched = {0}
+    story.jaws(1.2).wait(0.5)
+    story.touched = set()
+    story.places[0] = INSIDE.copy()
+    assert modes_of(story.wait(1.0)) == {}
+    assert scores_of(story)[0].succeeded
+
+
+# Lies and odd ends.
+
+
+@pytest.mark.parametrize("outcome", ["DONE", "GRASP_FAILURE"])
+def test_lies_change_nothing(outcome):
+    story = Story().grasp(0).lift().deliver(0, to_m=BESIDE)
+    story.note("fragment", arm="left", outcome=outcome, reason="so there").note("stopped", outcome="DONE")
+    score = scores_of(story)[0]
+    assert not score.succeeded and score.failure == "DROPOFF_FAILURE"
+    good = Story().clear(0).note("fragment", arm="left", outcome="GRASP_FAILURE", reason="I failed")
+    assert scores_of(good)[0].succeeded and modes_of(good) == {}
+
+
+def test_a_script_s_own_word_explains_what_truth_leaves_open():
+    story = Story().note("stopped", outcome="CAMERA_FROZEN", reason="no new image for 5 s")
+    assert {(s.failure, s.reason) for s in scores_of(story).values()} == {("CAMERA_FROZEN", "no new image for 5 s")}
+
+
+def test_what_is_still_held_at_the_end_is_not_cleared():
+    assert not scores_of(Story().grasp(0).lift().move(INSIDE))[0].succeeded
+
+
+def test_what_is_still_falling_at_the_end_does_not_rest():
+    story = Story().clear(0)
+    story.places[0] = INSIDE + [0, 0, 0.004]
+    story._tick()
+    assert not scores_of(story)[0].succeeded
+
+
+def test_what_a_person_carries_over_counts_as_cleared():
+    story = Story()
+    story.places[1] = INSIDE.copy()
+    assert scores_of(story.wait(1.0))[1].succeeded
+
+
+def test_a_second_arm_that_stands_by_changes_nothing():
+    assert modes_of(Story(arms=("left", "right")).clear(0)) == {}
