@@ -101,7 +101,7 @@ PLUGGED = (
 )
 BAD = [
     "run peg-transfers",
-    "run debridement",
+    "run debridement --arms 3",
     f"{RUN} --variant trilateral",
     f"{RUN} --method magic",
     f"{RUN} --model gru",

@@ -104,6 +104,8 @@ class Debrider:
 
     async def _allocated(self) -> tuple[SeenFragment, Grasp] | None:
         """Look, and be given the outermost fragment within reach, or the last one if it is nearer."""
+        if self._enough():
+            return None
         if self.s.vision_lag_s > 0:
             with self.cell.log.span(self.name, "perception"):
                 await self.cell.clock.sleep(self.s.vision_lag_s)
@@ -118,6 +120,8 @@ class Debrider:
             grasp = self.arm.possible([*grasps[again:], *grasps[:again]])  # another way than the one that failed
             if grasp is None:
                 continue
+            if self._enough():  # while this arm looked, the other one has been given one
+                return None
             self.fleet.give(self.name, fragment.p_world_m)
             self.cell.log.event("allocated", arm=self.name, place=fragment.p_world_m.tolist())
             return fragment, grasp
@@ -126,9 +130,17 @@ class Debrider:
             self.note(FragmentOutcome.OUT_OF_REACH, f"no grasp at {where} is within reach")
         return None
 
+    def _enough(self) -> bool:
+        """Return whether the other arm's fragment is the last that is to be cleared."""
+        return self.fleet.cleared + len(self._others_at_work()) >= self.fleet.goals
+
+    def _others_at_work(self) -> set[str]:
+        """Return the arms besides this one that have been given a fragment and go on."""
+        return (self.fleet.busy - {self.name}) & self.fleet.taken.keys()
+
     async def _wait(self) -> bool:
         """Let the other arm go on; return whether to look again."""
-        if not (self.fleet.busy - {self.name}) & self.fleet.taken.keys():
+        if not self._others_at_work():
             return False
         await self._home()
         with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,12 +20,14 @@ from trocar.tasks.kit.together import with_helpers
 
 CAMERA = "stereo"
 FROZEN = 3
-"""So many images in a row without a new pixel, and the camera is taken to be frozen: no two real ones are the same."""
+"""So many images in a row without a new pixel, though an arm has moved, and the camera is taken to be frozen."""
 LOST_S = 1.0
 MARGIN_M, LOST_MARGIN_M = 0.008, 0.020
 """A window shows so much round the gripper, and more if it has not been seen for longer than ``LOST_S``."""
 HELD_MARGIN_M = 0.016
 """And so much where it may hold a fragment: it sticks out of the jaws."""
+MOVED_M = 2e-3
+"""An arm that has moved by so much changes some pixel."""
 AGAIN_S = 0.2
 """Pause before another try after an image that shows nothing new."""
 
@@ -54,7 +56,7 @@ class Eyes:
         self._cell, self._perception, self._robot, self._settings = cell, perception, robot, settings
         self._camera = cell.cameras[CAMERA]
         self._T_world_camera = cell.T_world_camera_registered[CAMERA]
-        self._last: dict[str, np.ndarray] = {}
+        self._last: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     async def look(self, arm: str) -> Look:
         """Take a pair of images for an arm: find fragments, and all grippers in it.
@@ -168,9 +170,18 @@ class Eyes:
             if not isinstance(image, StereoImage):
                 raise TrocarError(f"camera {CAMERA!r} has one eye; debridement needs two")
             kinematic = {name: self._robot.kinematic(name) for name in self._cell.arms}
-            key = f"{arm} {kind}"
-            before, self._last[key] = self._last.get(key), image.left
-            if before is None or before.shape != image.left.shape or not np.array_equal(before, image.left):
+            if self._is_new(f"{arm} {kind}", image, kinematic):
                 return image, kinematic
             await self._cell.clock.sleep(AGAIN_S)
         raise CameraFrozen("the stereo camera has stopped giving new images; check its connection")
+
+    def _is_new(self, key: str, image: StereoImage, kinematic: Mapping[str, SE3]) -> bool:
+        """Return whether an image is another one than the last of its kind, where an arm has moved since."""
+        tips = np.array([T.translation_m for T in kinematic.values()])
+        before = self._last.get(key)
+        if before is not None and np.abs(tips - before[1]).max() > MOVED_M:
+            pixels = before[0]
+            if pixels.shape == image.left.shape and np.array_equal(pixels, image.left):
+                return False
+        self._last[key] = image.left, tips
+        return True
