@@ -58,8 +58,8 @@ class Eyes:
         if any(arm == who and start <= image.time_s <= end for who, start, end in self.hidden):
             return None
         T = self.tip(arm)
-        turned = SO3.exp(self.rng.normal(0.0, 8e-3, 3)) @ T.rotation
-        moved = T.translation_m + self.rng.normal(0.0, 5e-4, 3)
+        turned = SO3.exp(self.rng.normal(0.0, 5e-3, 3)) @ T.rotation
+        moved = T.translation_m + self.rng.normal(0.0, 2e-4, 3)
         return SimpleNamespace(T_world_tip=SE3.from_parts(turned, moved), jaw_rad=0.5, marks=4, residual_m=0.0)
 
     def gripper_window(self, *_, **__):

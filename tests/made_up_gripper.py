@@ -6,6 +6,7 @@ import numpy as np
 
 from trocar.geometry import SE3, SO3
 from trocar.tasks.debridement.pose import FilterSettings, PosePairs
+from trocar.tasks.debridement.pose.error_filter import WAY_M
 from trocar.tasks.debridement.pose.kinematic_history import KinematicHistory
 
 DEPTH = np.array([0.24, 0.80, 0.55])
@@ -45,7 +46,9 @@ def of_its_kind(rng, n, settings=None):
     t, kinematic = kinematics(rng, n)
     p_gains = rng.normal(size=16) * ([s.constant_m] * 3 + [s.lag_gain] + [s.tool_m] * 3 + [s.tilt] * 9)
     r_gains = rng.normal(size=13) * ([s.constant_rad] * 3 + [s.lag_gain] + [s.turn_gain] * 9)
-    drift_m, drift_rad = wander(rng, n, s.drift_m, s.drift_s), wander(rng, n, s.drift_rad, s.drift_s)
+    steps = np.sqrt(np.linalg.norm(np.diff(kinematic.translation_m, axis=0), axis=-1) / WAY_M)
+    drift_m = wander(rng, s.drift_m, s.drift_s, s.way_m * steps)
+    drift_rad = wander(rng, s.drift_rad, s.drift_s, s.way_rad * steps)
     first = SO3.exp(r_gains[:3])
     history, poses = None, []
     for i in range(n):
@@ -69,9 +72,9 @@ def of_another_kind(rng, n):
     return detect(rng, t, kinematic, T_left @ SE3.from_parts(kinematic.rotation, p), outside=True)
 
 
-def wander(rng, n, sd, time_s):
-    """Return an Ornstein-Uhlenbeck path (n, 3)."""
+def wander(rng, sd, time_s, steps):
+    """Return an Ornstein-Uhlenbeck path (n, 3) that wanders besides by ``steps`` (n - 1,) from row to row."""
     kept, path = np.exp(-STEP_S / time_s), [rng.normal(0, sd, 3)]
-    for _ in range(n - 1):
-        path.append(kept * path[-1] + rng.normal(0, sd * np.sqrt(1 - kept**2), 3))
+    for step in steps:
+        path.append(kept * path[-1] + rng.normal(0, np.hypot(sd * np.sqrt(1 - kept**2), step), 3))
     return np.array(path)

@@ -46,3 +46,22 @@ def test_bad_trajectories_are_refused():
         Trajectory(np.array([0.0, 1.0]), np.full((2, 1, 1), np.nan))
     with pytest.raises(TrocarError, match="step"):
         Trajectory(np.array([0.0, 1.0]), np.zeros((2, 1, 1))).sample(0)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_sum_has_the_derivatives_of_both_across_all_knots(seed):
+    rng = np.random.default_rng(seed)
+    knots = [np.concatenate([[0.0], np.sort(rng.uniform(0.1, 0.9, 3)), [1.0]]) for _ in range(2)]
+    knots[1][2] = knots[0][2] + 1e-12  # the same, but for rounding
+    knots[1].sort()
+    one, other = (Trajectory(t, rng.normal(size=(k, 4, 2))) for t, k in zip(knots, (4, 2), strict=True))
+    both, t = one.plus(other), rng.uniform(0.0, 1.0, 50)
+    t = t[np.abs(t[:, None] - np.concatenate(knots)).min(axis=1) > 1e-6]
+    for order in range(3):
+        np.testing.assert_allclose(both(t, order), one(t, order) + other(t, order), atol=1e-9)
+
+
+def test_trajectories_over_different_times_do_not_add():
+    one, other = (Trajectory(np.array([0.0, end]), np.ones((1, 1, 1))) for end in (1.0, 2.0))
+    with pytest.raises(TrocarError, match="do not add"):
+        one.plus(other)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb, factorial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PPoly
 
 from trocar.errors import TrocarError
+
+SAME_KNOT_S = 1e-7
+"""Knots of two trajectories that are this near are one knot of their sum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +91,25 @@ class Trajectory:
         powers = np.arange(len(self.coefficients) - 1, -1, -1)[:, None, None]
         start = self.times_s[0]
         return Trajectory(start + factor * (self.times_s - start), self.coefficients / factor**powers)
+
+    def plus(self, other: Trajectory) -> Trajectory:
+        """Return the sum of this trajectory and of ``other`` over the same time.
+
+        Raises:
+            TrocarError: they do not begin and end at the same times.
+        """
+        if not np.allclose(self.times_s[[0, -1]], other.times_s[[0, -1]], rtol=0.0, atol=SAME_KNOT_S):
+            raise TrocarError(f"trajectories over {self.times_s[[0, -1]]} s and {other.times_s[[0, -1]]} s do not add")
+        nearest = np.abs(other.times_s[:, None] - self.times_s).min(axis=1)
+        times = np.sort(np.concatenate([self.times_s, other.times_s[nearest > SAME_KNOT_S]]))
+        count = max(len(self.coefficients), len(other.coefficients))
+        middle, back = (times[1:] + times[:-1]) / 2, -np.diff(times)[:, None] / 2
+        about = [(self(middle, j) + other(middle, j)) / factorial(j) for j in range(count)]  # coefficients there
+        terms = [
+            sum((comb(j, k) * back ** (j - k) * about[j] for j in range(k, count)), np.zeros_like(about[0]))
+            for k in range(count - 1, -1, -1)
+        ]
+        return Trajectory(times, np.stack(terms))
 
     def then(self, other: Trajectory) -> Trajectory:
         """Return this trajectory followed by ``other``, whose time is shifted to start at this one's end."""

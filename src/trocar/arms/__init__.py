@@ -3,7 +3,7 @@
 from trocar.arms.branch import BRANCHES, Branch
 from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
 from trocar.arms.forward import fk, frames
-from trocar.arms.instrument import LARGE_NEEDLE_DRIVER, RAVEN_GRIPPER, Instrument
+from trocar.arms.instrument import LARGE_NEEDLE_DRIVER, RAVEN_GRIPPER, FingerMarks, Instrument
 from trocar.arms.inverse import Unreachable, ik, ik_branches, ik_floats, ik_unbounded
 from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability, wrist_depth_m
 from trocar.arms.model import ArmModel, Joint, MotionLimits
@@ -30,6 +30,7 @@ __all__ = [
     "SOLIDS",
     "ArmModel",
     "Branch",
+    "FingerMarks",
     "Instrument",
     "Joint",
     "MotionLimits",

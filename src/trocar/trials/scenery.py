@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, Instrument, Joint, fk, frames
+from trocar.arms import ArmModel, FingerMarks, Instrument, Joint, fk, frames
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.replay import CameraImage, Contact, Replay, Solid, ToolPath
@@ -146,12 +146,24 @@ def arm_of(values: Mapping[str, Any]) -> ArmModel:
     parts = dict(values) | {
         "joints": tuple(Joint(**joint) for joint in values["joints"]),
         "jaw": Joint(**values["jaw"]),
-        "instrument": Instrument(**values["instrument"]),
+        "instrument": _instrument_of(values["instrument"]),
         "twists_rad": tuple(values["twists_rad"]),
         "offsets": tuple(values["offsets"]),
         "coupling": None if coupling is None else tuple(map(tuple, coupling)),
     }
     return ArmModel(**parts)
+
+
+def _instrument_of(values: Mapping[str, Any]) -> Instrument:
+    instrument = Instrument(**values)
+    if values["marks"] is None:
+        return instrument
+    return replace(instrument, marks=FingerMarks(**{name: _tuples(value) for name, value in values["marks"].items()}))
+
+
+def _tuples(value: Any) -> Any:
+    """Return a value of JSON with tuples for its lists."""
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
 
 
 def _solid_values(solid: Solid) -> dict[str, Any]:

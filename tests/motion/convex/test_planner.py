@@ -9,6 +9,7 @@ from ravens import CAMERA_M, KEPT_M, NAMES, STATION, asked, down, joints, least_
 from trocar.arms import fk
 from trocar.geometry import SE3
 from trocar.motion import Capsule, Facing, MovingArm, open_box, plan_motion
+from trocar.motion.convex import search
 from trocar.motion.convex.search import Search
 from trocar.motion.tip import tip_speeds_m_s
 
@@ -187,3 +188,16 @@ def test_rows_of_a_wall_leave_no_gap_for_a_finger(jaw):
     heights = sorted({wall.start_m[2] for wall in walls.values()})
     assert heights[0] == pytest.approx(1e-3) and heights[-1] == pytest.approx(0.029)
     assert np.diff(heights).max() - 2e-3 < 2e-3
+
+
+def test_a_way_that_leads_far_round_is_shortened(monkeypatch):
+    rng = np.random.default_rng(4)
+    problems = [asked(random_waypoints(rng), (1.0, 1.0)) for _ in range(60)]
+    seconds = {}
+    for steps in (0, search.SHORTER):
+        monkeypatch.setattr(search, "SHORTER", steps)
+        seconds[steps] = [plan.duration_s for plan in (plan_motion(p, "convex") for p in problems) if plan.found]
+    first, shortened = (np.array(found) for found in seconds.values())
+    assert len(first) == len(shortened) > 30
+    assert (shortened < 1.02 * first).all()
+    assert (shortened < 0.9 * first).any()

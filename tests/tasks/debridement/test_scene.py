@@ -23,7 +23,7 @@ from trocar.tasks.debridement.tissue import HALF_M, PROUD_M
 from trocar.tasks.debridement.workspace import Workspace
 
 TABLE = SE3.from_parts(translation_m=[-0.0745, 0.0, -0.162])
-RECEPTACLE = SE3.from_parts(SO3.axis("z", 0.1), [-0.0745, 0.012, -0.162])
+RECEPTACLE = SE3.from_parts(SO3.axis("z", 0.1), [-0.0745, 0.004, -0.162])
 
 
 @pytest.fixture(scope="module")

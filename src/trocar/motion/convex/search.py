@@ -43,6 +43,8 @@ KEPT_M = 2e-5
 """What a path may break its margins by and still be worth certifying."""
 WAITS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of the time until all other arms rest by which a motion may start later, where others move."""
+FAR_ROUND, SAVED, SHORTER = 1.3, 0.97, 10
+"""A path with so many times the energy of the plain one is shortened while a step saves enough, in so many steps."""
 STARTS = 12
 """Starts that are followed, of those in one batch."""
 
@@ -78,6 +80,10 @@ class Sight:
     def worst_m(self) -> float:
         """Return what the worst row is broken by."""
         return float(max(0.0, -self.rows.room.min(initial=0.0)))
+
+    def merit(self, price: float) -> float:
+        """Return the energy and the price of what is broken."""
+        return self.energy + price * self.broken_m
 
 
 class Search:
@@ -156,16 +162,13 @@ class Search:
             for _ in range(effort.steps):
                 if sight.worst_m <= KEPT_M:
                     timing = self.certified(self.curve.path(sight.control))
-                    if timing is not None or self.passes_through:
-                        return timing
+                    if timing is not None:
+                        return self._shortened(sight, timing, price)
+                    if self.passes_through:
+                        return None
                     sight = self.seen(sight.control)  # more is asked now
-                change = self.programme.step(sight.control, sight.rows, price, damping)
-                change = change * min(1.0, 1.0 / max(1e-9, float((np.abs(change) / self.trust).max())))
-                after = self.seen(sight.control + change)
-                promised = sight.rows.after(change)
-                model = self.programme.energy(after.control) + price * float(np.maximum(0, -promised).sum())
-                merit = sight.energy + price * sight.broken_m
-                gained, hoped = merit - after.energy - price * after.broken_m, merit - model
+                after, hoped = self._step(sight, price, damping)
+                gained, merit = sight.merit(price) - after.merit(price), sight.merit(price)
                 if hoped <= 1e-6 * merit:
                     break
                 if gained >= ACCEPTED * hoped:
@@ -174,6 +177,34 @@ class Search:
                 else:
                     damping = max(4 * damping, 1.0)
         return None
+
+    def _step(self, sight: Sight, price: float, damping: float) -> tuple[Sight, float]:
+        """Return the path after one programme, and by how much its linear model promised to lower the merit."""
+        change = self.programme.step(sight.control, sight.rows, price, damping)
+        change = change * min(1.0, 1.0 / max(1e-9, float((np.abs(change) / self.trust).max())))
+        after = self.seen(sight.control + change)
+        promised = sight.rows.after(change)
+        model = after.energy + price * float(np.maximum(0, -promised).sum())
+        return after, sight.merit(price) - model
+
+    def _shortened(self, sight: Sight, timing: Timing, price: float) -> Timing:
+        """Return a motion along a path of less energy, where a start led far round and steps on from it are allowed."""
+        least, damping, shortest = self.programme.energy(self.starts.plain), 0.0, sight.energy
+        for _ in range(SHORTER):
+            if sight.energy <= FAR_ROUND * least:
+                break
+            after, hoped = self._step(sight, price, damping)
+            if hoped <= (1 - SAVED) * sight.energy:
+                break
+            if sight.merit(price) - after.merit(price) < ACCEPTED * hoped:
+                damping = max(4 * damping, 1.0)
+                continue
+            sight, damping = after, 0.3 * damping
+            if sight.worst_m <= KEPT_M and sight.energy < SAVED * shortest:
+                shorter = self.certified(self.curve.path(sight.control))
+                if shorter is not None:
+                    timing, shortest = shorter, sight.energy
+        return timing
 
     def seen(self, control: Array) -> Sight:
         """Return what a path keeps."""

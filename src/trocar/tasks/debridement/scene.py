@@ -12,12 +12,12 @@ from trocar.geometry import SE3, SO3, TURN
 from trocar.tasks.debridement.tissue import Patch, lay_tissue
 from trocar.tasks.debridement.workspace import Receptacle, Workspace
 
-LENGTH_M, WIDTH_M, HEIGHT_M = (0.010, 0.016), (0.008, 0.012), (0.006, 0.009)
+LENGTH_M, WIDTH_M, HEIGHT_M = (0.010, 0.016), (0.008, 0.012), (0.008, 0.012)
 """Extents of a fragment, smallest and largest: small irregular pieces of foam rubber. Sizes are assumed: jaws that open
 by 22 mm (facts/debridement.md) take them when the tip is 5 mm off, and 3.5 % of the paper's grasps failed."""
 CORNERS = 14
 """Corners that are drawn; about ten of them are on the hull."""
-DENSITY_KG_M3 = (200.0, 360.0)
+DENSITY_KG_M3 = (150.0, 270.0)
 """So that a fragment weighs .05 to .2 g (facts/debridement.md)."""
 CLING_SHARE = 0.25
 """Share of fragments that are charged (assumed: occasional static cling, Kehoe 2014, VI)."""

@@ -35,8 +35,8 @@ PACE = np.array([0.010, 0.010, 0.0015, 0.06, 0.05, 0.05])
 """Its mean step from sample to sample, rad and m, about as in the recordings of the PSM."""
 
 REGION_M = {
-    1: ((-0.100, -0.098), (-0.017, -0.038)),
-    2: ((-0.132, -0.100), (-0.017, -0.038)),
+    1: ((-0.100, -0.106), (-0.017, -0.046)),
+    2: ((-0.132, -0.108), (-0.017, -0.046)),
 }
 """Where fragments lie, corners x, y in the world, by the number of arms: where those that work reach, though their
 kinematics err by centimetres."""

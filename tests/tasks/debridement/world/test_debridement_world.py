@@ -175,7 +175,8 @@ def test_a_charged_fragment_clings_to_a_finger_if_its_charge_outdoes_its_weight(
     assert score.succeeded is not stuck
     if stuck:
         assert (score.failure, score.dropoff_failures) == ("STUCK_IN_JAWS", 1)
-        assert np.linalg.norm(lab.world.data.xfrc_applied, axis=-1).max() == pytest.approx(0.003, rel=1e-6)
+        pull_n = np.linalg.norm(lab.world.data.xfrc_applied[:, :3], axis=-1).max()
+        assert 0.0 < pull_n <= 2 * 0.003 * (1 + 1e-6)  # 3 mN towards each finger that it touches
 
 
 def test_a_fragment_that_falls_from_above_stays_in_the_receptacle():
@@ -192,7 +193,7 @@ def test_an_arm_hides_what_lies_behind_it():
     scene = scene_of(1, 2, [PLACE, (-0.085, -0.06)])
     lab = laboratory_of(scene)
     toward = scene.p_world_eyes_m.mean(axis=0) - np.array([*PLACE, TABLE_M])
-    behind = np.array([*PLACE, TABLE_M + 0.004]) + 0.065 * toward / np.linalg.norm(toward)
+    behind = np.array([*PLACE, TABLE_M + 0.004]) + 0.070 * toward / np.linalg.norm(toward)
 
     async def script(cell):
         await Gripper(lab).go(behind - 0.022 * UP)  # the wrist is 23 mm behind the tip

@@ -9,7 +9,16 @@ from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.debridement.pose import ErrorFilter, FilterSettings, PaperAdjustment
 from trocar.tasks.kit import Brief
 
-STEADY = FilterSettings(lag_gain=0.2, tilt=0.1, turn_gain=0.2)
+STEADY = FilterSettings(
+    drift_m=0.002,
+    drift_rad=0.03,
+    drift_s=60.0,
+    lag_gain=0.2,
+    turn_gain=0.2,
+    tool_m=0.003,
+    noise_m=0.001,
+    noise_rad=0.02,
+)
 """Gains that inverse control can invert: cables with play do not pass on small turns, and a filter that may believe
 that no turn is passed on at all has no inverse."""
 ESTIMATORS = {"filter": lambda: ErrorFilter(STEADY), "paper": PaperAdjustment}

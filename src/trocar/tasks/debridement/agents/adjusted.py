@@ -22,11 +22,13 @@ MOST_OFF_RAD = 0.05
 """A motion that starts further than this (rad, m) from where its arm is believed was planned for another moment."""
 
 
-INSIDE = 0.006
+INSIDE = 0.012
 """A pose counts as within reach if each joint keeps this share of its range from its ends: estimates change."""
 
 
 REST_STEP_S = 0.05
+LEAST_RATE = 0.5
+"""A motion that runs at less than this share of its speed is braking; it is not corrected."""
 LATE_S = 0.25
 """Nothing is corrected any more so shortly before the end of a motion."""
 
@@ -76,6 +78,7 @@ class Adjusted:
         self._off = {name: np.zeros(6) for name in cell.arms}
         self._later: dict[str, list[tuple[float, SE3, SE3]]] = {}
         self._rested: dict[str, NDArray[np.float64]] = {}
+        self._braking: set[str] = set()
 
     def saw(self, arm: str, time_s: float, T_base_kinematic: SE3, T_world_tip: SE3) -> None:
         """Learn that a camera saw the tip there when the kinematics said this; an older image teaches nothing.
@@ -163,6 +166,14 @@ class Adjusted:
             return None
         return course.desired, sent.time_s - sent.path_s
 
+    def astray_m(self, arm: str) -> float:
+        """Return how far the tip is believed to be from where its motion has it now; 0 at rest."""
+        sent, course = self._robot.setpoint(arm), self._courses.get(arm)
+        if course is None or not sent.moving or not sent.on_path:
+            return 0.0
+        wanted = self._T_world_base[arm] @ fk(self._arms[arm], course.desired(sent.path_s))
+        return float(np.linalg.norm(self.T_world_tip(arm).translation_m - wanted.translation_m))
+
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
         """Run trajectories of the believed joints, from rest; ``correct`` may better the commands meanwhile.
 
@@ -176,12 +187,12 @@ class Adjusted:
         return await self._send(self._robot.replace, motions)
 
     async def correct(self, arm: str) -> None:
-        """Let corrected commands take over for the rest of what an arm does, if it moves; return when it has ended.
+        """Let corrected commands take over for the rest of what an arm does, if it moves on; return when it has ended.
 
         The motion stays as it was planned; what has been learned since it started changes the commands for it.
         """
         sent, course = self._robot.setpoint(arm), self._courses.get(arm)
-        if course is None or not sent.moving or not sent.on_path or sent.path_rate <= 0:
+        if course is None or arm in self._braking or not sent.on_path or sent.path_rate < LEAST_RATE:
             return
         desired = _rest_of(course.desired, sent.path_s, sent.path_rate)
         under_way = _rest_of(course.commands, sent.path_s, sent.path_rate)
@@ -208,6 +219,7 @@ class Adjusted:
 
     def hold(self, *arms: str, reason: str = "") -> None:
         """Bring these arms, or all, to rest."""
+        self._braking.update(arms or self._arms)
         self._robot.hold(*arms, reason=reason)
 
     async def rest(self, *arms: str) -> None:
@@ -240,6 +252,7 @@ class Adjusted:
         courses = {arm: self._course(arm, motion) for arm, motion in motions.items()}
         before = {arm: self._courses.get(arm) for arm in motions}
         self._courses.update(courses)
+        self._braking.difference_update(motions)
         self.learn(*motions)
         try:
             executions = await verb({arm: course.commands for arm, course in courses.items()})
@@ -256,7 +269,11 @@ class Adjusted:
         """Return how a motion ended, whichever commands were the last for it."""
         while execution.ended is Ended.REPLACED and course.successor is not None:
             successor, course = course.successor, self._courses[arm]
-            await successor.ended.wait()
+            try:
+                await successor.ended.wait()
+            except trio.Cancelled:  # the robot brakes for whoever waits for it; here that is not who gave up
+                self.hold(arm, reason="nobody waits for the motion any more")
+                raise
             if successor.execution is None:
                 break
             execution = successor.execution

@@ -5,7 +5,7 @@ from __future__ import annotations
 import trio
 
 from trocar.tasks.debridement.agents.eyes import CameraFrozen
-from trocar.tasks.debridement.agents.fleet import Fleet
+from trocar.tasks.debridement.agents.fleet import Failure, Fleet
 from trocar.tasks.debridement.agents.movers import ArmStopped, NoWay
 from trocar.tasks.debridement.agents.places import Grasp
 from trocar.tasks.debridement.agents.raven_arm import RavenArm
@@ -13,8 +13,8 @@ from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.kit.together import together
 
-SHAKES = 3
-"""Jaws that a fragment clings to are closed and opened again so many times."""
+SHAKES, SHAKEN_M = 3, 0.008
+"""Jaws that a fragment clings to are closed and opened again so many times, each time so much higher."""
 TOO_MANY = 8
 """An arm that fails so many times in a row gives up."""
 IDLE_S = 5.0
@@ -88,7 +88,8 @@ class Debrider:
             await self._back()
         self._in_a_row = 0 if outcome is FragmentOutcome.DONE else self._in_a_row + 1
         if outcome is not FragmentOutcome.DONE:
-            self.fleet.failed_s.append((fragment.p_world_m, self.cell.clock.now_s()))
+            blocked = outcome is FragmentOutcome.BLOCKED
+            self.fleet.failures.append(Failure(self.name, fragment.p_world_m, self.cell.clock.now_s(), blocked))
         self.note(outcome, reason)
         self.fleet.give(self.name, None)
         return True
@@ -115,7 +116,7 @@ class Debrider:
         loose = self.fleet.loose(look.fragments)
         for fragment in self.fleet.choice(self.name, loose, self.s.apart_m, self.cell.clock.now_s()):
             others = [f for f in loose if f is not fragment]
-            grasps = self.places.grasps(fragment, others, self.arm.model)
+            grasps = self.places.grasps(fragment, others, self.arm.model, self.arm.turn_rad)
             again = self.fleet.failures_at(fragment.p_world_m) % len(grasps)
             grasp = self.arm.possible([*grasps[again:], *grasps[:again]])  # another way than the one that failed
             if grasp is None:
@@ -151,6 +152,7 @@ class Debrider:
     async def _clear(self, fragment: SeenFragment, grasp: Grasp) -> tuple[FragmentOutcome, str]:
         """Take a fragment and bring it into the receptacle; return how that ended."""
         await self.arm.take(grasp)
+        self.fleet.carry(self.name)
         try:
             if self.s.checks_on_the_way:
                 await together(self._check, self._bring)
@@ -176,14 +178,14 @@ class Debrider:
     async def _bring(self) -> None:
         """Go over the receptacle; then this arm has its token."""
         if self.s.holds_first:
-            await self.arm.go_to_one(self.places.hold(self.side))
+            await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad))
         await self._token()
-        await self.arm.go_to_one(self.places.drop(self.side))
+        await self.arm.go_to_one(self.places.drop(self.side, self.arm.turn_rad))
 
     async def _token(self) -> None:
         """Get the receptacle's token; wait for it beside the receptacle."""
         if not self.fleet.token.take_now(self.name):
-            await self.arm.go_to_one(self.places.hold(self.side))
+            await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad))
             with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
                 await self.fleet.token.take(self.name)
 
@@ -196,19 +198,20 @@ class Debrider:
                 self.fleet.cleared += 1
                 return FragmentOutcome.DONE, ""
             await self.arm.jaw(0.5 * self.s.open_rad)
+            await self.arm.rise(SHAKEN_M)  # what only lay behind the jaws stays behind
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
 
     async def _back(self) -> None:
         """Open the jaws where the arm is, and go aside as far as that is possible."""
         try:
             await self.arm.jaw(self.s.open_rad)
-            await self.arm.go_to_one(self.places.hold(self.side))
+            await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad))
         except NoWay:
             self.cell.log.event("stayed", arm=self.name)
 
     async def _home(self) -> None:
         try:
-            await self.arm.go_to_one(self.places.home(self.side))
+            await self.arm.go_to_one(self.places.home(self.side, self.arm.turn_rad))
         except NoWay:
             self.cell.log.event("stayed", arm=self.name)
 

@@ -19,6 +19,8 @@ from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.kit.together import with_helpers
 
 CAMERA = "stereo"
+STEP_ENDED = "a step of the way is done"
+"""Why an arm is brought to rest that is to plan anew."""
 FROZEN = 3
 """So many images in a row without a new pixel, though an arm has moved, and the camera is taken to be frozen."""
 LOST_S = 1.0
@@ -113,7 +115,7 @@ class Eyes:
         return image
 
     async def watch(self, arm: str) -> None:
-        """Follow a gripper for ever while it moves, and correct its commands by what is seen.
+        """Follow a gripper for ever while it moves, and correct its commands by what is seen; stop it if it is astray.
 
         Raises:
             CameraFrozen: images do not change any more.
@@ -123,7 +125,9 @@ class Eyes:
             while True:
                 if self._robot.setpoint(arm).moving:
                     await self.glance(arm, span=False)
-                    if self._settings.corrects:
+                    if self._robot.astray_m(arm) > self._settings.astray_m:
+                        self._robot.hold(arm, reason=STEP_ENDED)
+                    elif self._settings.corrects:
                         helpers.start_soon(self._robot.correct, arm)
                 await self._cell.clock.sleep(self._settings.watch_s)
 

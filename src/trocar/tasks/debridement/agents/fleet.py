@@ -22,12 +22,29 @@ FULL_LOOKS = 3
 """So many looks in a row have to show it: fragments are also seen while they fall."""
 FULL_M = 3e-3
 """A fragment whose middle is this near to the height of the receptacle's edge lies on others; higher, jaws hold it."""
-NEAR_GRIPPER_M = 0.035
-"""What is seen this near to a gripper may be in its jaws (facts/debridement.md: 35 mm)."""
+IN_JAWS_M = 0.025
+"""What is seen this near to a tip may be in the jaws: fingers end 10 mm beyond it, and fragments stick out."""
 SAME_M = 0.010
 """Two places this near are the same fragment."""
 PATIENCE_S = 20.0
 """A place where an arm failed is left alone for so long, if there is another one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """A fragment that an arm did not clear.
+
+    Attributes:
+        arm: which.
+        p_world_m: (3,) where the fragment lay.
+        time_s: when.
+        blocked: whether the arm found no way.
+    """
+
+    arm: str
+    p_world_m: NDArray[np.float64]
+    time_s: float
+    blocked: bool
 
 
 @dataclass
@@ -44,7 +61,7 @@ class Fleet:
         taken: where the fragment lies that each arm has been given.
         busy: arms that are not done.
         cleared: fragments that arms let go over the receptacle.
-        failed_s: places at which something went wrong, and when.
+        failures: what went wrong, where and when.
     """
 
     known: Workspace
@@ -56,7 +73,7 @@ class Fleet:
     taken: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     busy: set[str] = field(default_factory=set)
     cleared: int = 0
-    failed_s: list[tuple[NDArray[np.float64], float]] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
     _full: int = 0
     _changed: trio.Event = field(default_factory=trio.Event)
 
@@ -78,29 +95,38 @@ class Fleet:
     def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
         """Return whether what lies in the receptacle stands out of it; what is near a tip (3,) may be in its jaws."""
         T_receptacle_world, shape = self.T_world_receptacle.inverse(), self.known.receptacle
+        unsure = False
         for fragment in fragments:
             p = T_receptacle_world.apply(fragment.p_world_m)
             over = bool(np.all(np.abs(p[:2]) < 0.5 * np.array(shape.size_m)))
-            held = any(np.linalg.norm(fragment.p_world_m - tip) < NEAR_GRIPPER_M for tip in p_world_tips)
-            if over and not held and abs(p[2] - shape.height_m) < FULL_M:
+            if not over or abs(p[2] - shape.height_m) >= FULL_M:
+                continue
+            if all(np.linalg.norm(fragment.p_world_m - tip) >= IN_JAWS_M for tip in p_world_tips):
                 self._full += 1
                 return self._full >= FULL_LOOKS
-        self._full = 0
+            unsure = True
+        self._full = self._full if unsure else 0
         return False
 
     def choice(self, arm: str, fragments: Sequence[SeenFragment], apart_m: float, now_s: float) -> list[SeenFragment]:
-        """Return the fragments that an arm may take, the outermost on its side first (V-C.2)."""
+        """Return the fragments that an arm may take, the outermost on its side first (V-C.2).
+
+        Where it failed lately comes last, and where it found no way is for the other arm, if that goes on.
+        """
         others = [place for name, place in self.taken.items() if name != arm]
         free = [f for f in fragments if all(_apart_m(f, place) > apart_m for place in others)]
         side = self.sides[arm]
         free.sort(key=lambda f: -side * float(f.p_world_m[0]))
-        recent = [place for place, when in self.failed_s if now_s - when < PATIENCE_S]
-        bad = [f for f in free if any(_apart_m(f, place) < SAME_M for place in recent)]
+        recent = [failure for failure in self.failures if now_s - failure.time_s < PATIENCE_S]
+        if self.busy - {arm}:
+            blocked = [failure for failure in recent if failure.blocked and failure.arm == arm]
+            free = [f for f in free if all(_apart_m(f, failure.p_world_m) >= SAME_M for failure in blocked)]
+        bad = [f for f in free if any(_apart_m(f, failure.p_world_m) < SAME_M for failure in recent)]
         return [f for f in free if f not in bad] + bad
 
     def failures_at(self, place: NDArray[np.float64]) -> int:
         """Return how often something went wrong at a place."""
-        return sum(float(np.linalg.norm(place[:2] - failed[:2])) < SAME_M for failed, _ in self.failed_s)
+        return sum(float(np.linalg.norm(place[:2] - f.p_world_m[:2])) < SAME_M for f in self.failures)
 
     def give(self, arm: str, place: NDArray[np.float64] | None) -> None:
         """Note which place an arm works at; None: at none."""
@@ -109,6 +135,10 @@ class Fleet:
         else:
             self.taken[arm] = place
         self.change()
+
+    def carry(self, arm: str) -> None:
+        """Note that an arm has left the work surface with its fragment."""
+        self.give(arm, self.T_world_receptacle.translation_m)
 
     def change(self) -> None:
         """Wake whoever waits for something to change."""

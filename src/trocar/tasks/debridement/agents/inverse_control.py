@@ -20,6 +20,8 @@ NODE_M = 0.015
 """The error of the kinematics is asked for at places this far apart on the path; between them it is interpolated."""
 KEPT_SHARE = 0.97
 """Of the limits, for corrected commands: a guard looks at them more closely."""
+RAMPS_S = (0.25, 0.4, 0.6, 0.9)
+"""A correction is made in as short a time of these as the limits allow."""
 LITTLE_RAD, LITTLE_M = 0.06, 1e-3
 """What a joint's command may be short of: an angle of this size in the wrist is 1 mm at the tip, and is seen there."""
 SHORT = 5e-3
@@ -53,7 +55,9 @@ def commands_for(
     times = _moments(desired)
     commands = _commands(arm, desired(times), settled, q_start)
     commands = commands + (q_start - commands[0]) * (1 - _ramp(times))[:, None]
-    return _spline(times, np.concatenate([q_start[None], _inside(arm, commands[1:])]), velocity)
+    commands = np.concatenate([q_start[None], _inside(arm, commands[1:])])
+    # what is added to the motion is smooth; a spline through their sum would swing where its acceleration jumps
+    return desired.plus(_spline(times, commands - desired(times), velocity - desired(times[0], 1)))
 
 
 def corrected(
@@ -65,9 +69,9 @@ def corrected(
 ) -> Trajectory:
     """Return commands that lead from those that are sent to those that follow ``desired``, as far as limits allow.
 
-    They begin like those that are sent, in position, velocity and acceleration, and reach the correction at the end.
-    An acceleration is the sum of that of what is sent and of a share of the correction's: the largest share that keeps
-    the limits is taken. What is left is for the next correction.
+    They begin like those that are sent, in position, velocity and acceleration, and reach the correction as soon as the
+    limits allow, at the end of the motion at the latest. Where that is too soon for all of it, they reach the largest
+    share that keeps the limits; what is left is for the next correction.
 
     Args:
         arm: the model.
@@ -80,14 +84,20 @@ def corrected(
         Unreachable: a command would leave a joint's range.
     """
     times = _moments(desired)
-    change = (_commands(arm, desired(times), settled, sent(times[0])) - sent(times)) * _ramp(times)[:, None]
-    start = sent(times[0], 1)
-    still, moved = _spline(times, sent(times), start), _spline(times, change, np.zeros(6))
+    wanted = _commands(arm, desired(times), settled, sent(times[0])) - sent(times)
     fine = np.linspace(times[0], times[-1], 4 * len(times))
-    share = 1.0
-    for order, most in ((1, limits.velocity), (2, limits.acceleration)):
-        share = min(share, _largest_share(still(fine, order), moved(fine, order), KEPT_SHARE * most))
-    return _spline(times, sent(times) + share * change, start)
+    left_s = float(times[-1] - times[0])
+    share, change = 0.0, wanted
+    for over_s in (*(s for s in RAMPS_S if s < left_s), left_s):
+        change = wanted * _ramp(times, over_s)[:, None]
+        moved = _spline(times, change, np.zeros(6))
+        share = min(
+            _largest_share(sent(fine, order), moved(fine, order), KEPT_SHARE * most)
+            for order, most in ((1, limits.velocity), (2, limits.acceleration))
+        )
+        if share == 1.0:
+            break
+    return sent.plus(_spline(times, share * change, np.zeros(6)))
 
 
 def _largest_share(still: NDArray[np.float64], moved: NDArray[np.float64], most: NDArray[np.float64]) -> float:
@@ -103,9 +113,9 @@ def _moments(desired: Trajectory) -> NDArray[np.float64]:
     return np.linspace(desired.times_s[0], desired.times_s[-1], count + 1)
 
 
-def _ramp(times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what rises from 0 to 1 over these times, without a jump of velocity or acceleration."""
-    x = (times - times[0]) / (times[-1] - times[0])
+def _ramp(times: NDArray[np.float64], over_s: float | None = None) -> NDArray[np.float64]:
+    """Return what rises from 0 to 1 over these times, or sooner, without a jump of velocity or acceleration."""
+    x = np.minimum((times - times[0]) / (over_s or times[-1] - times[0]), 1.0)
     return x**3 * (10 - 15 * x + 6 * x * x)
 
 

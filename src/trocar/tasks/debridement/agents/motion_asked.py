@@ -28,7 +28,7 @@ SUNK_M = 2.5e-3
 and arms come as near to it as fragments lie."""
 
 
-HIGHER_M = 4e-3
+HIGHER_M = 10e-3
 """The receptacle's walls are taken to be so much higher: what an arm carries hangs lower than its fingers."""
 
 

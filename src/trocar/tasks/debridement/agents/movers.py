@@ -15,6 +15,7 @@ from trocar.errors import TrocarError
 from trocar.motion import MotionPlan, plan_motion
 from trocar.motion.planners import Planner
 from trocar.tasks.debridement.agents.adjusted import Adjusted
+from trocar.tasks.debridement.agents.eyes import STEP_ENDED
 from trocar.tasks.debridement.agents.motion_asked import Asked, Problems
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.trajectory import Trajectory
@@ -22,7 +23,8 @@ from trocar.trajectory import Trajectory
 WAIT_S = 0.25
 """Pause of an arm that finds no way before it tries again: the other one moves on meanwhile."""
 PATH_STEP_S = 0.05
-STEP_ENDED = "a step of the way is done"
+TOO_NEAR = "comes within"
+"""A robot's guard says this of arms that it refuses to bring nearer to each other."""
 
 
 class ArmStopped(Exception):
@@ -142,6 +144,7 @@ class Together:
         self._awake = set(arms)
         self._requests: dict[str, _Request] = {}
         self._changed = trio.Event()
+        self._alone = ""
 
     async def step(self, arm: str, asked: Asked, way_m: float) -> None:
         """Ask, wait until the others have asked too, and move along what was planned."""
@@ -196,12 +199,13 @@ class Together:
             plan = planned(self._problems, asked, budget_s, self._planner)
             if plan is not None and plan.found:
                 return dict.fromkeys(asked, plan)
-            # one after the other: the second one respects what the first one was given by resting beside it
-            for name, a in asked.items():
-                alone = planned(self._problems, {name: a}, budget_s, self._planner)
-                if alone is None or alone.found:
-                    return {name: alone}
-            return dict.fromkeys(asked, plan)
+            found: dict[str, MotionPlan | None] = {}
+            for name, a in sorted(asked.items(), key=lambda item: item[0] == self._alone):
+                alone = found[name] = planned(self._problems, {name: a}, budget_s, self._planner)
+                if alone is None or alone.found:  # one at a time, in turn: the other one rests beside it
+                    self._alone = name
+                    break
+            return found
 
         plans = await self._cell.compute(first, "planning", compute, budget_s)
         for name, request in requests.items():
@@ -250,7 +254,9 @@ async def run(cell: Cell, robot: Adjusted, arm: str, motion: Trajectory, stop_s:
             nursery.cancel_scope.cancel()
     if execution is None:
         cell.log.event("refused", arm=arm, reason=str(refusal))
-        raise NoWay(str(refusal), "comes within" not in str(refusal))
+        raise NoWay(str(refusal), lasting=TOO_NEAR not in str(refusal))
+    if not execution.done and TOO_NEAR in execution.reason:  # the guard braked: what is believed has changed
+        raise NoWay(execution.reason)
     if not execution.done and not (execution.ended is Ended.HELD and execution.reason == STEP_ENDED):
         raise ArmStopped(execution.reason)
 

@@ -26,7 +26,10 @@ OVER_M = 0.025
 NEAR_M = tuple((out, back) for out in (0.0, 0.010, -0.012, 0.018, -0.025) for back in (0.0, -0.010, 0.010, -0.018))
 """Other places if one is out of reach: outwards, and across."""
 NEAR_RAD = (0.0, 0.35, -0.35)
-"""Other turns of the gripper there."""
+"""Turns of the gripper there, outwards, besides that which it has."""
+METRES_PER_RAD = 8.0e-3
+"""A grasp for which the gripper is turned by a radian more is as good as one across so many metres more of a fragment:
+wrists take a second for each radian."""
 BEHIND_M = 0.030
 """Where they wait: so far behind the middle of the world's y in front of the receptacle."""
 HIGHER_M = 0.015
@@ -75,31 +78,44 @@ class Places:
         """Return on which side of the receptacle an arm stands: +1 at +x, the left one, or -1."""
         return 1 if T_world_base.translation_m[0] > self.T_world_receptacle.translation_m[0] else -1
 
-    def hold(self, side: int) -> list[SE3]:
-        """Return where an arm (side +1: the one at +x) may wait beside the receptacle, the best place first."""
-        return self._around(side, BESIDE_M, -BEHIND_M, self.settings.hold_high_m)
+    def hold(self, side: int, turn_rad: float) -> list[SE3]:
+        """Return where an arm (side +1: the one at +x), turned so, may wait beside the receptacle, the best first."""
+        return self._around(side, turn_rad, BESIDE_M, -BEHIND_M, self.settings.hold_high_m)
 
-    def home(self, side: int) -> list[SE3]:
+    def home(self, side: int, turn_rad: float) -> list[SE3]:
         """Return where an arm may rest out of the other one's way."""
-        return self._around(side, BESIDE_M, -BEHIND_M, self.settings.hold_high_m + HIGHER_M)
+        return self._around(side, turn_rad, BESIDE_M, -BEHIND_M, self.settings.hold_high_m + HIGHER_M)
 
-    def drop(self, side: int) -> list[SE3]:
+    def drop(self, side: int, turn_rad: float) -> list[SE3]:
         """Return where an arm may let go."""
-        return self._around(side, OVER_M, 0.0, self.settings.drop_high_m)
+        return self._around(side, turn_rad, OVER_M, 0.0, self.settings.drop_high_m)
 
-    def _around(self, side: int, along_m: float, across_m: float, high_m: float) -> list[SE3]:
+    def _around(self, side: int, turn_rad: float, along_m: float, across_m: float, high_m: float) -> list[SE3]:
         """Return poses at a place and near it: bases and cables decide which of them are within reach."""
+        turns = [side * turn for turn in NEAR_RAD]
+        if self.settings.turns:
+            turns.insert(0, float(np.clip(turn_rad, TURNS_RAD.min(), TURNS_RAD.max())))
         return [
-            self._standing(side * (along_m + out), across_m + back, high_m, side * turn)
+            self._standing(side * (along_m + out), across_m + back, high_m, turn)
             for out, back in NEAR_M
-            for turn in NEAR_RAD
+            for turn in turns
         ]
 
-    def grasps(self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel) -> list[Grasp]:
-        """Return ways to take a fragment, the one least likely to catch a neighbour first."""
+    def grasps(
+        self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel, turn_rad: float
+    ) -> list[Grasp]:
+        """Return ways to take a fragment, the one least likely to catch a neighbour first.
+
+        Args:
+            fragment: to be taken.
+            others: that lie about it.
+            arm: that takes it.
+            turn_rad: by which its gripper is turned about the vertical now.
+        """
         turns = TURNS_RAD if self.settings.turns else TURNS_RAD[:1]
-        found = [self._grasp(fragment, others, arm, float(turn)) for turn in turns]
-        return [grasp for _, grasp in sorted(found, key=lambda pair: (pair[1].crowded, pair[0]))]
+        found = [(float(turn), *self._grasp(fragment, others, arm, float(turn))) for turn in turns]
+        found.sort(key=lambda way: (way[2].crowded, way[1] + METRES_PER_RAD * abs(way[0] - turn_rad)))
+        return [grasp for _, _, grasp in found]
 
     def _grasp(
         self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel, turn_rad: float
@@ -124,6 +140,12 @@ class Places:
         middle = self.T_world_receptacle.translation_m
         place = [middle[0] + along_m, middle[1] + across_m, self.table_m + high_m]
         return SE3.from_parts(SO3.axis("z", turn_rad) @ SO3.axis("x", TILT_RAD), place)
+
+
+def turn_of(T_world_tip: SE3) -> float:
+    """Return by how much a gripper that points downwards is turned about the vertical."""
+    across = T_world_tip.rotation.matrix[:, 0]
+    return float(np.arctan2(across[1], across[0]))
 
 
 def raised(T_world_tip: SE3, by_m: float) -> SE3:

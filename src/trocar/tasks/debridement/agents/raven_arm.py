@@ -14,40 +14,44 @@ from trocar.motion import rest_to_rest
 from trocar.tasks.debridement.agents.eyes import Eyes
 from trocar.tasks.debridement.agents.motion_asked import Asked, Problems
 from trocar.tasks.debridement.agents.movers import WAIT_S, ArmStopped, Mover, NoWay, run
-from trocar.tasks.debridement.agents.places import Grasp, Places, raised
+from trocar.tasks.debridement.agents.places import Grasp, Places, raised, turn_of
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.kit.together import together
 
 TRIES = 60
 """An arm that finds no way asks so many times, a quarter of a second apart, before it gives up."""
-ENOUGH_PLACES = 4
+ENOUGH_PLACES = 6
 """Of several places that are within reach so many are tried: the way to one may leave a joint's range."""
-LIFT_SHARES = (1.0, 0.6, 0.3)
-"""Of the height by which a fragment is lifted, where it cannot be lifted as high."""
+RISE_SHARES = (1.0, 0.6, 0.3)
+"""Of the height by which an arm is to rise, where it cannot go as high."""
 FEW = 2
 """Where what hinders it is not another arm, it asks again only so many times: estimates change a little."""
 LOW_M = 0.020
 """A tip lower than this over the work surface rises before it goes elsewhere: open fingers end 9 mm below it."""
 WITHDRAWN_M = 0.006
 """An arm that is too near to something rises by this, or goes aside as far."""
-ARRIVED_M = 0.006
-"""Places in the air count as reached this near (facts/debridement.md: 6 mm)."""
+ASKEW_RAD = 0.12
+"""A gripper that is turned this little from what was planned is not turned again, when it goes the last millimetres."""
+ARRIVED_HIGH_M = 6e-3
+"""In the air, heights are reached this near: fragments lie below the fingers."""
+NEARER_M, IN_VAIN = 1e-3, 8
+"""So many steps in a row that bring an arm no nearer to its goal than by this, and it gives the goal up."""
 CLOSING_STEPS = 25
 """A slow closing of the jaws is made of so many small ones."""
 SEARCH_M = (
     (0.0, 0.0, 0.0),
-    (-0.02, 0.0, 0.0),
-    (-0.04, 0.0, 0.0),
-    (-0.02, 0.02, 0.01),
-    (-0.02, -0.03, 0.0),
+    (0.0, 0.0, -0.02),
+    (-0.02, 0.0, -0.02),
+    (-0.04, 0.0, -0.02),
+    (-0.02, 0.02, -0.04),
+    (-0.02, -0.03, -0.02),
     (0.0, -0.03, 0.0),
-    (-0.04, -0.03, 0.01),
     (-0.04, 0.03, 0.01),
     (-0.02, 0.0, 0.03),
     (0.02, 0.0, 0.0),
 )
-"""Where an arm that no camera sees is sent from where it is, one place after the other: towards the middle first (x),
-then across and up. Where it is in truth nobody knows; it is more likely outside the picture than too low."""
+"""Where an arm that no camera sees is sent from where it is, one place after the other: down and towards the middle
+first (x), then across and up. Where it is in truth nobody knows; were it low, it would be in the picture."""
 
 
 class NotSeen(ArmStopped):
@@ -92,7 +96,10 @@ class RavenArm:
             ArmStopped: the arm does not move as it is told.
         """
         speed = speed_m_s or self.s.tip_speed_m_s
-        visits = 0
+        near = [self.s.reached_m] * 2 + [self.s.reached_high_m]
+        if not precise:
+            near = [self.s.arrived_m] * 2 + [min(self.s.arrived_m, ARRIVED_HIGH_M)]
+        visits, nearest_m, in_vain = 0, np.inf, 0
         if not straight:
             await self._rise()
         while True:
@@ -100,10 +107,18 @@ class RavenArm:
             if precise:
                 await self.settle()
                 await self.eyes.glance(self.name)
-            off = np.abs(self.robot.T_world_tip(self.name).translation_m - T_world_goal.translation_m)
+            T_world_tip = self.robot.T_world_tip(self.name)
+            off = np.abs(T_world_tip.translation_m - T_world_goal.translation_m)
             visits += bool(np.linalg.norm(off) < self.s.close_m)
-            if (off < (self.s.reached_m if precise else ARRIVED_M)).all() or visits > self.s.max_visits:
+            if (off < near).all() or visits > self.s.max_visits:
                 return
+            away_m = float(np.linalg.norm(off))
+            in_vain = 0 if away_m < nearest_m - NEARER_M else in_vain + 1
+            nearest_m = min(nearest_m, away_m)
+            if in_vain == IN_VAIN:
+                raise NoWay(f"arm {self.name!r} gets no nearer than {1e3 * nearest_m:.0f} mm to its goal", lasting=True)
+            if straight and (T_world_tip.rotation.inverse() @ T_world_goal.rotation).angle() < ASKEW_RAD:
+                T_world_goal = SE3.from_parts(T_world_tip.rotation, T_world_goal.translation_m)
 
     async def _rise(self) -> None:
         """Go straight up first where the tip is so low that no plan could begin there."""
@@ -151,6 +166,11 @@ class RavenArm:
         """Return whether it is another arm that is too near."""
         return any(name in reason.replace(f"{self.name} ", "") for name in self.cell.arms if name != self.name)
 
+    @property
+    def turn_rad(self) -> float:
+        """Return by how much the gripper is turned about the vertical."""
+        return turn_of(self.robot.T_world_tip(self.name))
+
     def reachable(self, *poses: SE3) -> bool:
         """Return whether all of these poses of the tip are within the joints' ranges."""
         return all(self.robot.reaches(self.name, pose) for pose in poses)
@@ -161,9 +181,12 @@ class RavenArm:
         Raises:
             NoWay: none is; or as ``go``.
         """
-        reason = f"no place of {len(places)} is within reach of arm {self.name!r}"
-        for place in [place for place in places if self.reachable(place)][:ENOUGH_PLACES]:
+        reason, tried = f"no place of {len(places)} is within reach of arm {self.name!r}", 0
+        for place in places:
+            if tried == ENOUGH_PLACES or not self.reachable(place):  # as is known by now
+                continue
             try:
+                tried += 1
                 return await self.go(place)
             except NoWay as error:
                 if not error.lasting:
@@ -226,8 +249,12 @@ class RavenArm:
         await self.go(grasp.T_world_grasp, precise=True, straight=True, speed_m_s=self.s.descent_speed_m_s)
         self.cell.log.event("closing", arm=self.name)
         await self.jaw(0.0, self.s.close_s)
-        for share in LIFT_SHARES:
-            up = raised(self.robot.T_world_tip(self.name), share * self.s.lift_m)
+        await self.rise(self.s.lift_m)
+
+    async def rise(self, by_m: float) -> None:
+        """Go straight up, or as far as that is possible."""
+        for share in RISE_SHARES:
+            up = raised(self.robot.T_world_tip(self.name), share * by_m)
             try:
                 return await self.go(up, straight=True)
             except NoWay as error:

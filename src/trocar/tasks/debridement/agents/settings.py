@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 
 
 @dataclass(frozen=True)
@@ -17,8 +18,11 @@ class Settings:
         descent_speed_m_s: greatest speed on the last piece to a fragment.
         limits_share: of the joints' limits, that plans use; the rest is for what commands add to correct errors.
         corrects: whether commands are corrected under way by what is seen, so that the plan is kept.
+        astray_m: an arm that is found so far from where its motion has it stops and plans anew.
         step_m: an arm stops, looks and plans anew after this way at most (V-B: 2.5 cm).
-        reached_m: a place counts as reached this near on each axis; 8 mm in their program.
+        reached_m: a grasp counts as reached this near on each horizontal axis; 8 mm in their program.
+        reached_high_m: and this near in height.
+        arrived_m: places in the air count as reached this near on each axis; 6 mm in their program.
         close_m: or when it has been visited this near more than ``max_visits`` times; 15 mm in their program.
         max_visits: see ``close_m``.
         open_rad: of the jaws at a fragment.
@@ -53,15 +57,18 @@ class Settings:
     descent_speed_m_s: float = 0.025
     limits_share: float = 0.75
     corrects: bool = True
+    astray_m: float = 0.006
     step_m: float = 0.15
     reached_m: float = 0.002
+    reached_high_m: float = 0.0012
+    arrived_m: float = 0.010
     close_m: float = 0.004
     max_visits: int = 2
     open_rad: float = 1.2
     hug_m: float = 0.010
     turns: bool = True
     close_s: float = 0.0
-    above_m: float = 0.014
+    above_m: float = 0.011
     lift_m: float = 0.028
     hold_high_m: float = 0.040
     drop_high_m: float = 0.038
@@ -71,10 +78,10 @@ class Settings:
     holds_first: bool = False
     checks_release: bool = True
     vision_lag_s: float = 0.0
-    watch_s: float = 0.2
+    watch_s: float = 0.1
     fragments_budget_s: float = 0.12
-    gripper_budget_s: float = 0.02
-    plan_budget_s: float = 0.10
+    gripper_budget_s: float = 0.03
+    plan_budget_s: float = 0.05
     settle_s: float = 0.05
     fresh_s: float = 0.5
     max_grasps: int = 3
@@ -99,8 +106,11 @@ def paper() -> Settings:
         tip_speed_m_s=0.01,
         descent_speed_m_s=0.01,
         corrects=False,
+        astray_m=inf,
         step_m=0.025,
         reached_m=0.008,
+        reached_high_m=0.008,
+        arrived_m=0.006,
         close_m=0.015,
         max_visits=7,
         hug_m=0.0,

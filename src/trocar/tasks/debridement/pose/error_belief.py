@@ -59,13 +59,13 @@ class ErrorBelief:
         """Return the covariance (3, 3) of the noise."""
         return self.scatter / self.count
 
-    def after(self, dt_s: float) -> ErrorBelief:
-        """Return the belief a time ``dt_s`` later."""
+    def after(self, dt_s: float, wandered_sd: float = 0.0) -> ErrorBelief:
+        """Return the belief a time ``dt_s`` later, the drift of each axis having wandered by so much besides."""
         kept = np.exp(-dt_s / self.drift_s)
         decay = np.ones(len(self.mean))
         decay[DRIFT] = kept
         covariance = decay[:, None] * self.covariance * decay
-        covariance[DRIFT, DRIFT] += self.drift_sd**2 * (1 - kept**2) * np.eye(3)
+        covariance[DRIFT, DRIFT] += (self.drift_sd**2 * (1 - kept**2) + wandered_sd**2) * np.eye(3)
         return replace(self, mean=decay * self.mean, covariance=covariance)
 
     def observed(self, H: NDArray[np.float64], error: NDArray[np.float64], weight: float = 1.0) -> ErrorBelief:

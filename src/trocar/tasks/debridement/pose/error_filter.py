@@ -13,6 +13,9 @@ from trocar.tasks.debridement.pose.error_belief import ErrorBelief
 from trocar.tasks.debridement.pose.estimator import check_order
 from trocar.tasks.debridement.pose.kinematic_history import KinematicHistory
 
+WAY_M = 0.010
+"""Way of the gripper to which ``FilterSettings.way_m`` and ``way_rad`` refer."""
+
 
 @dataclass(frozen=True)
 class FilterSettings:
@@ -27,6 +30,8 @@ class FilterSettings:
         drift_m: error that wanders; after a rigid fit 7.1 mm RMS are left, with the camera's 3.7 mm taken out 6 mm.
         drift_rad: likewise for the rotation.
         drift_s: in which the drift forgets.
+        way_m: by which the drift wanders while the gripper goes 10 mm (a random walk along its way).
+        way_rad: likewise for the rotation.
         lag_s: time constant of the lag with which the detected pose follows the kinematic one.
         lag_gain: of its size, in shares of a full lag.
         tool_m: offset in the gripper's frame: marks and controlled point lie within the jaws' 20 mm.
@@ -42,7 +47,9 @@ class FilterSettings:
     constant_rad: float = 0.3
     drift_m: float = 0.0035
     drift_rad: float = 0.05
-    drift_s: float = 5.0
+    drift_s: float = 10.0
+    way_m: float = 0.003
+    way_rad: float = 0.03
     lag_s: float = 1.0
     lag_gain: float = 1.0
     tool_m: float = 0.02
@@ -141,8 +148,14 @@ class ErrorFilter:
         check_order(t_s, self._history and self._history.t_s)
         if self._history is None:
             return KinematicHistory.begin(t_s, T_base_kinematic, self.settings.lag_s), self._translation, self._rotation
-        dt_s = t_s - self._history.t_s
-        return self._history.then(t_s, T_base_kinematic), self._translation.after(dt_s), self._rotation.after(dt_s)
+        dt_s, s = t_s - self._history.t_s, self.settings
+        way_m = np.linalg.norm(T_base_kinematic.translation_m - self._history.T_base_last.translation_m)
+        steps = np.sqrt(way_m / WAY_M)
+        return (
+            self._history.then(t_s, T_base_kinematic),
+            self._translation.after(dt_s, s.way_m * steps),
+            self._rotation.after(dt_s, s.way_rad * steps),
+        )
 
     def _weight(self, t_s: float) -> float:
         """Return how much of an independent observation a detection at this moment is, in (0, 1]."""

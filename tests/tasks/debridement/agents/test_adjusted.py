@@ -1,0 +1,138 @@
+"""A robot that is put right by what a camera sees: what it corrects, and what it leaves alone."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trio
+import trio.testing
+
+from trocar.arms import MotionLimits, fk
+from trocar.cell import Ended, Execution, JointReading, SetPoint
+from trocar.geometry import SE3
+from trocar.motion import rest_to_rest
+from trocar.station import load_station
+from trocar.tasks.debridement.agents.adjusted import Adjusted
+from trocar.tasks.debridement.pose import HeldError
+
+LEFT = load_station("raven-pair").arms["left"]
+ARM, START = LEFT.model, LEFT.park_q()
+LIMITS = MotionLimits(0.3 * ARM.motion_limits.velocity, 0.3 * ARM.motion_limits.acceleration)
+MOTION = rest_to_rest(START, START + [0.05, 0.05, -0.02, 0.1, 0.0, 0.0], LIMITS)
+OFF = np.array([0.004, 0.0, -0.003])
+"""Where the tip is seen beside where the kinematics have it; so little that a correction fits into the limits."""
+
+
+class FakeRobot:
+    """A robot that is in the middle of whatever it was told."""
+
+    def __init__(self):
+        self.sent, self.replaced, self.held, self.rate = None, [], [], 1.0
+        self.over = trio.Event()
+
+    def at(self):
+        motion, half = self.sent, 0.5 * self.sent.duration_s
+        return SetPoint(1.0, motion(half), motion(half, 1), True, half, self.rate, True)
+
+    def setpoint(self, arm):
+        del arm
+        return SetPoint(0.0, START, np.zeros(6), False, 0.0, 0.0, True) if self.sent is None else self.at()
+
+    def read(self, arm):
+        return JointReading(1.0, self.setpoint(arm).q, 0.5)
+
+    async def move(self, motions):
+        (self.sent,) = motions.values()
+        await self.over.wait()
+        ended = Ended.REPLACED if self.replaced else Ended.DONE
+        return {"left": Execution(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), ended, "")}
+
+    async def replace(self, motions):
+        self.replaced.append(motions["left"])
+        self.over.set()
+        await trio.sleep_forever()
+
+    def hold(self, *arms, reason=""):
+        self.held.append((arms, reason))
+
+
+def adjusted():
+    robot = FakeRobot()
+    cell = SimpleNamespace(
+        robot=robot,
+        arms={"left": ARM},
+        T_world_base_registered={"left": LEFT.T_world_base},
+        clock=SimpleNamespace(now_s=lambda: 1.0),
+    )
+    return Adjusted(cell, HeldError), robot  # type: ignore[arg-type]
+
+
+async def under_way(nursery):
+    """Return a robot that moves and has just been seen beside its way, and the robot under it."""
+    wrapped, robot = adjusted()
+    nursery.start_soon(wrapped.move, {"left": MOTION})
+    await trio.testing.wait_all_tasks_blocked()
+    kinematic = wrapped.kinematic("left")
+    seen = LEFT.T_world_base @ SE3.from_parts(kinematic.rotation, kinematic.translation_m + OFF)
+    wrapped.saw("left", 1.0, kinematic, seen)
+    return wrapped, robot
+
+
+async def tried(prepare):
+    """Return the robot after ``prepare`` and a correction."""
+    async with trio.open_nursery() as nursery:
+        wrapped, robot = await under_way(nursery)
+        prepare(wrapped, robot)
+        with trio.move_on_after(0.1):
+            await wrapped.correct("left")
+        nursery.cancel_scope.cancel()
+    return robot
+
+
+def test_a_motion_under_way_is_corrected_by_what_is_seen():
+    robot = trio.run(tried, lambda wrapped, robot: None)
+    (commands,) = robot.replaced
+    ends = [fk(ARM, motion(motion.times_s[-1])).translation_m for motion in (commands, MOTION)]
+    np.testing.assert_allclose(ends[0] - ends[1], -OFF, atol=3e-4)
+
+
+@pytest.mark.parametrize(
+    "braking",
+    [lambda wrapped, robot: wrapped.hold("left", reason="enough"), lambda _, robot: setattr(robot, "rate", 0.1)],
+)
+def test_an_arm_that_is_braking_is_not_set_in_motion_again_by_a_correction(braking):
+    assert trio.run(tried, braking).replaced == []
+
+
+def test_it_says_how_far_the_tip_is_from_its_way():
+    async def measured():
+        async with trio.open_nursery() as nursery:
+            wrapped, _ = await under_way(nursery)
+            found = wrapped.astray_m("left")
+            nursery.cancel_scope.cancel()
+            return found
+
+    assert trio.run(measured) == pytest.approx(np.linalg.norm(OFF), abs=1e-4)
+
+
+def test_whoever_gives_up_a_corrected_motion_stops_the_arm():
+    async def given_up():
+        wrapped, robot = adjusted()
+        async with trio.open_nursery() as nursery:
+            with trio.CancelScope() as script:
+
+                async def correct():
+                    await trio.testing.wait_all_tasks_blocked()
+                    nursery.start_soon(wrapped.correct, "left")
+                    await trio.testing.wait_all_tasks_blocked()
+                    script.cancel()
+
+                nursery.start_soon(correct)
+                await wrapped.move({"left": MOTION})
+            held = list(robot.held)
+            nursery.cancel_scope.cancel()
+        return robot, held
+
+    robot, held = trio.run(given_up)
+    assert len(robot.replaced) == 1
+    assert [arms for arms, _ in held] == [("left",)]

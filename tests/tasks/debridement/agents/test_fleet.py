@@ -1,0 +1,66 @@
+"""Who is given which fragment."""
+
+import numpy as np
+import pytest
+
+from trocar.geometry import SE3
+from trocar.tasks.debridement.agents.fleet import PATIENCE_S, Failure, Fleet
+from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.workspace import Workspace
+
+TABLE = SE3.from_parts(translation_m=[-0.0745, 0.0, -0.162])
+RECEPTACLE = SE3.from_parts(translation_m=[-0.0745, 0.004, -0.162])
+APART_M = 0.028
+
+
+def seen(x, y, height_m=0.004):
+    p = np.array([x, y, TABLE.translation_m[2] + height_m])
+    return SeenFragment(p, np.array([0.012, 0.009]), 0.0, 0.004, p, False, 500, False)
+
+
+@pytest.fixture
+def fleet():
+    made = Fleet(Workspace(), TABLE, RECEPTACLE, {"left": 1, "right": -1}, 6)
+    made.busy = {"left", "right"}
+    return made
+
+
+def places(fragments):
+    return [tuple(f.p_world_m[:2].tolist()) for f in fragments]
+
+
+OUTER_LEFT, MIDDLE, OUTER_RIGHT = (-0.03, -0.07), (-0.075, -0.09), (-0.12, -0.06)
+ALL = [seen(*place) for place in (MIDDLE, OUTER_LEFT, OUTER_RIGHT)]
+
+
+def test_each_arm_takes_the_outermost_on_its_side_first(fleet):
+    assert places(fleet.choice("left", ALL, APART_M, 0.0)) == [OUTER_LEFT, MIDDLE, OUTER_RIGHT]
+    assert places(fleet.choice("right", ALL, APART_M, 0.0)) == [OUTER_RIGHT, MIDDLE, OUTER_LEFT]
+
+
+def test_nothing_near_the_other_arms_fragment_is_given_until_it_carries_that_away(fleet):
+    near = seen(MIDDLE[0] + 0.02, MIDDLE[1])
+    fleet.give("right", ALL[0].p_world_m)
+    assert places(fleet.choice("left", [*ALL, near], APART_M, 0.0)) == [OUTER_LEFT, OUTER_RIGHT]
+    fleet.carry("right")
+    assert len(fleet.choice("left", [*ALL, near], APART_M, 0.0)) == 4
+    assert "right" in fleet.taken  # it still has a fragment that counts
+
+
+def test_a_place_where_one_failed_comes_last_for_a_while(fleet):
+    fleet.failures.append(Failure("left", ALL[1].p_world_m, 10.0, blocked=False))
+    assert places(fleet.choice("left", ALL, APART_M, 11.0))[-1] == OUTER_LEFT
+    assert places(fleet.choice("left", ALL, APART_M, 10.0 + PATIENCE_S + 1.0))[0] == OUTER_LEFT
+
+
+def test_where_an_arm_found_no_way_is_left_to_the_other_one_if_that_goes_on(fleet):
+    fleet.failures.append(Failure("left", ALL[1].p_world_m, 10.0, blocked=True))
+    assert OUTER_LEFT not in places(fleet.choice("left", ALL, APART_M, 11.0))
+    assert OUTER_LEFT in places(fleet.choice("right", ALL, APART_M, 11.0))
+    fleet.busy = {"left"}
+    assert places(fleet.choice("left", ALL, APART_M, 11.0))[-1] == OUTER_LEFT
+
+
+def test_what_lies_in_the_receptacle_or_hangs_in_the_air_is_not_loose(fleet):
+    inside, held = seen(-0.08, 0.01), seen(-0.05, -0.08, height_m=0.03)
+    assert places(fleet.loose([*ALL, inside, held])) == places(ALL)

@@ -1,0 +1,79 @@
+"""Commands that bring the tip where it should be, whatever the kinematics say."""
+
+import numpy as np
+import pytest
+
+from trocar.arms import MotionLimits, fk
+from trocar.geometry import SE3, SO3
+from trocar.motion import rest_to_rest
+from trocar.station import load_station
+from trocar.tasks.debridement.agents.inverse_control import KEPT_SHARE, command_for, commands_for, corrected
+
+LEFT = load_station("raven-pair").arms["left"]
+ARM, START = LEFT.model, LEFT.park_q()
+END = START + [0.10, -0.08, -0.03, 0.2, -0.1, 0.15]
+SHARE = 0.75
+LIMITS = MotionLimits(SHARE * ARM.motion_limits.velocity, SHARE * ARM.motion_limits.acceleration)
+OFF = np.array([0.012, -0.007, 0.009])
+
+
+def off_by(shift_m, slope=0.1, turn=(0.05, -0.04, 0.08)):
+    """An arm whose tip is off by a shift, a turn, and a part that grows with the place."""
+    middle = fk(ARM, START).translation_m
+
+    def settled(T):
+        p = T.translation_m + shift_m + slope * (T.translation_m - middle)[..., [1, 2, 0]]
+        return SE3.from_parts(SO3.exp(np.array(turn)) @ T.rotation, p)
+
+    return settled
+
+
+def commands(settled, desired):
+    sent = command_for(ARM, fk(ARM, START), settled, START)
+    return commands_for(ARM, desired, settled, q_start=sent, velocity=np.zeros(6)), sent
+
+
+def test_the_tip_follows_what_is_desired_where_the_error_is_known():
+    settled, desired = off_by(OFF), rest_to_rest(START, END, LIMITS)
+    found, sent = commands(settled, desired)
+    times = np.linspace(desired.times_s[0], desired.times_s[-1], 60)
+    reached, wanted = settled(fk(ARM, found(times))), fk(ARM, desired(times))
+    np.testing.assert_allclose(found(times[0]), sent, atol=1e-12)
+    assert np.linalg.norm(reached.translation_m - wanted.translation_m, axis=-1).max() < 5e-4
+    assert (
+        np.linalg.norm(fk(ARM, desired(times)).translation_m - fk(ARM, found(times)).translation_m, axis=-1).min()
+        > 5e-3
+    )
+
+
+def test_what_is_added_does_not_swing_where_the_motion_starts_to_brake():
+    # accelerations of the motion jump; a spline through its samples would overshoot them by a quarter
+    settled, desired = off_by(OFF, slope=0.0, turn=(0, 0, 0)), rest_to_rest(START, END, LIMITS)
+    found, _ = commands(settled, desired)
+    times = np.linspace(desired.times_s[0], desired.times_s[-1], 2000)[:-1]
+    most = np.abs(found(times, 2) / ARM.motion_limits.acceleration).max()
+    assert most < 1.15 * np.abs(desired(times, 2) / ARM.motion_limits.acceleration).max()
+
+
+def test_a_correction_is_made_early_if_limits_allow_and_keeps_them():
+    before, after, desired = off_by(OFF), off_by(OFF + [0.003, 0.0, 0.0]), rest_to_rest(START, END, LIMITS)
+    sent, _ = commands(before, desired)
+    times = np.linspace(desired.times_s[0], desired.times_s[-1], 400)
+    limits = MotionLimits(4 * ARM.motion_limits.velocity, 4 * ARM.motion_limits.acceleration)
+    found = corrected(ARM, desired, sent, after, limits)
+    off = np.linalg.norm(after(fk(ARM, found(times))).translation_m - fk(ARM, desired(times)).translation_m, axis=-1)
+    assert off[0] == pytest.approx(0.003, rel=0.05)
+    assert off[times > 0.7].max() < 5e-4  # long before the end
+    np.testing.assert_allclose(found(times[0], 1), sent(times[0], 1), atol=1e-9)
+    assert (np.abs(found(times[:-1], 2)) <= limits.acceleration).all()
+
+
+def test_a_correction_that_is_too_much_for_the_limits_is_made_in_part():
+    before, after, desired = off_by(OFF), off_by(-OFF), rest_to_rest(START, END, LIMITS)
+    sent, _ = commands(before, desired)
+    times = np.linspace(desired.times_s[0], desired.times_s[-1], 400)[:-1]
+    most = np.abs(sent(times, 2)).max(axis=0) / KEPT_SHARE * 1.05
+    found = corrected(ARM, desired, sent, after, MotionLimits(ARM.motion_limits.velocity, most))
+    assert (np.abs(found(times, 2)) <= most * 1.02).all()
+    shift_m = np.linalg.norm(fk(ARM, found(times[-1])).translation_m - fk(ARM, sent(times[-1])).translation_m)
+    assert 1e-4 < shift_m < 2 * np.linalg.norm(OFF)
