@@ -14,7 +14,8 @@ from trocar.tasks.debridement.workspace import Receptacle, Workspace
 
 LENGTH_M, WIDTH_M, HEIGHT_M = (0.010, 0.016), (0.008, 0.012), (0.008, 0.012)
 """Extents of a fragment, smallest and largest: small irregular pieces of foam rubber. Sizes are assumed: jaws that open
-by 22 mm (facts/debridement.md) take them when the tip is 5 mm off, and 3.5 % of the paper's grasps failed."""
+by 22 mm (facts/debridement.md) take them when the tip is 5 mm off, and 3.5 % of the paper's grasps failed. It let a tip
+be 8 mm off in height too: fingers hold little of pieces lower than these."""
 CORNERS = 14
 """Corners that are drawn; about ten of them are on the hull."""
 DENSITY_KG_M3 = (150.0, 270.0)

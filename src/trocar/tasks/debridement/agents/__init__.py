@@ -34,4 +34,4 @@ def agent_of(brief: Brief) -> Debriders:
     return Debriders(brief)
 
 
-__all__ = ["Debriders", "agent_of", "with_adjustment"]
+__all__ = ["STEADY", "Debriders", "agent_of", "with_adjustment"]

@@ -49,7 +49,7 @@ class Debrider:
         self.arm, self.fleet, self.places = arm, fleet, arm.places
         self.cell, self.name, self.s = arm.cell, arm.name, arm.s
         self.side = fleet.sides[arm.name]
-        self._began_s, self._in_a_row = 0.0, 0
+        self._began_s, self._in_a_row, self._is_home = 0.0, 0, False
 
     async def run(self) -> None:
         """Clear fragments until there are none, or none within reach."""
@@ -151,6 +151,7 @@ class Debrider:
 
     async def _clear(self, fragment: SeenFragment, grasp: Grasp) -> tuple[FragmentOutcome, str]:
         """Take a fragment and bring it into the receptacle; return how that ended."""
+        self._is_home = False
         await self.arm.take(grasp)
         self.fleet.carry(self.name)
         try:
@@ -210,8 +211,12 @@ class Debrider:
             self.cell.log.event("stayed", arm=self.name)
 
     async def _home(self) -> None:
+        """Go out of the other arm's way, if this one is not there yet."""
+        if self._is_home:
+            return
         try:
             await self.arm.go_to_one(self.places.home(self.side, self.arm.turn_rad))
+            self._is_home = True
         except NoWay:
             self.cell.log.event("stayed", arm=self.name)
 
