@@ -164,7 +164,7 @@ class Camera(Protocol):
 
         Args:
             window: the pixels to read out: a ``Window`` of one eye, a ``StereoWindow`` of two; None: all of them. The
-                image's camera then is that of the window.
+                image's camera then is that of the window, its pixels combined if the window says so.
 
         Raises:
             TrocarError: the window leaves the image, or is not of this kind of camera.

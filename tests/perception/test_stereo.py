@@ -43,6 +43,15 @@ def test_windows_find_the_same_points():
     assert is_rectified(window.of(PLAIN))
 
 
+def test_binned_windows_find_the_same_points():
+    window = StereoWindow(Window((100, 60), (400, 300)), Window((20, 60), (400, 300)), binning=2)
+    left, right = seen(PLAIN, points())
+    found, _ = triangulate(window.of(PLAIN), (left - [100.5, 60.5]) / 2, (right - [20.5, 60.5]) / 2)
+    assert np.abs(found - points()).max() < 1e-9
+    with pytest.raises(TrocarError, match="binning by 3 does not divide the window"):
+        StereoWindow(Window((100, 60), (400, 300)), Window((20, 60), (400, 300)), binning=3)
+
+
 def test_rays_that_do_not_meet_before_the_eyes_give_no_point():
     found, miss = triangulate(PLAIN, [300.0, 200.0], [400.0, 200.0])
     assert np.isnan(found).all() and np.isnan(miss)

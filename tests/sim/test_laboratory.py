@@ -591,6 +591,7 @@ def test_a_window_is_read_out_and_not_kept():
         eyes = cell.cameras["stereo"]
         seen["whole"] = await eyes.capture()
         seen["part"] = await eyes.capture(window)
+        seen["binned"] = await eyes.capture(replace(window, binning=2))
         before_s = cell.clock.now_s()
         with pytest.raises(TrocarError, match="leaves the image"):
             await eyes.capture(StereoWindow(Window((300, 0), (100, 50)), Window((0, 0), (100, 50))))
@@ -599,9 +600,12 @@ def test_a_window_is_read_out_and_not_kept():
         assert cell.clock.now_s() == before_s, "what is refused takes no time"
 
     lab.run(script, 5.0)
-    part, whole = seen["part"], seen["whole"]
+    part, whole, binned = seen["part"], seen["whole"], seen["binned"]
     assert lab.cameras["stereo"].taken == [whole]
     assert part.rig == window.of(rig)
+    assert binned.rig == replace(window, binning=2).of(rig) and binned.left.shape == (75, 100, 3)
+    blocks = part.left.reshape(75, 2, 100, 2, 3).mean(axis=(1, 3))
+    assert np.abs(binned.left[4:-4, 4:-4] - blocks[4:-4, 4:-4]).mean() < 2.0
     inner = np.s_[4:-4, 4:-4]  # the lens blurs across a window's border
     assert np.array_equal(part.left[inner], whole.left[20:170, 60:260][inner])
     assert np.array_equal(part.right[inner], whole.right[20:170, 20:200][inner])

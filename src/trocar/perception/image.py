@@ -140,10 +140,20 @@ class StereoWindow:
     Attributes:
         left: of the left eye.
         right: of the right eye.
+        binning: the sensors combine so many by so many pixels; corners and sizes are multiples of it.
     """
 
     left: Window
     right: Window
+    binning: int = 1
+
+    def __post_init__(self) -> None:
+        for window in (self.left, self.right):
+            if self.binning < 1 or any(number % self.binning for number in (*window.corner_px, *window.size_px)):
+                raise TrocarError(
+                    f"binning by {self.binning} does not divide the window of {window.size_px} pixels at "
+                    f"{window.corner_px}; give multiples of it"
+                )
 
     def of(self, rig: StereoRig) -> StereoRig:
         """Return the pair that reads out only these rectangles.
@@ -151,11 +161,11 @@ class StereoWindow:
         Raises:
             TrocarError: a rectangle leaves its image.
         """
-        return StereoRig(
-            rig.left.cropped(self.left.corner_px, self.left.size_px),
-            rig.right.cropped(self.right.corner_px, self.right.size_px),
-            rig.T_left_right,
+        left, right = (
+            eye.cropped(window.corner_px, window.size_px).binned(self.binning)
+            for eye, window in ((rig.left, self.left), (rig.right, self.right))
         )
+        return StereoRig(left, right, rig.T_left_right)
 
 
 CameraModel = Intrinsics | StereoRig

@@ -79,6 +79,11 @@ class RayCamera:
         """Return (height, width) in pixels."""
         return self.intrinsics.height, self.intrinsics.width
 
+    def binned(self, factor: int) -> RayCamera:
+        """Return this camera with so many by so many pixels combined: one ray for all of them (noise as of one)."""
+        lens = self.intrinsics.binned(factor)
+        return RayCamera(self.model, lens, self.T_world_camera, self._lamp_m, self.flaws, self.light, self._finish)
+
     def cropped(self, data: mujoco.MjData, corner_px: tuple[int, int], size_px: tuple[int, int]) -> RayCamera:
         """Return this camera with only a rectangle of its pixels read out.
 

@@ -74,15 +74,19 @@ class SimCamera:
         self._world, self._camera, self._eyes, self._rng = world, camera, eyes, rng
         self.model = camera.model_registered
         self.taken: list[Image] = []
+        self._binned = {1: eyes}
 
     async def capture(self, window: Window | StereoWindow | None = None) -> Image:
         """Expose one image; it shows the end of the exposure."""
         model, windows = self._read_out(window)
         await trio.sleep(self._camera.exposure_s)
         data, now = self._world.data, self._world.time_s
+        binning = window.binning if isinstance(window, StereoWindow) else 1
+        if binning not in self._binned:
+            self._binned[binning] = [eye.binned(binning) for eye in self._eyes]
         eyes = [
-            eye if part is None else eye.cropped(data, part.corner_px, part.size_px)
-            for eye, part in zip(self._eyes, windows, strict=True)
+            eye if part is None else eye.cropped(data, *_divided(part, binning))
+            for eye, part in zip(self._binned[binning], windows, strict=True)
         ]
         if isinstance(model, StereoRig):
             left, right = (eye.render_color(data, self._rng, gain) for eye, gain in zip(eyes, EYE_GAINS, strict=True))
@@ -104,6 +108,12 @@ class SimCamera:
             return self.model.cropped(window.corner_px, window.size_px), [window]
         kind = "a StereoWindow" if isinstance(self.model, StereoRig) else "a Window"
         raise TrocarError(f"this camera has {len(self._eyes)} eye(s) and cannot read out {window!r}; give {kind}")
+
+
+def _divided(window: Window, by: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return corner and size of a window in pixels that each combine so many by so many."""
+    (u, v), (width, height) = window.corner_px, window.size_px
+    return (u // by, v // by), (width // by, height // by)
 
 
 class SimLaboratory:

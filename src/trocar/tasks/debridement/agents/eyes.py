@@ -97,7 +97,11 @@ class Eyes:
         rig = self._camera.model
         margin_m = margin_m if self._robot.age_s(arm) < LOST_S else max(margin_m, LOST_MARGIN_M)
         window = self._perception.gripper_window(
-            self._robot.T_world_tip(arm), self._T_world_camera, rig, margin_m=margin_m
+            self._robot.T_world_tip(arm),
+            self._T_world_camera,
+            rig,
+            margin_m=margin_m,
+            binning=1 if span else self._settings.watch_binning,
         )
         image, kinematic = await self._captured(arm, "window", window, span)
         budget_s = self._settings.gripper_budget_s

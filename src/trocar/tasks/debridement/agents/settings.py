@@ -42,6 +42,7 @@ class Settings:
         checks_release: whether it looks whether a fragment clings to the open jaws.
         vision_lag_s: rest before every plan to a fragment, for the images to catch up; 2 s in their program.
         watch_s: time between two images of a gripper.
+        watch_binning: so many by so many pixels are combined in them.
         fragments_budget_s: declared for finding fragments in a pair of images.
         gripper_budget_s: declared for finding a gripper in a window.
         plan_budget_s: declared for one plan.
@@ -79,6 +80,7 @@ class Settings:
     checks_release: bool = True
     vision_lag_s: float = 0.0
     watch_s: float = 0.1
+    watch_binning: int = 2
     fragments_budget_s: float = 0.12
     gripper_budget_s: float = 0.03
     plan_budget_s: float = 0.05

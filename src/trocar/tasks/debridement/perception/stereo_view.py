@@ -35,10 +35,15 @@ class StereoView:
         return find_gripper(image, T_world_camera, arm)
 
     def gripper_window(
-        self, T_world_tip_guess: SE3, T_world_camera: SE3, rig: StereoRig, margin_m: float = MARGIN_M
+        self,
+        T_world_tip_guess: SE3,
+        T_world_camera: SE3,
+        rig: StereoRig,
+        margin_m: float = MARGIN_M,
+        binning: int = 1,
     ) -> StereoWindow | None:
         """Return the pixels in which a gripper near this pose is seen, or None if both eyes look past it."""
-        return gripper_window(T_world_tip_guess, T_world_camera, rig, margin_m)
+        return gripper_window(T_world_tip_guess, T_world_camera, rig, margin_m, binning)
 
     def holding(self, image: StereoImage, T_world_camera: SE3, arm: ArmModel, T_world_tip: SE3, jaw_rad: float) -> bool:
         """Return whether something red is between the fingers, or hangs from them, in both eyes."""

@@ -16,7 +16,7 @@ LEAST_PX = 32
 
 
 def gripper_window(
-    T_world_tip: SE3, T_world_camera: SE3, rig: StereoRig, margin_m: float = MARGIN_M
+    T_world_tip: SE3, T_world_camera: SE3, rig: StereoRig, margin_m: float = MARGIN_M, binning: int = 1
 ) -> StereoWindow | None:
     """Return the same rows of both eyes, round a gripper that is within ``margin_m`` of a pose; None out of sight."""
     reach = JAWS_M + margin_m
@@ -28,8 +28,14 @@ def gripper_window(
     top, bottom = (max, min)[0](boxes[0][1], boxes[1][1]), min(boxes[0][3], boxes[1][3])
     if bottom - top < LEAST_PX:
         return None
-    windows = [Window((box[0], top), (box[2] - box[0], bottom - top)) for box in boxes if box is not None]
-    return StereoWindow(*windows)
+    windows = [_window((box[0], top, box[2], bottom), binning) for box in boxes if box is not None]
+    return StereoWindow(*windows, binning)
+
+
+def _window(box: tuple[int, int, int, int], binning: int) -> Window:
+    """Return the largest window in a box whose corner and size are multiples of the binning."""
+    left, top, right, bottom = (-(-box[0] // binning), -(-box[1] // binning), box[2] // binning, box[3] // binning)
+    return Window((binning * left, binning * top), (binning * (right - left), binning * (bottom - top)))
 
 
 def _box(lens: Intrinsics, points_m: NDArray[np.float64]) -> tuple[int, int, int, int] | None:
