@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import inf
 
 
 @dataclass(frozen=True)
@@ -18,7 +17,7 @@ class Settings:
         descent_speed_m_s: greatest speed on the last piece to a fragment.
         limits_share: of the joints' limits, that plans use; the rest is for what commands add to correct errors.
         corrects: whether commands are corrected under way by what is seen, so that the plan is kept.
-        astray_m: an arm that is found so far from where its motion has it stops and plans anew.
+        astray_m: an arm that is found so far from where its motion has it stops and plans anew; with 1 m it never does.
         step_m: an arm stops, looks and plans anew after this way at most (V-B: 2.5 cm).
         reached_m: a grasp counts as reached this near on each horizontal axis; 8 mm in their program.
         reached_high_m: and this near in height.
@@ -108,7 +107,7 @@ def paper() -> Settings:
         tip_speed_m_s=0.01,
         descent_speed_m_s=0.01,
         corrects=False,
-        astray_m=inf,
+        astray_m=1.0,
         step_m=0.025,
         reached_m=0.008,
         reached_high_m=0.008,
