@@ -106,3 +106,16 @@ def test_a_receptacle_that_is_full_is_for_a_person(monkeypatch, tmp_path):
     assert FragmentOutcome.RECEPTACLE_FULL.name in outcomes(trial)
     assert done(trial) <= 5 and trial.ended == "done"
     assert still(trial, "left") and still(trial, "right")
+
+
+def test_a_fragment_that_an_arm_hides_while_it_lets_go_is_not_forgotten(monkeypatch, tmp_path):
+    class Hiding(Eyes):
+        """An arm over the receptacle hides all fragments that still lie outside."""
+
+        def fragments(self, *args, **kwargs):
+            found = super().fragments(*args, **kwargs)
+            over = self.tip("left").translation_m[1] > -0.012
+            return [f for f in found if f.p_world_m[1] > -0.03] if over and self.lab.now_s() > 5.0 else found
+
+    trial = play(monkeypatch, tmp_path, Hiding(), arms=1, fragments=2, budget_s=120.0)
+    assert trial.ended == "done" and done(trial) == 2

@@ -49,7 +49,8 @@ class Debrider:
         self.arm, self.fleet, self.places = arm, fleet, arm.places
         self.cell, self.name, self.s = arm.cell, arm.name, arm.s
         self.side = fleet.sides[arm.name]
-        self._began_s, self._in_a_row, self._is_home = 0.0, 0, False
+        self._began_s, self._in_a_row = 0.0, 0
+        self._is_home = self._looked_again = False
 
     async def run(self) -> None:
         """Clear fragments until there are none, or none within reach."""
@@ -142,7 +143,11 @@ class Debrider:
     async def _wait(self) -> bool:
         """Let the other arm go on; return whether to look again."""
         if not self._others_at_work():
-            return False
+            if self._is_home or self._looked_again:
+                return False
+            self._looked_again = True  # from home, for this arm may have hidden one
+            await self._home()
+            return True
         await self._home()
         with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
             with trio.move_on_after(IDLE_S):
@@ -151,7 +156,7 @@ class Debrider:
 
     async def _clear(self, fragment: SeenFragment, grasp: Grasp) -> tuple[FragmentOutcome, str]:
         """Take a fragment and bring it into the receptacle; return how that ended."""
-        self._is_home = False
+        self._is_home = self._looked_again = False
         await self.arm.take(grasp)
         self.fleet.carry(self.name)
         try:
