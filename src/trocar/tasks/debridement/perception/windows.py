@@ -28,8 +28,8 @@ def gripper_window(
     top, bottom = (max, min)[0](boxes[0][1], boxes[1][1]), min(boxes[0][3], boxes[1][3])
     if bottom - top < LEAST_PX:
         return None
-    windows = [_window((box[0], top, box[2], bottom), binning) for box in boxes if box is not None]
-    return StereoWindow(*windows, binning)
+    left, right = (_window((box[0], top, box[2], bottom), binning) for box in boxes if box is not None)
+    return StereoWindow(left, right, binning)
 
 
 def _window(box: tuple[int, int, int, int], binning: int) -> Window:
