@@ -18,15 +18,14 @@ from trocar.tasks.debridement.agents.inverse_control import command_for, command
 from trocar.tasks.debridement.pose import PoseEstimator
 from trocar.trajectory import Trajectory
 
+STEP_ENDED = "a step of the way is done"
+"""Why an arm is brought to rest that is to plan anew."""
 MOST_OFF_RAD = 0.05
 """A motion that starts further than this (rad, m) from where its arm is believed was planned for another moment."""
-
-
 INSIDE = 0.012
 """A pose counts as within reach if each joint keeps this share of its range from its ends: estimates change."""
-
-
 REST_STEP_S = 0.05
+"""What is left of a motion is taken over at moments this far apart."""
 LEAST_RATE = 0.5
 """A motion that runs at less than this share of its speed is braking; it is not corrected."""
 LATE_S = 0.25

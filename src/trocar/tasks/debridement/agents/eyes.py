@@ -13,14 +13,12 @@ from trocar.cell import Cell
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.perception.image import StereoImage, StereoWindow
-from trocar.tasks.debridement.agents.adjusted import Adjusted
+from trocar.tasks.debridement.agents.adjusted import STEP_ENDED, Adjusted
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.kit.together import with_helpers
 
 CAMERA = "stereo"
-STEP_ENDED = "a step of the way is done"
-"""Why an arm is brought to rest that is to plan anew."""
 FROZEN = 3
 """So many images in a row without a new pixel, though an arm has moved, and the camera is taken to be frozen."""
 LOST_S = 1.0

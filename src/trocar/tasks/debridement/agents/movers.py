@@ -14,8 +14,7 @@ from trocar.cell import Cell, Ended
 from trocar.errors import TrocarError
 from trocar.motion import MotionPlan, plan_motion
 from trocar.motion.planners import Planner
-from trocar.tasks.debridement.agents.adjusted import Adjusted
-from trocar.tasks.debridement.agents.eyes import STEP_ENDED
+from trocar.tasks.debridement.agents.adjusted import STEP_ENDED, Adjusted
 from trocar.tasks.debridement.agents.motion_asked import Asked, Problems
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.trajectory import Trajectory

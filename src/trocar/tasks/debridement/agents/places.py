@@ -28,8 +28,8 @@ NEAR_M = tuple((out, back) for out in (0.0, 0.010, -0.012, 0.018, -0.025) for ba
 NEAR_RAD = (0.0, 0.35, -0.35)
 """Turns of the gripper there, outwards, besides that which it has."""
 METRES_PER_RAD = 8.0e-3
-"""A grasp for which the gripper is turned by a radian more is as good as one across so many metres more of a fragment:
-wrists take a second for each radian."""
+"""A grasp for which the gripper is turned by a radian more is as good as one across so many metres more of a fragment
+(assumed): with 1 rad/s^2, turning takes wrists longer than going there takes the arm."""
 BEHIND_M = 0.030
 """Where they wait: so far behind the middle of the world's y in front of the receptacle."""
 HIGHER_M = 0.015

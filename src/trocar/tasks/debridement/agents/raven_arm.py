@@ -96,9 +96,10 @@ class RavenArm:
             ArmStopped: the arm does not move as it is told.
         """
         speed = speed_m_s or self.s.tip_speed_m_s
-        near = [self.s.reached_m] * 2 + [self.s.reached_high_m]
-        if not precise:
-            near = [self.s.arrived_m] * 2 + [min(self.s.arrived_m, ARRIVED_HIGH_M)]
+        if precise:
+            aside_m, high_m = self.s.reached_m, self.s.reached_high_m
+        else:
+            aside_m, high_m = self.s.arrived_m, min(self.s.arrived_m, ARRIVED_HIGH_M)
         visits, nearest_m, in_vain = 0, np.inf, 0
         if not straight:
             await self._rise()
@@ -110,7 +111,7 @@ class RavenArm:
             T_world_tip = self.robot.T_world_tip(self.name)
             off = np.abs(T_world_tip.translation_m - T_world_goal.translation_m)
             visits += bool(np.linalg.norm(off) < self.s.close_m)
-            if (off < near).all() or visits > self.s.max_visits:
+            if (off < [aside_m, aside_m, high_m]).all() or visits > self.s.max_visits:
                 return
             away_m = float(np.linalg.norm(off))
             in_vain = 0 if away_m < nearest_m - NEARER_M else in_vain + 1

@@ -47,7 +47,6 @@ class Settings:
         plan_budget_s: declared for one plan.
         settle_s: rest before an image whose estimate decides.
         fresh_s: a gripper that was not seen for longer does not go down to a fragment.
-        max_grasps: at one fragment before it is left to the next allocation.
         apart_m: fragments this near to the other arm's are not allocated.
     """
 
@@ -85,7 +84,6 @@ class Settings:
     plan_budget_s: float = 0.05
     settle_s: float = 0.05
     fresh_s: float = 0.5
-    max_grasps: int = 3
     apart_m: float = 0.028
 
 
