@@ -20,6 +20,6 @@ def test_what_lies_between_the_walls_is_in_the_receptacle():
 
 def test_fragments_lie_beside_the_receptacle_of_the_built_in_station():
     low, high = np.array(Workspace().region_m)
-    assert (high - low > 0.05).all()
+    assert (high - low > 0.04).all()
     edge = 0.012 - 0.5 * Receptacle().size_m[1] - Receptacle().wall_m  # the fixture's y
     assert high[1] + 0.5 * Workspace().fragment_m[1] < edge

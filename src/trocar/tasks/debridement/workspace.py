@@ -40,6 +40,6 @@ class Workspace:
     """
 
     receptacle: Receptacle = field(default_factory=Receptacle)
-    region_m: tuple[tuple[float, float], tuple[float, float]] = ((-0.132, -0.108), (-0.017, -0.046))
+    region_m: tuple[tuple[float, float], tuple[float, float]] = ((-0.132, -0.092), (-0.017, -0.046))
     fragment_m: tuple[float, float] = (0.006, 0.016)
     fragments: int = 6

@@ -13,8 +13,11 @@ from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.kit.together import together
 
-SHAKES, SHAKEN_M = 3, 0.008
-"""Jaws that a fragment clings to are closed and opened again so many times, each time so much higher."""
+SHAKEN_M = 0.008
+"""Jaws that a fragment clings to are half closed and opened again so much higher."""
+STROKES, STROKE_M = 3, 0.014
+"""If it clings still, so many times the tip goes down to this height over the floor of the receptacle: what hangs from
+the fingers, which end 10 mm below the tip, is held back by the floor when they open, or close if it is outside."""
 TOO_MANY = 8
 """An arm that fails so many times in a row gives up."""
 IDLE_S = 5.0
@@ -98,9 +101,10 @@ class Debrider:
     async def _all_cleared(self) -> bool:
         """Look once more when all should be cleared, beside the work surface; return whether nothing is left to do."""
         await self._home()
-        if self.fleet.busy - {self.name}:
-            return True  # the last arm looks
-        left = len(self.fleet.loose((await self.arm.eyes.look(self.name)).fragments))
+        while self._others_at_work():  # and may leave one behind that only this arm reaches
+            await self._other_goes_on()
+        look = await self.arm.eyes.look(self.name)
+        left = len(self.fleet.loose([*look.fragments, *look.hidden]))
         self.fleet.cleared = self.fleet.known.fragments - left
         return self.fleet.cleared >= self.fleet.goals
 
@@ -114,8 +118,10 @@ class Debrider:
         look = await self.arm.eyes.look(self.name)
         if self.fleet.full(look.fragments, [self.arm.robot.T_world_tip(n).translation_m for n in self.cell.arms]):
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
-        loose = self.fleet.loose(look.fragments)
-        for fragment in self.fleet.choice(self.name, loose, self.s.apart_m, self.cell.clock.now_s()):
+        seen, hidden, now_s = self.fleet.loose(look.fragments), self.fleet.loose(look.hidden), self.cell.clock.now_s()
+        loose = [*seen, *hidden]
+        choices = [self.fleet.choice(self.name, part, self.s.apart_m, now_s) for part in (seen, hidden)]
+        for fragment in [*choices[0], *choices[1]]:
             others = [f for f in loose if f is not fragment]
             grasps = self.places.grasps(fragment, others, self.arm.model, self.arm.turn_rad)
             again = self.fleet.failures_at(fragment.p_world_m) % len(grasps)
@@ -149,15 +155,20 @@ class Debrider:
             await self._home()
             return True
         await self._home()
+        await self._other_goes_on()
+        return True
+
+    async def _other_goes_on(self) -> None:
+        """Return when the other arm has got on, or after a while."""
         with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
             with trio.move_on_after(IDLE_S):
                 await self.fleet.changed()
-        return True
 
     async def _clear(self, fragment: SeenFragment, grasp: Grasp) -> tuple[FragmentOutcome, str]:
         """Take a fragment and bring it into the receptacle; return how that ended."""
         self._is_home = self._looked_again = False
         await self.arm.take(grasp)
+        self.arm.eyes.memory.take(self.name, fragment.p_world_m)
         self.fleet.carry(self.name)
         try:
             if self.s.checks_on_the_way:
@@ -170,6 +181,7 @@ class Debrider:
             await self.arm.jaw(grasp.open_rad)
             return FragmentOutcome.GRASP_FAILURE, "no fragment was seen in the jaws after they closed"
         finally:
+            self.arm.eyes.memory.let_go(self.name)
             self.fleet.token.drop(self.name)
 
     async def _check(self) -> None:
@@ -198,13 +210,19 @@ class Debrider:
     async def _let_go(self) -> tuple[FragmentOutcome, str]:
         """Open the jaws over the receptacle, and shake off what clings to them."""
         self.cell.log.event("releasing", arm=self.name)
-        for _ in range(1 + SHAKES):
-            await self.arm.jaw(self.s.open_rad)
+        wide, narrow = self.s.open_rad, 0.5 * self.s.open_rad
+        await self.arm.jaw(wide)
+        for number in range(1 + STROKES):
             if not self.s.checks_release or not await self.arm.eyes.clings(self.name):
                 self.fleet.cleared += 1
                 return FragmentOutcome.DONE, ""
-            await self.arm.jaw(0.5 * self.s.open_rad)
-            await self.arm.rise(SHAKEN_M)  # what only lay behind the jaws stays behind
+            if number == 0:
+                await self.arm.jaw(narrow)
+                await self.arm.rise(SHAKEN_M)  # what only lay behind the jaws stays behind
+                await self.arm.jaw(wide)
+            else:
+                jaws = (wide, 0.0) if number % 2 else (narrow, wide)
+                await self.arm.stroke(self.places.table_m + STROKE_M, *jaws)
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
 
     async def _back(self) -> None:

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import trio
 
+from trocar.arms.solids import capsules
 from trocar.cell import Cell
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.perception.image import StereoImage, StereoWindow
+from trocar.perception.image import StereoImage, StereoRig, StereoWindow
 from trocar.tasks.debridement.agents.adjusted import STEP_ENDED, Adjusted
+from trocar.tasks.debridement.agents.memory import Memory
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.kit.together import with_helpers
@@ -28,6 +30,8 @@ HELD_MARGIN_M = 0.016
 """And so much where it may hold a fragment: it sticks out of the jaws."""
 MOVED_M = 2e-3
 """An arm that has moved by so much changes some pixel."""
+SHORT_S = 0.01
+"""Least pause between two looks at a gripper."""
 AGAIN_S = 0.2
 """Pause before another try after an image that shows nothing new."""
 
@@ -38,25 +42,30 @@ class CameraFrozen(TrocarError):
 
 @dataclass(frozen=True)
 class Look:
-    """What one pair of images showed.
+    """What one pair of images showed, and what it hid.
 
     Attributes:
-        time_s: when it was taken.
         fragments: all that look like one, wherever they are.
+        hidden: those that lie on the work surface and that an arm hides now, as they were last seen.
     """
 
-    time_s: float
     fragments: Sequence[SeenFragment]
+    hidden: Sequence[SeenFragment] = ()
 
 
 class Eyes:
-    """The stereo camera as the arms share it."""
+    """The stereo camera as the arms share it.
+
+    Attributes:
+        memory: of fragments that arms hide or carry.
+    """
 
     def __init__(self, cell: Cell, perception: Any, robot: Adjusted, settings: Settings):
         self._cell, self._perception, self._robot, self._settings = cell, perception, robot, settings
         self._camera = cell.cameras[CAMERA]
         self._T_world_camera = cell.T_world_camera_registered[CAMERA]
         self._last: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self.memory = Memory()
 
     async def look(self, arm: str) -> Look:
         """Take a pair of images for an arm: find fragments, and all grippers in it.
@@ -79,9 +88,23 @@ class Eyes:
         for name, gripper in grippers.items():
             if gripper is not None:
                 self._robot.saw(name, image.time_s, kinematic[name], gripper.T_world_tip)
-        places = [np.round(f.p_world_m, 5).tolist() for f in fragments]
-        self._cell.log.event("detected", arm=arm, image_s=round(image.time_s, 6), fragments=places)
-        return Look(image.time_s, fragments)
+        known = self._remembered(fragments, image.rig) if self._settings.remembers else Look(fragments)
+        places = [np.round(f.p_world_m, 5).tolist() for f in (*known.fragments, *known.hidden)]
+        self._cell.log.event(
+            "detected", arm=arm, image_s=round(image.time_s, 6), fragments=places, remembered=len(known.hidden)
+        )
+        return known
+
+    def _remembered(self, seen: Sequence[SeenFragment], rig: StereoRig) -> Look:
+        """Return what is seen outside the jaws, and what arms hide, where they are believed to be."""
+        solids = {}
+        for name, model in self._cell.arms.items():
+            reading = self._robot.read(name)
+            believed = capsules(model, reading.q, reading.jaw_rad)
+            solids[name] = believed.moved(self._cell.T_world_base_registered[name])
+        T_world_right = self._T_world_camera @ rig.T_left_right
+        eyes_m = np.stack([self._T_world_camera.translation_m, T_world_right.translation_m])
+        return Look(*self.memory.look(seen, eyes_m, solids))
 
     async def glance(self, arm: str, span: bool = True, margin_m: float = MARGIN_M) -> StereoImage:
         """Take an image of the surroundings of a gripper, and learn where it is if it is seen.
@@ -125,13 +148,14 @@ class Eyes:
 
         async def follow(helpers: trio.Nursery) -> None:
             while True:
+                began_s = self._cell.clock.now_s()
                 if self._robot.setpoint(arm).moving:
                     await self.glance(arm, span=False)
                     if self._robot.astray_m(arm) > self._settings.astray_m:
                         self._robot.hold(arm, reason=STEP_ENDED)
                     elif self._settings.corrects:
                         helpers.start_soon(self._robot.correct, arm)
-                await self._cell.clock.sleep(self._settings.watch_s)
+                await self._cell.clock.sleep(max(began_s + self._settings.watch_s - self._cell.clock.now_s(), SHORT_S))
 
         await with_helpers(follow)
 

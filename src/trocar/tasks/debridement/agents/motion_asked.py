@@ -40,11 +40,13 @@ class Asked:
         T_world_goal: where its tip is to go.
         speed_m_s: of the tip at most.
         straight: a short piece down to a fragment or up from it: the fingers may be near the work surface.
+        beside_wall: a place so near to the receptacle that the walls have to be taken as high as they are.
     """
 
     T_world_goal: SE3
     speed_m_s: float
     straight: bool = False
+    beside_wall: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,21 +68,19 @@ class Problems:
     margin_m: float
 
     @cached_property
-    def obstacles(self) -> dict[str, Obstacle]:
-        """Return work surface and receptacle."""
-        table = self.cell.T_world_fixture["table"]
-        normal = table.rotation.matrix[:, 2]
+    def table(self) -> HalfSpace:
+        """Return what is kept of the work surface."""
+        T_world_table = self.cell.T_world_fixture["table"]
+        normal = T_world_table.rotation.matrix[:, 2]
+        return HalfSpace(T_world_table.translation_m - (SUNK_M + self.margin_m) * normal, normal)
+
+    def obstacles(self, beside_wall: bool) -> dict[str, Obstacle]:
+        """Return work surface and receptacle, for an arm on its way or for one that goes down beside a wall."""
         box = self.known.receptacle
-        return {
-            "table": HalfSpace(table.translation_m - (SUNK_M + self.margin_m) * normal, normal),
-            **open_box(
-                "receptacle",
-                self.cell.T_world_fixture["receptacle"],
-                inside_m=box.size_m,
-                height_m=box.height_m + HIGHER_M,
-                radius_m=box.wall_m,
-            ),
-        }
+        height_m = box.height_m + (0.0 if beside_wall else HIGHER_M)
+        T_world_receptacle = self.cell.T_world_fixture["receptacle"]
+        walls = open_box("receptacle", T_world_receptacle, inside_m=box.size_m, height_m=height_m, radius_m=box.wall_m)
+        return {"table": self.table, **walls}
 
     def of(self, asked: Mapping[str, Asked], delay_s: float) -> MotionProblem:
         """Return the problem of these arms beside the others, for motions that start ``delay_s`` from now."""
@@ -89,16 +89,16 @@ class Problems:
         return MotionProblem(
             {name: self._motion(name, a) for name, a in asked.items()},
             others=others,
-            obstacles=self.obstacles if free else {},
+            obstacles=self.obstacles(any(a.beside_wall for a in asked.values())) if free else {},
             min_distance_m=self.margin_m,
         )
 
-    def clear(self, name: str, T_world_tip: SE3, jaw_rad: float) -> bool:
+    def clear(self, name: str, T_world_tip: SE3, jaw_rad: float, beside_wall: bool) -> bool:
         """Return whether an arm at rest there, jaws open so, is apart from work surface and receptacle."""
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
         q = ik(model, T_world_base.inverse() @ T_world_tip, reference=self.robot.setpoint(name).q)
         there = MovingArm.resting(model, q, T_world_base, jaw_rad)
-        found = swept_clearance({name: there}, obstacles=self.obstacles, enough_m=self.margin_m)
+        found = swept_clearance({name: there}, obstacles=self.obstacles(beside_wall), enough_m=self.margin_m)
         return found.distance_m >= self.margin_m
 
     def _motion(self, name: str, asked: Asked) -> ArmMotion:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -10,6 +10,7 @@ import numpy as np
 import trio
 
 from trocar.arms import fk
+from trocar.arms.solids import SOLIDS
 from trocar.cell import Cell, Ended
 from trocar.errors import TrocarError
 from trocar.motion import MotionPlan, plan_motion
@@ -104,12 +105,9 @@ class Beside:
             return
         if not plan.found:
             self._cell.log.event("no_way", arm=arm, reason=plan.reason)
-            raise NoWay(plan.reason, self._lasting(arm, plan.reason))
+            raise NoWay(plan.reason, lasting=not names_another_arm(plan.reason, arm, self._cell.arms))
         motion = plan.trajectories[arm]
         await run(self._cell, self._robot, arm, motion, moment(self._cell, arm, motion, way_m))
-
-    def _lasting(self, arm: str, reason: str) -> bool:
-        return not any(name in reason.replace(f"{arm} ", "") for name in self._cell.arms if name != arm)
 
     def resting(self, arm: str) -> Rest:
         """Return a context that changes nothing: nobody waits for anybody's request."""
@@ -221,6 +219,11 @@ class Together:
         first = min((m for m in moments if m is not None), default=None)
         for request in moving.values():
             request.stop_s = first
+
+
+def names_another_arm(reason: str, arm: str, arms: Iterable[str]) -> bool:
+    """Return whether a planner's or guard's reason names a part of another arm, as in ``"right left finger"``."""
+    return any(f"{name} {solid}" in reason for name in arms if name != arm for solid in SOLIDS)
 
 
 def planned(problems: Problems, asked: Mapping[str, Asked], delay_s: float, planner: Planner) -> MotionPlan | None:

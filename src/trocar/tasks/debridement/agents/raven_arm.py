@@ -13,7 +13,7 @@ from trocar.geometry import SE3
 from trocar.motion import rest_to_rest
 from trocar.tasks.debridement.agents.eyes import Eyes
 from trocar.tasks.debridement.agents.motion_asked import Asked, Problems
-from trocar.tasks.debridement.agents.movers import WAIT_S, ArmStopped, Mover, NoWay, run
+from trocar.tasks.debridement.agents.movers import WAIT_S, ArmStopped, Mover, NoWay, names_another_arm, run
 from trocar.tasks.debridement.agents.places import Grasp, Places, raised, turn_of
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.kit.together import together
@@ -36,6 +36,11 @@ ARRIVED_HIGH_M = 6e-3
 """In the air, heights are reached this near: fragments lie below the fingers."""
 NEARER_M, IN_VAIN = 1e-3, 8
 """So many steps in a row that bring an arm no nearer to its goal than by this, and it gives the goal up."""
+PRESSING_M, PRESSING = 2e-3, 2
+"""Fingers that stay so high over a grasp, after so many steps in a row that brought them no nearer, stand on something:
+a neighbour, most often. Commands that go on to correct that would press until it slips away."""
+FIRST_SHARE = 0.5
+"""The first way down is slower by this: how the errors of the kinematics change with height has not been seen yet."""
 CLOSING_STEPS = 25
 """A slow closing of the jaws is made of so many small ones."""
 SEARCH_M = (
@@ -74,6 +79,7 @@ class RavenArm:
         self.problems, self.cell, self.robot = problems, problems.cell, problems.robot
         self.name, self.eyes, self.mover, self.places, self.s = name, eyes, mover, places, settings
         self.side = places.side(problems.cell.T_world_base_registered[name])
+        self._been_down = False
 
     @property
     def model(self) -> ArmModel:
@@ -81,7 +87,13 @@ class RavenArm:
         return self.cell.arms[self.name]
 
     async def go(
-        self, T_world_goal: SE3, *, precise: bool = False, straight: bool = False, speed_m_s: float | None = None
+        self,
+        T_world_goal: SE3,
+        *,
+        precise: bool = False,
+        straight: bool = False,
+        beside_wall: bool = False,
+        speed_m_s: float | None = None,
     ) -> None:
         """Go somewhere in steps, planning anew before each from the newest estimate (V-B).
 
@@ -89,6 +101,7 @@ class RavenArm:
             T_world_goal: of the tip.
             precise: whether the camera has to confirm that it is there.
             straight: a short piece near a fragment.
+            beside_wall: a place beside the receptacle's wall, below its edge.
             speed_m_s: of the tip; default: the method's.
 
         Raises:
@@ -104,20 +117,23 @@ class RavenArm:
         if not straight:
             await self._rise()
         while True:
-            await self._step(Asked(T_world_goal, speed, straight))
+            await self._step(Asked(T_world_goal, speed, straight, beside_wall))
             if precise:
                 await self.settle()
                 await self.eyes.glance(self.name)
             T_world_tip = self.robot.T_world_tip(self.name)
             off = np.abs(T_world_tip.translation_m - T_world_goal.translation_m)
-            visits += bool(np.linalg.norm(off) < self.s.close_m)
-            if (off < [aside_m, aside_m, high_m]).all() or visits > self.s.max_visits:
-                return
             away_m = float(np.linalg.norm(off))
+            visits += bool(away_m < self.s.close_m)
             in_vain = 0 if away_m < nearest_m - NEARER_M else in_vain + 1
             nearest_m = min(nearest_m, away_m)
+            if (off < [aside_m, aside_m, high_m]).all() or visits > self.s.max_visits:
+                return
             if in_vain == IN_VAIN:
                 raise NoWay(f"arm {self.name!r} gets no nearer than {1e3 * nearest_m:.0f} mm to its goal", lasting=True)
+            high = float(T_world_tip.translation_m[2] - T_world_goal.translation_m[2])
+            if precise and straight and in_vain >= PRESSING and high > PRESSING_M:
+                raise NoWay(f"the fingers of arm {self.name!r} stand on something {1e3 * high:.0f} mm over the grasp")
             if straight and (T_world_tip.rotation.inverse() @ T_world_goal.rotation).angle() < ASKEW_RAD:
                 T_world_goal = SE3.from_parts(T_world_tip.rotation, T_world_goal.translation_m)
 
@@ -149,7 +165,8 @@ class RavenArm:
         """
         T_world_tip, aside = self.robot.T_world_tip(self.name), np.array([self.side, 0.0, 0.0])
         up = np.array([0.0, 0.0, 1.0])
-        ways = (aside, aside + up, up, -aside) if self._names_an_arm(reason) else (up, aside + up)
+        another = names_another_arm(reason, self.name, self.cell.arms)
+        ways = (aside, aside + up, up, -aside) if another else (up, aside + up)
         for way in ways:
             goal = SE3.from_parts(T_world_tip.rotation, T_world_tip.translation_m + WITHDRAWN_M * way)
             try:
@@ -162,10 +179,6 @@ class RavenArm:
                 return await run(self.cell, self.robot, self.name, motion, None)
             except (NoWay, Unreachable):
                 continue
-
-    def _names_an_arm(self, reason: str) -> bool:
-        """Return whether it is another arm that is too near."""
-        return any(name in reason.replace(f"{self.name} ", "") for name in self.cell.arms if name != self.name)
 
     @property
     def turn_rad(self) -> float:
@@ -199,7 +212,8 @@ class RavenArm:
         """Return the first grasp that is within reach, with the way up after it."""
         for grasp in grasps:
             poses = grasp.T_world_above, grasp.T_world_grasp, raised(grasp.T_world_grasp, self.s.lift_m)
-            if self.reachable(*poses) and self.problems.clear(self.name, grasp.T_world_above, grasp.open_rad):
+            clear = partial(self.problems.clear, self.name, grasp.T_world_above, grasp.open_rad)
+            if self.reachable(*poses) and clear(beside_wall=True):
                 return grasp
         return None
 
@@ -233,24 +247,39 @@ class RavenArm:
             ArmStopped: the robot stopped them.
         """
         with self.cell.log.span(self.name, "jaw"):
-            start = self.robot.read(self.name).jaw_rad
+            jaw = self.model.jaw  # what they touch may have forced them beyond their range
+            start = float(np.clip(self.robot.read(self.name).jaw_rad, jaw.lower, jaw.upper))
             steps = CLOSING_STEPS if over_s > 0 else 1
             for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
-                execution = await self.cell.robot.jaw(self.name, float(start + share * (angle_rad - start)))
+                execution = await self.cell.robot.jaw(self.name, start + share * (angle_rad - start))
                 if not execution.done:
                     raise ArmStopped(execution.reason)
                 await self.cell.clock.sleep(over_s / steps)
 
     async def take(self, grasp: Grasp) -> None:
         """Go over a fragment, look, go down, close the jaws, lift."""
+        above = grasp.T_world_above
+        beside_wall = not self.problems.clear(self.name, above, grasp.open_rad, beside_wall=False)
         await together(
-            partial(self.jaw, grasp.open_rad), partial(self.go, grasp.T_world_above, precise=self.s.confirms_above)
+            partial(self.jaw, grasp.open_rad),
+            partial(self.go, above, precise=self.s.confirms_above, beside_wall=beside_wall),
         )
         await self.seen_lately()
-        await self.go(grasp.T_world_grasp, precise=True, straight=True, speed_m_s=self.s.descent_speed_m_s)
+        speed = self.s.descent_speed_m_s * (1.0 if self._been_down else FIRST_SHARE)
+        await self.go(grasp.T_world_grasp, precise=True, straight=True, speed_m_s=speed)
+        self._been_down = True
         self.cell.log.event("closing", arm=self.name)
         await self.jaw(0.0, self.s.close_s)
         await self.rise(self.s.lift_m)
+
+    async def stroke(self, height_m: float, before_rad: float, after_rad: float) -> None:
+        """Go straight down to a height in the world, open or close the jaws there, and come up again."""
+        T_world_tip = self.robot.T_world_tip(self.name)
+        by_m = float(T_world_tip.translation_m[2]) - height_m
+        await self.jaw(before_rad)
+        await self.go(raised(T_world_tip, -by_m), straight=True, speed_m_s=self.s.descent_speed_m_s)
+        await self.jaw(after_rad)
+        await self.rise(by_m)
 
     async def rise(self, by_m: float) -> None:
         """Go straight up, or as far as that is possible."""

@@ -39,6 +39,7 @@ class Settings:
         checks_on_the_way: whether the pickup is checked while the arm goes on already.
         holds_first: whether an arm goes to its place beside the receptacle before it asks for the token.
         checks_release: whether it looks whether a fragment clings to the open jaws.
+        remembers: whether a fragment counts as there while an arm hides it from the camera.
         vision_lag_s: rest before every plan to a fragment, for the images to catch up; 2 s in their program.
         watch_s: time between two images of a gripper.
         watch_binning: so many by so many pixels are combined in them.
@@ -76,6 +77,7 @@ class Settings:
     checks_on_the_way: bool = True
     holds_first: bool = False
     checks_release: bool = True
+    remembers: bool = True
     vision_lag_s: float = 0.0
     watch_s: float = 0.1
     watch_binning: int = 2
@@ -122,6 +124,7 @@ def paper() -> Settings:
         checks_on_the_way=False,
         holds_first=True,
         checks_release=False,
+        remembers=False,
         vision_lag_s=2.0,
         watch_s=0.3,
         fragments_budget_s=0.3,

@@ -1,0 +1,76 @@
+"""What is known of fragments beside what a pair of images shows: some are hidden, and some are carried."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry.capsules import Capsules, segment_distances_m
+from trocar.tasks.debridement.perception.seen import SeenFragment
+
+SAME_M = 0.010
+"""Two places this near are the same fragment."""
+LYING_M = 0.012
+"""Middles of fragments that lie on the work surface are lower; others are held, and not remembered."""
+ROUND_M = 0.008
+"""An arm may hide what is seen so near past its shape: its pose is an estimate, and what it carries sticks out."""
+FINGERS = slice(2, 4)
+"""Of an arm's capsules."""
+
+
+class Memory:
+    """What lay on the work surface when it was last in sight, and which arms carry something."""
+
+    def __init__(self) -> None:
+        self._lying: list[SeenFragment] = []
+        self._carrying: set[str] = set()
+
+    def look(
+        self, seen: Sequence[SeenFragment], p_world_eyes_m: NDArray[np.float64], arms: Mapping[str, Capsules]
+    ) -> tuple[list[SeenFragment], list[SeenFragment]]:
+        """Return what a pair of images shows outside the jaws, and what it does not show as an arm is before it.
+
+        What is neither seen nor hidden has gone, and is forgotten.
+
+        Args:
+            seen: in the images.
+            p_world_eyes_m: (2, 3) where both eyes are, the left one first.
+            arms: their solids in the world, when the images were taken.
+        """
+        fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
+        shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
+        hidden = [
+            old
+            for old in self._lying
+            if all(_apart_m(old, new.p_world_m) > SAME_M for new in shown)
+            and _is_behind(old, p_world_eyes_m, arms.values())
+        ]
+        self._lying = [*(fragment for fragment in shown if fragment.height_m < LYING_M), *hidden]
+        return shown, hidden
+
+    def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
+        """Learn that the jaws of an arm have closed about what lay at a place (3,)."""
+        self._lying = [old for old in self._lying if _apart_m(old, p_world_m) > SAME_M]
+        self._carrying.add(arm)
+
+    def let_go(self, arm: str) -> None:
+        """Learn that the jaws of an arm have opened again."""
+        self._carrying.discard(arm)
+
+
+def _apart_m(fragment: SeenFragment, p_world_m: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(fragment.p_world_m[:2] - p_world_m[:2]))
+
+
+def _is_behind(fragment: SeenFragment, p_world_eyes_m: NDArray[np.float64], solids: Iterable[Capsules]) -> bool:
+    """Return whether one of the eyes looks past these solids, or through them, to a fragment."""
+    near = ROUND_M + 0.5 * float(fragment.extent_m[0])
+    for capsules in solids:
+        ends = capsules.ends_m
+        for eye in p_world_eyes_m:
+            away = segment_distances_m(ends[:, 0], ends[:, 1], eye, fragment.p_world_m)
+            if (away < capsules.radii_m + near).any():
+                return True
+    return False
