@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from trocar.cli import collect
+from trocar.cli import collect, fleet
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
 
@@ -26,6 +26,9 @@ app.command("collect", epilog="Example: trocar calibrate collect peg-transfer --
     collect.collect
 )
 
+app.command("prior", epilog="Example: trocar calibrate prior psm1.npz psm2.npz --out mine.npz")(fleet.prior)
+app.command("curve", epilog="Example: trocar calibrate curve psm3.npz --prior mine.npz --plot curve.png")(fleet.curve)
+
 RecordingPath = Annotated[
     Path,
     typer.Argument(
@@ -36,20 +39,22 @@ RecordingPath = Annotated[
 ]
 
 
-@app.command(epilog="Example: trocar calibrate fit psm1.npz --model play --fraction 0.8 --out psm1_play.npz")
+@app.command(epilog="Example: trocar calibrate fit psm1.npz --rows 75 --prior fleet --out psm1_play.npz")
 def fit(
     recording: RecordingPath,
     *,
     out: Annotated[Path, typer.Option(metavar="MODEL", help="Model file to write (.npz).")],
     model: Annotated[str, typer.Option(help="offset, ridge, play, lstm (extra 'learn'), or your own.")] = "play",
-    to_row: Annotated[int | None, typer.Option(metavar="K", help="Fit on the rows before K only.")] = None,
+    rows: Annotated[int | None, typer.Option(metavar="N", help="Fit on the first N rows only.")] = None,
     fraction: Annotated[float | None, typer.Option(help="Fit on this first share of the rows only.")] = None,
+    prior: fleet.PriorName = None,
     seed: Annotated[int, typer.Option(help="Seed of the training's randomness.")] = 0,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Fit a cable model on a recording, by default on all of its rows."""
-    from trocar.calibration.models import MODELS, save_model  # noqa: PLC0415 (SciPy only when needed)
+    """Fit a cable model on a recording, by default on all of its rows; with a prior, a minute of it will do."""
+    from trocar.calibration.fleet import fit_from_prior, load_prior  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.calibration.models import MODELS, save_model  # noqa: PLC0415
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
 
     del plugin  # loaded when it was parsed
@@ -59,15 +64,25 @@ def fit(
     if out.suffix != ".npz" or not out.parent.is_dir():
         raise TrocarError(f"model file {str(out)!r} must end in .npz and lie in a folder that exists")
     data = load_recording(recording)
-    data = data.first(_rows(len(data), to_row, fraction))
+    data = data.first(_rows(len(data), rows, fraction))
+    prior = prior or ("fleet" if model == "play" else "none")
+    if prior != "none" and model != "play":
+        raise TrocarError(f"cable model {model!r} starts from no prior; leave --prior out, or fit 'play'")
     console = Console(stderr=True)
     with console.status(f"fitting {model} on {data.valid.sum()} rows of {data.name}"):
-        fitted = kind.fit(data, np.random.default_rng(seed))
+        rng = np.random.default_rng(seed)
+        fitted = kind.fit(data, rng) if prior == "none" else fit_from_prior(data, load_prior(prior))
     save_model(fitted, out)
     error = (fitted.predict(data.q_cmd) - data.q_phy)[data.valid]
     rmse = np.sqrt(np.mean(error**2, axis=0))
     if as_json:
-        summary = {"model": model, "out": str(out), "rows": int(data.valid.sum()), "rmse_fit": rmse.tolist()}
+        summary = {
+            "model": model,
+            "prior": prior,
+            "out": str(out),
+            "rows": int(data.valid.sum()),
+            "rmse_fit": rmse.tolist(),
+        }
         sys.stdout.write(json.dumps(summary) + "\n")
         return
     wrist = " ".join(f"{value:.4f}" for value in rmse[3:])
@@ -128,12 +143,12 @@ def evaluate(
         console.print(f"picture: {plot}")
 
 
-def _rows(total: int, to_row: int | None, fraction: float | None) -> int:
+def _rows(total: int, rows: int | None, fraction: float | None) -> int:
     """Return how many of the first rows to fit on."""
-    if to_row is not None and fraction is not None:
-        raise TrocarError("--to-row and --fraction are both given; give one of them")
+    if rows is not None and fraction is not None:
+        raise TrocarError("--rows and --fraction are both given; give one of them")
     if fraction is not None:
         if not 0.0 < fraction <= 1.0:
             raise TrocarError(f"--fraction {fraction} is outside (0, 1]; give a share such as 0.8")
         return int(fraction * total)
-    return total if to_row is None else to_row
+    return total if rows is None else rows

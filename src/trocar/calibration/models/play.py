@@ -53,10 +53,9 @@ class PlayResponse:
 class PlayModel:
     """``q_joint = q_cmd + offset + map(q4 q5 q6, slacks)`` with slacks ``u - P_r(u)`` of play operators.
 
-    The operators run on ``u = [q4, q5 + a q6, q6 + b q5]``, since the cables of pitch and yaw are coupled. Column 0 of
-    ``radii`` is the identified radius of each joint. The map is linear plus smooth bumps that vanish away from the
-    training data, where only the linear part extrapolates. The small errors of the outer joints q1 q2 q3 are linear in
-    the command.
+    The operators run on ``u = [q4, q5 + a q6, q6 + b q5]``, since the cables of pitch and yaw are coupled. The
+    map is linear plus smooth bumps that vanish away from the training data, where only the linear part extrapolates.
+    The small errors of the outer joints q1 q2 q3 are linear in the command.
 
     Attributes:
         a: share of yaw in the motion of the pitch cable.

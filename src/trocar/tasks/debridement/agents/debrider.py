@@ -15,7 +15,7 @@ from trocar.tasks.kit.together import together
 
 SHAKEN_M = 0.008
 """Jaws that a fragment clings to are half closed and opened again so much higher."""
-STROKES, STROKE_M = 3, 0.014
+STROKES, STROKE_M = 4, 0.014
 """If it clings still, so many times the tip goes down to this height over the floor of the receptacle: what hangs from
 the fingers, which end 10 mm below the tip, is held back by the floor when they open, or close if it is outside."""
 TOO_MANY = 8
@@ -212,7 +212,7 @@ class Debrider:
         self.cell.log.event("releasing", arm=self.name)
         wide, narrow = self.s.open_rad, 0.5 * self.s.open_rad
         await self.arm.jaw(wide)
-        for number in range(1 + STROKES):
+        for number in range(STROKES + 2):
             if not self.s.checks_release or not await self.arm.eyes.clings(self.name):
                 self.fleet.cleared += 1
                 return FragmentOutcome.DONE, ""
@@ -220,7 +220,7 @@ class Debrider:
                 await self.arm.jaw(narrow)
                 await self.arm.rise(SHAKEN_M)  # what only lay behind the jaws stays behind
                 await self.arm.jaw(wide)
-            else:
+            elif number <= STROKES:
                 jaws = (wide, 0.0) if number % 2 else (narrow, wide)
                 await self.arm.stroke(self.places.table_m + STROKE_M, *jaws)
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")

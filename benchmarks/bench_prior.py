@@ -1,0 +1,72 @@
+"""What a prior over instruments is worth: RMSE on the tails of real recordings after so many rows, with and without.
+
+    python benchmarks/bench_prior.py [--data DIR]
+
+The prior is learned from all recordings but those of the instrument it is tried on; for other sessions of an
+instrument, from all other recordings. Nothing here is timed, so every machine prints the same figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from trocar.calibration.fleet import fit_from_prior, learn_prior
+from trocar.calibration.models.play import PlayModel
+from trocar.calibration.recording import Recording, load_recording
+
+INSTRUMENTS = {
+    "psm1_grey_random": "grey 1",
+    "psm1_grey_pick_place": "grey 1",
+    "psm1_grey_user_random": "grey 1",
+    "psm1_red_user_random": "red",
+    "psm2_grey_random": "grey 2",
+    "psm1_new_random": "new",
+}
+ROWS = (50, 100, 200)
+TARGETS = {
+    "psm1_grey_random": (".021 .038 .032", ".016 .036 .026", ".013 .029 .021", ".008 .021 .016"),
+    "psm2_grey_random": (".013 .034 .028", ".013 .030 .025", ".013 .022 .021", ".008 .016 .013"),
+    "psm1_new_random": (".020 .040 .030", ".016 .020 .016", ".014 .015 .015", ".011 .010 .011"),
+}
+SESSIONS = {"psm1_grey_pick_place": (75, ".021 .024 .020"), "psm1_grey_user_random": (300, ".019 .055 .056")}
+TRAINING_SHARE = 0.8
+
+
+def rmse(model: PlayModel, recording: Recording, first: int) -> str:
+    """Return the errors of q4 q5 q6 from a row on."""
+    error = (model.predict(recording.q_cmd) - recording.q_phy)[first:][recording.valid[first:]]
+    return " ".join(f"{value:.3f}"[1:] for value in np.sqrt(np.mean(error[:, 3:] ** 2, axis=0)))
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    default = Path(__file__).parents[2] / "shared/data/dvrk/trajectories"
+    parser.add_argument("--data", type=Path, default=default)
+    folder = parser.parse_args().data
+    if not folder.is_dir():
+        raise SystemExit(f"{folder} is not there: give the folder of the recordings with --data")
+    data = {name: load_recording(folder / f"{name}.npz") for name in INSTRUMENTS}
+    print("| recording | rows | from the prior | without | target |\n|---|---|---|---|---|")
+    for name, targets in TARGETS.items():
+        prior = learn_prior([data[other] for other, which in INSTRUMENTS.items() if which != INSTRUMENTS[name]])
+        cut = int(TRAINING_SHARE * len(data[name]))
+        for rows, target in zip((*ROWS, cut), targets, strict=True):
+            part = data[name].first(rows)
+            ways = fit_from_prior(part, prior), PlayModel.fit(part, np.random.default_rng(0))
+            found = " | ".join(rmse(model, data[name], cut) for model in ways)
+            print(f"| `{name}` | {rows} | {found} | {target} |", flush=True)
+    for name, (rows, target) in SESSIONS.items():
+        prior = learn_prior([data[other] for other in INSTRUMENTS if other != name])
+        last = int(np.flatnonzero(data[name].valid)[rows - 1]) + 1
+        part = data[name].first(last)
+        ways = fit_from_prior(part, prior), PlayModel.fit(part, np.random.default_rng(0))
+        found = " | ".join(rmse(model, data[name], last) for model in ways)
+        print(f"| `{name}`, another session | {rows} | {found} | {target} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
