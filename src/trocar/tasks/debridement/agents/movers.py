@@ -161,7 +161,7 @@ class Together:
         if plan is None or not plan.found:
             reason = plan.reason if plan else "nothing was planned"
             self._cell.log.event("no_way", arm=arm, reason=reason)
-            raise NoWay(reason)
+            raise NoWay(reason, lasting=plan is not None and not names_another_arm(reason, arm, self._cell.arms))
         await run(self._cell, self._robot, arm, plan.trajectories[arm], request.stop_s)
 
     def resting(self, arm: str) -> Rest:

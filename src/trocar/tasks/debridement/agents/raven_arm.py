@@ -157,6 +157,7 @@ class RavenArm:
                     raise
                 with self.cell.log.span(self.name, "waiting"):
                     await self.cell.clock.sleep(WAIT_S)
+                await self.eyes.glance(self.name)  # from the same estimate there is the same way, or none
 
     async def _withdraw(self, reason: str) -> None:
         """Go a little away from what the arm is believed to be too near to: the estimate has changed.
