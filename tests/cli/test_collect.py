@@ -66,7 +66,9 @@ def test_one_command_collects_registers_fits_and_evaluates(done):
 
 def test_fit_and_evaluate_read_the_recording(done, trocar, tmp_path):
     recording = done[0] / "recording_psm1.npz"
-    code, out, err = trocar("calibrate", "fit", recording, "--fraction", 0.8, "--out", tmp_path / "m.npz", "--json")
+    code, out, err = trocar(
+        "calibrate", "fit", recording, "--fraction", 0.8, "--prior", "none", "--out", tmp_path / "m.npz", "--json"
+    )
     assert code == 0, err
     code, out, err = trocar("calibrate", "evaluate", tmp_path / "m.npz", recording, "--from-row", 81, "--json")
     assert code == 0, err

@@ -1,5 +1,7 @@
 """Who is given which fragment."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,3 +66,10 @@ def test_where_an_arm_found_no_way_is_left_to_the_other_one_if_that_goes_on(flee
 def test_what_lies_in_the_receptacle_or_hangs_in_the_air_is_not_loose(fleet):
     inside, held = seen(-0.08, 0.01), seen(-0.05, -0.08, height_m=0.03)
     assert places(fleet.loose([*ALL, inside, held])) == places(ALL)
+
+
+def test_parts_of_one_fragment_count_once(fleet):
+    """A finger before a fragment divides it: a trial would go on for one that is not there."""
+    whole, part = seen(-0.128, -0.071), replace(seen(-0.1334, -0.0715), area_px=200)
+    beside = replace(seen(-0.128, -0.063), area_px=200)
+    assert fleet.loose([part, whole, beside]) == [whole, beside]

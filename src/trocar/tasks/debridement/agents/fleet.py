@@ -24,6 +24,9 @@ FULL_M = 3e-3
 """A fragment whose middle is this near to the height of the receptacle's edge lies on others; higher, jaws hold it."""
 IN_JAWS_M = 0.025
 """What is seen this near to a tip may be in the jaws: fingers end 10 mm beyond it, and fragments stick out."""
+ONE_M = 0.007
+"""Two that are seen this near to each other are parts of one, which a finger before it divides; their program merges
+them likewise (facts/debridement.md)."""
 SAME_M = 0.010
 """Two places this near are the same fragment."""
 PATIENCE_S = 20.0
@@ -78,19 +81,20 @@ class Fleet:
     _changed: trio.Event = field(default_factory=trio.Event)
 
     def loose(self, fragments: Sequence[SeenFragment]) -> list[SeenFragment]:
-        """Return the fragments that lie on the work surface outside the receptacle."""
+        """Return the fragments that lie on the work surface outside the receptacle; of parts of one, the largest."""
         (x0, y0), (x1, y1) = self.known.region_m
         low = np.array([min(x0, x1), min(y0, y1)]) - BESIDE_REGION_M
         high = np.array([max(x0, x1), max(y0, y1)]) + BESIDE_REGION_M
         T_receptacle_world = self.T_world_receptacle.inverse()
         table = self.T_world_table.translation_m[2]
-        return [
+        lying = [
             f
             for f in fragments
             if np.all((low < f.p_world_m[:2]) & (f.p_world_m[:2] < high))
             and f.p_world_m[2] - table < IN_THE_AIR_M
             and not self.known.receptacle.holds(T_receptacle_world.apply(f.p_world_m))
         ]
+        return [f for f in lying if not any(_apart_m(f, g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
 
     def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
         """Return whether what lies in the receptacle stands out of it; what is near a tip (3,) may be in its jaws."""
