@@ -146,11 +146,21 @@ PLANTS: dict[str, CablePlant] = {"psm1_grey": PSM1_GREY, "psm2_grey": PSM2_GREY,
 """Identified instruments by name."""
 
 
-def play_slacks(q_cmd: NDArray[np.float64], a: float, b: float, radii: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the slacks (n, 3, k) of ``[q4, q5 + a q6, q6 + b q5]`` at radii (3, k), commands (n, 6)."""
+def play_slacks(
+    q_cmd: NDArray[np.float64], a: float, b: float, radii: NDArray[np.float64], start: ArrayLike = 0.0
+) -> NDArray[np.float64]:
+    """Return the slacks (n, 3, k) of ``[q4, q5 + a q6, q6 + b q5]`` at radii (3, k), commands (n, 6).
+
+    Args:
+        q_cmd: one after the other, from the first one that the arm was at rest at.
+        a: share of yaw in the motion of the pitch cable.
+        b: share of pitch in the motion of the yaw cable.
+        radii: of the play operators, rad.
+        start: slacks, broadcast to (3, k), at the first command, rad.
+    """
     q4, q5, q6 = q_cmd[:, 3], q_cmd[:, 4], q_cmd[:, 5]
     u = np.stack([q4, q5 + a * q6, q6 + b * q5], axis=1)[:, :, None]
-    return u - play_operator(u, radii)
+    return u - play_operator(u, radii, u[0] - np.broadcast_to(start, radii.shape))
 
 
 def fit_plant(recording: Recording) -> CablePlant:

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from trocar.cli import collect, fleet
+from trocar.cli.out_folder import check_npz
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
 
@@ -61,8 +62,7 @@ def fit(
     kind = MODELS.pick(model)
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
-    if out.suffix != ".npz" or not out.parent.is_dir():
-        raise TrocarError(f"model file {str(out)!r} must end in .npz and lie in a folder that exists")
+    check_npz(out, "model")
     data = load_recording(recording)
     data = data.first(_rows(len(data), rows, fraction))
     prior = prior or ("fleet" if model == "play" else "none")
@@ -105,11 +105,14 @@ def evaluate(
 ) -> None:
     """Compare a model with a recording; its memory runs over all rows, errors count from row K."""
     from trocar.calibration.evaluation import evaluate as score  # noqa: PLC0415
+    from trocar.calibration.figure import picture_path  # noqa: PLC0415
     from trocar.calibration.models import load_model  # noqa: PLC0415
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
     from trocar.calibration.session import refit_ends, refit_offset  # noqa: PLC0415
 
     del plugin  # loaded when it was parsed
+    if plot is not None:
+        picture_path(plot)
     fitted, data = load_model(model), load_recording(recording)
     if refit < 0:
         raise TrocarError(f"a refit on {refit} rows is impossible; give 0 or more")

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from trocar.cli.out_folder import check_npz
 from trocar.errors import TrocarError
+
+if TYPE_CHECKING:
+    from trocar.calibration.fleet.curve import Curve
 
 PriorName = Annotated[
     str | None,
@@ -35,8 +40,7 @@ def prior(
     from trocar.calibration.fleet import learn_prior  # noqa: PLC0415 (SciPy only when needed)
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
 
-    if out.suffix != ".npz" or not out.parent.is_dir():
-        raise TrocarError(f"prior file {str(out)!r} must end in .npz and lie in a folder that exists")
+    check_npz(out, "prior")
     with Console(stderr=True).status(f"learning from {len(recordings)} recordings"):
         learned = learn_prior([load_recording(path) for path in recordings])
     learned.save(out)
@@ -55,23 +59,31 @@ def curve(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Print how well a play model predicts the last fifth of a recording after so many of its first rows."""
+    from trocar.calibration.figure import picture_path  # noqa: PLC0415
     from trocar.calibration.fleet import load_prior  # noqa: PLC0415
     from trocar.calibration.fleet.curve import curve as found_curve  # noqa: PLC0415
     from trocar.calibration.fleet.curve import draw_curve  # noqa: PLC0415
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
 
+    if plot is not None:
+        picture_path(plot)
     if prior in (None, "none"):
         raise TrocarError("a curve compares fits with a prior and without; give --prior fleet or a file")
     known, data = load_prior(prior), load_recording(recording)
     with Console(stderr=True).status(f"fitting on more and more rows of {data.name}"):
         found = found_curve(data, known, _numbers(rows))
-    if plot is not None:
-        draw_curve(found, plot)
     if as_json:
         values = {way: rmse.tolist() for way, rmse in found.rmse.items()}
         about = {"recording": found.recording, "rows": found.rows, "seconds": found.seconds, "tail": found.tail}
         sys.stdout.write(json.dumps(about | {"sources": known.sources, "rmse": values}) + "\n")
-        return
+    else:
+        _print(found, known.sources)
+    if plot is not None:
+        draw_curve(found, plot)
+        Console(stderr=as_json).print(f"picture: {plot}")
+
+
+def _print(found: Curve, sources: Sequence[str]) -> None:
     table = Table(title=f"{found.recording}: RMSE of q4 q5 q6 on the last fifth ({found.tail} rows), rad")
     for column in ("rows", "time", *found.rmse):
         table.add_column(column, justify="right")
@@ -80,11 +92,9 @@ def curve(
         table.add_row(str(count), f"{seconds:.0f} s", *cells)
     console = Console()
     console.print(table)
-    console.print(f"the prior was learned from {', '.join(known.sources)}")
-    if data.name in known.sources:
+    console.print(f"the prior was learned from {', '.join(sources)}")
+    if found.recording in sources:
         console.print("this recording among them: the figures are no test of it; learn one without (`calibrate prior`)")
-    if plot is not None:
-        console.print(f"picture: {plot}")
 
 
 def _numbers(rows: str) -> list[int] | None:

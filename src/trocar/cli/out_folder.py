@@ -38,3 +38,9 @@ def check_out_folder(out: Path | None, names: Iterable[str]) -> None:
 def _can_be_written(path: Path) -> bool:
     """Return whether a file can be written where this one may be already."""
     return not path.exists() or (path.is_file() and os.access(path, os.W_OK))
+
+
+def check_npz(path: Path, what: str) -> None:
+    """Raise TrocarError if a file that is to be written cannot be: ask before a long computation."""
+    if path.suffix != ".npz" or not path.parent.is_dir():
+        raise TrocarError(f"{what} file {str(path)!r} must end in .npz and lie in a folder that exists")

@@ -10,7 +10,7 @@ from trocar.arms import PSM_CLASSIC
 from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.fleet import fit_from_prior, learn_prior, load_prior
 from trocar.calibration.fleet.curve import WITH, WITHOUT, curve, draw_curve
-from trocar.calibration.fleet.fit import OWN_ROWS
+from trocar.calibration.fleet.fit import ENOUGH_ROWS, OWN_ROWS
 from trocar.calibration.fleet.loops import LoopShape
 from trocar.calibration.models import load_model, save_model
 from trocar.calibration.models.play import PlayModel
@@ -48,7 +48,8 @@ LIMITS_RAD = {
     ("psm1_new_random", 100): (0.016, 0.020, 0.016),
     ("psm1_new_random", 200): (0.014, 0.015, 0.015),
 }
-"""RMSE of q4 q5 q6 on the last fifth after so many rows. Without a prior half of them are exceeded, by up to 2.4."""
+"""RMSE of q4 q5 q6 on the last fifth after so many rows: the project's targets, or what is reached where that is more
+(docs/calibration.md has both). Without a prior seven of the nine are exceeded, by up to 2.4."""
 
 
 @cache
@@ -98,7 +99,14 @@ def test_a_prior_is_worth_more_than_half_a_minute_of_recording(prior):
 
 
 def test_many_rows_leave_nothing_to_the_prior(prior):
-    recording = recorded(PSM2_GREY, 7, 700)
+    recording = recorded(PSM2_GREY, 7, ENOUGH_ROWS)
+    path = random_smooth_path(PSM_CLASSIC, np.random.default_rng(8), 100)
+    alone = PlayModel.fit(recording, np.random.default_rng(0))
+    assert_allclose(fit_from_prior(recording, prior).predict(path), alone.predict(path))
+
+
+def test_between_a_minute_and_that_both_are_mixed(prior):
+    recording = recorded(PSM2_GREY, 7, ENOUGH_ROWS - 100)
     model = fit_from_prior(recording, prior)
     assert model.training.rows > OWN_ROWS
     fresh = random_smooth_path(PSM_CLASSIC, np.random.default_rng(8), 200)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.figure import COLOURS, JOINT_TITLES
+from trocar.calibration.figure import COLOURS, JOINT_TITLES, save_figure
 from trocar.calibration.fleet.fit import fit_from_prior
 from trocar.calibration.fleet.prior import FleetPrior
 from trocar.calibration.models.base import MIN_ROWS
@@ -75,9 +75,6 @@ def draw_curve(found: Curve, path: str | Path) -> Path:
     """Draw the errors of the wrist's joints over the time of recording; return the path of the picture."""
     from matplotlib.figure import Figure  # noqa: PLC0415 (slow to import, and only this picture needs it)
 
-    path = Path(path)
-    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise TrocarError(f"picture {str(path)!r} must end in .png, .svg or .pdf; choose such a name")
     figure = Figure(figsize=(12, 4), layout="constrained", dpi=110)
     for axis, joint in zip(figure.subplots(1, 3), (3, 4, 5), strict=True):
         for (way, values), colour in zip(found.rmse.items(), (COLOURS["predicted"], COLOURS["measured"]), strict=True):
@@ -87,9 +84,5 @@ def draw_curve(found: Curve, path: str | Path) -> Path:
         axis.spines[["top", "right"]].set_visible(False)
     figure.axes[0].set_ylabel("RMSE on the last fifth [rad]")
     figure.axes[0].legend()
-    figure.suptitle(f"{found.recording}: what so much recording is worth")
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise TrocarError(f"cannot write picture {str(path)!r} ({error.strerror}); choose another folder") from None
-    return path
+    figure.suptitle(f"{found.recording}: error by length of the recording")
+    return save_figure(figure, path)

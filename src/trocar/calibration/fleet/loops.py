@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.plant import WRIST
-from trocar.calibration.play import play_operator
+from trocar.calibration.plant import WRIST, play_slacks
 
 MULTIPLES = np.array([0.4, 1.0, 1.8])
 """Radii of the play operators of a joint, in multiples of its backlash: real loops have round corners."""
@@ -52,13 +51,10 @@ class LoopShape:
             q_cmd: all commands since the arm was at rest.
             starts: (s,) slacks before the first one, in shares of the radii: -1 to 1.
         """
-        q4, q5, q6 = q_cmd[:, 3], q_cmd[:, 4], q_cmd[:, 5]
-        u = np.stack([q4, q5 + self.a * q6, q6 + self.b * q5], axis=1)
-        radii = np.broadcast_to(self.banks[:, None], (3, len(starts), len(MULTIPLES)))
-        outputs = u[0][:, None, None] - starts[:, None] * radii
-        inputs = np.broadcast_to(u[:, :, None], (len(u), 3, radii[0].size))
-        followed = play_operator(inputs, radii.reshape(3, -1), outputs.reshape(3, -1))
-        return (inputs - followed).reshape(len(u), *radii.shape)
+        shape = (3, len(starts), len(MULTIPLES))
+        radii = np.broadcast_to(self.banks[:, None], shape)
+        slacks = play_slacks(q_cmd, self.a, self.b, radii.reshape(3, -1), (starts[:, None] * radii).reshape(3, -1))
+        return slacks.reshape(len(q_cmd), *shape)
 
     def features(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the features (n, FEATURES) along commands (n, 6) that start without slack."""

@@ -86,27 +86,18 @@ class PlayModel:
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
         """Return the model: coupling identified from the recording, map chosen by validation over blocks of time."""
         plant = fit_plant(recording)
-        spectrum = np.broadcast_to(RADII_RAD, (3, len(RADII_RAD)))
-        radii = np.column_stack([plant.radii, spectrum])
-        slacks = play_slacks(recording.q_cmd, plant.a, plant.b, radii)
         error = (recording.q_phy - recording.q_cmd)[recording.valid]
         outer, offset = fit_linear(recording.q_cmd[recording.valid], error, OUTER_PENALTY)
-        outer = outer[:3]
-        offset[WRIST] = error[:, WRIST].mean(axis=0)
-        features = np.column_stack([recording.q_cmd[:, WRIST], slacks.reshape(len(recording), -1)])
-        fitted, constant = fit_map(
-            features[recording.valid], error[:, WRIST] - offset[WRIST], np.flatnonzero(recording.valid)
-        )
-        offset[WRIST] += constant
-        return cls(plant.a, plant.b, radii, offset, outer, fitted, TrainingMotion.of(recording))
+        radii = with_spectrum(plant.radii)
+        fitted, offset[WRIST] = fit_wrist(recording, plant.a, plant.b, radii)
+        return cls(plant.a, plant.b, radii, offset, outer[:3], fitted, TrainingMotion.of(recording))
 
     def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the joints (n, 6) for a history of commands (n, 6) that starts without slack."""
         q = commands(q_cmd)
-        slacks = play_slacks(q, self.a, self.b, self.radii).reshape(len(q), -1)
         joints = q + self.offset
         joints[:, :3] += q @ self.outer.T
-        joints[:, WRIST] += self.map(np.column_stack([q[:, WRIST], slacks]))
+        joints[:, WRIST] += self.map(wrist_features(q, self.a, self.b, self.radii))
         return joints
 
     def start(self, q_cmd: NDArray[np.float64]) -> PlayBank:
@@ -200,3 +191,26 @@ class PlayModel:
     def _bank(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], PlayBank]:
         u = (self.mix @ q_cmd[WRIST])[:, None]
         return u, np.minimum(np.maximum(state, u - self.radii), u + self.radii)
+
+
+def with_spectrum(radii: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return identified radii (3,) beside those of the spectrum: (3, k) rad."""
+    return np.column_stack([radii, np.broadcast_to(RADII_RAD, (3, len(RADII_RAD)))])
+
+
+def wrist_features(q_cmd: NDArray[np.float64], a: float, b: float, radii: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``[q4 q5 q6, slacks]`` (n, 3 + 3 k) along commands (n, 6), the slacks of each joint in turn."""
+    return np.column_stack([q_cmd[:, WRIST], play_slacks(q_cmd, a, b, radii).reshape(len(q_cmd), -1)])
+
+
+def fit_wrist(
+    recording: Recording, a: float, b: float, radii: NDArray[np.float64]
+) -> tuple[PlayMap, NDArray[np.float64]]:
+    """Return the map from :func:`wrist_features` to the errors of q4 q5 q6, and the constant (3,) to add, rad."""
+    valid = recording.valid
+    error = (recording.q_phy - recording.q_cmd)[valid][:, WRIST]
+    middle = error.mean(axis=0)
+    fitted, constant = fit_map(
+        wrist_features(recording.q_cmd, a, b, radii)[valid], error - middle, np.flatnonzero(valid)
+    )
+    return fitted, middle + constant

@@ -40,7 +40,7 @@ REGION_M = {
 }
 """Where fragments lie, corners x, y in the world, by the number of arms: where one that works, its gripper straight
 down, reaches in nine of ten sessions at least, though its kinematics err by centimetres (assumed: a person lays them
-there; 24 sessions were drawn)."""
+there; ``tests/tasks/debridement/test_region.py`` draws 24 sessions)."""
 WITHDRAWN_M = 0.10
 """An arm that does not work is drawn back into its port by so much, out of the way; a person does that."""
 

@@ -101,7 +101,7 @@ def test_a_fragment_that_sticks_to_the_jaws_is_for_a_person(monkeypatch, tmp_pat
 
 def test_a_receptacle_that_is_full_is_for_a_person(monkeypatch, tmp_path):
     eyes = Eyes()
-    eyes.more = ([-0.0745, 0.004, -0.162 + 0.012],)
+    eyes.more = tuple([x, 0.004, -0.162 + 0.012] for x in (-0.095, -0.0745, -0.055))
     trial = play(monkeypatch, tmp_path, eyes, fragments=6, budget_s=120.0)
     assert FragmentOutcome.RECEPTACLE_FULL.name in outcomes(trial)
     assert done(trial) <= 5 and trial.ended == "done"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trocar.geometry import SE3
-from trocar.tasks.debridement.agents.fleet import PATIENCE_S, Failure, Fleet
+from trocar.tasks.debridement.agents.fleet import FULL_LOOKS, PATIENCE_S, Failure, Fleet
 from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.debridement.workspace import Workspace
 
@@ -73,3 +73,15 @@ def test_parts_of_one_fragment_count_once(fleet):
     whole, part = seen(-0.128, -0.071), replace(seen(-0.1334, -0.0715), area_px=200)
     beside = replace(seen(-0.128, -0.063), area_px=200)
     assert fleet.loose([part, whole, beside]) == [whole, beside]
+
+
+def test_what_was_pushed_a_little_out_of_the_region_is_loose_still(fleet):
+    pushed = seen(-0.145, -0.08)
+    assert places(fleet.loose([*ALL, pushed])) == [*places(ALL), (-0.145, -0.08)]
+
+
+def test_a_receptacle_is_full_if_several_stand_out_of_it_for_a_while(fleet):
+    high = [seen(x, 0.004, height_m=Workspace().receptacle.height_m) for x in (-0.1, -0.075, -0.05)]
+    assert not any(fleet.full([*ALL, high[0]], []) for _ in range(2 * FULL_LOOKS)), "one lies on another"
+    assert [fleet.full([*ALL, *high], []) for _ in range(FULL_LOOKS)] == [False] * (FULL_LOOKS - 1) + [True]
+    assert not fleet.full([*ALL, *high], [high[0].p_world_m]), "one of three is in jaws"

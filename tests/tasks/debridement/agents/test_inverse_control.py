@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trocar.arms import MotionLimits, fk
+from trocar.arms import MotionLimits, Unreachable, fk
 from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest
 from trocar.station import load_station
@@ -66,6 +66,25 @@ def test_a_correction_is_made_early_if_limits_allow_and_keeps_them():
     assert off[times > 0.7].max() < 5e-4  # long before the end
     np.testing.assert_allclose(found(times[0], 1), sent(times[0], 1), atol=1e-9)
     assert (np.abs(found(times[:-1], 2)) <= limits.acceleration).all()
+
+
+def test_an_arm_that_no_command_would_bring_where_it_is_believed_to_be_still_leaves_from_there():
+    edge = START.copy()
+    edge[0] = ARM.upper[0] - 0.02
+    inwards = edge + [-0.4, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+    def astray(T):  # the arm is believed to be turned about its first axis by .1 rad: less than it is commanded
+        return SE3.from_parts(SO3.axis("z", -0.1)) @ T
+
+    desired = rest_to_rest(edge, inwards, LIMITS)
+    found = commands_for(ARM, desired, astray, q_start=edge, velocity=np.zeros(6))
+    times = np.linspace(desired.times_s[0], desired.times_s[-1], 200)
+    assert (found(times)[:, 0] < ARM.upper[0]).all()
+    np.testing.assert_allclose(found(times[0]), edge, atol=1e-12)
+    reached = astray(fk(ARM, found(times[-1]))).translation_m
+    np.testing.assert_allclose(reached, fk(ARM, inwards).translation_m, atol=2e-4)
+    with pytest.raises(Unreachable, match="shoulder"):  # but it cannot go where no command leads
+        commands_for(ARM, rest_to_rest(inwards, edge, LIMITS), astray, q_start=inwards, velocity=np.zeros(6))
 
 
 def test_a_correction_that_is_too_much_for_the_limits_is_made_in_part():

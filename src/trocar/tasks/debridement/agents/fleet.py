@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from trocar.geometry import SE3
 from trocar.tasks.debridement.agents.token import Token
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
 from trocar.tasks.debridement.workspace import Workspace
 
-BESIDE_REGION_M = 0.012
-"""Fragments that rolled may lie so far outside the region in which they were laid."""
+BESIDE_REGION_M = 0.025
+"""Fragments that rolled, or that jaws pushed, may lie so far outside the region in which they were laid."""
 IN_THE_AIR_M = 0.014
 """What is seen so high above the work surface is held by jaws, or lies in the receptacle."""
+FULL_FRAGMENTS = 3
+"""A receptacle is full if so many stand out of it; one may lie on another long before that."""
 FULL_LOOKS = 3
 """So many looks in a row have to show it: fragments are also seen while they fall."""
 FULL_M = 3e-3
@@ -27,8 +29,6 @@ IN_JAWS_M = 0.025
 ONE_M = 0.007
 """Two that are seen this near to each other are parts of one, which a finger before it divides; their program merges
 them likewise (facts/debridement.md)."""
-SAME_M = 0.010
-"""Two places this near are the same fragment."""
 PATIENCE_S = 20.0
 """A place where an arm failed is left alone for so long, if there is another one."""
 
@@ -94,22 +94,19 @@ class Fleet:
             and f.p_world_m[2] - table < IN_THE_AIR_M
             and not self.known.receptacle.holds(T_receptacle_world.apply(f.p_world_m))
         ]
-        return [f for f in lying if not any(_apart_m(f, g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
+        return [f for f in lying if not any(away_m(f, g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
 
     def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
         """Return whether what lies in the receptacle stands out of it; what is near a tip (3,) may be in its jaws."""
-        T_receptacle_world, shape = self.T_world_receptacle.inverse(), self.known.receptacle
-        unsure = False
-        for fragment in fragments:
-            p = T_receptacle_world.apply(fragment.p_world_m)
-            over = bool(np.all(np.abs(p[:2]) < 0.5 * np.array(shape.size_m)))
-            if not over or abs(p[2] - shape.height_m) >= FULL_M:
-                continue
-            if all(np.linalg.norm(fragment.p_world_m - tip) >= IN_JAWS_M for tip in p_world_tips):
-                self._full += 1
-                return self._full >= FULL_LOOKS
-            unsure = True
-        self._full = self._full if unsure else 0
+        shape, half_m = self.known.receptacle, 0.5 * np.array(self.known.receptacle.size_m)
+        places = [(f, self.T_world_receptacle.inverse().apply(f.p_world_m)) for f in fragments]
+        high = [f for f, p in places if (np.abs(p[:2]) < half_m).all() and abs(p[2] - shape.height_m) < FULL_M]
+        lying = [f for f in high if all(np.linalg.norm(f.p_world_m - tip) >= IN_JAWS_M for tip in p_world_tips)]
+        if len(lying) >= FULL_FRAGMENTS:
+            self._full += 1
+            return self._full >= FULL_LOOKS
+        if len(high) < FULL_FRAGMENTS:
+            self._full = 0
         return False
 
     def choice(self, arm: str, fragments: Sequence[SeenFragment], apart_m: float, now_s: float) -> list[SeenFragment]:
@@ -118,14 +115,14 @@ class Fleet:
         Where it failed lately comes last, and where it found no way is for the other arm, if that goes on.
         """
         others = [place for name, place in self.taken.items() if name != arm]
-        free = [f for f in fragments if all(_apart_m(f, place) > apart_m for place in others)]
+        free = [f for f in fragments if all(away_m(f, place) > apart_m for place in others)]
         side = self.sides[arm]
         free.sort(key=lambda f: -side * float(f.p_world_m[0]))
         recent = [failure for failure in self.failures if now_s - failure.time_s < PATIENCE_S]
         if self.busy - {arm}:
             blocked = [failure for failure in recent if failure.blocked and failure.arm == arm]
-            free = [f for f in free if all(_apart_m(f, failure.p_world_m) >= SAME_M for failure in blocked)]
-        bad = [f for f in free if any(_apart_m(f, failure.p_world_m) < SAME_M for failure in recent)]
+            free = [f for f in free if all(away_m(f, failure.p_world_m) >= SAME_M for failure in blocked)]
+        bad = [f for f in free if any(away_m(f, failure.p_world_m) < SAME_M for failure in recent)]
         return [f for f in free if f not in bad] + bad
 
     def failures_at(self, place: NDArray[np.float64]) -> int:
@@ -152,7 +149,3 @@ class Fleet:
     async def changed(self) -> None:
         """Return when something has changed."""
         await self._changed.wait()
-
-
-def _apart_m(fragment: SeenFragment, place: NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(fragment.p_world_m[:2] - place[:2]))

@@ -22,8 +22,10 @@ KEPT_SHARE = 0.97
 """Of the limits, for corrected commands: a guard looks at them more closely."""
 RAMPS_S = (0.25, 0.4, 0.6, 0.9)
 """A correction is made in as short a time of these as the limits allow."""
-LITTLE_RAD, LITTLE_M = 0.06, 1e-3
-"""What a joint's command may be short of: an angle of this size in the wrist is 1 mm at the tip, and is seen there."""
+LITTLE = np.array([0.06, 0.06, 1e-3, 0.06, 0.06, 0.06])
+"""What a joint's command may be short of, rad and m: such an angle in the wrist is 1 mm at the tip, which is seen."""
+FAR_RAD, FAR_M = 0.3, 0.02
+"""Commands are sought so far beyond a joint's range: what an arm is sent now may not be what would bring it here."""
 SHORT = 5e-3
 """They stay this share of their range inside it: a spline through such commands swings a little beyond them."""
 APART_M = 1e-3
@@ -54,6 +56,7 @@ def commands_for(
     """
     times = _moments(desired)
     commands = _commands(arm, desired(times), settled, q_start)
+    # an arm may be where no command would bring it, once its estimate has changed: what counts is what it is sent
     commands = commands + (q_start - commands[0]) * (1 - _ramp(times))[:, None]
     commands = np.concatenate([q_start[None], _inside(arm, commands[1:])])
     # what is added to the motion is smooth; a spline through their sum would swing where its acceleration jumps
@@ -84,7 +87,7 @@ def corrected(
         Unreachable: a command would leave a joint's range.
     """
     times = _moments(desired)
-    wanted = _commands(arm, desired(times), settled, sent(times[0])) - sent(times)
+    wanted = _inside(arm, _commands(arm, desired(times), settled, sent(times[0]))) - sent(times)
     fine = np.linspace(times[0], times[-1], 4 * len(times))
     left_s = float(times[-1] - times[0])
     share, change = 0.0, wanted
@@ -122,26 +125,35 @@ def _ramp(times: NDArray[np.float64], over_s: float | None = None) -> NDArray[np
 def _commands(
     arm: ArmModel, q: NDArray[np.float64], settled: Callable[[SE3], SE3], q_sent: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the joints (n, 6) to be commanded for believed ones (n, 6)."""
+    """Return the joints (n, 6) to be commanded for believed ones (n, 6), be they in a joint's range or not."""
     T_wanted = fk(arm, q)
-    return _within(arm, _corrected(T_wanted, _errors(T_wanted, settled)), q + (q_sent - q[0]))
+    return _joints(arm, _corrected(T_wanted, _errors(T_wanted, settled)), q + (q_sent - q[0]))
 
 
-def _within(arm: ArmModel, T_base_tip: SE3, reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the joints (..., 6) for poses; where they would leave their range by little, they stay at its end.
-
-    Raises:
-        Unreachable: it is more than a little.
-    """
+def _joints(arm: ArmModel, T_base_tip: SE3, reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the joints (..., 6) for poses, inside their range if possible, or not far out of it."""
     try:
         return ik(arm, T_base_tip, reference=reference)
     except Unreachable:
-        return _inside(arm, ik(_widened(arm), T_base_tip, reference=reference))
+        return ik(_widened(arm), T_base_tip, reference=reference)
 
 
 def _inside(arm: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return commands (..., 6) kept inside the joints' range.
+
+    Raises:
+        Unreachable: they leave it by more than a little.
+    """
     short = SHORT * (arm.upper - arm.lower)
-    return np.clip(q, arm.lower + short, arm.upper - short)
+    kept = np.clip(q, arm.lower + short, arm.upper - short)
+    beyond = np.abs(q - kept) - short - LITTLE
+    if (beyond > 0).any():
+        joint = int(np.argmax(np.max(np.atleast_2d(beyond), axis=0)))
+        raise Unreachable(
+            f"a command would leave the range of joint {arm.joints[joint].name!r}, "
+            f"{arm.lower[joint]:.3f} to {arm.upper[joint]:.3f}; go elsewhere, or turn the gripper otherwise"
+        )
+    return kept
 
 
 @lru_cache
@@ -149,7 +161,7 @@ def _widened(arm: ArmModel) -> ArmModel:
     joints = (
         replace(joint, lower=joint.lower - margin, upper=joint.upper + margin)
         for joint in arm.joints
-        for margin in [LITTLE_M if joint.prismatic else LITTLE_RAD]
+        for margin in [FAR_M if joint.prismatic else FAR_RAD]
     )
     return replace(arm, joints=tuple(joints))
 
@@ -200,7 +212,8 @@ def command_for(
     Raises:
         Unreachable: they would leave a joint's range.
     """
-    return _within(arm, _corrected(T_wanted, _error(T_wanted, settled, np.zeros(6))), reference)
+    T_commanded = _corrected(T_wanted, _error(T_wanted, settled, np.zeros(6)))
+    return _inside(arm, _joints(arm, T_commanded, reference))
 
 
 def _corrected(T_wanted: SE3, error: NDArray[np.float64]) -> SE3:

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry.capsules import Capsules, segment_distances_m
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
 
-SAME_M = 0.010
-"""Two places this near are the same fragment."""
 LYING_M = 0.012
 """Middles of fragments that lie on the work surface are lower; others are held, and not remembered."""
 ROUND_M = 0.008
@@ -37,14 +35,14 @@ class Memory:
         Args:
             seen: in the images.
             p_world_eyes_m: (2, 3) where both eyes are, the left one first.
-            arms: their solids in the world, when the images were taken.
+            arms: their solids in the world, about where they were in the images.
         """
         fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
         shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
         hidden = [
             old
             for old in self._lying
-            if all(_apart_m(old, new.p_world_m) > SAME_M for new in shown)
+            if all(away_m(old, new.p_world_m) > SAME_M for new in shown)
             and _is_behind(old, p_world_eyes_m, arms.values())
         ]
         self._lying = [*(fragment for fragment in shown if fragment.height_m < LYING_M), *hidden]
@@ -52,16 +50,12 @@ class Memory:
 
     def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
         """Learn that the jaws of an arm have closed about what lay at a place (3,)."""
-        self._lying = [old for old in self._lying if _apart_m(old, p_world_m) > SAME_M]
+        self._lying = [old for old in self._lying if away_m(old, p_world_m) > SAME_M]
         self._carrying.add(arm)
 
     def let_go(self, arm: str) -> None:
         """Learn that the jaws of an arm have opened again."""
         self._carrying.discard(arm)
-
-
-def _apart_m(fragment: SeenFragment, p_world_m: NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(fragment.p_world_m[:2] - p_world_m[:2]))
 
 
 def _is_behind(fragment: SeenFragment, p_world_eyes_m: NDArray[np.float64], solids: Iterable[Capsules]) -> bool:

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from trocar.geometry import SE3
 
+SAME_M = 0.010
+"""Two places this near, seen from above, are the same fragment."""
+
 
 @dataclass(frozen=True, eq=False)
 class SeenFragment:
@@ -51,3 +54,8 @@ class SeenGripper:
     jaw_rad: float
     marks: int
     residual_m: float
+
+
+def away_m(fragment: SeenFragment, p_world_m: NDArray[np.float64]) -> float:
+    """Return how far a fragment is from a place (3,), seen from above."""
+    return float(np.linalg.norm(fragment.p_world_m[:2] - p_world_m[:2]))
