@@ -121,6 +121,22 @@ def test_new_session_mounts_the_instruments_again_and_is_another_run(trocar, pla
     assert code == 2 and "new_session True" in err
 
 
+def test_the_difficulty_and_the_sizes_of_all_flaws_are_told(trocar, played, tmp_path):
+    more = ("--difficulty", "recorded", "--flaw", "registration=1mm", "--flaw", "residual=0", "--out", tmp_path)
+    _, out, _ = trocar("run", "peg-transfer", *more)
+    said = summary_of(tmp_path)["flaws"]
+    assert said["difficulty"] == "recorded, registration=1mm, residual=0" and "registration=1mm" in out
+    sizes = {name.partition(":")[0]: size for name, size in said.items()}
+    assert (sizes["registration"], sizes["residual"], sizes["wear"]) == ("1 mm", "0 deg", "1 x")
+    assert "kinematics" not in sizes, "no Raven is there"
+
+
+@pytest.mark.parametrize("more", [("--difficulty", "easy"), ("--flaw", "wind=3"), ("--flaw", "jaw=3mm")])
+def test_a_difficulty_that_is_none_is_refused(trocar, tmp_path, more):
+    code, _, error = trocar("run", "peg-transfer", *more, "--out", tmp_path / "no")
+    assert code == 2 and more[1].partition("=")[0] in error and not (tmp_path / "no").exists()
+
+
 def test_a_flawless_camera_is_told(trocar, played, tmp_path):
     _, out, _ = trocar("run", "peg-transfer", "--flawless-camera", "--out", tmp_path)
     assert "flaws of camera overhead: switched off" in " ".join(out.split()), out

@@ -80,6 +80,8 @@ def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
         RunConfig(PegTransfer(budget_s=100.0), calibration="joints"),
         RunConfig(CircleSutures()),
         *(config(**{name: True}) for name in ("new_session", "refit_offsets", "flawless_camera")),
+        config(difficulty="recorded"),
+        config(flaws=("jaw=1deg",)),
         *(config(**choice) for choice in ({"seed": 1}, {"method": "uncalibrated"}, {"model": "ridge"})),
         config(calibration="images"),
         config(station=str(mine)),

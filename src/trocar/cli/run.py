@@ -60,6 +60,13 @@ def run(
     flawless_camera: Annotated[
         bool, typer.Option("--flawless-camera", help="Switch the sensors' flaws off; the run says so.")
     ] = False,
+    difficulty: Annotated[
+        str, typer.Option(help="How far the laboratory is from what is known of it: mild, recorded, harsh.")
+    ] = "mild",
+    flaw: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=SIZE", help="Give a flaw another size, as registration=1.0mm; may be repeated."),
+    ] = None,
     jobs: Annotated[int, typer.Option(help="How many trials at once, each in a process of its own.")] = 1,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
@@ -83,6 +90,8 @@ def run(
         new_session=new_session,
         refit_offsets=refit_offsets,
         flawless_camera=flawless_camera,
+        difficulty=difficulty,
+        flaws=tuple(flaw or ()),
         plugins=tuple(map(str, plugin or ())),
     )
     if config.chosen_method.calibrated and model == "lstm":
@@ -105,6 +114,8 @@ def run(
 
 class _Tasks(TaskGroup):
     body = staticmethod(run)
+    told = "Runs trials in the simulated cell, scores them, and keeps files and pictures."
+    example = "trocar run {task} --trials 2 --seed 1 --out out/two"
 
 
 app = typer.Typer(

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from trocar.cli import study_suture
+from trocar.cli import study_robustness, study_suture
 from trocar.cli.open_group import OpenGroup
 from trocar.errors import TrocarError
 
@@ -28,6 +28,7 @@ app = typer.Typer(
 )
 
 
+app.add_typer(study_robustness.app, name="robustness")
 app.command("suture", epilog="Example: trocar study suture --setups 300 --out out/study")(study_suture.suture)
 
 

@@ -27,9 +27,13 @@ class TaskGroup(TyperGroup):
 
     Attributes:
         body: what a task's command calls, with the options of every run and those of the task.
+        told: what its help says that it does.
+        example: of a line, with ``{task}`` for the task's name and, where it needs one, its plugin.
     """
 
     body: Callable[..., None]
+    told: str
+    example: str
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Load the plugins of the line, then go on as usual."""
@@ -44,15 +48,17 @@ class TaskGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command of a task."""
         del ctx
-        return task_command(TASKS.pick(cmd_name), type(self).body)
+        return task_command(TASKS.pick(cmd_name), type(self).body, type(self).told, type(self).example)
 
 
-def task_command(task: type[Task], body: Callable[..., None]) -> Any:
+def task_command(task: type[Task], body: Callable[..., None], told: str, example: str) -> Any:
     """Return the command of one task: the options of ``body``, and the fields of the task.
 
     Args:
         task: whose.
         body: called with ``task``, its options as ``options``, and its own parameters by name.
+        told: what the help says that it does.
+        example: of a line.
     """
     check_task(task)
     own = {field.name: field for field in fields(task)}  # type: ignore[arg-type]
@@ -78,13 +84,13 @@ def task_command(task: type[Task], body: Callable[..., None]) -> Any:
     methods = "; ".join(f"{name}: {_about(method)}" for name, method in methods_of(task).items())
     command.__doc__ = (
         f"{task.about[:1].upper()}{task.about[1:]}.\n\n"
-        f"Runs trials in the simulated cell, scores them, and keeps files and pictures. An interrupted run keeps its "
-        f"finished trials; the same command goes on where it stopped.\n\nMethods: {methods}."
+        f"{told} An interrupted run keeps its finished trials; the same command goes on where it stopped.\n\n"
+        f"Methods: {methods}."
     )
     app = typer.Typer(rich_markup_mode=None, add_completion=False)
     plugin = "--plugin FILE " if task.__module__.startswith(PLUGIN_MODULE) else ""
-    example = f"Example: trocar run {task.name} {plugin}--trials 2 --seed 1 --out out/two"
-    app.command(task.name, cls=GroupedCommand, epilog=example)(command)
+    line = example.format(task=f"{task.name} {plugin}".strip())
+    app.command(task.name, cls=GroupedCommand, epilog=f"Example: {line}")(command)
     made = get_command(app)
     made.name = task.name
     return made

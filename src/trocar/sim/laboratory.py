@@ -161,7 +161,8 @@ class SimLaboratory:
         for name, arm in station.arms.items():
             q_cmd = arm.park_q()
             train = DriveTrain(session.transmissions[name], q_cmd, cable_rng)
-            self.driver.attach_train(name, arm.model, arm.limits, train, q_cmd, arm.park_jaw_rad)
+            jaw = session.jaws[name]
+            self.driver.attach_train(name, arm.model, arm.limits, train, q_cmd, arm.park_jaw_rad, jaw)
         self.task.start(self.world)
         self.world.settle(REST_S)
         self.log = CellLog(self.now_s, listener=listener)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import fk, ik
 from trocar.calibration.excitation import WAKE_RAD, MotionBox, random_smooth_path
 from trocar.calibration.recording import Recording
 from trocar.station.session import Session
 from trocar.station.transmission import DriveTrain
 
+ROOM = 0.5
+"""True joints may leave the commands' range by so much, rad and m."""
 SAMPLE_S = 0.8
 """Time between two samples of a calibration recording (paper: 1355 in 18 minutes)."""
 
@@ -40,7 +46,8 @@ def record_motion(
     for q in q_cmd:
         train.advance(SAMPLE_S)
         joints.append(train.joints(q))
-    measured = np.array(joints) + session.transmissions[arm].measurement_sd * rng.standard_normal(q_cmd.shape)
+    measured = _as_registered(session, arm, np.array(joints))
+    measured = measured + session.transmissions[arm].measurement_sd * rng.standard_normal(q_cmd.shape)
     return Recording(
         q_cmd=q_cmd,
         q_phy=measured,
@@ -48,3 +55,14 @@ def record_motion(
         t_s=SAMPLE_S * np.arange(1.0, len(q_cmd) + 1.0),
         name=f"simulated recording of {arm}",
     )
+
+
+def _as_registered(session: Session, arm: str, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return joints (n, 6) that would put the tip where it is, if the base were where registration found it.
+
+    What sees the fiducials knows no other base, so what is wrong with it is in the recording, and in its model.
+    """
+    model = session.station.arm(arm).model
+    T_found_true = session.T_world_base_registered[arm].inverse() @ session.T_world_base[arm]
+    reach = replace(model, joints=tuple(replace(j, lower=j.lower - ROOM, upper=j.upper + ROOM) for j in model.joints))
+    return ik(reach, T_found_true @ fk(model, joints), reference=joints)

@@ -12,7 +12,7 @@ from trocar.cell import JointReading
 from trocar.robots.driver import TICK_S, Driver
 from trocar.sim.mjcf import TIMESTEP_S
 from trocar.sim.world import World
-from trocar.station.transmission import DriveTrain
+from trocar.station.transmission import DriveTrain, JawCable
 
 SERVO_STEPS = 2
 """Physics steps between two updates of the servos' targets."""
@@ -28,6 +28,7 @@ class SimRobot(Driver):
         self._world = world
         self._trains: dict[str, DriveTrain] = {}
         self._pulled: dict[str, NDArray[np.float64]] = {}
+        self._jaws: dict[str, tuple[JawCable, float]] = {}
         self._silent: set[str] = set()
 
     def attach_train(
@@ -38,10 +39,13 @@ class SimRobot(Driver):
         train: DriveTrain,
         q_cmd: NDArray[np.float64],
         jaw_rad: float,
+        jaw: JawCable | None = None,
     ) -> None:
-        """Put an arm at rest at the command (6,) and let its drive train move it from now on."""
+        """Put an arm at rest at the command (6,) and let its drive train and its jaws' cable move it from now on."""
         q_joint = train.joints(q_cmd)
-        self._world.place_arm(name, q_joint, jaw_rad)
+        cable = jaw or JawCable()
+        self._jaws[name] = cable, jaw_rad
+        self._world.place_arm(name, q_joint, jaw_rad + cable.offset_rad)
         self.attach(name, model, limits, q_cmd, jaw_rad)
         self._trains[name], self._pulled[name] = train, q_joint
 
@@ -64,7 +68,7 @@ class SimRobot(Driver):
         self.note(
             now,
             {
-                name: JointReading(now, sent[name][0][-1].copy(), self._world.jaw_rad(name))
+                name: JointReading(now, sent[name][0][-1].copy(), self._jaw_reading(name))
                 for name in self.names
                 if name not in self._silent
             },
@@ -75,4 +79,11 @@ class SimRobot(Driver):
         target = self._trains[name].joints(q_cmd)
         velocity = (target - self._pulled[name]) / over_s
         self._pulled[name] = target
-        self._world.drive_arm(name, target, velocity, jaw_rad)
+        cable, followed = self._jaws[name]
+        pulled_rad, followed = cable.step(followed, jaw_rad)
+        self._jaws[name] = cable, followed
+        self._world.drive_arm(name, target, velocity, pulled_rad)
+
+    def _jaw_reading(self, name: str) -> float:
+        """Return the jaws' opening as their encoder, which does not see its cable's offset, says it."""
+        return self._world.jaw_rad(name) - self._jaws[name][0].offset_rad

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,10 @@ class SensorFlaws:
     edge_mixed: float = 0.25
     specular_missing: float = 0.9
     color_sd: float = 2.5
+
+    def with_depth(self, scale: float) -> SensorFlaws:
+        """Return a sensor whose depth scatters so many times as much."""
+        return replace(self, axial_m=scale * self.axial_m, waviness_m=scale * self.waviness_m)
 
     @staticmethod
     def none() -> SensorFlaws:

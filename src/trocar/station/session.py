@@ -6,12 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from trocar.arms import Unreachable, fk, ik
 from trocar.geometry import SE3
 from trocar.geometry.rigid_fit import fit_rigid
+from trocar.station.difficulty import DEFAULT, FLAWS, Difficulty
 from trocar.station.registration import CheckerboardRegistration, Registration
-from trocar.station.station import Station
-from trocar.station.transmission import Transmission
+from trocar.station.station import Station, StationArm
+from trocar.station.transmission import JawCable, Transmission
+
+WHITE_SHARE = 0.15
+"""Of the noise of a registration's points, what is left for each by itself where the outer joints' errors make the
+rest: so neighbours err alike as in the recorded sets (``benchmarks/bench_cell.py``)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +27,9 @@ class Session:
 
     Attributes:
         station: the laboratory.
+        difficulty: how far it is from what anybody knows of it.
         transmissions: this session's, by arm.
+        jaws: cables of the jaws, by arm.
         T_world_base: true bases.
         T_world_base_registered: as registration found them.
         T_world_camera: true poses of the cameras.
@@ -28,7 +37,9 @@ class Session:
     """
 
     station: Station
+    difficulty: Difficulty
     transmissions: Mapping[str, Transmission]
+    jaws: Mapping[str, JawCable]
     T_world_base: Mapping[str, SE3]
     T_world_base_registered: Mapping[str, SE3]
     T_world_camera: Mapping[str, SE3]
@@ -36,38 +47,114 @@ class Session:
 
     def remounted(self, rng: np.random.Generator) -> Session:
         """Return the same cell after its instruments were mounted again: other transmissions."""
-        return replace(self, transmissions=_transmissions(self.station, rng))
+        transmissions = _transmissions(self.station, rng, self.difficulty)
+        return replace(self, transmissions=transmissions, jaws=_jaws(self.station, rng, self.difficulty))
 
 
-def draw_session(station: Station, rng: np.random.Generator) -> Session:
-    """Return a day in this laboratory."""
-    transmissions = _transmissions(station, rng)
+def draw_session(station: Station, rng: np.random.Generator, difficulty: Difficulty | None = None) -> Session:
+    """Return a day in this laboratory.
+
+    Args:
+        station: where.
+        rng: of the day.
+        difficulty: how far it is from what anybody knows of it; None: as usual.
+    """
+    difficulty = difficulty or Difficulty.of(DEFAULT)
+    station = _with_sensors_of(station, difficulty)
+    transmissions = _transmissions(station, rng, difficulty)
     bases = {name: arm.T_world_base for name, arm in station.arms.items()}
     cameras = {name: camera.T_world_camera for name, camera in station.cameras.items()}
     how = station.registration
     if isinstance(how, CheckerboardRegistration):
         found, seen = _by_checkerboard(bases, cameras, how, rng)
     else:
-        found, seen = {name: _register(T, how, rng) for name, T in bases.items()}, cameras
+        found = {name: _register(arm, transmissions[name], how, difficulty, rng) for name, arm in station.arms.items()}
+        seen = cameras
     kept = {name: arm.T_world_base_registered for name, arm in station.arms.items()}
     kept_seen = {name: camera.T_world_camera_registered for name, camera in station.cameras.items()}
-    return Session(station, transmissions, bases, found | _known(kept), cameras, dict(seen) | _known(kept_seen))
+    jaws = _jaws(station, rng, difficulty)
+    found, seen = found | _known(kept), dict(seen) | _known(kept_seen)
+    return Session(station, difficulty, transmissions, jaws, bases, found, cameras, seen)
 
 
 def _known(poses: Mapping[str, SE3 | None]) -> dict[str, SE3]:
     return {name: T for name, T in poses.items() if T is not None}
 
 
-def _transmissions(station: Station, rng: np.random.Generator) -> dict[str, Transmission]:
-    return {name: arm.transmission.drawn(rng) for name, arm in station.arms.items()}
+def _transmissions(station: Station, rng: np.random.Generator, difficulty: Difficulty) -> dict[str, Transmission]:
+    return {name: arm.transmission.drawn(rng, difficulty) for name, arm in station.arms.items()}
 
 
-def _register(T_world_base: SE3, how: Registration, rng: np.random.Generator) -> SE3:
-    """Return the base as a rigid fit to noisy points finds it."""
+def _jaws(station: Station, rng: np.random.Generator, difficulty: Difficulty) -> dict[str, JawCable]:
+    (size_rad,) = difficulty["jaw"]
+    return {
+        name: JawCable.drawn(own, size_rad)
+        for name, own in zip(station.arms, rng.spawn(len(station.arms)), strict=True)
+    }
+
+
+def _with_sensors_of(station: Station, difficulty: Difficulty) -> Station:
+    """Return the station with sensors that err as much as this."""
+    scale = difficulty.scale("depth") * float(FLAWS["depth"].recorded[0])
+    if scale == 1.0:
+        return station
+    cameras = {name: replace(camera, flaws=camera.flaws.with_depth(scale)) for name, camera in station.cameras.items()}
+    return replace(station, cameras=cameras)
+
+
+def points_of_registration(
+    arm: StationArm, transmission: Transmission, how: Registration, difficulty: Difficulty, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return points (n, 3), where the arm's encoders say that it took them in the base, and as they are seen.
+
+    Where the outer joints err, so do the points, all those of one neighbourhood alike. The wrist's cables play no part:
+    what is seen is on the shaft.
+
+    Args:
+        arm: that is registered.
+        transmission: as it is in this session.
+        how: where the points lie, and how well they are seen.
+        difficulty: of the session.
+        rng: of the points.
+    """
     p_world = rng.uniform(*how.volume_m, (how.points, 3))
-    p_base = T_world_base.inverse().apply(p_world)
-    seen = p_world + how.sd_m * rng.standard_normal(p_world.shape)
-    return fit_rigid(p_base, seen).T_target_source
+    p_base = arm.T_world_base.inverse().apply(p_world)
+    noise = how.sd_m * rng.standard_normal(p_world.shape)
+    if not difficulty["outer"].any():
+        return p_base, p_world + noise
+    seen = p_world + WHITE_SHARE * noise
+    q_park, moved_rng = arm.park_q(), rng.spawn(1)[0]
+    memory, reached, off = transmission.start(q_park, moved_rng), [], []
+    for number in _tour(p_base):
+        p = p_base[number]
+        try:
+            q = ik(arm.model, SE3.from_parts(translation_m=p), reference=q_park)
+        except Unreachable:
+            continue
+        q_true, memory = transmission.step(memory, q)
+        there = fk(arm.model, np.concatenate([q_true[:3], q[3:]])).translation_m
+        reached.append(number)
+        off.append(arm.T_world_base.rotation.apply(there - p))
+    return p_base[reached], seen[reached] + np.array(off).reshape(-1, 3)
+
+
+def _tour(points: NDArray[np.float64]) -> list[int]:
+    """Return the numbers of points (n, 3), each followed by the nearest of the rest: as anybody goes through them."""
+    rest, order = set(range(1, len(points))), [0]
+    while rest:
+        here = points[order[-1]]
+        order.append(min(rest, key=lambda number: float(np.sum((points[number] - here) ** 2))))
+        rest.remove(order[-1])
+    return order
+
+
+def _register(
+    arm: StationArm, transmission: Transmission, how: Registration, difficulty: Difficulty, rng: np.random.Generator
+) -> SE3:
+    """Return the base as a rigid fit finds it, and as it was moved since."""
+    p_base, seen = points_of_registration(arm, transmission, how, difficulty, rng)
+    (shift_m,) = difficulty["registration"]
+    return fit_rigid(p_base, seen + shift_m * rng.spawn(1)[0].standard_normal(3)).T_target_source
 
 
 def _by_checkerboard(

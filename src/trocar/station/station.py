@@ -12,7 +12,8 @@ from trocar.arms import ArmModel, MotionLimits, ik, wrist_depth_m
 from trocar.calibration.excitation import MotionBox
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.perception.image import CameraModel, StereoRig
+from trocar.perception.image import CameraModel, Intrinsics, StereoRig
+from trocar.station.difficulty import FLAWS, Difficulty
 from trocar.station.registration import CheckerboardRegistration, Registration
 from trocar.station.sensor_flaws import SensorFlaws
 from trocar.station.transmission import Transmission
@@ -136,13 +137,26 @@ class Station:
         """Return the arms' models by name."""
         return {name: arm.model for name, arm in self.arms.items()}
 
-    def flaws(self, flawless_camera: bool = False) -> dict[str, str]:
+    def flaws(self, difficulty: Difficulty, flawless_camera: bool = False) -> dict[str, str]:
         """Return in words what is imperfect here, for the summary of a run."""
-        found = {f"transmission of {name}": arm.transmission.source for name, arm in self.arms.items()}
+        found = {"difficulty": ", ".join([difficulty.level, *difficulty.named])}
+        found |= {f"transmission of {name}": arm.transmission.source for name, arm in self.arms.items()}
         found["registration of bases"] = self.registration.about
         kept = [name for name, arm in self.arms.items() if arm.T_world_base_registered is not None]
         kept += [name for name, camera in self.cameras.items() if camera.T_world_camera_registered is not None]
         if kept:
             found[f"registration of {', '.join(kept)}"] = "as the station file has it"
         cameras = "switched off" if flawless_camera else "switched on, as large as the station's file says"
-        return found | {f"flaws of camera {name}": cameras for name in self.cameras}
+        found |= {f"flaws of camera {name}": cameras for name in self.cameras}
+        sizes = difficulty.sizes()
+        return found | {f"{name}: {FLAWS[name].about}": sizes[name] for name in self.flaws_felt}
+
+    @property
+    def flaws_felt(self) -> list[str]:
+        """Return the names of the flaws that have an effect here."""
+        felt = {"jaw"}.union(*(arm.transmission.flaws for arm in self.arms.values()))
+        if isinstance(self.registration, Registration):
+            felt.add("registration")
+        if any(isinstance(camera.model, Intrinsics) for camera in self.cameras.values()):
+            felt.add("depth")
+        return [name for name in FLAWS if name in felt]

@@ -16,6 +16,7 @@ from trocar.errors import TrocarError
 from trocar.motion import PLANNERS
 from trocar.registry import load_plugin
 from trocar.station import Station, load_station
+from trocar.station.difficulty import DEFAULT, Difficulty
 from trocar.station.toml import station_digest
 from trocar.tasks import TASKS
 from trocar.tasks.kit import Method, Task, pick_method, pick_perception
@@ -48,6 +49,8 @@ class RunConfig:
         new_session: mount the instruments again between calibration and trials.
         refit_offsets: refit the model's offsets from 30 samples before the trials.
         flawless_camera: switch the sensors' flaws off.
+        difficulty: how far the laboratory is from what anybody knows of it: 'mild', 'recorded' or 'harsh'.
+        flaws: that have a size of their own, as ``registration=1.0mm``.
         plugins: files that were loaded for this run.
     """
 
@@ -64,6 +67,8 @@ class RunConfig:
     new_session: bool = False
     refit_offsets: bool = False
     flawless_camera: bool = False
+    difficulty: str = DEFAULT
+    flaws: tuple[str, ...] = ()
     plugins: tuple[str, ...] = ()
     _built: dict[str, Any] = field(default_factory=dict, repr=False)
 
@@ -99,7 +104,8 @@ class RunConfig:
             if missing and self.calibration == IMAGES:
                 raise TrocarError(f"{missing[0]}; or give --calibration {JOINTS}")
             object.__setattr__(self, "calibration", self.calibration or (JOINTS if missing else IMAGES))
-        self._built.update(method=method, station=station, arms=arms)
+        hardness = Difficulty.of(self.difficulty, self.flaws)
+        self._built.update(method=method, station=station, arms=arms, hardness=hardness)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the same configuration in another process, which first loads the same plugins."""
@@ -116,6 +122,11 @@ class RunConfig:
     def laboratory(self) -> Station:
         """Return the station as the task needs it."""
         return self._built["station"]
+
+    @property
+    def hardness(self) -> Difficulty:
+        """Return the sizes of all flaws."""
+        return self._built["hardness"]
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -141,13 +152,14 @@ class RunConfig:
             "new_session": self.new_session,
             "refit_offsets": self.refit_offsets,
             "flawless_camera": self.flawless_camera,
+            "difficulty": [self.difficulty, *self.hardness.named],
             "plugins": [load_plugin(path) for path in self.plugins],
             "flaws": self._flaws(),
             "versions": versions(),
         }
 
     def _flaws(self) -> dict[str, str]:
-        flaws = self.laboratory.flaws(flawless_camera=self.flawless_camera)
+        flaws = self.laboratory.flaws(self.hardness, self.flawless_camera)
         if self.chosen_method.calibrated:
             how = "spheres seen in images" if self.calibration == IMAGES else "joints with drawn noise"
             flaws["cable models are fitted on"] = how

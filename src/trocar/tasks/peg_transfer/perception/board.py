@@ -26,7 +26,7 @@ PEG_BAND_M = (0.80, 0.94)
 MIN_PEG_PIXELS = 6
 MIN_PEGS = 6
 MIN_PLANE_PIXELS = 300
-MAX_RMS_M = 0.33e-3
+MAX_RMS_M = 0.5e-3
 
 
 @dataclass(frozen=True, eq=False)

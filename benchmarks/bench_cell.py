@@ -1,0 +1,154 @@
+"""Is the cell as hard as a laboratory? What recordings of real robots show, beside the same of the cell.
+
+    python benchmarks/bench_cell.py [--difficulty recorded] [--sessions 10] [--data DIR]
+
+Cables: the recorded commands are played through the cell's cables, a session at a time, and the play model is fitted
+to both: what it leaves, how that correlates along the way, and how it predicts the last fifth from the first four.
+Sessions: the spread of what is identified in three sessions of one instrument. Registration: what a rigid fit leaves,
+and how far it is off at the other half of the points. Nothing is timed: every machine prints the same figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.calibration.models.play import PlayModel
+from trocar.calibration.plant import fit_plant
+from trocar.calibration.recording import Recording, load_recording
+from trocar.geometry.rigid_fit import fit_rigid
+from trocar.station import TRANSMISSIONS, Registration, load_station
+from trocar.station.difficulty import LEVELS, RECORDED, Difficulty
+from trocar.station.session import points_of_registration
+from trocar.station.transmission import DriveTrain
+
+INSTRUMENTS = {"psm1_grey_random": "psm1_grey", "psm2_grey_random": "psm2_grey", "psm1_new_random": "psm1_new"}
+SESSIONS = ("psm1_grey_random", "psm1_grey_pick_place", "psm1_grey_user_random")
+SETS = ("set_1", "set_2", "script")
+LAGS = (1, 10, 100)
+TRAINING_SHARE = 0.8
+UNITS = 1e3
+"""Everything is printed in mrad and mm."""
+
+
+def in_the_cell(recording: Recording, plant: str, difficulty: Difficulty, seed: int) -> Recording:
+    """Return the recording with the joints that the cell's cables make of its commands."""
+    rng = np.random.default_rng([seed, len(recording)])
+    transmission = TRANSMISSIONS[plant].drawn(rng, difficulty)
+    train = DriveTrain(transmission, recording.q_cmd[0], rng)
+    joints = []
+    for q, dt_s in zip(recording.q_cmd, np.diff(recording.t_s, prepend=recording.t_s[0]), strict=True):
+        train.advance(float(dt_s))
+        joints.append(train.joints(q))
+    noise = transmission.measurement_sd * rng.standard_normal(recording.q_cmd.shape)
+    return replace(recording, q_phy=np.array(joints) + noise)
+
+
+def left(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the SD (6,) that the play model leaves, its correlations (lags, 6), the error (6,) on the last fifth."""
+    rng, valid = np.random.default_rng(0), recording.valid
+    rest = recording.q_phy - PlayModel.fit(recording, rng).predict(recording.q_cmd)
+    sd = rest[valid].std(axis=0)
+    pairs = [(rest[:-lag][valid[:-lag] & valid[lag:]], rest[lag:][valid[:-lag] & valid[lag:]]) for lag in LAGS]
+    correlation = np.array([(a * b).mean(axis=0) / sd**2 for a, b in pairs])
+    cut = int(TRAINING_SHARE * len(recording))
+    error = (PlayModel.fit(recording.first(cut), rng).predict(recording.q_cmd) - recording.q_phy)[cut:][valid[cut:]]
+    return sd, correlation, np.sqrt(np.mean(error**2, axis=0))
+
+
+def cables(data: Path, difficulty: Difficulty, sessions: int) -> None:
+    """Print what the play model leaves, in recordings and in the cell."""
+    print("| recording | | left, mrad mm | on the last fifth | correlation after 1, 10, 100 samples, q5 |")
+    print("|---|---|---|---|---|")
+    for name, plant in INSTRUMENTS.items():
+        real = load_recording(data / f"{name}.npz")
+        cell = [left(in_the_cell(real, plant, difficulty, seed)) for seed in range(sessions)]
+        ours = tuple(np.mean([found[k] for found in cell], axis=0) for k in range(3))
+        for where, (sd, correlation, tail) in (("recorded", left(real)), ("in the cell", ours)):
+            along = " ".join(f"{value:.2f}" for value in correlation[:, 4])
+            print(f"| `{name}` | {where} | {row(sd)} | {row(tail)} | {along} |", flush=True)
+
+
+def row(values: NDArray[np.float64]) -> str:
+    """Return six errors in mrad and mm."""
+    return " ".join(
+        f"{UNITS * value:.2f}" if number < 3 else f"{UNITS * value:.0f}" for number, value in enumerate(values)
+    )
+
+
+def spread(data: Path) -> None:
+    """Print how much what is identified of one instrument differs from session to session."""
+    plants = [fit_plant(load_recording(data / f"{name}.npz")) for name in SESSIONS]
+
+    def sd(values: Sequence[object]) -> NDArray[np.float64]:
+        return np.std(np.array(values, dtype=np.float64), axis=0, ddof=1)
+
+    print(
+        f"\nOne instrument in {len(plants)} sessions, SD: offsets {sd([p.offset for p in plants]).round(3)} rad, ",
+        end="",
+    )
+    print(f"logarithms of radii {rms(sd([np.log(p.radii) for p in plants])):.2f}, ", end="")
+    print(f"a {sd([p.a for p in plants]):.3f}, b {sd([p.b for p in plants]):.3f}, ", end="")
+    print(f"K {rms(sd([p.K for p in plants])):.3f}, C {rms(sd([p.C for p in plants])):.3f}")
+
+
+def rms(values: NDArray[np.float64]) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def registered(p_robot: NDArray[np.float64], p_camera: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return the RMS in mm that a rigid fit leaves, the correlation of neighbours, and the error at the other half."""
+    fit = fit_rigid(p_camera, p_robot).T_target_source
+    rest = p_robot - fit.apply(p_camera)
+    apart = np.linalg.norm(p_robot[:, None] - p_robot[None], axis=2) + np.diag(np.full(len(p_robot), np.inf))
+    neighbour = rest[apart.argmin(axis=1)]
+    correlation = float(np.sum(rest * neighbour) / np.sum(rest**2))
+    half = p_robot[:, 0] < np.median(p_robot[:, 0])
+    off = []
+    for known in (half, ~half):
+        other = fit_rigid(p_camera[known], p_robot[known]).T_target_source
+        off.append(np.linalg.norm(p_robot[~known] - other.apply(p_camera[~known]), axis=1).mean())
+    return UNITS * rms(np.linalg.norm(rest, axis=1)), correlation, UNITS * float(np.mean(off))
+
+
+def registration(data: Path, difficulty: Difficulty, sessions: int) -> None:
+    """Print how recorded sets of points fit, and those of the cell."""
+    print("\n| points | left, mm RMS | correlation of neighbours | off at the other half, mm |\n|---|---|---|---|")
+    for name in SETS:
+        points = np.load(data / f"{name}.npz")
+        print("| `{}` | {:.2f} | {:.2f} | {:.2f} |".format(name, *registered(points["p_robot"], points["p_camera"])))
+    station = load_station("peg-transfer")
+    how = station.registration
+    assert isinstance(how, Registration)
+    found = []
+    for seed in range(sessions):
+        rng = np.random.default_rng([seed, 0])
+        arm = station.arm("psm1")
+        p_base, seen = points_of_registration(arm, arm.transmission.drawn(rng, difficulty), how, difficulty, rng)
+        found.append(registered(p_base, seen))
+    print("| in the cell | {:.2f} | {:.2f} | {:.2f} |".format(*np.mean(found, axis=0)))
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path(__file__).parents[2] / "shared/data/dvrk")
+    parser.add_argument("--difficulty", choices=LEVELS, default=RECORDED)
+    parser.add_argument("--sessions", type=int, default=10)
+    given = parser.parse_args()
+    if not given.data.is_dir():
+        raise SystemExit(f"{given.data} is not there: give the folder of the recordings with --data")
+    difficulty = Difficulty.of(given.difficulty)
+    cables(given.data / "trajectories", difficulty, given.sessions)
+    spread(given.data / "trajectories")
+    registration(given.data / "registration", difficulty, given.sessions)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""How a task's success hangs on each flaw of a laboratory."""

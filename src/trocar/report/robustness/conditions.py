@@ -1,0 +1,108 @@
+"""What a study of robustness is made of: one ordinary run for each method, each flaw and each of its sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from trocar.errors import TrocarError
+from trocar.station.difficulty import FLAWS, MILD, SHOWN, Difficulty
+from trocar.tasks import Task
+from trocar.tasks.kit import methods_of
+from trocar.trials.cells import Cell, chosen
+from trocar.trials.config import RunConfig
+
+USUAL_SCALES = (0.0, 1.0, 2.0, 4.0)
+MOST_SCALE = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """One flaw of one size, met by one method.
+
+    Attributes:
+        method: how it is done.
+        flaw: its name.
+        scale: its size, times what was recorded.
+        cell: its run; conditions that are the same share one.
+    """
+
+    method: str
+    flaw: str
+    scale: float
+    cell: Cell
+
+    @property
+    def size(self) -> float:
+        """Return the size as :attr:`unit` has it."""
+        flaw = FLAWS[self.flaw]
+        return SHOWN[flaw.unit][1] * flaw.size(self.cell.config.hardness[self.flaw])
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of the size: 'mm', 'deg', or 'x' of what was recorded."""
+        return SHOWN[FLAWS[self.flaw].unit][0] or "x"
+
+
+def conditions_of(
+    folder: Path, task: Task, *, methods: str = "", flaws: str = "", scales: str = "", difficulty: str, **run: Any
+) -> list[Condition]:
+    """Return the conditions of a study, in the order of its figures.
+
+    Args:
+        folder: of the study; each run has one in it.
+        task: with its options.
+        methods: with commas; empty: all that the task has.
+        flaws: likewise; empty: all that its station feels.
+        scales: sizes of each flaw, times what was recorded, with commas; empty: ``USUAL_SCALES``.
+        difficulty: of what is not varied.
+        run: the rest, as in RunConfig.
+
+    Raises:
+        TrocarError: a name is unknown, or a size is none.
+    """
+    picked = chosen(methods, list(methods_of(type(task))), "methods")
+    first = RunConfig(task=task, method=picked[0], difficulty=difficulty, **run)
+    varied = chosen(flaws, first.laboratory.flaws_felt, "flaws")
+    sizes = _numbers(scales) if scales else list(USUAL_SCALES)
+    cells: dict[Path, Cell] = {}
+    found = []
+    for method in picked:
+        for flaw in varied:
+            for scale in sizes:
+                named = () if _is_usual(flaw, scale, difficulty) else (_text(flaw, scale),)
+                config = RunConfig(task=task, method=method, difficulty=difficulty, flaws=named, **run)
+                home = (folder / "-".join([method, difficulty, *(f"{flaw}-{scale:g}" for _ in named)])).absolute()
+                cell = cells.setdefault(home, Cell(task.variant, method, config, home))
+                found.append(Condition(method, flaw, scale, cell))
+    return found
+
+
+def cells_of(conditions: Sequence[Condition]) -> list[Cell]:
+    """Return the runs of these conditions, each once."""
+    return list({condition.cell.folder: condition.cell for condition in conditions}.values())
+
+
+def _is_usual(flaw: str, scale: float, difficulty: str) -> bool:
+    return difficulty != MILD and Difficulty.of(difficulty).scale(flaw) == scale
+
+
+def _text(flaw: str, scale: float) -> str:
+    """Return a flaw of so many times its recorded size as ``--flaw`` takes it."""
+    kind = FLAWS[flaw]
+    return f"{flaw}={scale * kind.size(kind.values('recorded')):.6g}{kind.unit}"
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        numbers = sorted({float(word) for word in text.split(",") if word.strip()})
+    except ValueError:
+        numbers = []
+    if not numbers or not all(0.0 <= number <= MOST_SCALE for number in numbers):
+        raise TrocarError(
+            f"--scales {text!r} holds no sizes; give numbers of 0 to {MOST_SCALE:g} with commas, times what was "
+            "recorded, as in '0,1,2,4'"
+        )
+    return numbers

@@ -1,0 +1,30 @@
+"""Files of a study of robustness."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from trocar.archive import replace_text
+from trocar.report.robustness.curves import draw_curves
+from trocar.report.robustness.results import Result
+
+NOTES = (
+    "intervals of 95 %, over sessions: success beta-binomial, collisions Student's t; all conditions met the same "
+    "sessions and scenes",
+    "goals reached are counted of all goals: a block that an earlier transfer lost counts as one that was not moved",
+    "a dotted line is the size that recordings show, or that is assumed (docs/simulator.md)",
+)
+
+
+def write_study(
+    folder: Path, task: str, results: Sequence[Result], missing: Sequence[str]
+) -> tuple[dict[str, Any], list[Path]]:
+    """Write ``summary.json`` and ``robustness.png``; return the summary and the files."""
+    rows = [result.summary() for result in results]
+    summary = {"study": "robustness", "task": task, "conditions": rows, "notes": [*NOTES, *missing]}
+    path = folder / "summary.json"
+    replace_text(path, json.dumps(summary, indent=2) + "\n")
+    return summary, [path, draw_curves(rows, folder / "robustness.png")]

@@ -1,0 +1,56 @@
+"""What a study of robustness needs of a trial of any task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from trocar.trials import Trial
+from trocar.trials.rows import kept_row
+
+VERSION = 1
+"""Of rows: a change makes kept ones anew."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial.
+
+    Attributes:
+        fingerprint: of its run.
+        session: its number.
+        index: of the trial in its session.
+        goals: how many there were.
+        succeeded: how many of them were reached.
+        collisions: how many there were.
+        duration_s: on the trial's clock.
+    """
+
+    fingerprint: str
+    session: int
+    index: int
+    goals: int
+    succeeded: int
+    collisions: int
+    duration_s: float
+
+
+def read_row(trial: Path, fingerprint: str) -> Row:
+    """Return the row of a trial's file; it is made, and kept, where there is none that fits.
+
+    Raises:
+        TrocarError: the trial cannot be read.
+    """
+    return kept_row(trial, fingerprint, Row, VERSION, _row_of)
+
+
+def _row_of(trial: Trial) -> Row:
+    return Row(
+        fingerprint=str(trial.about["fingerprint"]),
+        session=int(trial.about["session"]),
+        index=int(trial.about["index"]),
+        goals=len(trial.scores),
+        succeeded=sum(bool(score["succeeded"]) for score in trial.scores),
+        collisions=len(trial.collisions),
+        duration_s=trial.duration_s,
+    )

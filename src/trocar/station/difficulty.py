@@ -1,0 +1,209 @@
+"""How hard a laboratory is: the sizes of what in it differs from what anybody knows of it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+
+RECORDED, MILD, HARSH = "recorded", "mild", "harsh"
+LEVELS = (MILD, RECORDED, HARSH)
+DEFAULT = MILD
+HARSHER = 2.0
+"""Of the recorded sizes, in a harsh laboratory."""
+UNITS = {"m": ("m", 1.0), "mm": ("m", 1e-3), "rad": ("rad", 1.0), "deg": ("rad", math.pi / 180.0), "": ("", 1.0)}
+SHOWN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / math.pi), "": ("", 1.0)}
+DEPTH_M = 0.15
+"""Angles of the outer joints count as lengths at this depth below the remote centre."""
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """One way in which a laboratory differs from what is known of it.
+
+    Its size is the root mean square of its values, or for a flaw without a unit how many times it is what was recorded.
+
+    Attributes:
+        about: what it is.
+        unit: 'm', 'rad', or '' where its values have several units, or none.
+        recorded: its values as recordings show them.
+        mild: in the cell that is easier than they show.
+        source: where the values come from.
+    """
+
+    about: str
+    unit: str
+    recorded: tuple[float, ...]
+    mild: tuple[float, ...]
+    source: str
+
+    def values(self, level: str) -> NDArray[np.float64]:
+        """Return the values at a level of difficulty."""
+        if level == MILD:
+            return np.array(self.mild)
+        return np.array(self.recorded) * (HARSHER if level == HARSH else 1.0)
+
+    def size(self, values: NDArray[np.float64]) -> float:
+        """Return the size of such values."""
+        size = float(np.sqrt(np.mean(np.square(values))))
+        return size if self.unit else size / float(np.sqrt(np.mean(np.square(self.recorded))))
+
+    def sized(self, size: float) -> NDArray[np.float64]:
+        """Return the recorded values, made as large as this."""
+        return np.array(self.recorded) * (size / self.size(np.array(self.recorded)))
+
+
+FLAWS: dict[str, Flaw] = {
+    "offsets": Flaw(
+        "offsets of the wrist's cables, from session to session (SD of q4 q5 q6)",
+        "rad",
+        (0.057, 0.069, 0.029),
+        (0.03, 0.04, 0.04),
+        "three sessions of instrument 'grey 1' (benchmarks/bench_cell.py)",
+    ),
+    "wear": Flaw(
+        "play, coupling and gains of the wrist's cables, from session to session (SD of the radii's logarithms, of the "
+        "shares a and b, of K, of C)",
+        "",
+        (0.35, 0.05, 0.024, 0.08),
+        (0.0, 0.0, 0.0, 0.0),
+        "three sessions of instrument 'grey 1' (benchmarks/bench_cell.py)",
+    ),
+    "residual": Flaw(
+        "error of the wrist that is of no model's family (SD of q4 q5 q6)",
+        "rad",
+        (0.006, 0.022, 0.015),
+        (0.0, 0.0, 0.0),
+        "what the play model leaves on recordings, in size and correlation (benchmarks/bench_cell.py)",
+    ),
+    "noise": Flaw(
+        "error of the wrist that no run repeats (SD of q4 q5 q6), fading within seconds",
+        "rad",
+        (0.0040, 0.0110, 0.0080),
+        tuple((np.array([0.005, 0.012, 0.009]) * np.sqrt(0.5)).tolist()),
+        "two runs of the same commands, .005 .012 .009, of which white noise of the measurement is what residuals lose "
+        "from one sample to the next (benchmarks/bench_cell.py)",
+    ),
+    "creep": Flaw(
+        "offsets of the wrist that wander within a session, over minutes (SD of q4 q5 q6)",
+        "rad",
+        (0.003, 0.002, 0.004),
+        (0.0, 0.0, 0.0),
+        "correlation of the play model's residuals at 100 samples (benchmarks/bench_cell.py)",
+    ),
+    "outer": Flaw(
+        "error of the outer joints: gains, play, and what is of no model's family (SD of q1 q2 at 150 mm, and of q3, "
+        "that a linear model leaves)",
+        "m",
+        (0.0011 * DEPTH_M, 0.0016 * DEPTH_M, 0.00034),
+        (0.0, 0.0, 0.0),
+        "recordings of four instruments (benchmarks/bench_cell.py)",
+    ),
+    "kinematics": Flaw(
+        "joints of a Raven II against its encoders",
+        "",
+        (1.0,),
+        (1.0,),
+        "pose errors of a Raven II, gripper_pose_pairs",
+    ),
+    "registration": Flaw(
+        "place of a base as it was registered, besides what errors of the outer joints do to it (SD on each axis)",
+        "m",
+        (0.0002,),
+        (0.0,),
+        "assumed: a camera or an arm is touched; the recorded sets' residuals lie along the outer joints and come with "
+        "`outer` (benchmarks/bench_cell.py)",
+    ),
+    "depth": Flaw(
+        "scatter of depth (1 x is 2.1 times the scatter of the station's camera)",
+        "",
+        (2.1,),
+        (1.0,),
+        "real capture of a block's top: .34 mm, against .16 mm",
+    ),
+    "jaw": Flaw(
+        "angle of the jaws against what they are told (SD of an offset in each session; their play is as wide)",
+        "rad",
+        (0.03,),
+        (0.0,),
+        "assumed",
+    ),
+}
+"""By name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Difficulty:
+    """The sizes of all flaws.
+
+    Attributes:
+        level: of those that are not named by themselves.
+        values: by name of the flaw.
+        named: flaws with a size of their own, as they were asked for.
+    """
+
+    level: str
+    values: Mapping[str, NDArray[np.float64]]
+    named: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(level: str, named: Iterable[str] = ()) -> Difficulty:
+        """Return a level of difficulty, with some flaws of another size.
+
+        Args:
+            level: 'mild', 'recorded' or 'harsh'.
+            named: as ``registration=1.0mm``, ``offsets=3deg``, ``wear=2`` or ``creep=0``.
+
+        Raises:
+            TrocarError: there is no such level or flaw, or the size is none.
+        """
+        if level not in LEVELS:
+            raise TrocarError(f"difficulty {level!r} is unknown; choose one of {', '.join(LEVELS)}")
+        values = {name: flaw.values(level) for name, flaw in FLAWS.items()}
+        named = tuple(named)
+        for text in named:
+            name, size = _sized(text)
+            values[name] = FLAWS[name].sized(size)
+        return Difficulty(level, values, named)
+
+    def __getitem__(self, flaw: str) -> NDArray[np.float64]:
+        """Return the values of a flaw."""
+        return self.values[flaw]
+
+    def scale(self, flaw: str) -> float:
+        """Return the size of a flaw, times what was recorded."""
+        kind = FLAWS[flaw]
+        return kind.size(self.values[flaw]) / kind.size(np.array(kind.recorded))
+
+    def sizes(self) -> dict[str, str]:
+        """Return the sizes of all flaws, as a reader wants them."""
+        found = {}
+        for name, flaw in FLAWS.items():
+            unit, factor = SHOWN[flaw.unit]
+            size = flaw.size(self.values[name])
+            found[name] = f"{factor * size:.3g} {unit}" if unit else f"{size:.3g} x"
+        return found
+
+
+def _sized(text: str) -> tuple[str, float]:
+    """Return name and size of a flaw that is given as text."""
+    name, _, size = text.partition("=")
+    if name not in FLAWS:
+        raise TrocarError(f"flaw {name!r} is unknown; choose one of {', '.join(FLAWS)}")
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-z]*)\s*", size)
+    kind, factor = UNITS.get(match[2], ("unknown", 1.0)) if match else ("unknown", 1.0)
+    if match is None or not math.isfinite(float(match[1])) or (kind != FLAWS[name].unit and float(match[1]) != 0.0):
+        units = [unit for unit, (kind, _) in UNITS.items() if kind == FLAWS[name].unit and unit]
+        how = f"a number in {' or '.join(units)}" if units else "how many times what was recorded"
+        raise TrocarError(f"flaw {text!r} has no size that can be read; give {how}, as in '{_example(name)}'")
+    return name, float(match[1]) * factor
+
+
+def _example(name: str) -> str:
+    return f"{name}={({'m': '1.0mm', 'rad': '2deg', '': '2'})[FLAWS[name].unit]}"

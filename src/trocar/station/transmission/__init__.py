@@ -1,0 +1,18 @@
+"""What lies between an encoder and its joint: identified cables, or a field of errors."""
+
+from trocar.calibration.plant import PLANTS
+from trocar.registry import Registry
+from trocar.station.transmission.base import DriveTrain, Transmission
+from trocar.station.transmission.cables import Cables
+from trocar.station.transmission.jaw import JawCable
+from trocar.station.transmission.pose_error_field import PoseErrorField
+from trocar.station.transmission.stiff import Stiff
+
+TRANSMISSIONS: Registry[Transmission] = Registry(
+    "transmission",
+    "trocar.transmissions",
+    {name: Cables(plant) for name, plant in PLANTS.items()} | {"raven2": PoseErrorField(), "stiff": Stiff()},
+)
+"""What a station's arm can have between encoder and joint, by name."""
+
+__all__ = ["TRANSMISSIONS", "Cables", "DriveTrain", "JawCable", "PoseErrorField", "Stiff", "Transmission"]
