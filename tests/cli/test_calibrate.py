@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from trocar.arms import PSM_CLASSIC
 from trocar.calibration import study
+from trocar.calibration.excitation import PSM2_BOX, wide_path
 from trocar.calibration.plant import PSM1_GREY
 from trocar.cli import main
 from trocar.cli.study import errors_table, models_table
@@ -145,3 +147,26 @@ def test_the_study_prints_table_1(monkeypatch, capsys, recordings, tmp_path):
     assert (tmp_path / "study" / "summary.json").is_file()
     change = result["session_change"]
     assert change["rmse_after_refit"][0] < change["rmse_before_refit"][0]
+
+
+def test_a_minutes_commands_are_written_for_a_robot(trocar, tmp_path):
+    code, out, _ = trocar("calibrate", "excite", "peg-transfer", "--arm", "psm2", "--out", tmp_path / "minute.csv")
+    assert code == 0 and "77 commands for psm2" in out
+    rows = np.loadtxt(tmp_path / "minute.csv", delimiter=",", skiprows=1)
+    assert rows.shape == (77, 6)
+    np.testing.assert_allclose(rows[2:], wide_path(PSM_CLASSIC, 75, PSM2_BOX), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("more", "what"),
+    [
+        (("peg-transfer", "--arm", "psm3"), "psm3"),
+        (("raven-pair",), "does not say where arm 'left' moves"),
+        (("peg-transfer", "--rows", 1), "1 samples"),
+        (("peg-transfer", "--out", "nowhere/minute.csv"), "nowhere"),
+        (("peg-transfer", "--out", "minute.txt"), "must end in .csv"),
+    ],
+)
+def test_commands_that_cannot_be_written_are_refused(trocar, tmp_path, more, what):
+    code, _, error = trocar("calibrate", "excite", "--out", tmp_path / "minute.csv", *more)
+    assert code == 2 and what in error

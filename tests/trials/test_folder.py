@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from synthetic import config, synthetic_trial
-from trocar.calibration.excitation import random_smooth_path
+from trocar.calibration.excitation import WIDE_ROWS, random_smooth_path
 from trocar.calibration.models import save_model
 from trocar.errors import TrocarError
 from trocar.report.summary import summarise
@@ -82,6 +82,7 @@ def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
         *(config(**{name: True}) for name in ("new_session", "refit_offsets", "flawless_camera")),
         config(difficulty="recorded"),
         config(flaws=("jaw=1deg",)),
+        config(prior="fleet"),
         *(config(**choice) for choice in ({"seed": 1}, {"method": "uncalibrated"}, {"model": "ridge"})),
         config(calibration="images"),
         config(station=str(mine)),
@@ -270,6 +271,29 @@ def test_recording_and_trials_share_the_mounted_instruments_unless_they_are_moun
     assert missed["same"] < 5e-3
     assert missed["new"] > 3 * missed["same"]
     assert missed["refitted"] < 10e-3
+
+
+@pytest.mark.parametrize("calibration", ["joints", "images"])
+def test_a_minute_and_what_other_instruments_show_make_a_model(tmp_path, calibration):
+    run = config(seed=3, prior="fleet", calibration=calibration)
+    prepared = prepare(run, 0, tmp_path)
+    model, plant = prepared.models["psm1"], prepared.session.transmissions["psm1"].plant
+    assert 0.6 * WIDE_ROWS <= model.training.rows <= WIDE_ROWS
+    q = random_smooth_path(run.laboratory.arms["psm1"].model, np.random.default_rng(99), 300)
+    missed = np.sqrt(np.mean((model.predict(q) - plant.run(q))[30:, 3:] ** 2, axis=0))
+    assert (missed < [0.012, 0.02, 0.02]).all()
+    assert run.about()["flaws"]["cable models are fitted on"].endswith(
+        "recordings of the instrument itself are left out"
+    )
+
+
+def test_a_prior_needs_a_model_that_starts_from_one(tmp_path):
+    with pytest.raises(TrocarError, match="prior 'fleet'; drop --prior"):
+        config(model="ridge", prior="fleet")
+    with pytest.raises(TrocarError, match="prior 'fleet'; drop --prior"):
+        config(method="uncalibrated", prior="fleet")
+    with pytest.raises(TrocarError, match="does not exist"):
+        config(prior=str(tmp_path / "none.npz"))
 
 
 def test_every_session_is_another_day_and_every_day_can_be_drawn_again(tmp_path):

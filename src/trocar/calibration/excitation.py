@@ -1,4 +1,4 @@
-"""Random smooth motion for calibration recordings (paper, section IV-A)."""
+"""Motions for calibration recordings: the paper's random smooth one (section IV-A), and a short one of wide swings."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
+from scipy.stats import qmc
 
 from trocar.errors import TrocarError
 from trocar.geometry import TURN
@@ -24,6 +25,11 @@ BAND = (0.1, 2.2)
 as in the recordings, where a joint reverses 12 to 13 times in a hundred samples."""
 SPREAD = 0.7
 """SD of the normal deviate that is mapped to the range: the recordings dwell in its middle (SD .2 of the range)."""
+
+WIDE_ROWS = 75
+"""Samples of a recording of wide swings: a minute."""
+WIDE_CYCLES = (1.0, 2.0, 3.0)
+"""So often the outer joints q1 q2 q3 go to and fro in such a recording: slowly, for a large move takes its time."""
 
 WAKE_RAD = (0.35, 0.30, 0.30)
 """Swing of roll, pitch and yaw that takes up all slack: more than twice the widest identified backlash (.128)."""
@@ -71,15 +77,42 @@ def random_smooth_path(
     Raises:
         TrocarError: the box leaves the arm's joint limits, or n is below 2.
     """
+    _check(arm, n, box)
+    return np.column_stack([_wander(rng, n, *ends) for ends in zip(box.lower, box.upper, box.step, strict=True)])
+
+
+def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> NDArray[np.float64]:
+    """Return a path (n, 6) that says much of an arm's cables in few samples: the wrist swings through its whole range.
+
+    From sample to sample the wrist goes to the next point of a Sobol sequence. Most of its swings are wider than the
+    play, so each sample shows the loops at another place; along a smooth path a joint reverses every eight samples, and
+    in between all samples show the same side of its play (``benchmarks/bench_excitation.py``).
+
+    Raises:
+        TrocarError: the box leaves the arm's joint limits, or n is below 2.
+    """
+    _check(arm, n, box)
+    wrist = qmc.Sobol(3, rng=0).random_base2(int(np.ceil(np.log2(n))))[:n]
+    phase = TURN * np.arange(n)[:, None] / n
+    outer = 0.5 + 0.5 * np.sin(phase * WIDE_CYCLES)
+    return box.lower + (box.upper - box.lower) * np.column_stack([outer, wrist])
+
+
+def slack_taken_up(arm: ArmModel, path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return commands (2 + n, 6): two that swing the wrist to and fro, which takes up its slack, then a path."""
+    swing = np.append(np.zeros(3), WAKE_RAD)
+    return np.concatenate([np.clip([path[0] + swing, path[0] - swing], arm.lower, arm.upper), path])
+
+
+def _check(arm: ArmModel, n: int, box: MotionBox) -> None:
     if n < 2:
-        raise TrocarError(f"a random path cannot have {n} samples; ask for 2 or more")
+        raise TrocarError(f"a path cannot have {n} samples; ask for 2 or more")
     for joint, lower, upper in zip(arm.joints, box.lower, box.upper, strict=True):
         if not joint.lower <= lower < upper <= joint.upper:
             raise TrocarError(
                 f"the motion's range [{lower:.4f}, {upper:.4f}] of joint {joint.name!r} is not inside "
                 f"[{joint.lower:.4f}, {joint.upper:.4f}]; choose a box within the limits of {arm.name}"
             )
-    return np.column_stack([_wander(rng, n, *ends) for ends in zip(box.lower, box.upper, box.step, strict=True)])
 
 
 def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> NDArray[np.float64]:

@@ -40,6 +40,13 @@ def run(
             show_default="images where the station's cameras can",
         ),
     ] = "",
+    prior: Annotated[
+        str,
+        typer.Option(
+            metavar="fleet|none|FILE",
+            help="Fit on a minute of wide swings, from what other instruments show, not on a long recording.",
+        ),
+    ] = "none",
     planner: Annotated[str, typer.Option(help="Of the motions.", show_default="the method's")] = "",
     perception: Annotated[str, typer.Option(help="What the agents see with", show_default="the method's")] = "",
     station: Annotated[
@@ -82,6 +89,7 @@ def run(
         method=method,
         model=model,
         calibration=calibration,
+        prior=prior,
         planner=planner,
         perception=perception,
         sessions=sessions,

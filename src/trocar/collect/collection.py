@@ -54,6 +54,7 @@ class Collection:
         seeds: np.random.SeedSequence,
         rows: int = SAMPLES,
         *,
+        wide: bool = False,
         fixture: Fixture = SIX_SPHERES,
         flaws: SensorFlaws | None = None,
     ):
@@ -65,6 +66,7 @@ class Collection:
             box: where the motion goes.
             seeds: of all that is random.
             rows: how many samples.
+            wide: the motion is the short one of wide swings.
             fixture: that the arm wears.
             flaws: of the camera, in place of the station's.
         """
@@ -80,7 +82,7 @@ class Collection:
         T_camera_world = session.T_world_camera_registered[self._camera].inverse()
         self.view = View(lens, T_camera_world @ session.T_world_base_registered[arm])
         motion, cables, self._printer, self._images, self._search = seeds.spawn(5)
-        self.q_cmd = commands_in_view(self.model, fixture, self.view, box, rows, motion)
+        self.q_cmd = commands_in_view(self.model, fixture, self.view, box, rows, motion, wide=wide)
         self._unseen = len(self.q_cmd) - rows
         train = DriveTrain(session.transmissions[arm], self.q_cmd[0], np.random.default_rng(cables))
         self._q_joint = np.array([self._at_rest(train, q) for q in self.q_cmd])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from trocar.arms import ArmModel
-from trocar.calibration.excitation import SAMPLES, WAKE_RAD, MotionBox, random_smooth_path
+from trocar.calibration.excitation import SAMPLES, MotionBox, random_smooth_path, slack_taken_up, wide_path
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.perception.depth import project
@@ -44,22 +44,36 @@ class View:
 
 
 def commands_in_view(
-    arm: ArmModel, fixture: Fixture, view: View, box: MotionBox, rows: int, seed: np.random.SeedSequence
+    arm: ArmModel,
+    fixture: Fixture,
+    view: View,
+    box: MotionBox,
+    rows: int,
+    seed: np.random.SeedSequence,
+    *,
+    wide: bool = False,
 ) -> NDArray[np.float64]:
     """Return commands (2 + rows, 6): two that swing the wrist to and fro, which takes up the slack, then the path.
 
     Where the path leaves the view, the outer joints are drawn towards the middle of their ranges; the wrist, whose
     cables are what is to be learnt, keeps its path.
 
+    Args:
+        arm: that moves.
+        fixture: that it wears.
+        view: of the camera.
+        box: where the motion goes.
+        rows: of the path.
+        seed: of the motion.
+        wide: it is the short one of wide swings.
+
     Raises:
         TrocarError: some poses of the wrist are not in view anywhere.
     """
-    path = random_smooth_path(arm, np.random.default_rng(seed), max(rows, SAMPLES), box)
+    smooth = random_smooth_path(arm, np.random.default_rng(seed), max(rows, SAMPLES), box)
+    path = wide_path(arm, rows, box) if wide else smooth
     path[:, :3] = _pulled_into_view(arm, fixture, view, path, (box.lower + box.upper)[:3] / 2)
-    path = path[:rows]
-    swing = np.append(np.zeros(3), WAKE_RAD)
-    wake = np.clip([path[0] + swing, path[0] - swing], arm.lower, arm.upper)
-    return np.concatenate([wake, path])
+    return slack_taken_up(arm, path[:rows])
 
 
 def always_in_view(arm: ArmModel, fixture: Fixture, view: View, box: MotionBox) -> bool:

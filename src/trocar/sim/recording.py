@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import fk, ik
-from trocar.calibration.excitation import WAKE_RAD, MotionBox, random_smooth_path
+from trocar.calibration.excitation import WIDE_ROWS, MotionBox, random_smooth_path, slack_taken_up, wide_path
 from trocar.calibration.recording import Recording
 from trocar.station.session import Session
 from trocar.station.transmission import DriveTrain
@@ -20,7 +20,13 @@ SAMPLE_S = 0.8
 
 
 def record_motion(
-    session: Session, arm: str, rng: np.random.Generator, box: MotionBox, samples: int | None = None
+    session: Session,
+    arm: str,
+    rng: np.random.Generator,
+    box: MotionBox,
+    samples: int | None = None,
+    *,
+    wide: bool = False,
 ) -> Recording:
     """Return a calibration recording of this arm: the paper's random smooth motion, seen by noisy fiducials.
 
@@ -35,12 +41,11 @@ def record_motion(
         rng: of the motion and the noise.
         box: where the motion goes.
         samples: only so many of the recording.
+        wide: the motion is the short one of wide swings.
     """
     model = session.station.arm(arm).model
-    path = random_smooth_path(model, rng, box=box)[:samples]
-    swing = np.append(np.zeros(3), WAKE_RAD)
-    wake = np.clip([path[0] + swing, path[0] - swing], model.lower, model.upper)
-    q_cmd = np.concatenate([wake, path])
+    path = wide_path(model, samples or WIDE_ROWS, box) if wide else random_smooth_path(model, rng, box=box)[:samples]
+    q_cmd = slack_taken_up(model, path)
     train = DriveTrain(session.transmissions[arm], q_cmd[0], rng)
     joints = []
     for q in q_cmd:
@@ -51,7 +56,7 @@ def record_motion(
     return Recording(
         q_cmd=q_cmd,
         q_phy=measured,
-        valid=np.arange(len(q_cmd)) >= len(wake),
+        valid=np.arange(len(q_cmd)) >= len(q_cmd) - len(path),
         t_s=SAMPLE_S * np.arange(1.0, len(q_cmd) + 1.0),
         name=f"simulated recording of {arm}",
     )

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from trocar.calibration.excitation import WIDE_ROWS
+from trocar.calibration.fleet import load_prior
 from trocar.calibration.models import MODELS
 from trocar.collect.motion import why_no_images
 from trocar.errors import TrocarError
@@ -24,6 +26,7 @@ from trocar.tasks.kit import Method, Task, pick_method, pick_perception
 PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headless", "piqp")
 """Packages that a trial's numbers depend on."""
 
+NO_PRIOR = "none"
 IMAGES, JOINTS = "images", "joints"
 """Where a calibration recording comes from: spheres seen by the station's camera, or joints with drawn noise."""
 
@@ -41,6 +44,8 @@ class RunConfig:
         method: how; empty: the task's first.
         model: cable model of methods that compensate.
         calibration: of methods that compensate: 'images' or 'joints'; empty: images, where all arms can have them.
+        prior: of methods that compensate: 'none', or 'fleet' or a file, from which cable models start; then they are
+            fitted on a minute of wide swings, not on a long recording.
         planner: of the motions; empty: the method's.
         perception: what agents see with; empty: the method's.
         sessions: how many days are drawn, each registered and calibrated anew.
@@ -59,6 +64,7 @@ class RunConfig:
     method: str = ""
     model: str = "play"
     calibration: str = ""
+    prior: str = NO_PRIOR
     planner: str = ""
     perception: str = ""
     sessions: int = 1
@@ -105,6 +111,10 @@ class RunConfig:
                 raise TrocarError(f"{missing[0]}; or give --calibration {JOINTS}")
             object.__setattr__(self, "calibration", self.calibration or (JOINTS if missing else IMAGES))
         hardness = Difficulty.of(self.difficulty, self.flaws)
+        if self.prior != NO_PRIOR:
+            if not method.calibrated or self.model != "play":
+                raise TrocarError(f"there is no play model that could start from prior {self.prior!r}; drop --prior")
+            load_prior(self.prior)
         self._built.update(method=method, station=station, arms=arms, hardness=hardness)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -146,6 +156,7 @@ class RunConfig:
             "method": self.method,
             "model": self.model if self.chosen_method.calibrated else None,
             "calibration": self.calibration if self.chosen_method.calibrated else None,
+            "prior": self.prior if self.chosen_method.calibrated else None,
             "planner": self.planner,
             "perception": self.perception,
             "seed": self.seed,
@@ -163,6 +174,9 @@ class RunConfig:
         if self.chosen_method.calibrated:
             how = "spheres seen in images" if self.calibration == IMAGES else "joints with drawn noise"
             flaws["cable models are fitted on"] = how
+            if self.prior != NO_PRIOR:
+                minute = f"{how}, {WIDE_ROWS} samples; they start from prior {self.prior!r}, from which recordings of "
+                flaws["cable models are fitted on"] = minute + "the instrument itself are left out"
         return flaws
 
     @property

@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from trocar.calibration.excitation import SAMPLES
+import numpy as np
+
+from trocar.calibration.excitation import SAMPLES, WIDE_ROWS
+from trocar.calibration.fleet import fit_from_prior, load_prior
 from trocar.calibration.models import MODELS, CableModel, load_model, save_model
 from trocar.calibration.recording import Recording
 from trocar.calibration.session import refit_offset
@@ -14,7 +17,7 @@ from trocar.collect.collection import Collection, Listener
 from trocar.sim.recording import record_motion
 from trocar.station import SensorFlaws
 from trocar.station.session import Session, draw_session
-from trocar.trials.config import CALIBRATION, IMAGES, REFIT, REMOUNT, SESSION, RunConfig, fingerprint
+from trocar.trials.config import CALIBRATION, IMAGES, NO_PRIOR, REFIT, REMOUNT, SESSION, RunConfig, fingerprint
 from trocar.trials.trial import session_folder
 
 IMAGES_ROWS = 650
@@ -70,10 +73,11 @@ def prepare(
             path = cable_file(folder, number, arm)
             if not path.is_file():
                 kept = (spheres or home) / f"spheres_{arm}.npz"
-                rows = IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
-                recording = _recording(config, session, arm, (number, CALIBRATION, place), rows, kept, listener)
-                rng = config.rng(number, CALIBRATION, place)
-                save_model(MODELS.pick(config.model).fit(recording, rng), path, config.fingerprint)
+                wide = config.prior != NO_PRIOR
+                rows = WIDE_ROWS if wide else IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
+                stream = (number, CALIBRATION, place)
+                recording = _recording(config, session, arm, stream, rows, kept, listener, wide=wide)
+                save_model(_fitted(config, arm, recording, config.rng(*stream)), path, config.fingerprint)
             models[arm] = load_model(path, config.fingerprint)
     if config.new_session:
         session = session.remounted(config.rng(number, REMOUNT))
@@ -85,6 +89,14 @@ def prepare(
     return Prepared(number, session, models)
 
 
+def _fitted(config: RunConfig, arm: str, recording: Recording, rng: np.random.Generator) -> CableModel:
+    """Return the model of an arm's cables; a prior may not have seen the instrument that the cables were taken from."""
+    if config.prior == NO_PRIOR:
+        return MODELS.pick(config.model).fit(recording, rng)
+    prior = load_prior(config.prior).without(config.laboratory.arm(arm).transmission_name)
+    return fit_from_prior(recording, prior)
+
+
 def _recording(
     config: RunConfig,
     session: Session,
@@ -93,13 +105,15 @@ def _recording(
     rows: int,
     path: Path | None = None,
     listener: Listener | None = None,
+    *,
+    wide: bool = False,
 ) -> Recording:
     """Return a recording of an arm in this session, from images or with drawn noise, as the run has it."""
     box = config.task.calibration(config.laboratory, arm)
     if config.calibration != IMAGES:
-        return record_motion(session, arm, config.rng(*stream), box, rows)
+        return record_motion(session, arm, config.rng(*stream), box, rows, wide=wide)
     flaws = SensorFlaws.none() if config.flawless_camera else None
-    collection = Collection(session, arm, box, config.seeds(*stream), rows, flaws=flaws)
+    collection = Collection(session, arm, box, config.seeds(*stream), rows, wide=wide, flaws=flaws)
     return collection.recording(collection.measured(collection.run(path, listener)))
 
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC
-from trocar.calibration.excitation import random_smooth_path
+from trocar.calibration.excitation import random_smooth_path, wide_path
 from trocar.calibration.fleet import fit_from_prior, learn_prior, load_prior
 from trocar.calibration.fleet.curve import WITH, WITHOUT, curve, draw_curve
 from trocar.calibration.fleet.fit import ENOUGH_ROWS, OWN_ROWS
@@ -133,6 +133,31 @@ def test_a_prior_is_kept_in_a_file(prior, tmp_path):
 
 def test_the_built_in_prior_says_where_it_comes_from():
     assert len(load_prior("fleet").sources) == 6
+
+
+def test_a_prior_can_leave_an_instrument_out():
+    fleet = load_prior("fleet")
+    left = fleet.without("psm1_grey")
+    assert left.sources == ("psm1_red_user_random", "psm2_grey_random", "psm1_new_random")
+    assert np.abs(left.shape_mean - fleet.shape_mean).max() > 0.05
+    with pytest.raises(TrocarError, match="from 1 recordings"):
+        left.without("psm2").without("psm1_new")
+
+
+def test_half_a_minute_of_wide_swings_says_more_than_one_of_a_smooth_motion(prior):
+    """On play operators; with what recordings show besides, see benchmarks/bench_excitation.py."""
+    fresh = random_smooth_path(PSM_CLASSIC, np.random.default_rng(8), 300)
+    true = PSM2_GREY.run(fresh)
+
+    def rmse(path):
+        noisy = PSM2_GREY.measure(PSM2_GREY.run(path), np.random.default_rng(3))
+        recording = Recording(path, noisy, np.ones(len(path), bool), np.arange(float(len(path))))
+        return np.sqrt(np.mean((fit_from_prior(recording, prior).predict(fresh) - true)[20:, 3:] ** 2, axis=0))
+
+    smooth = rmse(random_smooth_path(PSM_CLASSIC, np.random.default_rng(9), 38))
+    wide = rmse(wide_path(PSM_CLASSIC, 38))
+    assert np.prod(wide) < 0.4 * np.prod(smooth)
+    assert (wide < [0.008, 0.015, 0.015]).all()
 
 
 def test_a_file_that_is_no_prior_is_refused(tmp_path):

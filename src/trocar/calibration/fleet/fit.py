@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from trocar.calibration.fleet.learn import DRIFT, outer_features
+from trocar.calibration.fleet.loop_fit import DRIFT, outer_features
 from trocar.calibration.fleet.loops import FEATURES, MULTIPLES, LoopShape
 from trocar.calibration.fleet.prior import FleetPrior
 from trocar.calibration.models.base import TrainingMotion

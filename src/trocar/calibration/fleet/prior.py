@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -10,23 +11,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.archive import Archive, read_archive
-from trocar.calibration.fleet.loops import FEATURES
+from trocar.calibration.fleet.loop_fit import LoopFit
+from trocar.calibration.fleet.loops import FEATURES, MULTIPLES
 from trocar.calibration.models.base import shaped
+from trocar.calibration.plant import WRIST
 from trocar.errors import TrocarError
 
 FORMAT = "trocar fleet prior"
-VERSION = 1
+VERSION = 2
 BUILT_IN = "fleet"
 """Name of the prior that comes with Trocar."""
-_SHAPES = {
-    "shape_mean": (5,),
-    "shape_sd": (5,),
-    "weights": (3, FEATURES),
-    "factors": (3, FEATURES, FEATURES),
-    "noise_sd": (3,),
-    "outer_sd": (3, 7),
-    "outer_noise_sd": (3,),
-}
+_SHAPES = {"shape": ("fits", 5), "weights": ("fits", 3, FEATURES), "outer": ("fits", 3, 7), "left": ("fits", 6)}
+"""Of the file's arrays: what was fitted to each recording."""
+
+LEAST_SHAPE_SD = np.array([0.4, 0.4, 0.4, 0.06, 0.06])
+"""Of ``LoopShape.theta``: half a dozen recordings do not show every instrument; radii within a factor of 1.5."""
+OFFSET_SD = 0.15
+"""rad, least: offsets change whenever an instrument is mounted."""
+OWN_SD = (0.02, 0.05, 0.10)
+"""Least SD of a joint's error per rad of its own command: gain of roll, pitch, yaw."""
+COUPLING_SD = 0.03
+"""Least SD of a joint's error per rad of another one's command."""
+SLACK_SD = 0.06 / np.sqrt(len(MULTIPLES))
+"""Least SD of a joint's error per rad of slack."""
+OUTER_OFFSET_SD = np.array([3e-3, 3e-3, 5e-4])
+"""Of the errors of q1 q2 q3, least: rad, rad, m."""
+COMMON = 0.5
+"""Share of the least variances that is added to what the recordings show together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +52,7 @@ class FleetPrior:
         noise_sd: (3,) of what such a map leaves of a measurement, rad.
         outer_sd: (3, 7) of the errors of q1 q2 q3 as maps of 1 and the command, whose mean is 0; rad and m.
         outer_noise_sd: (3,) of what these leave, rad and m.
-        sources: names of the recordings that it was learned from.
+        fits: of the recordings that it was learned from.
     """
 
     shape_mean: NDArray[np.float64]
@@ -51,15 +62,61 @@ class FleetPrior:
     noise_sd: NDArray[np.float64]
     outer_sd: NDArray[np.float64]
     outer_noise_sd: NDArray[np.float64]
-    sources: tuple[str, ...]
+    fits: tuple[LoopFit, ...]
+
+    @staticmethod
+    def of(fits: Sequence[LoopFit]) -> FleetPrior:
+        """Return the prior over instruments and sessions that fits to recordings of some of them show.
+
+        Raises:
+            TrocarError: they are fewer than two.
+        """
+        if len(fits) < 2:
+            raise TrocarError(f"a prior cannot be learned from {len(fits)} recordings; give two or more")
+        shapes, weights, outer, left = (
+            np.array([getattr(fit, name) for fit in fits]) for name in ("shape", "weights", "outer", "left")
+        )
+        spread = np.sqrt(1.0 + 1.0 / len(fits))  # of the next one about the mean of these
+        factors = []
+        for joint in range(3):
+            away = weights[:, joint] - weights[:, joint].mean(axis=0)
+            covariance = spread**2 * away.T @ away / (len(fits) - 1) + COMMON * np.diag(_least_sd(joint) ** 2)
+            factors.append(np.linalg.cholesky(covariance))
+        outer_sd = np.sqrt(np.mean(outer**2, axis=0))
+        outer_sd[:, 0] = np.maximum(outer[:, :, 0].std(axis=0), OUTER_OFFSET_SD)
+        noise_sd = np.sqrt(np.median(left, axis=0))
+        return FleetPrior(
+            shape_mean=shapes.mean(axis=0),
+            shape_sd=np.maximum(spread * shapes.std(axis=0, ddof=1), LEAST_SHAPE_SD),
+            weights=weights.mean(axis=0),
+            factors=np.array(factors),
+            noise_sd=noise_sd[WRIST],
+            outer_sd=outer_sd,
+            outer_noise_sd=noise_sd[:3],
+            fits=tuple(fits),
+        )
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Return the names of the recordings that it was learned from."""
+        return tuple(fit.name for fit in self.fits)
+
+    def without(self, instrument: str) -> FleetPrior:
+        """Return the prior that never saw an instrument: without the recordings whose names begin so.
+
+        Raises:
+            TrocarError: fewer than two are left.
+        """
+        return FleetPrior.of([fit for fit in self.fits if not fit.name.startswith(instrument)])
 
     def save(self, path: str | Path) -> Path:
-        """Write the prior to an ``.npz`` file."""
+        """Write the prior to an ``.npz`` file: what was fitted to each recording."""
         path = Path(path)
         if path.suffix != ".npz":
             raise TrocarError(f"prior {str(path)!r} must end in .npz; choose such a name")
         header = {"format": FORMAT, "version": VERSION, "sources": list(self.sources)}
-        return Archive(header, {name: getattr(self, name) for name in _SHAPES}).save(path)
+        arrays = {name: np.array([getattr(fit, name) for fit in self.fits]) for name in _SHAPES}
+        return Archive(header, arrays).save(path)
 
 
 def load_prior(name: str | Path) -> FleetPrior:
@@ -81,9 +138,18 @@ def _load(path: Path) -> FleetPrior:
         if not isinstance(sources, list) or not all(isinstance(source, str) for source in sources):
             raise TrocarError("it does not say what it was learned from")
         arrays = {name: np.asarray(a, dtype=np.float64) for name, a in shaped(archive.arrays, **_SHAPES).items()}
-        for name in ("shape_sd", "noise_sd", "outer_sd", "outer_noise_sd"):
-            if (arrays[name] <= 0).any():
-                raise TrocarError(f"{name!r} holds what is no standard deviation")
+        if len(sources) != len(arrays["left"]):
+            raise TrocarError(f"it names {len(sources)} recordings and has fits to {len(arrays['left'])}")
+        if (arrays["left"] <= 0).any():
+            raise TrocarError("'left' holds what is no variance")
+        fits = [LoopFit(name, *(arrays[key][k] for key in _SHAPES)) for k, name in enumerate(sources)]
+        return FleetPrior.of(fits)
     except TrocarError as error:
         raise TrocarError(f"prior {str(path)!r} is damaged: {error}; learn it again") from None
-    return FleetPrior(**arrays, sources=tuple(sources))
+
+
+def _least_sd(joint: int) -> NDArray[np.float64]:
+    """Return the least SDs (FEATURES,) of one joint's weights."""
+    sd = np.full(FEATURES, SLACK_SD)
+    sd[0], sd[1:4], sd[1 + joint] = OFFSET_SD, COUPLING_SD, OWN_SD[joint]
+    return sd
