@@ -155,6 +155,8 @@ def test_a_minutes_commands_are_written_for_a_robot(trocar, tmp_path):
     rows = np.loadtxt(tmp_path / "minute.csv", delimiter=",", skiprows=1)
     assert rows.shape == (77, 6)
     np.testing.assert_allclose(rows[2:], wide_path(PSM_CLASSIC, 75, PSM2_BOX), atol=1e-6)
+    _, out, _ = trocar("calibrate", "excite", "peg-transfer", "--arm", "psm2", "--out", tmp_path / "m.csv", "--json")
+    np.testing.assert_allclose(json.loads(out)["q_cmd"], rows, atol=1e-6)
 
 
 @pytest.mark.parametrize(

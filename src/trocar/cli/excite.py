@@ -48,6 +48,9 @@ def excite(
         out.write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
         raise TrocarError(f"cannot write {str(out)!r} ({error.strerror}); choose another folder") from None
+    if as_json:
+        sys.stdout.write(json.dumps({"arm": name, "q_cmd": q_cmd.tolist(), "out": str(out)}) + "\n")
+        return
     Console().print(
         f"{len(q_cmd)} commands for {name} ({model.name}), the first two without a measurement; saved {out}"
     )
