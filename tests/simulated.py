@@ -16,7 +16,6 @@ from trocar.sim.mjcf import CellModel, Surface
 from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.world import World
 from trocar.station import TRANSMISSIONS, SensorFlaws, Station, load_station
-from trocar.station.difficulty import Difficulty
 from trocar.station.session import Session
 from trocar.station.transmission import JawCable
 from trocar.tasks.peg_transfer.agents.unilateral import Settings
@@ -56,7 +55,7 @@ def ideal_session(station: Station | str = STATION, limits: MotionLimits | None 
     cameras = {name: camera.T_world_camera for name, camera in station.cameras.items()}
     transmissions = {name: arm.transmission for name, arm in station.arms.items()}
     jaws = {name: JawCable() for name in station.arms}
-    return Session(station, Difficulty.of("mild"), transmissions, jaws, bases, bases, cameras, cameras)
+    return Session(station, station.models, transmissions, jaws, bases, bases, cameras, cameras)
 
 
 def standing(peg: int, offset_m=(0.0, 0.0), yaw_rad: float = 0.0, height_m: float = 0.0) -> SE3:

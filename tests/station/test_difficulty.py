@@ -1,5 +1,6 @@
 """How hard a laboratory is, and how that is said."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,17 +71,18 @@ def test_what_cannot_be_read_is_said(level, flaws, what):
         Difficulty.of(level, flaws)
 
 
+def day(difficulty, rng):
+    return draw_session(replace(STATION, difficulty=difficulty), rng)
+
+
 def off_mm(session, p_world=(0.0, 0.0, 0.02)):
     T = session.T_world_base_registered["psm1"] @ session.T_world_base["psm1"].inverse()
     return 1e3 * float(np.linalg.norm(T.apply(np.array(p_world)) - p_world))
 
 
 def test_a_base_is_registered_as_badly_as_it_is_asked_for():
-    far = [
-        off_mm(draw_session(STATION, np.random.default_rng(k), Difficulty.of("mild", ["registration=1mm"])))
-        for k in range(40)
-    ]
-    near = [off_mm(draw_session(STATION, np.random.default_rng(k), Difficulty.of("mild"))) for k in range(40)]
+    far = [off_mm(day(Difficulty.of("mild", ["registration=1mm"]), np.random.default_rng(k))) for k in range(40)]
+    near = [off_mm(day(Difficulty.of("mild"), np.random.default_rng(k))) for k in range(40)]
     assert np.sqrt(np.mean(np.square(far))) == pytest.approx(np.sqrt(3.0), rel=0.25)
     assert np.mean(near) < 0.1
 
@@ -102,21 +104,21 @@ def test_errors_of_the_outer_joints_are_in_the_registration_and_neighbours_err_a
 
 
 def test_a_flaw_leaves_the_draws_of_others_alone():
-    one = draw_session(STATION, np.random.default_rng(0), Difficulty.of("mild"))
-    other = draw_session(
-        STATION, np.random.default_rng(0), Difficulty.of("mild", ["wear=1", "residual=1deg", "jaw=1deg"])
-    )
+    one = day(Difficulty.of("mild"), np.random.default_rng(0))
+    other = day(Difficulty.of("mild", ["wear=1", "residual=1deg", "jaw=1deg", "tool=1mm"]), np.random.default_rng(0))
     for arm in STATION.arms:
         assert np.array_equal(one.transmissions[arm].plant.offset, other.transmissions[arm].plant.offset)
         assert np.array_equal(one.T_world_base_registered[arm].matrix, other.T_world_base_registered[arm].matrix)
+    lengths = [drawn.models[arm].wrist_length_m for drawn in (one, other) for arm in STATION.arms]
+    assert lengths[0] == lengths[1] == STATION.arm("psm1").model.wrist_length_m and len(set(lengths)) == 3
     assert one.jaws["psm1"] == JawCable() and other.jaws["psm1"].offset_rad != other.jaws["psm2"].offset_rad
 
 
 def test_depth_scatters_as_much_more():
-    day = draw_session(STATION, np.random.default_rng(0), Difficulty.of("mild", ["depth=3"]))
+    drawn = day(Difficulty.of("mild", ["depth=3"]), np.random.default_rng(0))
     usual = STATION.cameras["overhead"].flaws
     scale = 3 * FLAWS["depth"].recorded[0]
-    assert day.station.cameras["overhead"].flaws.axial_m == pytest.approx(scale * usual.axial_m)
+    assert drawn.station.cameras["overhead"].flaws.axial_m == pytest.approx(scale * usual.axial_m)
 
 
 def test_jaws_follow_with_play_beside_their_place():
@@ -129,13 +131,13 @@ def test_jaws_follow_with_play_beside_their_place():
 
 def test_what_fiducials_show_is_in_the_base_that_was_registered():
     """A base that is found beside its place makes joints seem to be elsewhere, as in a laboratory."""
-    day = draw_session(STATION, np.random.default_rng(1), Difficulty.of("mild", ["registration=3mm", "noise=0"]))
+    drawn = day(Difficulty.of("mild", ["registration=3mm", "noise=0"]), np.random.default_rng(1))
     box = STATION.arm("psm1").calibration
     assert isinstance(box, MotionBox)
-    rows = record_motion(day, "psm1", np.random.default_rng(2), box, 40)
+    rows = record_motion(drawn, "psm1", np.random.default_rng(2), box, 40)
     seen = fk(STATION.arm("psm1").model, rows.q_phy[rows.valid])
     told = fk(STATION.arm("psm1").model, rows.q_cmd[rows.valid])
-    T_found_true = day.T_world_base_registered["psm1"].inverse() @ day.T_world_base["psm1"]
+    T_found_true = drawn.T_world_base_registered["psm1"].inverse() @ drawn.T_world_base["psm1"]
     shift = T_found_true.apply(told.translation_m) - told.translation_m
     assert isinstance(seen, SE3)
     outer = np.abs(rows.q_phy - rows.q_cmd)[rows.valid][:, :3].max(axis=0)

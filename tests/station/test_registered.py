@@ -7,7 +7,6 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.image import Intrinsics, StereoRig
 from trocar.station import read_station, station_text
-from trocar.station.difficulty import Difficulty
 from trocar.station.registered import with_registered
 from trocar.station.session import draw_session
 
@@ -47,8 +46,8 @@ def test_sessions_use_what_was_registered_and_say_so():
     np.testing.assert_allclose(day.T_world_base_registered["psm1"].matrix, FOUND["psm1"].matrix, atol=1e-9)
     for name in ("T_world_base", "T_world_base_registered"):
         np.testing.assert_array_equal(getattr(day, name)["psm2"].matrix, getattr(other, name)["psm2"].matrix)
-    assert station.flaws(Difficulty.of("mild"))["registration of psm1"] == "as the station file has it"
-    assert "registration of psm1" not in usual.flaws(Difficulty.of("mild"))
+    assert station.flaws()["registration of psm1"] == "as the station file has it"
+    assert "registration of psm1" not in usual.flaws()
 
 
 RIG = StereoRig(
@@ -74,7 +73,7 @@ def test_a_registered_camera_and_its_lenses_are_kept_and_sessions_use_them():
     usual = draw_session(read_station(before), np.random.default_rng(0))
     np.testing.assert_allclose(day.T_world_camera_registered["stereo"].matrix, T_camera.matrix, atol=1e-9)
     np.testing.assert_array_equal(day.T_world_camera["stereo"].matrix, usual.T_world_camera["stereo"].matrix)
-    assert "registration of stereo" in station.flaws(Difficulty.of("mild"))
+    assert "registration of stereo" in station.flaws()
     assert with_registered(after, {}, {"stereo": (T_camera, RIG)}) == after
     with pytest.raises(TrocarError, match=r"no table \[cameras.mono\]; write 'mono' as one"):
         with_registered(before, {}, {"mono": (T_camera, RIG)})

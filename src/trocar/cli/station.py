@@ -15,7 +15,6 @@ from trocar.cli.plugin import Plugins
 if TYPE_CHECKING:
     from trocar.geometry import SE3
     from trocar.station import Station
-    from trocar.station.difficulty import Difficulty
 
 app = typer.Typer(
     cls=OpenGroup,
@@ -92,7 +91,7 @@ def _show(station: Station) -> None:
         console.print(f"camera {name}: {camera['kind']}, at {_mm(station.cameras[name].T_world_camera)} mm")
     for name, T in station.T_world_fixture.items():
         console.print(f"fixture {name}: at {_mm(T)} mm")
-    for what, how in station.flaws(_usual()).items():
+    for what, how in station.flaws().items():
         console.print(f"{what}: {how}")
 
 
@@ -120,14 +119,8 @@ def _values(station: Station) -> dict[str, Any]:
         },
         "T_world_fixture": {name: T.matrix.tolist() for name, T in station.T_world_fixture.items()},
         "min_distance_m": station.min_distance_m,
-        "flaws": station.flaws(_usual()),
+        "flaws": station.flaws(),
     }
-
-
-def _usual() -> Difficulty:
-    from trocar.station.difficulty import DEFAULT, Difficulty  # noqa: PLC0415 (NumPy only when needed)
-
-    return Difficulty.of(DEFAULT)
 
 
 def _mm(T: SE3) -> str:

@@ -69,9 +69,7 @@ class FiducialCell:
             )
         self.fixture = printed(fixture, rng)
         self._world = World(
-            CellModel(
-                {arm: station.arm(arm).model}, {arm: session.T_world_base[arm]}, _Table(), worn={arm: self.fixture}
-            )
+            CellModel({arm: session.models[arm]}, {arm: session.T_world_base[arm]}, _Table(), worn={arm: self.fixture})
         )
         self._camera = RayCamera(
             self._world.model,

@@ -155,7 +155,7 @@ class SimLaboratory:
         self._ticks = 0
         cable_rng, camera_rng = (rng or np.random.default_rng(0)).spawn(2)
         self.world = World(
-            CellModel(station.models, session.T_world_base, self.task, servo or Servo(), surface or Surface())
+            CellModel(session.models, session.T_world_base, self.task, servo or Servo(), surface or Surface())
         )
         self.driver = SimRobot(self.world, self.now_s)
         for name, arm in station.arms.items():

@@ -70,4 +70,4 @@ def _as_registered(session: Session, arm: str, joints: NDArray[np.float64]) -> N
     model = session.station.arm(arm).model
     T_found_true = session.T_world_base_registered[arm].inverse() @ session.T_world_base[arm]
     reach = replace(model, joints=tuple(replace(j, lower=j.lower - ROOM, upper=j.upper + ROOM) for j in model.joints))
-    return ik(reach, T_found_true @ fk(model, joints), reference=joints)
+    return ik(reach, T_found_true @ fk(session.models[arm], joints), reference=joints)

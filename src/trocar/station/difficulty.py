@@ -120,6 +120,20 @@ FLAWS: dict[str, Flaw] = {
         "assumed: a camera or an arm is touched; the recorded sets' residuals lie along the outer joints and come with "
         "`outer` (benchmarks/bench_cell.py)",
     ),
+    "tool": Flaw(
+        "length of the wrist, from its pitch axis to the jaws' axis, against what is said (SD)",
+        "m",
+        (0.0002,),
+        (0.0,),
+        "assumed",
+    ),
+    "needle": Flaw(
+        "place of a needle that a person loads against the agreed one (1 x: SD of .3 mm on each axis, 3 deg about it)",
+        "",
+        (0.0003, 0.0524),
+        (0.0, 0.0),
+        "assumed",
+    ),
     "depth": Flaw(
         "scatter of depth (1 x is 2.1 times the scatter of the station's camera)",
         "",

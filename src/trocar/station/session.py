@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import Unreachable, fk, ik
+from trocar.arms import ArmModel, Unreachable, fk, ik
 from trocar.geometry import SE3
 from trocar.geometry.rigid_fit import fit_rigid
-from trocar.station.difficulty import DEFAULT, FLAWS, Difficulty
+from trocar.station.difficulty import FLAWS, Difficulty
 from trocar.station.registration import CheckerboardRegistration, Registration
 from trocar.station.station import Station, StationArm
 from trocar.station.transmission import JawCable, Transmission
@@ -27,7 +27,7 @@ class Session:
 
     Attributes:
         station: the laboratory.
-        difficulty: how far it is from what anybody knows of it.
+        models: the arms as they truly are: their wrists are not as long as is said.
         transmissions: this session's, by arm.
         jaws: cables of the jaws, by arm.
         T_world_base: true bases.
@@ -37,7 +37,7 @@ class Session:
     """
 
     station: Station
-    difficulty: Difficulty
+    models: Mapping[str, ArmModel]
     transmissions: Mapping[str, Transmission]
     jaws: Mapping[str, JawCable]
     T_world_base: Mapping[str, SE3]
@@ -47,55 +47,62 @@ class Session:
 
     def remounted(self, rng: np.random.Generator) -> Session:
         """Return the same cell after its instruments were mounted again: other transmissions."""
-        transmissions = _transmissions(self.station, rng, self.difficulty)
-        return replace(self, transmissions=transmissions, jaws=_jaws(self.station, rng, self.difficulty))
+        transmissions = _transmissions(self.station, rng)
+        return replace(
+            self, models=_models(self.station, rng), transmissions=transmissions, jaws=_jaws(self.station, rng)
+        )
 
 
-def draw_session(station: Station, rng: np.random.Generator, difficulty: Difficulty | None = None) -> Session:
-    """Return a day in this laboratory.
-
-    Args:
-        station: where.
-        rng: of the day.
-        difficulty: how far it is from what anybody knows of it; None: as usual.
-    """
-    difficulty = difficulty or Difficulty.of(DEFAULT)
-    station = _with_sensors_of(station, difficulty)
-    transmissions = _transmissions(station, rng, difficulty)
+def draw_session(station: Station, rng: np.random.Generator) -> Session:
+    """Return a day in this laboratory, as difficult as the station says."""
+    station = _with_its_sensors(station)
+    transmissions = _transmissions(station, rng)
     bases = {name: arm.T_world_base for name, arm in station.arms.items()}
     cameras = {name: camera.T_world_camera for name, camera in station.cameras.items()}
     how = station.registration
     if isinstance(how, CheckerboardRegistration):
         found, seen = _by_checkerboard(bases, cameras, how, rng)
     else:
-        found = {name: _register(arm, transmissions[name], how, difficulty, rng) for name, arm in station.arms.items()}
+        found = {
+            name: _register(arm, transmissions[name], how, station.difficulty, rng)
+            for name, arm in station.arms.items()
+        }
         seen = cameras
     kept = {name: arm.T_world_base_registered for name, arm in station.arms.items()}
     kept_seen = {name: camera.T_world_camera_registered for name, camera in station.cameras.items()}
-    jaws = _jaws(station, rng, difficulty)
+    models, jaws = _models(station, rng), _jaws(station, rng)
     found, seen = found | _known(kept), dict(seen) | _known(kept_seen)
-    return Session(station, difficulty, transmissions, jaws, bases, found, cameras, seen)
+    return Session(station, models, transmissions, jaws, bases, found, cameras, seen)
 
 
 def _known(poses: Mapping[str, SE3 | None]) -> dict[str, SE3]:
     return {name: T for name, T in poses.items() if T is not None}
 
 
-def _transmissions(station: Station, rng: np.random.Generator, difficulty: Difficulty) -> dict[str, Transmission]:
-    return {name: arm.transmission.drawn(rng, difficulty) for name, arm in station.arms.items()}
+def _transmissions(station: Station, rng: np.random.Generator) -> dict[str, Transmission]:
+    return {name: arm.transmission.drawn(rng, station.difficulty) for name, arm in station.arms.items()}
 
 
-def _jaws(station: Station, rng: np.random.Generator, difficulty: Difficulty) -> dict[str, JawCable]:
-    (size_rad,) = difficulty["jaw"]
+def _models(station: Station, rng: np.random.Generator) -> dict[str, ArmModel]:
+    """Return the arms with tools whose wrist is not as long as is said."""
+    (sd_m,), found = station.difficulty["tool"], station.models
+    for (name, model), own in zip(found.items(), rng.spawn(len(found)), strict=True):
+        if sd_m > 0.0:
+            found[name] = replace(model, wrist_length_m=model.wrist_length_m + sd_m * float(own.standard_normal()))
+    return found
+
+
+def _jaws(station: Station, rng: np.random.Generator) -> dict[str, JawCable]:
+    (size_rad,) = station.difficulty["jaw"]
     return {
         name: JawCable.drawn(own, size_rad)
         for name, own in zip(station.arms, rng.spawn(len(station.arms)), strict=True)
     }
 
 
-def _with_sensors_of(station: Station, difficulty: Difficulty) -> Station:
-    """Return the station with sensors that err as much as this."""
-    scale = difficulty.scale("depth") * float(FLAWS["depth"].recorded[0])
+def _with_its_sensors(station: Station) -> Station:
+    """Return the station with sensors that err as much as it says."""
+    scale = station.difficulty.scale("depth") * float(FLAWS["depth"].recorded[0])
     if scale == 1.0:
         return station
     cameras = {name: replace(camera, flaws=camera.flaws.with_depth(scale)) for name, camera in station.cameras.items()}

@@ -13,7 +13,7 @@ from trocar.calibration.excitation import MotionBox
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.perception.image import CameraModel, Intrinsics, StereoRig
-from trocar.station.difficulty import FLAWS, Difficulty
+from trocar.station.difficulty import DEFAULT, FLAWS, Difficulty
 from trocar.station.registration import CheckerboardRegistration, Registration
 from trocar.station.sensor_flaws import SensorFlaws
 from trocar.station.transmission import Transmission
@@ -112,6 +112,7 @@ class Station:
         T_world_fixture: nominal poses of what is fixed on the table, by name.
         registration: how the arms' bases are found.
         min_distance_m: that two arms' instruments keep; 0: not watched.
+        difficulty: how far it is from what all this says of it.
     """
 
     name: str
@@ -121,6 +122,7 @@ class Station:
     T_world_fixture: Mapping[str, SE3] = field(default_factory=dict)
     registration: Registration | CheckerboardRegistration = field(default_factory=Registration)
     min_distance_m: float = 0.0
+    difficulty: Difficulty = field(default_factory=lambda: Difficulty.of(DEFAULT))
 
     def __post_init__(self) -> None:
         if not self.arms:
@@ -137,9 +139,9 @@ class Station:
         """Return the arms' models by name."""
         return {name: arm.model for name, arm in self.arms.items()}
 
-    def flaws(self, difficulty: Difficulty, flawless_camera: bool = False) -> dict[str, str]:
+    def flaws(self, flawless_camera: bool = False) -> dict[str, str]:
         """Return in words what is imperfect here, for the summary of a run."""
-        found = {"difficulty": ", ".join([difficulty.level, *difficulty.named])}
+        found = {"difficulty": ", ".join([self.difficulty.level, *self.difficulty.named])}
         found |= {f"transmission of {name}": arm.transmission.source for name, arm in self.arms.items()}
         found["registration of bases"] = self.registration.about
         kept = [name for name, arm in self.arms.items() if arm.T_world_base_registered is not None]
@@ -148,15 +150,17 @@ class Station:
             found[f"registration of {', '.join(kept)}"] = "as the station file has it"
         cameras = "switched off" if flawless_camera else "switched on, as large as the station's file says"
         found |= {f"flaws of camera {name}": cameras for name in self.cameras}
-        sizes = difficulty.sizes()
+        sizes = self.difficulty.sizes()
         return found | {f"{name}: {FLAWS[name].about}": sizes[name] for name in self.flaws_felt}
 
     @property
     def flaws_felt(self) -> list[str]:
         """Return the names of the flaws that have an effect here."""
-        felt = {"jaw"}.union(*(arm.transmission.flaws for arm in self.arms.values()))
+        felt = {"jaw", "tool"}.union(*(arm.transmission.flaws for arm in self.arms.values()))
         if isinstance(self.registration, Registration):
             felt.add("registration")
         if any(isinstance(camera.model, Intrinsics) for camera in self.cameras.values()):
             felt.add("depth")
+        if "circle" in self.T_world_fixture:
+            felt.add("needle")
         return [name for name in FLAWS if name in felt]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -101,7 +101,8 @@ class RunConfig:
             pick_perception(kind, self.perception)
         if self.refit_offsets and not method.calibrated:
             raise TrocarError(f"there is no model to refit with --method {self.method}; drop --refit-offsets")
-        station = self.task.at(load_station(self.station))
+        difficulty = Difficulty.of(self.difficulty, self.flaws)
+        station = self.task.at(replace(load_station(self.station), difficulty=difficulty))
         arms = self.task.working_arms(station)
         if self.calibration not in ("", IMAGES, JOINTS):
             raise TrocarError(f"calibration {self.calibration!r} is unknown; choose one of {IMAGES}, {JOINTS}")
@@ -110,12 +111,11 @@ class RunConfig:
             if missing and self.calibration == IMAGES:
                 raise TrocarError(f"{missing[0]}; or give --calibration {JOINTS}")
             object.__setattr__(self, "calibration", self.calibration or (JOINTS if missing else IMAGES))
-        hardness = Difficulty.of(self.difficulty, self.flaws)
         if self.prior != NO_PRIOR:
             if not method.calibrated or self.model != "play":
                 raise TrocarError(f"there is no play model that could start from prior {self.prior!r}; drop --prior")
             load_prior(self.prior)
-        self._built.update(method=method, station=station, arms=arms, hardness=hardness)
+        self._built.update(method=method, station=station, arms=arms)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the same configuration in another process, which first loads the same plugins."""
@@ -132,11 +132,6 @@ class RunConfig:
     def laboratory(self) -> Station:
         """Return the station as the task needs it."""
         return self._built["station"]
-
-    @property
-    def hardness(self) -> Difficulty:
-        """Return the sizes of all flaws."""
-        return self._built["hardness"]
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -163,14 +158,14 @@ class RunConfig:
             "new_session": self.new_session,
             "refit_offsets": self.refit_offsets,
             "flawless_camera": self.flawless_camera,
-            "difficulty": [self.difficulty, *self.hardness.named],
+            "difficulty": [self.difficulty, *self.laboratory.difficulty.named],
             "plugins": [load_plugin(path) for path in self.plugins],
             "flaws": self._flaws(),
             "versions": versions(),
         }
 
     def _flaws(self) -> dict[str, str]:
-        flaws = self.laboratory.flaws(self.hardness, self.flawless_camera)
+        flaws = self.laboratory.flaws(self.flawless_camera)
         if self.chosen_method.calibrated:
             how = "spheres seen in images" if self.calibration == IMAGES else "joints with drawn noise"
             flaws["cable models are fitted on"] = how

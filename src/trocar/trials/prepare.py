@@ -64,7 +64,7 @@ def prepare(
             session's own.
         listener: called after each image of a calibration.
     """
-    session = draw_session(config.laboratory, config.rng(number, SESSION), config.hardness)
+    session = draw_session(config.laboratory, config.rng(number, SESSION))
     home = session_folder(folder, number)
     home.mkdir(parents=True, exist_ok=True)
     models: dict[str, CableModel] = {}

@@ -101,7 +101,7 @@ def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Liste
         scenery=Scenery(
             solids=solids,
             T_world_body=fixed,
-            arms=station.models,
+            arms=prepared.session.models,
             T_world_base=prepared.session.T_world_base,
             T_world_base_registered=prepared.session.T_world_base_registered,
             cameras=cameras,

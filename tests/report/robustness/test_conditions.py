@@ -36,7 +36,7 @@ def test_the_laboratory_as_it_is_is_run_once_for_each_method(tmp_path):
 def test_one_flaw_is_varied_and_the_others_are_as_they_are(tmp_path, difficulty):
     usual = Difficulty.of(difficulty)
     for condition in conditions(tmp_path, difficulty, methods="uncalibrated", scales="0,1,4"):
-        sizes = condition.cell.config.hardness
+        sizes = condition.cell.config.laboratory.difficulty
         assert sizes.scale(condition.flaw) == pytest.approx(condition.scale, rel=1e-5)
         for other in set(usual.values) - {condition.flaw}:
             assert (sizes[other] == usual[other]).all()
@@ -51,7 +51,7 @@ def test_sizes_have_the_unit_of_their_flaw(tmp_path):
 
 def test_a_station_has_the_flaws_that_it_feels(tmp_path):
     ravens = conditions_of(tmp_path, TASKS.pick("debridement")(), methods="best", difficulty="recorded")
-    assert {c.flaw for c in ravens} == {"kinematics", "jaw"}
+    assert {c.flaw for c in ravens} == {"kinematics", "tool", "jaw"}
     assert "kinematics" not in {c.flaw for c in conditions(tmp_path)}
 
 

@@ -38,7 +38,7 @@ class Condition:
     def size(self) -> float:
         """Return the size as :attr:`unit` has it."""
         flaw = FLAWS[self.flaw]
-        return SHOWN[flaw.unit][1] * flaw.size(self.cell.config.hardness[self.flaw])
+        return SHOWN[flaw.unit][1] * flaw.size(self.cell.config.laboratory.difficulty[self.flaw])
 
     @property
     def unit(self) -> str:

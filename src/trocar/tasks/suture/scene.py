@@ -25,7 +25,8 @@ class SutureScene:
         needle_radius_m: radius of the needle's curvature.
         needle_arc_rad: arc from tip to tail.
         wire_m: thickness of the needle's wire.
-        T_tip_needle: pose of the needle in the arm's tip when it is placed.
+        T_tip_needle: agreed pose of the needle in the arm's tip when it is placed.
+        T_needle_loaded: where a person truly places it, one pose for each time, in turn.
         phantom_m: width, depth and thickness of the phantom.
     """
 
@@ -35,6 +36,7 @@ class SutureScene:
     needle_arc_rad: float
     wire_m: float
     T_tip_needle: SE3
+    T_needle_loaded: tuple[SE3, ...] = (SE3.identity(),)
     phantom_m: tuple[float, float, float] = (0.110, 0.110, 0.012)
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 
 from trocar.calibration.excitation import PSM1_BOX, MotionBox
 from trocar.errors import TrocarError
-from trocar.geometry import shown
+from trocar.geometry import SE3, shown
 from trocar.registry import Lazy
 from trocar.station import Station
 from trocar.sutures import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, SutureSetup, dexterity, plan_even
@@ -171,8 +171,9 @@ class CircleSutures(Task):
         return MotionBox(lower, upper, PSM1_BOX.step)
 
     def scene(self, rng: np.random.Generator, station: Station) -> tuple[SutureScene, str]:
-        """Return the phantom where the plan expects it, and the arm that drives; nothing is drawn so far."""
-        del rng
+        """Return the phantom where the plan expects it, how a person loads the needle, and the arm that drives."""
+        sd = np.repeat(station.difficulty["needle"], 3)
+        loaded = tuple(SE3.exp(sd * rng.standard_normal(6)) for _ in self.goals())
         needle = self.setup.needle
         scene = SutureScene(
             station.T_world_fixture["circle"],
@@ -181,6 +182,7 @@ class CircleSutures(Task):
             needle.arc_rad,
             needle.wire_m,
             grasp_pose(self.setup).inverse(),
+            loaded,
         )
         return scene, self.working_arms(station)[0]
 

@@ -1,6 +1,7 @@
 """A needle is held by friction, by the phantom's drag, or not at all."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.mjcf import CellModel, build_mjcf
 from trocar.station import SensorFlaws, load_station
+from trocar.station.difficulty import Difficulty
 from trocar.tasks.suture.agents.circle import LOAD
 from trocar.tasks.suture.task import CircleSutures
 from trocar.tasks.suture.world.needle import Tissue
@@ -66,6 +68,31 @@ def test_jaws_hold_a_loaded_needle_through_fast_motions_by_friction(lab):
     moved = (SCENE.T_tip_needle.inverse() @ in_jaws(lab)).log()
     assert np.linalg.norm(in_jaws(lab).translation_m - SCENE.T_tip_needle.translation_m) < 0.5e-3
     assert np.linalg.norm(moved[3:]) < np.radians(5.0)
+
+
+def test_a_person_loads_it_beside_the_agreed_place_and_each_time_elsewhere():
+    station = replace(STATION, difficulty=Difficulty.of("mild", ["needle=2"]))
+    task = CircleSutures(sutures=2)
+    scene, arm = task.scene(np.random.default_rng(3), station)
+    day = ideal_session(STATION, LIMITS)
+    lab, off = SimLaboratory(day, SutureWorld(scene, arm), np.random.default_rng(0), flaws=SensorFlaws.none()), []
+
+    async def script(cell):
+        for _ in range(3):
+            await cell.robot.jaw(ARM, OPEN)
+            await cell.assistants[LOAD](ARM)
+            await cell.clock.sleep(0.1)
+            off.append((SCENE.T_tip_needle.inverse() @ in_jaws(lab)).log())
+            await cell.robot.jaw(ARM, 0.2)
+
+    assert lab.run(script, 60.0)
+    first, second, again = np.array(off)
+    np.testing.assert_allclose(first, again, atol=2e-3)  # the plan has two; a third one is as the first
+    assert np.linalg.norm(first - second) > 0.05
+    for error, expected in ((first, scene.T_needle_loaded[0]), (second, scene.T_needle_loaded[1])):
+        np.testing.assert_allclose(error[:3], expected.log()[:3], atol=0.6e-3)
+        np.testing.assert_allclose(error[3:], expected.log()[3:], atol=0.02)  # a hand yields a little
+    assert SCENE.T_needle_loaded[0].log() == pytest.approx(np.zeros(6)), "exact, if the laboratory is mild"
 
 
 def test_open_jaws_let_it_fall(lab):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -27,6 +28,7 @@ class SutureWorld(TaskWorld):
 
     def __init__(self, scene: SutureScene, arm: str):
         self._scene, self._arm = scene, arm
+        self._loads = cycle(scene.T_needle_loaded)
         self._gripped: list[bool] = []
         self._in_hand: list[bool] = []
 
@@ -68,12 +70,12 @@ class SutureWorld(TaskWorld):
         return {"T_world_circle": self._scene.T_world_circle.matrix}
 
     def assistants(self) -> Mapping[str, Any]:
-        """Return the person who loads the needle: exactly, wherever the jaws truly are."""
+        """Return the person who loads the needle, wherever the jaws truly are."""
         return {"load needle": self._load}
 
     async def _load(self, arm: str) -> None:
-        """Put the needle between the open jaws, in the agreed grasp, and hold it there until they close."""
+        """Put the needle between the open jaws, about in the agreed grasp, and hold it there until they close."""
         await trio.sleep(LOADING_S)
         cell = self._world.cell
         T_world_tip = cell.T_world_base[arm] @ fk(cell.arms[arm], self._world.joints(arm))
-        self._needle.give(T_world_tip @ self._scene.T_tip_needle)
+        self._needle.give(T_world_tip @ self._scene.T_tip_needle @ next(self._loads))
