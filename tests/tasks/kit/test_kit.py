@@ -127,7 +127,7 @@ def run_command(task, *args):
     def body(*, task, options, seed: int = 0):
         seen.update(task=task, options=options, seed=seed)
 
-    task_command(task, body).main(list(args), standalone_mode=False)
+    task_command(task, body, "Told.", "trocar run {task}").main(list(args), standalone_mode=False)
     return seen
 
 
