@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trocar.arms import ARMS, MOTION_LIMITS, PSM_CLASSIC, Joint, MotionLimits
+from trocar.arms import ARMS, MOTION_LIMITS, PSM_CLASSIC, Joint, MotionLimits, fk
 from trocar.errors import TrocarError
 
 
@@ -47,3 +47,12 @@ def test_impossible_joints_and_limits_are_refused():
         MotionLimits(np.zeros(6), np.ones(6))
     with pytest.raises(TrocarError, match="shapes"):
         MotionLimits(np.ones(6), np.ones(5))
+
+
+@pytest.mark.parametrize("arm", ARMS.values(), ids=list(ARMS))
+def test_a_widened_arm_goes_further_at_both_ends_and_is_the_same_otherwise(arm):
+    wide = arm.widened(0.2, 0.03)
+    more = np.array([0.2, 0.2, 0.03, 0.2, 0.2, 0.2])
+    np.testing.assert_allclose(wide.lower, arm.lower - more)
+    np.testing.assert_allclose(wide.upper, arm.upper + more)
+    np.testing.assert_array_equal(fk(wide, arm.middle).matrix, fk(arm, arm.middle).matrix)

@@ -29,8 +29,10 @@ def test_a_wide_path_swings_the_wrist_through_its_play_and_moves_the_outer_joint
 
 
 def test_a_path_that_is_none_is_refused():
-    with pytest.raises(TrocarError, match="1 samples"):
-        wide_path(PSM_CLASSIC, 1)
+    for path in (wide_path, lambda arm, n: random_smooth_path(arm, np.random.default_rng(0), n)):
+        for n in (1, 10**9):
+            with pytest.raises(TrocarError, match=f"cannot have {n} samples; ask for 2 to 100000"):
+                path(PSM_CLASSIC, n)
     far = type(PSM1_BOX)(PSM1_BOX.lower - 5.0, PSM1_BOX.upper, PSM1_BOX.step)
     with pytest.raises(TrocarError, match="joint 'yaw' is not inside"):
         wide_path(PSM_CLASSIC, 10, far)

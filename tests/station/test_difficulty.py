@@ -64,6 +64,9 @@ def test_a_size_is_a_root_mean_square_in_its_unit_or_times_what_was_recorded():
         ("mild", ["creep=-1deg"], "creep=-1deg"),
         ("mild", ["creep=nan"], "creep=nan"),
         ("mild", ["registration=1e999mm"], "registration"),
+        ("mild", ["jaw=1e300deg"], "more than 100 times what was recorded; give 172 deg or less"),
+        ("mild", ["wear=101"], "give 100 x or less"),
+        ("mild", ["jaw=1deg", "wear=1", "jaw=0"], "'jaw' is given twice"),
     ],
 )
 def test_what_cannot_be_read_is_said(level, flaws, what):

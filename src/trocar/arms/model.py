@@ -148,6 +148,11 @@ class ArmModel:
         if abs(math.sin(self.twists_rad[1]) * math.sin(self.twists_rad[2])) < 1e-6:
             raise TrocarError(f"arm '{self.name}' has parallel axes: twists {self.twists_rad} rad")
 
+    def widened(self, rad: float, m: float) -> ArmModel:
+        """Return the arm with ranges that go so much further at both ends: by an angle, or a length if prismatic."""
+        more = ((joint, m if joint.prismatic else rad) for joint in self.joints)
+        return replace(self, joints=tuple(replace(j, lower=j.lower - by, upper=j.upper + by) for j, by in more))
+
     @cached_property
     def lower(self) -> NDArray[np.float64]:
         """Return the lower limits (6,)."""

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 SAMPLES = 1355
 """Number of data points in the paper's recording, 18 minutes on the robot."""
 
+MOST_SAMPLES = 100_000
+"""Of a path: a day on the robot."""
+
 HARMONICS = 40
 BAND = (0.1, 2.2)
 """Frequencies of a joint's motion relative to its pace. Slow components have large amplitudes and fast ones small,
@@ -75,7 +78,7 @@ def random_smooth_path(
     function; its pace is scaled until the mean step is that of the box.
 
     Raises:
-        TrocarError: the box leaves the arm's joint limits, or n is below 2.
+        TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
     _check(arm, n, box)
     return np.column_stack([_wander(rng, n, *ends) for ends in zip(box.lower, box.upper, box.step, strict=True)])
@@ -89,7 +92,7 @@ def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> N
     in between all samples show the same side of its play (``benchmarks/bench_excitation.py``).
 
     Raises:
-        TrocarError: the box leaves the arm's joint limits, or n is below 2.
+        TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
     _check(arm, n, box)
     wrist = qmc.Sobol(3, rng=0).random_base2(int(np.ceil(np.log2(n))))[:n]
@@ -105,8 +108,8 @@ def slack_taken_up(arm: ArmModel, path: NDArray[np.float64]) -> NDArray[np.float
 
 
 def _check(arm: ArmModel, n: int, box: MotionBox) -> None:
-    if n < 2:
-        raise TrocarError(f"a path cannot have {n} samples; ask for 2 or more")
+    if not 2 <= n <= MOST_SAMPLES:
+        raise TrocarError(f"a path cannot have {n} samples; ask for 2 to {MOST_SAMPLES}")
     for joint, lower, upper in zip(arm.joints, box.lower, box.upper, strict=True):
         if not joint.lower <= lower < upper <= joint.upper:
             raise TrocarError(

@@ -44,7 +44,9 @@ def robustness(
     sessions: shared.Sessions = 10,
     trials: shared.Trials = 1,
     seed: shared.Seed = 0,
-    out: shared.Out = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/robustness-TASK-SEED.")
+    ] = None,
     jobs: shared.Jobs = None,
     backend: shared.Backend = "processes",
     scheduler: shared.Scheduler = "",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,8 +11,8 @@ from trocar.calibration.recording import Recording
 from trocar.station.session import Session
 from trocar.station.transmission import DriveTrain
 
-ROOM = 0.5
-"""True joints may leave the commands' range by so much, rad and m."""
+ROOM_RAD, ROOM_M = 0.5, 0.05
+"""True joints may leave the commands' range by so much."""
 SAMPLE_S = 0.8
 """Time between two samples of a calibration recording (paper: 1355 in 18 minutes)."""
 
@@ -69,5 +67,4 @@ def _as_registered(session: Session, arm: str, joints: NDArray[np.float64]) -> N
     """
     model = session.station.arm(arm).model
     T_found_true = session.T_world_base_registered[arm].inverse() @ session.T_world_base[arm]
-    reach = replace(model, joints=tuple(replace(j, lower=j.lower - ROOM, upper=j.upper + ROOM) for j in model.joints))
-    return ik(reach, T_found_true @ fk(session.models[arm], joints), reference=joints)
+    return ik(model.widened(ROOM_RAD, ROOM_M), T_found_true @ fk(session.models[arm], joints), reference=joints)

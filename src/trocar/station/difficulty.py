@@ -17,6 +17,8 @@ LEVELS = (MILD, RECORDED, HARSH)
 DEFAULT = MILD
 HARSHER = 2.0
 """Of the recorded sizes, in a harsh laboratory."""
+MOST_SCALE = 100.0
+"""A flaw can be made so many times as large as it was recorded; a laboratory that errs more is none."""
 UNITS = {"m": ("m", 1.0), "mm": ("m", 1e-3), "rad": ("rad", 1.0), "deg": ("rad", math.pi / 180.0), "": ("", 1.0)}
 SHOWN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / math.pi), "": ("", 1.0)}
 DEPTH_M = 0.15
@@ -181,8 +183,10 @@ class Difficulty:
             raise TrocarError(f"difficulty {level!r} is unknown; choose one of {', '.join(LEVELS)}")
         values = {name: flaw.values(level) for name, flaw in FLAWS.items()}
         named = tuple(named)
-        for text in named:
-            name, size = _sized(text)
+        sizes = [_sized(text) for text in named]
+        for name, size in sizes:
+            if [other for other, _ in sizes].count(name) > 1:
+                raise TrocarError(f"flaw {name!r} is given twice; give it one size")
             values[name] = FLAWS[name].sized(size)
         return Difficulty(level, values, named)
 
@@ -199,9 +203,7 @@ class Difficulty:
         """Return the sizes of all flaws, as a reader wants them."""
         found = {}
         for name, flaw in FLAWS.items():
-            unit, factor = SHOWN[flaw.unit]
-            size = flaw.size(self.values[name])
-            found[name] = f"{factor * size:.3g} {unit}" if unit else f"{size:.3g} x"
+            found[name] = _shown(name, flaw.size(self.values[name]))
         return found
 
 
@@ -216,7 +218,17 @@ def _sized(text: str) -> tuple[str, float]:
         units = [unit for unit, (kind, _) in UNITS.items() if kind == FLAWS[name].unit and unit]
         how = f"a number in {' or '.join(units)}" if units else "how many times what was recorded"
         raise TrocarError(f"flaw {text!r} has no size that can be read; give {how}, as in '{_example(name)}'")
-    return name, float(match[1]) * factor
+    given, most = float(match[1]) * factor, MOST_SCALE * FLAWS[name].size(np.array(FLAWS[name].recorded))
+    if given > most:
+        raise TrocarError(
+            f"flaw {text!r} is more than {MOST_SCALE:g} times what was recorded; give {_shown(name, most)} or less"
+        )
+    return name, given
+
+
+def _shown(name: str, size: float) -> str:
+    unit, factor = SHOWN[FLAWS[name].unit]
+    return f"{factor * size:.3g} {unit}" if unit else f"{size:.3g} x"
 
 
 def _example(name: str) -> str:

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from trocar.errors import TrocarError
-from trocar.station.difficulty import FLAWS, MILD, SHOWN, Difficulty
+from trocar.station.difficulty import FLAWS, MILD, MOST_SCALE, SHOWN, Difficulty
 from trocar.tasks import Task
 from trocar.tasks.kit import methods_of
 from trocar.trials.cells import Cell, chosen
 from trocar.trials.config import RunConfig
 
 USUAL_SCALES = (0.0, 1.0, 2.0, 4.0)
-MOST_SCALE = 100.0
 
 
 @dataclass(frozen=True, eq=False)

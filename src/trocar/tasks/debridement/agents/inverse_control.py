@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -158,12 +157,7 @@ def _inside(arm: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @lru_cache
 def _widened(arm: ArmModel) -> ArmModel:
-    joints = (
-        replace(joint, lower=joint.lower - margin, upper=joint.upper + margin)
-        for joint in arm.joints
-        for margin in [FAR_M if joint.prismatic else FAR_RAD]
-    )
-    return replace(arm, joints=tuple(joints))
+    return arm.widened(FAR_RAD, FAR_M)  # once: a model finds the constants of its inverse when it is first asked
 
 
 def _spline(times: NDArray[np.float64], q: NDArray[np.float64], velocity: NDArray[np.float64]) -> Trajectory:
