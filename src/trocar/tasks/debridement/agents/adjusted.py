@@ -48,12 +48,14 @@ class Course:
         desired: of the joints as they are believed.
         commands: that were sent for it, on the same time.
         began_s: clock at which it was sent.
+        stop_s: time of the motion at which whoever asked for it is going to stop it; None: at its end.
         successor: the commands that took over, once corrected ones did.
     """
 
     desired: Trajectory
     commands: Trajectory
     began_s: float
+    stop_s: float | None = None
     successor: Successor | None = None
 
 
@@ -128,12 +130,13 @@ class Adjusted:
         model, T_base_tip = self._arms[arm], self._T_world_base[arm].inverse() @ T_world_tip
         sent = self._robot.setpoint(arm).q
         try:
-            believed = ik(model, T_base_tip, reference=sent + self._off[arm])
-            commanded = command_for(model, T_base_tip, self._estimators[arm].settled, reference=sent)
+            reached = [ik(model, T_base_tip, reference=sent + self._off[arm])]
+            if self._estimators[arm].foresees:
+                reached.append(command_for(model, T_base_tip, self._estimators[arm].settled, reference=sent))
         except Unreachable:
             return False
         slack = INSIDE * (model.upper - model.lower)
-        return all(((model.lower + slack < q) & (q < model.upper - slack)).all() for q in (believed, commanded))
+        return all(((model.lower + slack < q) & (q < model.upper - slack)).all() for q in reached)
 
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state, the joints where they are believed to be."""
@@ -165,6 +168,11 @@ class Adjusted:
             return None
         return course.desired, sent.time_s - sent.path_s
 
+    def to_stop_s(self, arm: str) -> float:
+        """Return the time of its motion that an arm has left until it is to be stopped; infinite if it is not."""
+        sent, course = self._robot.setpoint(arm), self._courses.get(arm)
+        return np.inf if course is None or course.stop_s is None else course.stop_s - sent.path_s
+
     def astray_m(self, arm: str) -> float:
         """Return how far the tip is believed to be from where its motion has it now; 0 at rest."""
         sent, course = self._robot.setpoint(arm), self._courses.get(arm)
@@ -173,13 +181,18 @@ class Adjusted:
         wanted = self._T_world_base[arm] @ fk(self._arms[arm], course.desired(sent.path_s))
         return float(np.linalg.norm(self.T_world_tip(arm).translation_m - wanted.translation_m))
 
-    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+    async def move(self, motions: Mapping[str, Trajectory], stop_s: float | None = None) -> Mapping[str, Execution]:
         """Run trajectories of the believed joints, from rest; ``correct`` may better the commands meanwhile.
+
+        Args:
+            motions: by arm.
+            stop_s: time of the motions at which whoever asks is going to stop them. An estimator that does not foresee
+                is not asked about what comes later.
 
         Raises:
             TrocarError: as the robot; or a pose on the way cannot be commanded.
         """
-        return await self._send(self._robot.move, motions)
+        return await self._send(self._robot.move, motions, stop_s)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
         """Let trajectories of the believed joints take over from what the arms are doing now."""
@@ -198,10 +211,11 @@ class Adjusted:
         if desired is None or under_way is None:
             return
         successor = course.successor = Successor()
+        stop_s = None if course.stop_s is None else (course.stop_s - sent.path_s) / sent.path_rate
         try:
-            model = self._arms[arm]
-            commands = corrected(model, desired, under_way, self._estimators[arm].settled, model.motion_limits)
-            self._courses[arm] = Course(desired, commands, self._clock.now_s())
+            model, until_s = self._arms[arm], self._foreseen(arm, stop_s)
+            commands = corrected(model, desired, under_way, self._estimators[arm].settled, model.motion_limits, until_s)
+            self._courses[arm] = Course(desired, commands, self._clock.now_s(), stop_s)
             successor.execution = (await self._robot.replace({arm: commands}))[arm]
         except TrocarError:  # too much for the limits: what is under way goes on
             course.successor = None
@@ -246,9 +260,9 @@ class Adjusted:
 
     async def _send(
         self, verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, Execution]]],
-        motions: Mapping[str, Trajectory],
+        motions: Mapping[str, Trajectory], stop_s: float | None = None,
     ) -> Mapping[str, Execution]:  # fmt: skip
-        courses = {arm: self._course(arm, motion) for arm, motion in motions.items()}
+        courses = {arm: self._course(arm, motion, stop_s) for arm, motion in motions.items()}
         before = {arm: self._courses.get(arm) for arm in motions}
         self._courses.update(courses)
         self._braking.difference_update(motions)
@@ -278,7 +292,7 @@ class Adjusted:
             execution = successor.execution
         return execution
 
-    def _course(self, arm: str, desired: Trajectory) -> Course:
+    def _course(self, arm: str, desired: Trajectory, stop_s: float | None) -> Course:
         believed = self.setpoint(arm).q
         off = float(np.abs(desired(desired.times_s[0]) - believed).max())
         if off > MOST_OFF_RAD:
@@ -286,13 +300,14 @@ class Adjusted:
                 f"the motion of arm {arm!r} starts {off:.4f} rad (or m) away from where it is believed to be; plan it "
                 "from its set-point"
             )
-        return Course(desired, self._commands(arm, desired), self._clock.now_s())
+        sent, settled = self._robot.setpoint(arm), self._estimators[arm].settled
+        start = {"q_start": sent.q, "velocity": sent.velocity}
+        commands = commands_for(self._arms[arm], desired, settled, **start, until_s=self._foreseen(arm, stop_s))
+        return Course(desired, commands, self._clock.now_s(), stop_s)
 
-    def _commands(self, arm: str, desired: Trajectory) -> Trajectory:
-        sent = self._robot.setpoint(arm)
-        return commands_for(
-            self._arms[arm], desired, self._estimators[arm].settled, q_start=sent.q, velocity=sent.velocity
-        )
+    def _foreseen(self, arm: str, stop_s: float | None) -> float | None:
+        """Return up to when in a motion an estimator that does not foresee is asked; None: this one does."""
+        return None if self._estimators[arm].foresees else np.inf if stop_s is None else stop_s
 
 
 def _rest_of(desired: Trajectory, path_s: float, rate: float) -> Trajectory | None:

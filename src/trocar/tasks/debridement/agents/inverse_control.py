@@ -25,6 +25,8 @@ LITTLE = np.array([0.06, 0.06, 1e-3, 0.06, 0.06, 0.06])
 """What a joint's command may be short of, rad and m: such an angle in the wrist is 1 mm at the tip, which is seen."""
 FAR_RAD, FAR_M = 0.3, 0.02
 """Commands are sought so far beyond a joint's range: what an arm is sent now may not be what would bring it here."""
+FADE_S = 0.5
+"""Time constant with which a correction stops changing, after the last place that it is asked for."""
 SHORT = 5e-3
 """They stay this share of their range inside it: a spline through such commands swings a little beyond them."""
 APART_M = 1e-3
@@ -40,6 +42,7 @@ def commands_for(
     *,
     q_start: NDArray[np.float64],
     velocity: NDArray[np.float64],
+    until_s: float | None = None,
 ) -> Trajectory:
     """Return the joints to be commanded so that the tip follows ``desired``.
 
@@ -49,15 +52,17 @@ def commands_for(
         settled: the pose in the base that is expected at a kinematic pose.
         q_start: (6,) what is commanded now; what the first command differs from it fades out along the way.
         velocity: (6,) of the commands now.
+        until_s: time of the motion at which the arm will stop, if what is expected further on is to play no part. Then
+            commands that would leave a joint's range stay at its end: such expectations are off by centimetres.
 
     Raises:
         Unreachable: a command would leave a joint's range.
     """
     times = _moments(desired)
-    commands = _commands(arm, desired(times), settled, q_start)
+    commands = _followed(arm, desired, times, settled, q_start, until_s)
     # an arm may be where no command would bring it, once its estimate has changed: what counts is what it is sent
     commands = commands + (q_start - commands[0]) * (1 - _ramp(times))[:, None]
-    commands = np.concatenate([q_start[None], _inside(arm, commands[1:])])
+    commands = np.concatenate([q_start[None], _inside(arm, commands[1:], clamps=until_s is not None)])
     # what is added to the motion is smooth; a spline through their sum would swing where its acceleration jumps
     return desired.plus(_spline(times, commands - desired(times), velocity - desired(times[0], 1)))
 
@@ -68,6 +73,7 @@ def corrected(
     sent: Trajectory,
     settled: Callable[[SE3], SE3],
     limits: MotionLimits,
+    until_s: float | None = None,
 ) -> Trajectory:
     """Return commands that lead from those that are sent to those that follow ``desired``, as far as limits allow.
 
@@ -81,12 +87,14 @@ def corrected(
         sent: the commands that are under way, on the same time.
         settled: the pose in the base that is expected at a kinematic pose.
         limits: of the commands.
+        until_s: as for ``commands_for``.
 
     Raises:
         Unreachable: a command would leave a joint's range.
     """
     times = _moments(desired)
-    wanted = _inside(arm, _commands(arm, desired(times), settled, sent(times[0]))) - sent(times)
+    followed = _followed(arm, desired, times, settled, sent(times[0]), until_s)
+    wanted = _inside(arm, followed, clamps=until_s is not None) - sent(times)
     fine = np.linspace(times[0], times[-1], 4 * len(times))
     left_s = float(times[-1] - times[0])
     share, change = 0.0, wanted
@@ -121,6 +129,31 @@ def _ramp(times: NDArray[np.float64], over_s: float | None = None) -> NDArray[np
     return x**3 * (10 - 15 * x + 6 * x * x)
 
 
+def _followed(
+    arm: ArmModel,
+    desired: Trajectory,
+    times: NDArray[np.float64],
+    settled: Callable[[SE3], SE3],
+    q_sent: NDArray[np.float64],
+    until_s: float | None,
+) -> NDArray[np.float64]:
+    """Return commands (n, 6) for a motion at these times; what they add to it soon stays as it was at ``until_s``."""
+    q = desired(times)
+    if until_s is None:
+        return _commands(arm, q, settled, q_sent)
+    near = max(2, int(np.searchsorted(times, until_s, side="right")))
+    try:
+        commands = _commands(arm, q[:near], settled, q_sent)
+    except Unreachable:  # what is added now is still added
+        return q + (q_sent - q[0])
+    if near >= len(times):
+        return commands
+    added = commands[-2:] - q[near - 2 : near]
+    rate = (added[1] - added[0]) / (times[near - 1] - times[near - 2])
+    later = 1 - np.exp(-(times[near:, None] - times[near - 1]) / FADE_S)
+    return np.concatenate([commands, q[near:] + added[1] + FADE_S * rate * later])
+
+
 def _commands(
     arm: ArmModel, q: NDArray[np.float64], settled: Callable[[SE3], SE3], q_sent: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -137,16 +170,16 @@ def _joints(arm: ArmModel, T_base_tip: SE3, reference: NDArray[np.float64]) -> N
         return ik(_widened(arm), T_base_tip, reference=reference)
 
 
-def _inside(arm: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inside(arm: ArmModel, q: NDArray[np.float64], clamps: bool = False) -> NDArray[np.float64]:
     """Return commands (..., 6) kept inside the joints' range.
 
     Raises:
-        Unreachable: they leave it by more than a little.
+        Unreachable: they leave it by more than a little, and are not clamped.
     """
     short = SHORT * (arm.upper - arm.lower)
     kept = np.clip(q, arm.lower + short, arm.upper - short)
     beyond = np.abs(q - kept) - short - LITTLE
-    if (beyond > 0).any():
+    if (beyond > 0).any() and not clamps:
         joint = int(np.argmax(np.max(np.atleast_2d(beyond), axis=0)))
         raise Unreachable(
             f"a command would leave the range of joint {arm.joints[joint].name!r}, "

@@ -23,6 +23,8 @@ from trocar.trajectory import Trajectory
 WAIT_S = 0.25
 """Pause of an arm that finds no way before it tries again: the other one moves on meanwhile."""
 PATH_STEP_S = 0.05
+LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1
+"""Between two looks at how long an arm has until it is to be stopped."""
 TOO_NEAR = "comes within"
 """A robot's guard says this of arms that it refuses to bring nearer to each other."""
 
@@ -248,9 +250,9 @@ async def run(cell: Cell, robot: Adjusted, arm: str, motion: Trajectory, stop_s:
     with cell.log.span(arm, "motion"):
         async with trio.open_nursery() as nursery:
             if stop_s is not None:
-                nursery.start_soon(_hold_at, cell, robot, arm, stop_s)
+                nursery.start_soon(_hold_in_time, cell, robot, arm)
             try:
-                execution = (await robot.move({arm: motion}))[arm]
+                execution = (await robot.move({arm: motion}, stop_s))[arm]
             except TrocarError as error:
                 refusal = error
             nursery.cancel_scope.cancel()
@@ -263,10 +265,10 @@ async def run(cell: Cell, robot: Adjusted, arm: str, motion: Trajectory, stop_s:
         raise ArmStopped(execution.reason)
 
 
-async def _hold_at(cell: Cell, robot: Adjusted, arm: str, path_s: float) -> None:
-    """Bring an arm to rest when it has come so far along its path."""
-    while robot.setpoint(arm).path_s < path_s or not robot.setpoint(arm).moving:
-        await cell.clock.sleep(max(0.01, path_s - robot.setpoint(arm).path_s))
+async def _hold_in_time(cell: Cell, robot: Adjusted, arm: str) -> None:
+    """Bring an arm to rest where its motion is to be stopped."""
+    while not robot.setpoint(arm).moving or robot.to_stop_s(arm) > 0:
+        await cell.clock.sleep(float(np.clip(robot.to_stop_s(arm), LEAST_WAIT_S, MOST_WAIT_S)))
     robot.hold(arm, reason=STEP_ENDED)
 
 

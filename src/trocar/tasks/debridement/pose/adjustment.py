@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.tasks.debridement.pose.estimator import check_order
+
+
+STILL_M, STILL_RAD = 1e-4, 1e-3
+"""An arm whose encoders went no further since the last detection is where it was detected."""
 
 
 class PaperAdjustment:
@@ -14,9 +20,14 @@ class PaperAdjustment:
     to what would make the increment since the detection before exact. In print the update of R inverts the detected
     increment in place of the kinematic one; ``R = (L dT_K)^-1 dT_c`` solves the paper's equation 1.
 
+    It holds locally, as the paper says: the way to a place centimetres off is turned by the error of orientation. And
+    it is for the time between detections: ``L R`` is not the identity, so an arm at rest is where it was detected.
+
     Args:
         share: of the way to the exact adjustment, in (0, 1]; their program has 0.5.
     """
+
+    foresees = False
 
     def __init__(self, share: float = 0.5) -> None:
         if not 0 < share <= 1:
@@ -48,7 +59,10 @@ class PaperAdjustment:
         if self._last is None:
             return T_base_kinematic
         T_base_detected, before_kinematic = self._last
-        return T_base_detected @ self.T_left @ (before_kinematic.inverse() @ T_base_kinematic) @ self.T_right
+        increment = before_kinematic.inverse() @ T_base_kinematic
+        if np.linalg.norm(increment.translation_m) < STILL_M and increment.rotation.angle() < STILL_RAD:
+            return T_base_detected
+        return T_base_detected @ self.T_left @ increment @ self.T_right
 
     def _adjust(self, detected: SE3, kinematic: SE3) -> None:
         if self._left_is_next:

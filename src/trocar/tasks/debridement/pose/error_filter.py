@@ -89,6 +89,8 @@ class ErrorFilter:
     so that a large constant error does no harm. It learns from the past alone.
     """
 
+    foresees = True
+
     def __init__(self, settings: FilterSettings | None = None) -> None:
         s = self.settings = settings or FilterSettings()
         self._translation = ErrorBelief.prior(

@@ -20,7 +20,12 @@ class PoseEstimator(Protocol):
         >>> T_base_kinematic = SE3.from_parts(translation_m=(0.0, 0.01, 0.0))
         >>> estimator.estimate(0.1, T_base_kinematic).translation_m.tolist()
         [0.02, 0.01, 0.0]
+
+    Attributes:
+        foresees: whether ``settled`` holds centimetres from where the gripper was last seen, not only beside it.
     """
+
+    foresees: bool
 
     def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
         """Take in the kinematic pose of this moment and, where the camera saw the gripper, the detected pose."""
@@ -37,6 +42,8 @@ class PoseEstimator(Protocol):
 
 class RawKinematics:
     """Believes the forward kinematics, as the Raven's control software does."""
+
+    foresees = True
 
     def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
         """Learn nothing."""

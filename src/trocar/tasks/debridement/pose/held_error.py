@@ -9,6 +9,8 @@ from trocar.tasks.debridement.pose.estimator import check_order
 class HeldError:
     """Adds the last seen ``p_c - p_K`` and ``R_c R_K^-1``, both in the base frame, to the kinematics."""
 
+    foresees = True
+
     def __init__(self) -> None:
         self._t_s: float | None = None
         self._last: tuple[SE3, SE3] | None = None
