@@ -148,6 +148,14 @@ def test_what_does_not_repeat_has_its_size_and_fades_with_its_time():
     assert np.abs(np.array(correlation) - 2 / np.e).max() < 0.06
 
 
+def test_a_raven_errs_as_much_in_every_session_and_another_way_in_each():
+    sizes = np.array(PoseErrorField().bias_rms)
+    bias = np.array([PoseErrorField().drawn(np.random.default_rng(k), RECORDED).bias for k in range(300)]) / sizes
+    for joints in (slice(0, 3), slice(3, 6)):
+        np.testing.assert_allclose((bias[:, joints] ** 2).mean(1), 1.0, rtol=1e-12)
+        assert np.abs(np.cov(bias[:, joints].T) - np.eye(3)).max() < 0.15
+
+
 def test_a_ravens_tip_errs_as_was_measured():
     """38 mm and 24.5 deg on average, 7.1 mm RMS after the best rigid fit (facts/debridement.md), over sessions."""
     arm, raw, turned, left = ARMS["raven2-left"], [], [], []

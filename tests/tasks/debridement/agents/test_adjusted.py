@@ -7,13 +7,14 @@ import pytest
 import trio
 import trio.testing
 
-from trocar.arms import MotionLimits, fk
+from trocar.arms import MotionLimits, Unreachable, fk
 from trocar.cell import Ended, Execution, JointReading, SetPoint
-from trocar.geometry import SE3
+from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest
 from trocar.station import load_station
 from trocar.tasks.debridement.agents.adjusted import Adjusted
-from trocar.tasks.debridement.pose import HeldError
+from trocar.tasks.debridement.agents.inverse_control import command_for
+from trocar.tasks.debridement.pose import HeldError, PaperAdjustment
 
 LEFT = load_station("raven-pair").arms["left"]
 ARM, START = LEFT.model, LEFT.park_q()
@@ -56,7 +57,7 @@ class FakeRobot:
         self.held.append((arms, reason))
 
 
-def adjusted():
+def adjusted(estimator=HeldError):
     robot = FakeRobot()
     cell = SimpleNamespace(
         robot=robot,
@@ -64,7 +65,7 @@ def adjusted():
         T_world_base_registered={"left": LEFT.T_world_base},
         clock=SimpleNamespace(now_s=lambda: 1.0),
     )
-    return Adjusted(cell, HeldError), robot  # type: ignore[arg-type]
+    return Adjusted(cell, estimator), robot  # type: ignore[arg-type]
 
 
 async def under_way(nursery):
@@ -136,3 +137,40 @@ def test_whoever_gives_up_a_corrected_motion_stops_the_arm():
     robot, held = trio.run(given_up)
     assert len(robot.replaced) == 1
     assert [arms for arms, _ in held] == [("left",)]
+
+
+def test_a_motion_that_is_corrected_is_still_stopped_where_it_was_to_be():
+    stop_s = 0.8 * MOTION.duration_s
+
+    async def left():
+        async with trio.open_nursery() as nursery:
+            wrapped, robot = adjusted()
+            nursery.start_soon(wrapped.move, {"left": MOTION}, stop_s)
+            await trio.testing.wait_all_tasks_blocked()
+            before = wrapped.to_stop_s("left")
+            nursery.start_soon(wrapped.correct, "left")
+            await trio.testing.wait_all_tasks_blocked()
+            robot.sent, half = robot.replaced[0], 0.5 * robot.replaced[0].duration_s
+            after = wrapped.to_stop_s("left") + half  # the robot says that half of what it was sent last is over
+            nursery.cancel_scope.cancel()
+        return before, after
+
+    before, after = trio.run(left)
+    assert before == pytest.approx(0.3 * MOTION.duration_s)
+    assert after == pytest.approx(before)
+
+
+def test_an_estimator_that_does_not_foresee_is_not_asked_what_is_within_reach():
+    wrapped, robot = adjusted(PaperAdjustment)
+    # seen turned by half a radian: the rule turns the way to a place far off, and would command it out of range
+    for time_s, ahead in ((0.2, 0.0), (0.4, 0.001)):
+        kinematic = wrapped.kinematic("left") @ SE3.from_parts(translation_m=(ahead, 0.0, 0.0))
+        turned = SE3.from_parts(kinematic.rotation @ SO3.axis("z", 0.5), kinematic.translation_m)
+        wrapped.saw("left", time_s, kinematic, LEFT.T_world_base @ turned)
+    far = START.copy()
+    far[2] = ARM.upper[2] - 0.01
+    believed = wrapped.read("left").q
+    assert wrapped.reaches("left", LEFT.T_world_base @ fk(ARM, np.append(far[:3], believed[3:])))
+    with pytest.raises(Unreachable):
+        command_for(ARM, fk(ARM, np.append(far[:3], believed[3:])), wrapped._estimators["left"].settled, START)
+    del robot

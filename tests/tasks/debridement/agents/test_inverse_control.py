@@ -96,3 +96,39 @@ def test_a_correction_that_is_too_much_for_the_limits_is_made_in_part():
     assert (np.abs(found(times, 2)) <= most * 1.02).all()
     shift_m = np.linalg.norm(fk(ARM, found(times[-1])).translation_m - fk(ARM, sent(times[-1])).translation_m)
     assert 1e-4 < shift_m < 2 * np.linalg.norm(OFF)
+
+
+def test_what_is_expected_beyond_the_next_stop_plays_no_part():
+    desired = rest_to_rest(START, END, LIMITS)
+    times = np.linspace(desired.times_s[0], desired.times_s[-1], 400)
+    places = fk(ARM, desired(times)).translation_m
+    until = int(np.flatnonzero(np.linalg.norm(places - places[0], axis=-1) > 0.008)[0])
+    way = (places[until] - places[0]) / np.linalg.norm(places[until] - places[0])
+    aside = 0.015 * np.cross(way, [0.0, 0.0, 1.0])
+
+    def settled(T):
+        """Off by one shift up to the stop, by three times that further on, as nobody knows yet."""
+        far = ((T.translation_m - places[until]) @ way)[..., None] > 0.002
+        return SE3.from_parts(T.rotation, T.translation_m + np.where(far, 3 * aside, aside))
+
+    constant = off_by(aside, 0.0, (0, 0, 0))
+    rest = {"q_start": command_for(ARM, fk(ARM, START), constant, START), "velocity": np.zeros(6)}
+    found = commands_for(ARM, desired, settled, **rest, until_s=float(times[until]))
+    known = commands_for(ARM, desired, constant, **rest)
+    # nor does what is added jump at the stop: a spline through a jump would swing before it
+    np.testing.assert_allclose(found(times[:until]), known(times[:until]), atol=1e-3)
+
+
+def test_commands_up_to_a_stop_stay_at_the_end_of_a_joints_range_where_others_are_refused():
+    edge = START.copy()
+    edge[4] = ARM.upper[4] - 0.02
+    desired = rest_to_rest(START, edge, LIMITS)
+    settled = off_by(np.zeros(3), 0.0, (0.0, -0.25, 0.25))
+    rest = {"q_start": START, "velocity": np.zeros(6)}
+    with pytest.raises(Unreachable, match="would leave the range of joint"):
+        commands_for(ARM, desired, settled, **rest)
+    found = commands_for(ARM, desired, settled, **rest, until_s=np.inf)
+    q = found(np.linspace(desired.times_s[0], desired.times_s[-1], 200))
+    assert (q < ARM.upper + 1e-3).all()
+    assert (q > ARM.lower - 1e-3).all()
+    assert q[-1, 4] > ARM.upper[4] - 0.05

@@ -65,3 +65,17 @@ def test_time_that_runs_backwards_is_refused(make):
         estimator.estimate(0.5, SE3.identity())
     with pytest.raises(TrocarError, match="at nan s came"):
         make().update(float("nan"), SE3.identity(), None)
+
+
+def test_the_papers_rule_has_an_arm_at_rest_where_it_was_detected_and_adjusts_only_its_motion():
+    """While the arm moves the adjustments learn shifts that an arm at rest does not make."""
+    pairs = of_its_kind(np.random.default_rng(5), 20).pairs
+    rule = PaperAdjustment()
+    for i in range(20):
+        rule.update(pairs.times_s[i], pairs.T_base_kinematic[i], pairs.T_base_detected[i])
+    kinematic, detected = pairs.T_base_kinematic[19], pairs.T_base_detected[19]
+    assert np.linalg.norm((rule.T_left @ rule.T_right).translation_m) > 5e-4
+    assert np.array_equal(rule.estimate(pairs.times_s[19] + 3.0, kinematic).matrix, detected.matrix)
+    step = SE3.from_parts(translation_m=(0.0, 0.0, 0.010))
+    expected = detected @ rule.T_left @ step @ rule.T_right
+    assert np.allclose(rule.settled(kinematic @ step).matrix, expected.matrix, atol=1e-12)

@@ -8,7 +8,6 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.tasks.debridement.pose.estimator import check_order
 
-
 STILL_M, STILL_RAD = 1e-4, 1e-3
 """An arm whose encoders went no further since the last detection is where it was detected."""
 
