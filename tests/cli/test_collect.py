@@ -105,6 +105,8 @@ def test_an_interrupted_collection_goes_on_to_the_same_files(done, tmp_path):
         (("peg-transfer", "--fraction", "1"), "--fraction 1 of 1355 rows"),
         (("peg-transfer", "--seed", "-1"), "seed -1 is negative"),
         (("peg-transfer", "--model", "oracle"), "cable model 'oracle' is unknown"),
+        (("peg-transfer", "--difficulty", "easy"), "difficulty 'easy' is unknown; choose one of mild, recorded, harsh"),
+        (("peg-transfer", "--flaw", "creep=1m"), "creep=1m"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(trocar, tmp_path, words, said):
@@ -115,5 +117,6 @@ def test_bad_input_is_one_sentence_and_writes_nothing(trocar, tmp_path, words, s
 
 
 def test_a_folder_of_another_collection_is_refused(done, trocar):
-    code, _, err = trocar(*words_of(done[0], "--no-fit", "--seed", 3))
-    assert code == 2 and "is of another collection; move it away" in err
+    for other in (("--seed", 3), ("--difficulty", "recorded")):
+        code, _, err = trocar(*words_of(done[0], "--no-fit", *other))
+        assert code == 2 and "is of another collection; move it away" in err

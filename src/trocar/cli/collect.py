@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
+from trocar.cli.difficulty import Flaws, Level
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import COLUMNS
@@ -18,6 +20,7 @@ from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
     from trocar.collect.collection import Collection
+    from trocar.station.difficulty import Difficulty
 
 SESSION, COLLECTION, FIT = range(3)
 """Streams of randomness under the seed."""
@@ -37,6 +40,8 @@ def collect(
     fit: Annotated[bool, typer.Option(help="Also fit a cable model, and evaluate it on the rows left out.")] = True,
     model: Annotated[str, typer.Option(help="Cable model: offset, ridge, play, lstm (extra 'learn').")] = "play",
     fraction: Annotated[float, typer.Option(help="First share of the rows that the model is fitted on.")] = 0.8,
+    difficulty: Level = "mild",
+    flaw: Flaws = None,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
@@ -47,7 +52,9 @@ def collect(
     need("sim", "mujoco", "cv2")
     del plugin  # loaded when it was parsed
     folder = out or Path("out") / f"calibration-{Path(station).stem}-{seed}"
-    collections = _collections(station, arm, rows, seed)
+    from trocar.station.difficulty import Difficulty  # noqa: PLC0415
+
+    collections = _collections(station, arm, rows, seed, Difficulty.of(difficulty, flaw or ()))
     _check(model if fit else None, fraction, rows, seed)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -88,14 +95,16 @@ def _check(model: str | None, fraction: float, rows: int, seed: int) -> None:
         )
 
 
-def _collections(name: str, arms: list[str] | None, rows: int, seed: int) -> dict[str, Collection]:
+def _collections(
+    name: str, arms: list[str] | None, rows: int, seed: int, difficulty: Difficulty
+) -> dict[str, Collection]:
     from trocar.collect.collection import Collection  # noqa: PLC0415 (the simulator is heavy)
     from trocar.station import load_station  # noqa: PLC0415
     from trocar.station.session import draw_session  # noqa: PLC0415
 
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
-    station = load_station(name)
+    station = replace(load_station(name), difficulty=difficulty)
     session = draw_session(station, np.random.default_rng([seed, SESSION]))
     found = {}
     for arm in dict.fromkeys(arms or station.arms):

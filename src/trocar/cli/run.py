@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
+from trocar.cli.difficulty import Flaws, Level
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import COLUMNS
@@ -67,13 +68,8 @@ def run(
     flawless_camera: Annotated[
         bool, typer.Option("--flawless-camera", help="Switch the sensors' flaws off; the run says so.")
     ] = False,
-    difficulty: Annotated[
-        str, typer.Option(help="How far the laboratory is from what is known of it: mild, recorded, harsh.")
-    ] = "mild",
-    flaw: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=SIZE", help="Give a flaw another size, as registration=1.0mm; may be repeated."),
-    ] = None,
+    difficulty: Level = "mild",
+    flaw: Flaws = None,
     jobs: Annotated[int, typer.Option(help="How many trials at once, each in a process of its own.")] = 1,
     plugin: Plugins = None,
     as_json: JsonFlag = False,

@@ -158,11 +158,16 @@ class RunConfig:
             "new_session": self.new_session,
             "refit_offsets": self.refit_offsets,
             "flawless_camera": self.flawless_camera,
-            "difficulty": [self.difficulty, *self.laboratory.difficulty.named],
+            "difficulty": self.how_difficult,
             "plugins": [load_plugin(path) for path in self.plugins],
             "flaws": self._flaws(),
             "versions": versions(),
         }
+
+    @property
+    def how_difficult(self) -> list[str]:
+        """Return the laboratory's difficulty and the flaws that have a size of their own, as they were given."""
+        return [self.difficulty, *self.laboratory.difficulty.named]
 
     def _flaws(self) -> dict[str, str]:
         flaws = self.laboratory.flaws(self.flawless_camera)

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from trocar.cli import study_cells as options
+from trocar.cli.difficulty import Flaws, Level
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -26,6 +27,8 @@ def debridement(
     fragments: Annotated[int, typer.Option(help="How many fragments lie there in each trial.")] = 6,
     budget: Annotated[float, typer.Option(metavar="S", help="A trial that takes longer is stopped.")] = 1800.0,
     station: options.StationName = "",
+    difficulty: Level = "mild",
+    flaw: Flaws = None,
     seed: options.Seed = 0,
     out: options.Out = None,
     jobs: options.Jobs = None,
@@ -54,12 +57,15 @@ def debridement(
         fragments=fragments,
         budget_s=budget,
         station=station,
+        difficulty=difficulty,
+        flaws=tuple(flaw or ()),
         sessions=sessions,
         trials=trials,
         seed=seed,
         plugins=plugins,
     )
-    results, notes = options.worked(cells, read_row, results_of, None if report_only else workers)
+    results, missing = options.worked(cells, read_row, results_of, None if report_only else workers)
+    notes = [f"difficulty of the cell: {', '.join(cells[0].config.how_difficult)}", *missing]
     summary, files = write_study(folder, results, notes)
     if as_json:
         typer.echo(json.dumps(summary))

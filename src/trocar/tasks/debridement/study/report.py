@@ -39,6 +39,7 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
         "study": "debridement",
         "seed": config.seed,
         "station": config.laboratory.name,
+        "difficulty": config.how_difficult,
         "trials": sum(cell["trials"] for cell in cells),
         "fragments": sum(cell["fragments"] for cell in cells),
         "cleared": sum(cell["cleared"] for cell in cells),

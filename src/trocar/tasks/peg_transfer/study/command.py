@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from trocar.cli import study_cells as options
+from trocar.cli.difficulty import Flaws, Level
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -24,6 +25,8 @@ def peg_transfer(
     transfers: Annotated[int, typer.Option(help="Only the first so many of the twelve transfers.")] = 12,
     model: Annotated[str, typer.Option(help="Cable model of methods that compensate.")] = "play",
     station: options.StationName = "",
+    difficulty: Level = "mild",
+    flaw: Flaws = None,
     seed: options.Seed = 0,
     out: options.Out = None,
     jobs: options.Jobs = None,
@@ -53,12 +56,15 @@ def peg_transfer(
         transfers=transfers,
         model=model,
         station=station,
+        difficulty=difficulty,
+        flaws=tuple(flaw or ()),
         sessions=sessions,
         trials=trials,
         seed=seed,
         plugins=plugins,
     )
-    results, notes = options.worked(cells, read_row, results_of, None if report_only else workers)
+    results, missing = options.worked(cells, read_row, results_of, None if report_only else workers)
+    notes = [f"difficulty of the cell: {', '.join(cells[0].config.how_difficult)}", *missing]
     summary, found, files = write_study(folder, results, notes)
     if as_json:
         typer.echo(json.dumps(summary))
