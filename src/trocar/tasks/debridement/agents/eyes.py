@@ -153,7 +153,7 @@ class Eyes:
                     await self.glance(arm, span=False)
                     if self._robot.astray_m(arm) > self._settings.astray_m:
                         self._robot.hold(arm, reason=STEP_ENDED)
-                    elif self._settings.corrects:
+                    else:
                         helpers.start_soon(self._robot.correct, arm)
                 await self._cell.clock.sleep(max(began_s + self._settings.watch_s - self._cell.clock.now_s(), SHORT_S))
 
