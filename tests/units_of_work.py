@@ -44,3 +44,10 @@ def refused(unit: tuple[str, int]) -> int:
     from trocar.errors import TrocarError  # noqa: PLC0415
 
     raise TrocarError(f"unit {unit[1]} is refused; give another")
+
+
+def long(unit: tuple[str, int]) -> int:
+    """Do a unit that takes three seconds, and say at once that it began."""
+    (Path(unit[0]) / f"began_{unit[1]}").touch()
+    time.sleep(3.0)
+    return done(unit)

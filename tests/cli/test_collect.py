@@ -107,6 +107,7 @@ def test_an_interrupted_collection_goes_on_to_the_same_files(done, tmp_path):
         (("peg-transfer", "--model", "oracle"), "cable model 'oracle' is unknown"),
         (("peg-transfer", "--difficulty", "easy"), "difficulty 'easy' is unknown; choose one of mild, recorded, harsh"),
         (("peg-transfer", "--flaw", "creep=1m"), "creep=1m"),
+        (("peg-transfer", "--flaw", "needle=2"), "flaw 'needle' has no effect"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(trocar, tmp_path, words, said):

@@ -131,7 +131,9 @@ def test_the_difficulty_and_the_sizes_of_all_flaws_are_told(trocar, played, tmp_
     assert "kinematics" not in sizes, "no Raven is there"
 
 
-@pytest.mark.parametrize("more", [("--difficulty", "easy"), ("--flaw", "wind=3"), ("--flaw", "jaw=3mm")])
+@pytest.mark.parametrize(
+    "more", [("--difficulty", "easy"), ("--flaw", "wind=3"), ("--flaw", "jaw=3mm"), ("--flaw", "kinematics=2")]
+)
 def test_a_difficulty_that_is_none_is_refused(trocar, tmp_path, more):
     code, _, error = trocar("run", "peg-transfer", *more, "--out", tmp_path / "no")
     assert code == 2 and more[1].partition("=")[0] in error and not (tmp_path / "no").exists()

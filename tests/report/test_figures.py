@@ -4,6 +4,7 @@ from dataclasses import replace
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from rich.console import Console
 
 from synthetic import synthetic_trial
@@ -86,18 +87,37 @@ def test_what_an_arm_does_before_the_first_and_after_the_last_goal_has_a_row_of_
     assert heights[0] < heights[1] < heights[2]
 
 
-def test_between_two_goals_is_before_the_next_and_not_after_the_last(tmp_path):
-    scores = [{"start_s": 0.0, "end_s": 1.0}, {"start_s": 5.0, "end_s": 6.0}]
-    inside = [Span("psm1", "move", 0.0, 1.0), Span("psm1", "move", 5.0, 6.0)]
-    plain = drawn(draw_timechart(trial_of(*inside, scores=scores), tmp_path / "plain.png"))
-    between = Span("psm1", "move", 2.0, 3.0)
-    more = drawn(draw_timechart(trial_of(*inside, between, scores=scores), tmp_path / "more.png"))
-    start = drawn(
-        draw_timechart(
-            trial_of(*inside, between, replace(between, start_s=3.5, end_s=4.0), scores=scores), tmp_path / "start.png"
-        )
-    )
-    assert plain.shape[0] < more.shape[0] == start.shape[0]
+def rows_of(monkeypatch, trial, tmp_path):
+    """Return what a chart has: for each row its name, and where its bars begin and end."""
+    bars = []
+    names = []
+    real = Axes.barh, Axes.set_yticks
+
+    def barh(axes, y, width, left, **how):
+        bars.append((y, left, left + width))
+        return real[0](axes, y, width, left=left, **how)
+
+    def set_yticks(axes, ticks, labels):
+        names.extend(labels)
+        return real[1](axes, ticks, labels)
+
+    monkeypatch.setattr(Axes, "barh", barh)
+    monkeypatch.setattr(Axes, "set_yticks", set_yticks)
+    drawn(draw_timechart(trial, tmp_path / "chart.png"))
+    return [(name, [bar[1:] for bar in bars if bar[0] == row]) for row, name in enumerate(names)]
+
+
+def test_what_lies_between_two_goals_is_neither_start_nor_end_and_has_no_pauses(monkeypatch, tmp_path):
+    scores = [{"start_s": 1.0, "end_s": 2.0}, {"start_s": 90.0, "end_s": 92.0}]
+    times = [(0.0, 0.5), (1.0, 2.0), (3.0, 3.5), (80.0, 81.0), (90.0, 92.0), (93.0, 95.0)]
+    trial = trial_of(*(Span("psm1", "move", *both) for both in times), scores=scores)
+    assert rows_of(monkeypatch, trial, tmp_path) == [
+        ("start", [(0.0, 0.5)]),
+        ("transfer 1", [(0.0, 1.0)]),
+        ("transfer 2", [(0.0, 2.0)]),
+        ("between", [(0.0, 0.5), (0.5, 1.5)]),
+        ("end", [(0.0, 2.0)]),
+    ]
 
 
 def test_of_arms_side_by_side_each_piece_has_the_spans_of_the_arm_that_had_it(tmp_path):

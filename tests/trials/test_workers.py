@@ -1,7 +1,12 @@
 """Work on several processes, and on a dask cluster: nothing is lost when a worker is killed, and nothing done twice."""
 
 import os
+import signal
+import subprocess
+import sys
+import time
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -45,6 +50,75 @@ def test_work_that_kills_every_worker_is_given_up_in_a_sentence(tmp_path):
 def test_what_a_unit_refuses_is_heard(tmp_path):
     with pytest.raises(TrocarError, match="unit 0 is refused"):
         list(run_all(refused, units(tmp_path)[:1], pick_workers("processes", 1)))
+
+
+WORK = """
+import sys
+sys.path.insert(0, {tests!r})
+
+if __name__ == "__main__":
+    from trocar.trials.workers import pick_workers, run_all
+    from units_of_work import long
+
+    print("handed out", flush=True)
+    try:
+        list(run_all(long, [({folder!r}, number) for number in range(6)], pick_workers("processes", 2)))
+    except KeyboardInterrupt:
+        print("stopped", flush=True)
+        sys.exit(130)
+"""
+
+
+def at_work(tmp_path):
+    """Return a process that has work done by others, in a group with them as under a terminal."""
+    script = tmp_path / "work.py"
+    script.write_text(WORK.format(tests=str(Path(__file__).parents[1]), folder=str(tmp_path)))
+    return subprocess.Popen(
+        [sys.executable, script], start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def begun(tmp_path, process):
+    deadline = time.monotonic() + 60
+    while len(list(tmp_path.glob("began_*"))) < 2 and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+
+
+def ends_of(process):
+    try:
+        return process.communicate(timeout=60)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_ctrl_c_waits_for_the_units_under_way(tmp_path):
+    process = at_work(tmp_path)
+    begun(tmp_path, process)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = ends_of(process)
+    assert (process.returncode, out, err) == (130, "handed out\nstopped\n", "")
+    assert len(list(tmp_path.glob("began_*"))) >= len(list(tmp_path.glob("done_*"))) >= 2
+
+
+def test_a_second_ctrl_c_kills_the_workers(tmp_path):
+    process = at_work(tmp_path)
+    begun(tmp_path, process)
+    os.killpg(process.pid, signal.SIGINT)
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = ends_of(process)
+    assert "Traceback" not in err and process.returncode == 130
+    assert not list(tmp_path.glob("done_*"))
+
+
+def test_ctrl_c_while_workers_start_is_no_traceback_of_theirs(tmp_path):
+    process = at_work(tmp_path)
+    assert process.stdout is not None and process.stdout.readline() == "handed out\n"
+    time.sleep(0.4)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = ends_of(process)
+    assert (process.returncode, err) == (130, "")
 
 
 def test_no_work_needs_no_worker():

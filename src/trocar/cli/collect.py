@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from trocar.cli.difficulty import Flaws, Level
+from trocar.cli.difficulty import DEFAULT, Flaws, Level
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import COLUMNS
@@ -40,7 +40,7 @@ def collect(
     fit: Annotated[bool, typer.Option(help="Also fit a cable model, and evaluate it on the rows left out.")] = True,
     model: Annotated[str, typer.Option(help="Cable model: offset, ridge, play, lstm (extra 'learn').")] = "play",
     fraction: Annotated[float, typer.Option(help="First share of the rows that the model is fitted on.")] = 0.8,
-    difficulty: Level = "mild",
+    difficulty: Level = DEFAULT,
     flaw: Flaws = None,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
@@ -104,7 +104,7 @@ def _collections(
 
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
-    station = replace(load_station(name), difficulty=difficulty)
+    station = replace(load_station(name), difficulty=difficulty).with_flaws_felt()
     session = draw_session(station, np.random.default_rng([seed, SESSION]))
     found = {}
     for arm in dict.fromkeys(arms or station.arms):

@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from trocar.cli.difficulty import Flaws, Level
+from trocar.cli.difficulty import DEFAULT, Flaws, Level
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import COLUMNS
@@ -68,7 +68,7 @@ def run(
     flawless_camera: Annotated[
         bool, typer.Option("--flawless-camera", help="Switch the sensors' flaws off; the run says so.")
     ] = False,
-    difficulty: Level = "mild",
+    difficulty: Level = DEFAULT,
     flaw: Flaws = None,
     jobs: Annotated[int, typer.Option(help="How many trials at once, each in a process of its own.")] = 1,
     plugin: Plugins = None,

@@ -22,23 +22,25 @@ COLOURS = {
     "jaw": style.ORANGE,
     "loading": style.GREEN,
 }
-START, END = -1, sys.maxsize
-"""In the place of a goal: what an arm does before the first one, and after the last."""
+START, BETWEEN, END = -1, sys.maxsize - 1, sys.maxsize
+"""In the place of a goal: what an arm does before its first one, between two of its own, and after its last."""
+NO_GOAL = {START: "start", BETWEEN: "between", END: "end"}
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 
 def draw_timechart(trial: Trial, path: Path, title: str = "Time chart") -> Path:
     """Draw one row per goal and arm, coloured by what was done, and return the path.
 
-    What belongs to no goal is "start" before the last of them begins and "end" after it; goals are numbered in the
-    order of the scores or, where scripts note which arm had which, in that in which they ended.
+    What belongs to no goal is "start" before an arm's first one, "end" after its last one, and "between" them, where
+    pauses are left out. Goals are numbered in the order of the scores or, where scripts note which arm had which, in
+    that in which they ended.
 
     Args:
         trial: whose spans and scores.
         path: of the picture.
         title: above the chart.
     """
-    spans = _with_goals(trial)
+    spans = sorted(_with_goals(trial), key=lambda span: span["start_s"])
     piece = trial.piece
     if not spans:
         raise TrocarError("a time chart needs at least one span; the trial's log has none")
@@ -53,23 +55,22 @@ def draw_timechart(trial: Trial, path: Path, title: str = "Time chart") -> Path:
     with style.figure(9.0, 1.3 + 0.24 * len(rows), path) as figure:
         axes = figure.subplots()
         for key, row in rows.items():
-            start = min(span["start_s"] for span in spans_of[key])
+            end = 0.0
             for span in spans_of[key]:
+                lasted = span["end_s"] - span["start_s"]
+                left = end if key[0] == BETWEEN else span["start_s"] - spans_of[key][0]["start_s"]
                 axes.barh(
                     row,
-                    span["end_s"] - span["start_s"],
-                    left=span["start_s"] - start,
+                    lasted,
+                    left=left,
                     height=0.72,
                     color=colours[span["name"]],
                     edgecolor="white",
                     linewidth=0.4,
                 )
-            end = max(span["end_s"] for span in spans_of[key]) - start
+                end = max(end, left + lasted)
             axes.text(end, row, f"  {end:.1f} s", va="center", fontsize=8, color=style.QUIET)
-        labels = [
-            {START: "start", END: "end"}.get(goal, f"{piece} {goal + 1}") + (f", {arm}" if several else "")
-            for goal, arm in rows
-        ]
+        labels = [NO_GOAL.get(goal, f"{piece} {goal + 1}") + (f", {arm}" if several else "") for goal, arm in rows]
         axes.set_yticks(range(len(rows)), labels)
         axes.invert_yaxis()
         axes.grid(axis="y", visible=False)
@@ -99,7 +100,11 @@ def _with_goals(trial: Trial) -> list[dict[str, Any]]:
     found = []
     for span in trial.spans:
         mine = [(number, *times) for number, (arm, *times) in enumerate(goals) if arm in (None, span.arm)]
-        goal = END if span.start_s > max((start_s for _, start_s, _ in mine), default=float("inf")) else START
+        goal = BETWEEN
+        if not mine or span.start_s < min(start_s for _, start_s, _ in mine):
+            goal = START
+        elif span.start_s >= max(end_s for _, _, end_s in mine):
+            goal = END
         for number, start_s, end_s in mine:
             if start_s - 1e-9 <= span.start_s < end_s - 1e-9:
                 goal = number

@@ -153,6 +153,21 @@ class Station:
         sizes = self.difficulty.sizes()
         return found | {f"{name}: {FLAWS[name].about}": sizes[name] for name in self.flaws_felt}
 
+    def with_flaws_felt(self) -> Station:
+        """Return this station, if each flaw that was given a size of its own has an effect here.
+
+        Raises:
+            TrocarError: one has none; a run whose summary named it would mislead.
+        """
+        named = [text.partition("=")[0] for text in self.difficulty.named]
+        for name in named:
+            if name not in self.flaws_felt:
+                raise TrocarError(
+                    f"flaw {name!r} has no effect with what is done at station {self.name!r}; "
+                    f"choose one of {', '.join(self.flaws_felt)}"
+                )
+        return self
+
     @property
     def flaws_felt(self) -> list[str]:
         """Return the names of the flaws that have an effect here."""

@@ -102,7 +102,7 @@ class RunConfig:
         if self.refit_offsets and not method.calibrated:
             raise TrocarError(f"there is no model to refit with --method {self.method}; drop --refit-offsets")
         difficulty = Difficulty.of(self.difficulty, self.flaws)
-        station = self.task.at(replace(load_station(self.station), difficulty=difficulty))
+        station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).with_flaws_felt()
         arms = self.task.working_arms(station)
         if self.calibration not in ("", IMAGES, JOINTS):
             raise TrocarError(f"calibration {self.calibration!r} is unknown; choose one of {IMAGES}, {JOINTS}")

@@ -56,7 +56,10 @@ class Processes:
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
-        """Return a pool; a worker that is killed breaks it, and another one is opened."""
+        """Return a pool; a worker that is killed breaks it, and another one is opened.
+
+        After Ctrl-C it waits for the units under way; a second Ctrl-C kills the workers.
+        """
         context = multiprocessing.get_context("spawn")  # a fork would copy the progress bar's threads and their locks
         pool = ProcessPoolExecutor(
             self.count, mp_context=context, initializer=_left_alone, max_tasks_per_child=UNITS_A_PROCESS
@@ -64,12 +67,30 @@ class Processes:
         try:
             yield pool
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            try:
+                pool.shutdown(wait=True, cancel_futures=True)
+            except KeyboardInterrupt:
+                for worker in multiprocessing.active_children():
+                    worker.kill()
+                raise
 
 
 def _left_alone() -> None:
     """Leave Ctrl-C to the process that hands out the work: a trial under way is finished and kept."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _ctrl_c_held() -> Iterator[None]:
+    """Hold Ctrl-C back for a moment; a process that is begun meanwhile holds it back until it ignores it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def run_all(
@@ -120,7 +141,8 @@ def _handed_out(
 
     def hand_out() -> None:
         for place in queue:
-            waiting[executor.submit(function, units[place])] = place
+            with _ctrl_c_held():
+                waiting[executor.submit(function, units[place])] = place
             if len(waiting) >= 2 * workers.count:
                 return
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from trocar.cli import study_cells as options
-from trocar.cli.difficulty import Flaws, Level
+from trocar.cli.difficulty import DEFAULT, Flaws, Level
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -27,7 +27,7 @@ def debridement(
     fragments: Annotated[int, typer.Option(help="How many fragments lie there in each trial.")] = 6,
     budget: Annotated[float, typer.Option(metavar="S", help="A trial that takes longer is stopped.")] = 1800.0,
     station: options.StationName = "",
-    difficulty: Level = "mild",
+    difficulty: Level = DEFAULT,
     flaw: Flaws = None,
     seed: options.Seed = 0,
     out: options.Out = None,

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from trocar.cli import study_cells as options
-from trocar.cli.difficulty import Flaws, Level
+from trocar.cli.difficulty import DEFAULT, Flaws, Level
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -25,7 +25,7 @@ def peg_transfer(
     transfers: Annotated[int, typer.Option(help="Only the first so many of the twelve transfers.")] = 12,
     model: Annotated[str, typer.Option(help="Cable model of methods that compensate.")] = "play",
     station: options.StationName = "",
-    difficulty: Level = "mild",
+    difficulty: Level = DEFAULT,
     flaw: Flaws = None,
     seed: options.Seed = 0,
     out: options.Out = None,
