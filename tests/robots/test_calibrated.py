@@ -4,60 +4,17 @@ import numpy as np
 import pytest
 import trio
 
-from driven import ARM, HOME, PAPER, SERVO_S, PlainArms
+from cable_arms import GOALS, PLANT, CableArms, to
+from driven import ARM, HOME, PAPER, SERVO_S
 from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.models import MODELS
-from trocar.calibration.plant import PLANTS
 from trocar.calibration.recording import Recording
 from trocar.cell import Ended
 from trocar.errors import TrocarError
-from trocar.log import CellLog
 from trocar.motion import move_to, rest_to_rest
 from trocar.robots import ArmGuard, Calibrated, Guarded
 
-PLANT = PLANTS["psm1_grey"]
-GOALS = np.array(
-    [
-        [0.80, 0.10, 0.19, 0.40, 0.30, 0.30],
-        [0.90, -0.10, 0.17, -0.90, -0.50, -0.60],
-        [0.75, 0.05, 0.20, -0.20, 0.40, -0.90],
-        [0.85, 0.00, 0.18, -0.30, -0.10, 0.20],
-    ]
-)
 EXACT = 1.0 + 1e-6
-
-
-class CableArms(PlainArms):
-    """Arms whose joints follow the set-points through a cable plant.
-
-    Attributes:
-        joints: (6,) true joints of each arm after every set-point.
-        log: of the wrapper.
-    """
-
-    def __init__(self, names=("a",), slack=(0.0, 0.0, 0.0)):
-        super().__init__(names)
-        self.state = {name: tuple(np.array(PLANT.start(HOME)) + slack) for name in names}
-        self.joints = {name: [PLANT.step(self.state[name], HOME)[0]] for name in names}
-        self.log = CellLog(self.now_s)
-        self.each_tick.append(self._follow)
-
-    def _follow(self):
-        for name, rows in self.sent.items():
-            for q in rows[len(self.joints[name]) :]:
-                joints, self.state[name] = PLANT.step(self.state[name], q)
-                self.joints[name].append(joints)
-
-    def now_s(self):
-        return super().now_s()
-
-    async def sleep(self, seconds):
-        await trio.sleep(seconds)
-
-    async def compute(self, function, budget_s):
-        result = function()
-        await trio.sleep(budget_s)
-        return result, 0.01
 
 
 @pytest.fixture(scope="module")
@@ -75,10 +32,6 @@ def calibrated(model, names=("a",), slack=(0.0, 0.0, 0.0), **kwargs):
         guarded, dict.fromkeys(names, ARM), dict.fromkeys(names, model), limits, arms, arms.log, **kwargs
     )
     return arms
-
-
-def to(arms, goal, name="a"):
-    return {name: rest_to_rest(arms.robot.setpoint(name).q, goal, PAPER)}
 
 
 def after_each_move(arms, goals=GOALS):

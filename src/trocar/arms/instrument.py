@@ -7,6 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+SLEEVE_M, SLEEVE_SHARE = (3e-3, 18e-3), 0.95
+"""The shaft's end, from the wrist pitch axis back, is a steel sleeve; its radius, of the shaft's."""
+CLEVIS_SHARE = 0.75
+"""The round part of the clevis ends at this share of the way to the yaw axis."""
+KNUCKLE_SHARE = 0.9
+"""Width of the boss at the yaw axis, of a finger's."""
+
 
 @dataclass(frozen=True)
 class FingerMarks:

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, indent, tostring
 import numpy as np
 
 from trocar.arms import ArmModel, frames
-from trocar.arms.instrument import Instrument
+from trocar.arms.instrument import CLEVIS_SHARE, KNUCKLE_SHARE, SLEEVE_M, SLEEVE_SHARE, Instrument
 from trocar.geometry import SE3, SO3
 from trocar.perception.fiducials.fixture import Fixture
 from trocar.sim.elements import add, arm_bits, placed, text
@@ -24,7 +24,7 @@ HOUSING = (0.55, 0.56, 0.60)
 DRIVE_M = (0.06, 0.09, 0.08)
 """Size of the drive unit behind the shaft (assumed)."""
 
-MIN_CLOSED_RAD, MAX_OPEN_BEYOND_RAD = -0.2, 0.1
+MIN_CLOSED_RAD, MAX_OPEN_BEYOND_RAD = 0.0, 0.1
 """Stops of one finger: how far it can be driven beyond the middle, and beyond the arm's widest opening."""
 JAW_STIFFNESS_NM_RAD = 1.5
 """On one finger (assumed)."""
@@ -166,7 +166,7 @@ def _add_arm(
         name=f"{name}_wrist",
         type="capsule",
         size=text(shape.wrist_radius_m),
-        fromto=text((0, 0, 0, *(0.75 * wrist))),
+        fromto=text((0, 0, 0, *(CLEVIS_SHARE * wrist))),
         rgba=text((*STEEL, 1)),
         **bits,
     )
@@ -175,7 +175,7 @@ def _add_arm(
         "geom",
         name=f"{name}_knuckle",
         type="cylinder",
-        size=text((shape.knuckle_radius_m, 0.45 * shape.finger_width_m)),
+        size=text((shape.knuckle_radius_m, 0.5 * KNUCKLE_SHARE * shape.finger_width_m)),
         rgba=text((*STEEL, 1)),
         **bits,
     )
@@ -189,8 +189,8 @@ def _add_shaft(roll: Element, name: str, arm: ArmModel, bits: Mapping[str, str])
     """Hang the shaft on the roll link, whose origin is on the pitch axis and whose z runs along the shaft."""
     shape, back = arm.instrument, float(arm.wrist_sign)  # from the wrist towards the remote centre
     for part, radius, start, end, colour in (
-        ("sleeve", shape.shaft_radius_m * 0.95, 0.003, 0.018, STEEL),
-        ("shaft", shape.shaft_radius_m, 0.019, shape.shaft_length_m, CARBON),
+        ("sleeve", shape.shaft_radius_m * SLEEVE_SHARE, *SLEEVE_M, STEEL),
+        ("shaft", shape.shaft_radius_m, SLEEVE_M[1] + 1e-3, shape.shaft_length_m, CARBON),
     ):
         add(
             roll,

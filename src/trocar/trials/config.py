@@ -12,6 +12,7 @@ import numpy as np
 
 from trocar.calibration.excitation import WIDE_ROWS
 from trocar.calibration.fleet import load_prior
+from trocar.calibration.fleet.prior import BUILT_IN
 from trocar.calibration.models import MODELS
 from trocar.collect.motion import why_no_images
 from trocar.errors import TrocarError
@@ -111,11 +112,18 @@ class RunConfig:
             if missing and self.calibration == IMAGES:
                 raise TrocarError(f"{missing[0]}; or give --calibration {JOINTS}")
             object.__setattr__(self, "calibration", self.calibration or (JOINTS if missing else IMAGES))
-        if self.prior != NO_PRIOR:
-            if not method.calibrated or self.model != "play":
-                raise TrocarError(f"there is no play model that could start from prior {self.prior!r}; drop --prior")
-            load_prior(self.prior)
+        self._start_from_prior(method)
         self._built.update(method=method, station=station, arms=arms)
+
+    def _start_from_prior(self, method: Method) -> None:
+        """Choose the built-in prior for a method that learns, and see that a prior is wanted and can be read."""
+        if method.learns and self.prior == NO_PRIOR:
+            object.__setattr__(self, "prior", BUILT_IN)
+        if self.prior == NO_PRIOR:
+            return
+        if not (method.calibrated or method.learns) or self.model != "play":
+            raise TrocarError(f"there is no play model that could start from prior {self.prior!r}; drop --prior")
+        load_prior(self.prior)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the same configuration in another process, which first loads the same plugins."""
@@ -151,7 +159,7 @@ class RunConfig:
             "method": self.method,
             "model": self.model if self.chosen_method.calibrated else None,
             "calibration": self.calibration if self.chosen_method.calibrated else None,
-            "prior": self.prior if self.chosen_method.calibrated else None,
+            "prior": self.prior if self.chosen_method.calibrated or self.chosen_method.learns else None,
             "planner": self.planner,
             "perception": self.perception,
             "seed": self.seed,
@@ -177,6 +185,9 @@ class RunConfig:
             if self.prior != NO_PRIOR:
                 minute = f"{how}, {WIDE_ROWS} samples; they start from prior {self.prior!r}, from which recordings of "
                 flaws["cable models are fitted on"] = minute + "the instrument itself are left out"
+        if self.chosen_method.learns:
+            seen = f"what the camera sees of the wrist in each trial; they start from prior {self.prior!r}, from which "
+            flaws["cable models are fitted on"] = seen + "recordings of the instrument itself are left out"
         return flaws
 
     @property

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from trocar.calibration.excitation import SAMPLES, WIDE_ROWS
-from trocar.calibration.fleet import fit_from_prior, load_prior
+from trocar.calibration.fleet import FleetPrior, expected, fit_from_prior, load_prior
 from trocar.calibration.models import MODELS, CableModel, load_model, save_model
 from trocar.calibration.recording import Recording
 from trocar.calibration.session import refit_offset
@@ -41,11 +41,13 @@ class Prepared:
         number: of the session in its run.
         session: the day; simulator truth.
         models: the cable model of each working arm, where the method compensates.
+        priors: what these models start from, where the robot is to learn.
     """
 
     number: int
     session: Session
     models: Mapping[str, CableModel]
+    priors: Mapping[str, FleetPrior] = field(default_factory=dict)
 
 
 def prepare(
@@ -68,6 +70,9 @@ def prepare(
     home = session_folder(folder, number)
     home.mkdir(parents=True, exist_ok=True)
     models: dict[str, CableModel] = {}
+    priors = {arm: _prior(config, arm) for arm in config.arms} if config.chosen_method.learns else {}
+    for arm, prior in priors.items():
+        models[arm] = expected(prior, config.task.calibration(config.laboratory, arm))
     if config.chosen_method.calibrated:
         for place, arm in enumerate(config.arms):
             path = cable_file(folder, number, arm)
@@ -86,15 +91,19 @@ def prepare(
             rows = REFIT_IMAGES if config.calibration == IMAGES else REFIT_SAMPLES
             recording = _recording(config, session, arm, (number, REFIT, place), rows)
             models[arm] = refit_offset(model, recording)
-    return Prepared(number, session, models)
+    return Prepared(number, session, models, priors)
 
 
 def _fitted(config: RunConfig, arm: str, recording: Recording, rng: np.random.Generator) -> CableModel:
-    """Return the model of an arm's cables; a prior may not have seen the instrument that the cables were taken from."""
+    """Return the model of an arm's cables."""
     if config.prior == NO_PRIOR:
         return MODELS.pick(config.model).fit(recording, rng)
-    prior = load_prior(config.prior).without(config.laboratory.arm(arm).transmission_name)
-    return fit_from_prior(recording, prior)
+    return fit_from_prior(recording, _prior(config, arm))
+
+
+def _prior(config: RunConfig, arm: str) -> FleetPrior:
+    """Return the prior of an arm's cables; it may not have seen the instrument that these were taken from."""
+    return load_prior(config.prior).without(config.laboratory.arm(arm).transmission_name)
 
 
 def _recording(

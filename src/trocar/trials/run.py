@@ -12,7 +12,7 @@ import numpy as np
 from trocar.cell import Cell
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS
-from trocar.robots import TICK_S, Calibrated
+from trocar.robots import TICK_S, Adaptive, Calibrated
 from trocar.sim.laboratory import SimLaboratory, arrays_of
 from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.world import PhysicsError
@@ -55,7 +55,7 @@ def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Liste
         listener=listener,
     )
     if prepared.models:
-        laboratory.wear(lambda cell: _calibrated(config, prepared, cell))
+        laboratory.wear(lambda cell: _compensated(config, prepared, cell))
     settings = method.default_settings()
     if method.wears is not None:
         laboratory.wear(lambda cell: method.worn(cell, settings))
@@ -113,16 +113,13 @@ def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Liste
     )
 
 
-def _calibrated(config: RunConfig, prepared: Prepared, cell: Cell) -> Calibrated:
-    return Calibrated(
-        cell.robot,
-        cell.arms,
-        prepared.models,
-        {name: arm.limits for name, arm in config.laboratory.arms.items()},
-        cell.clock,
-        cell.log,
-        stop_at_limits=config.chosen_method.stop_at_limits,
-    )
+def _compensated(config: RunConfig, prepared: Prepared, cell: Cell) -> Calibrated:
+    """Return the cell's robot with its cables compensated."""
+    limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
+    if prepared.priors:
+        return Adaptive(cell.robot, cell.arms, prepared.models, prepared.priors, limits, cell.clock, cell.log)
+    stop = config.chosen_method.stop_at_limits
+    return Calibrated(cell.robot, cell.arms, prepared.models, limits, cell.clock, cell.log, stop_at_limits=stop)
 
 
 def _play(laboratory: SimLaboratory, agent: Agent, budget_s: float) -> tuple[str, str]:

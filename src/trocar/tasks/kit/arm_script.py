@@ -15,8 +15,11 @@ from trocar.errors import TrocarError
 from trocar.motion import rest_to_rest
 from trocar.trajectory import Trajectory
 
+MOST_ZERO_RAD = 0.15
+"""Encoders of closed jaws that say more are not believed (assumed)."""
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(eq=False)
 class ArmScript:
     """One arm of a cell.
 
@@ -25,12 +28,14 @@ class ArmScript:
         name: of the arm.
         limits: of velocity and acceleration where only start and end of a motion are given.
         settle_s: rest after a motion before the jaws act.
+        jaw_zero_rad: what the encoder says of closed jaws; see :meth:`zero_jaw`.
     """
 
     cell: Cell
     name: str
     limits: MotionLimits
     settle_s: float
+    jaw_zero_rad: float = 0.0
 
     def __post_init__(self) -> None:
         if self.name not in self.cell.arms:
@@ -48,8 +53,8 @@ class ArmScript:
 
     @property
     def jaw_rad(self) -> float:
-        """Return the jaws' opening as the robot tells it now."""
-        return self.cell.robot.read(self.name).jaw_rad
+        """Return the jaws' opening as their encoder tells it now, against what it says when they are closed."""
+        return self.cell.robot.read(self.name).jaw_rad - self.jaw_zero_rad
 
     async def wake(self) -> None:
         """Turn the wrist to and fro: afterwards the slack in the cables is known, whatever it was before."""
@@ -69,7 +74,23 @@ class ArmScript:
     async def jaw(self, angle_rad: float) -> Execution:
         """Drive the jaws to an opening."""
         with self.cell.log.span(self.name, "jaw"):
-            return await self.cell.robot.jaw(self.name, angle_rad)
+            return await self.drive_jaw(angle_rad)
+
+    async def drive_jaw(self, angle_rad: float) -> Execution:
+        """Drive the jaws to an opening while the arm does something else."""
+        return await self.cell.robot.jaw(self.name, angle_rad + self.jaw_zero_rad)
+
+    async def zero_jaw(self, closed_rad: float) -> None:
+        """Close the jaws on nothing, and take what their encoder says then for closed.
+
+        Jaws that it calls wide open are held open by something; their zero stays what it was.
+
+        Args:
+            closed_rad: target that lets the drive press.
+        """
+        await self.jaw(closed_rad)
+        if abs(self.jaw_rad) < MOST_ZERO_RAD:
+            self.jaw_zero_rad += self.jaw_rad
 
     async def settle(self) -> None:
         """Rest, so that the jaws act on something that holds still."""

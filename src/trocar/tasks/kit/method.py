@@ -57,6 +57,8 @@ class Method:
         agent: class of its agent, or any function of a brief; lazy where importing it is expensive.
         settings: class of its settings; as they come they are the defaults. Lazy likewise.
         calibrated: whether the arms' cables are compensated by a fitted model.
+        learns: whether the arms' cables are compensated by models that start from a prior alone, and the agent lets its
+            robot (``trocar.robots.Adaptive``) learn; then it is not ``calibrated``.
         wears: what the robot wears for its agent: a function of the cell and the method's settings that returns a
             robot; None: nothing more. A guard believes it if it is a ``Belief``.
         stop_at_limits: whether a motion is refused whose compensation would leave a joint's range; else what cannot
@@ -69,6 +71,7 @@ class Method:
     agent: Callable[[Brief], Agent] | Lazy
     settings: Callable[[], Any] | Lazy
     calibrated: bool = True
+    learns: bool = False
     wears: Callable[[Cell, Any], Robot] | Lazy | None = None
     stop_at_limits: bool = False
     planner: str = "spline"

@@ -61,6 +61,12 @@ class PegTransfer(Task):
     methods: ClassVar = {
         "calibrated": Method("cables compensated by a model that was fitted in this session", **_AGENT),
         "uncalibrated": Method("encoder readings taken for the joints", calibrated=False, **_AGENT),
+        "adaptive": Method(
+            "no recording: cables are learned from looks at the wrist, before the first transfer and at each one",
+            calibrated=False,
+            learns=True,
+            **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:learning")},
+        ),
         "optimized": Method(
             "calibrated, the paper's SQP refining its splines",
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:patient")},

@@ -43,11 +43,11 @@ class StuckJaws(Wrapped):
 class Butterfingers(Wrapped):
     """The first block that is lifted is lost on its way."""
 
-    lost = False
-    closed = False
+    opened = closed = lost = False
 
     async def jaw(self, arm, angle_rad):
-        self.closed = angle_rad < 0
+        self.opened |= angle_rad > 0
+        self.closed = self.opened and angle_rad < 0
         return await self.inner.jaw(arm, angle_rad)
 
     async def move(self, motions):

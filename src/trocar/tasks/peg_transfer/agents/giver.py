@@ -175,7 +175,7 @@ class Giver(Side):
             while self.arm.height_m < risen_m:
                 await self.cell.clock.sleep(TICK_S)
             meeting.parted.set()
-            await self.cell.robot.jaw(self.arm.name, self.arm.opening_rad(seen.grasp))
+            await self.arm.hand.drive_jaw(self.arm.opening_rad(seen.grasp))
 
         def begun() -> None:
             helpers.start_soon(part)

@@ -122,7 +122,10 @@ class Motions:
             first = [q, self.ik(raised(tip, risen_m))]
             if np.linalg.norm((tip.translation_m - grasp.T_board_tip.translation_m)[:2]) < NEARBY_M:
                 over_m = risen_m
-        path = self.through([*first, self.ik(raised(grasp.T_board_tip, over_m)), self.ik(grasp.T_board_tip)])
+        over = self.ik(raised(grasp.T_board_tip, over_m))
+        if np.abs(over - first[-1]).max() < SAME_RAD:  # it waits there already
+            first.pop()
+        path = self.through([*first, over, self.ik(grasp.T_board_tip)])
         return Approach(path, self._leaving(grasp, source))
 
     def _leaving(self, grasp: Grasp, source: int) -> Leaving | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import trio
@@ -15,7 +16,8 @@ from trocar.geometry import SE3
 from trocar.motion import TimedPath
 from trocar.perception.image import RgbdImage
 from trocar.tasks.kit import ArmScript, Brief
-from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
+from trocar.tasks.kit.together import together
+from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, raised, starts_at
 from trocar.tasks.peg_transfer.agents.moving_body import NEVER
 from trocar.tasks.peg_transfer.agents.settings import GRASP_RULES, OUTER_RULES
 from trocar.tasks.peg_transfer.agents.table import Table
@@ -23,6 +25,9 @@ from trocar.tasks.peg_transfer.agents.traffic import Blocked, Leaving, Traffic
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, choose_grasp
 from trocar.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from trocar.tasks.peg_transfer.agents.learner import Learner
 
 JAW_SLACK_RAD = 0.03
 """Jaws that stay this close to their opening were kept from closing by something else than a wall."""
@@ -49,6 +54,7 @@ class PegArm:
         home: (6,) where the arm is out of the camera's view.
         name: of the arm.
         hands_over: whether it grasps blocks so that another arm can take them.
+        learner: of its cables; None: it does not learn.
         stopped: whether it did not come to the end of a motion, and is not asked again.
     """
 
@@ -60,6 +66,7 @@ class PegArm:
         self.motions = Motions(brief, self.hand, table)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
         self.hands_over = self.stopped = False
+        self.learner: Learner | None = None
 
     @property
     def T_board_tip(self) -> SE3:
@@ -82,8 +89,8 @@ class PegArm:
         return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
 
     async def wake(self) -> None:
-        """Turn the wrist to and fro, see ``ArmScript.wake``."""
-        await self.hand.wake()
+        """Turn the wrist to and fro, see ``ArmScript.wake``, and find where the jaws are closed."""
+        await together(self.hand.wake, partial(self.hand.zero_jaw, self.settings.jaw_closed_rad))
 
     async def see(self, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
         """Look at a peg; return how to grasp its block, other than what has failed, or why not."""
@@ -144,6 +151,11 @@ class PegArm:
             begun: told the motion when it begins.
         """
         opening = self.opening_rad(grasp)
+        if self.learner is not None:
+            await self.hand.jaw(opening)
+            await self.go_over(raised(grasp.T_board_tip, self.settings.clear_height_m))
+            await self.learner.look()
+            ready = None
         for margin_m in self.margins_m():
             if ready is None or not starts_at(ready.path, self.hand.q):
                 ready = await self.plan(lambda: self.motions.approach(self.hand.q, grasp, source))
@@ -186,6 +198,8 @@ class PegArm:
         """Open the jaws; None: as wide as usual."""
         await self.hand.jaw(self.settings.jaw_open_rad if jaw_rad is None else jaw_rad)
         self.traffic.carries(self.name, None)
+        if self.learner is not None:
+            self.learner.adopt()
 
     async def carry(
         self,
@@ -303,7 +317,7 @@ class PegArm:
             execution = await self._run(motion)
         else:
             async with trio.open_nursery() as nursery:
-                nursery.start_soon(self.cell.robot.jaw, self.name, jaw_rad)
+                nursery.start_soon(self.hand.drive_jaw, jaw_rad)
                 execution = await self._run(motion)
         if isinstance(execution, TrocarError):
             if self.traffic.alone:

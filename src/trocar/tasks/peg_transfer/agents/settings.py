@@ -64,6 +64,9 @@ class Settings:
         rounds: how often a transfer is tried that could not be done because of the other arm.
         pause_s: and how long it waits where it cannot go home.
         looks: how often one looks for a block that the other arm may hide.
+        teaching_looks: at its own wrist, before the first transfer, of an arm that learns its cables; 0: it does not.
+        sighting_budget_s: declared for finding the wrist in an image (``bench_sighting.py``).
+        fit_budget_s: declared for fitting the cables on all looks.
     """
 
     perception_budget_s: float = 0.098
@@ -96,6 +99,9 @@ class Settings:
     rounds: int = 2
     pause_s: float = 0.3
     looks: int = 5
+    teaching_looks: int = 0
+    sighting_budget_s: float = 0.12
+    fit_budget_s: float = 0.6
 
 
 def patient() -> Settings:
@@ -109,3 +115,8 @@ def quick() -> Settings:
     A run says where a machine needs longer (``missed_budgets``).
     """
     return Settings(perception_budget_s=0.085, planning_budget_s=0.06)
+
+
+def learning() -> Settings:
+    """Return the settings of arms that learn their cables while they work."""
+    return Settings(teaching_looks=36)

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable, Sequence
 
 from trocar.errors import TrocarError
 from trocar.tasks.kit import Brief
+from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.start import begin, finish, withdraw
 from trocar.tasks.peg_transfer.agents.table import Table
@@ -34,7 +35,9 @@ class TwoArms(ABC):
 
     async def run(self) -> None:
         """Wake both arms, find the board, do the transfers, and look once more at the end."""
-        if await begin(self.table, [self.left, self.right], self.first_looks()):
+        if not await begin(self.table, [self.left, self.right], self.first_looks()):
+            return
+        async with learning([self.left, self.right]):
             await self.transfer_all()
 
     def first_looks(self) -> Sequence[Callable[[], Awaitable[None]]]:

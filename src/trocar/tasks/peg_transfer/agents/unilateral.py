@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from trocar.tasks.kit import Brief
+from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.agents.start import begin, finish
@@ -25,5 +26,6 @@ class Unilateral(OneArm):
         """Do the transfers one after the other, and look once more at the end."""
         if not await begin(self.table, [self.arm], [self.look_first]):
             return
-        await self.transfer_all()
-        await finish(self.table, self.arm)
+        async with learning([self.arm]):
+            await self.transfer_all()
+            await finish(self.table, self.arm)

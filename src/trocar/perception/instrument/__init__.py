@@ -1,0 +1,5 @@
+"""Where an instrument's wrist stands, from one depth image of it."""
+
+from trocar.perception.instrument.sighting import Sighting, sight
+
+__all__ = ["Sighting", "sight"]

@@ -1,0 +1,99 @@
+"""What a camera saw of an arm's instrument, put together to a recording on which its cables can be fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel
+from trocar.arms.solids import joint_axes
+from trocar.calibration.recording import Recording
+from trocar.perception.instrument import Sighting
+
+SHIFT_SD_M = 0.5e-3
+"""Of an instrument on each axis, by its registered base and the errors of its outer joints."""
+WORST_M = 0.35e-3
+"""A sighting whose points lie further than this (SD) from the instrument's solids was of something else."""
+LEAST_INFORMATION = 1.0
+"""1/rad^2, added: a turn that an image says nothing of has an SD of a radian."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """One sighting, and when it was.
+
+    Attributes:
+        row: of the commands, the last one that had been sent.
+        sighting: fitted with the outer joints where they were commanded.
+    """
+
+    row: int
+    sighting: Sighting
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A recording made of looks.
+
+    Attributes:
+        recording: all commands; measured where there was a look.
+        sd_rad: (n, 3) of the wrist's measurements.
+        shift_m: (3,) of the instrument against where commanded outer joints have it, in the arm's base.
+    """
+
+    recording: Recording
+    sd_rad: NDArray[np.float64]
+    shift_m: NDArray[np.float64]
+
+
+def put_together(arm: ArmModel, name: str, q_cmd: NDArray[np.float64], looks: Sequence[Look]) -> Seen:
+    """Return the recording that looks make.
+
+    What shifts the instrument is common to all looks, and found from all; then each says where its wrist was.
+
+    Args:
+        arm: whose instrument was seen.
+        name: of the recording.
+        q_cmd: (n, 6) all commands that were sent, with where they turned; rad and m.
+        looks: in order.
+    """
+    good = [look for look in looks if look.sighting.left_m < WORST_M]
+    shift_m = _common_shift(good)
+    measured, sd = np.full_like(q_cmd, np.nan), np.ones((len(q_cmd), 3))
+    for look in good:
+        measured[look.row], covariance = joints_seen(arm, look.sighting, shift_m)
+        sd[look.row] = np.sqrt(np.diag(covariance))
+    times = np.arange(len(q_cmd), dtype=np.float64)
+    valid: NDArray[np.bool_] = np.asarray(np.isfinite(measured).all(axis=1))
+    recording = Recording(q_cmd, measured, valid, times, name)
+    return Seen(recording, sd, shift_m)
+
+
+def _common_shift(looks: Sequence[Look]) -> NDArray[np.float64]:
+    """Return the shift (3,) that all looks together make likely, whatever each one's wrist was."""
+    information, pull = np.eye(3) / SHIFT_SD_M**2, np.zeros(3)
+    for look in looks:
+        seen = look.sighting
+        wrist = np.linalg.inv(seen.information[:3, :3] + LEAST_INFORMATION * np.eye(3))
+        across = seen.information[3:, :3] @ wrist
+        known = seen.information[3:, 3:] - across @ seen.information[:3, 3:]
+        information += known
+        pull += known @ seen.shift_m + seen.pull[3:] - across @ seen.pull[:3]
+    return np.asarray(np.linalg.solve(information, pull), dtype=np.float64)
+
+
+def joints_seen(
+    arm: ArmModel, seen: Sighting, shift_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the joints (6,) in a sighting if the instrument is shifted so, and the wrist's covariance (3, 3)."""
+    wrist = seen.information[:3, :3] + LEAST_INFORMATION * np.eye(3)
+    covariance = np.asarray(np.linalg.inv(wrist), dtype=np.float64)
+    q = seen.q.copy()
+    q[3:] += covariance @ (seen.pull[:3] - seen.information[:3, 3:] @ (shift_m - seen.shift_m))
+    axes, origins = joint_axes(arm, q)
+    by_outer = np.column_stack([*np.cross(axes[:2], origins[5] - origins[:2]), axes[2]])
+    q[:3] += np.linalg.solve(by_outer, shift_m)
+    return q, covariance

@@ -1,0 +1,154 @@
+"""A robot that learns its cables, on arms that are nothing but cables."""
+
+import numpy as np
+import pytest
+import trio
+from numpy.testing import assert_allclose
+
+from cable_arms import GOALS, CableArms, to
+from driven import ARM, HOME, PAPER
+from trocar.calibration.excitation import PSM1_BOX
+from trocar.calibration.fleet import expected, load_prior
+from trocar.errors import TrocarError
+from trocar.perception.instrument import Sighting
+from trocar.robots import Adaptive, ArmGuard, Guarded
+from trocar.robots.adaptive import THINNED, _thinned
+
+PRIOR = load_prior("fleet").without("psm1_grey")
+SURE = np.diag(np.repeat([1.0 / 0.03**2, 1.0 / 0.1e-3**2], 3))
+LOOKS = 36
+
+
+def adaptive():
+    arms = CableArms(("a",))
+    model = expected(PRIOR, PSM1_BOX)
+    guarded = Guarded(arms.driver, {"a": ArmGuard(ARM, PAPER)})
+    arms.robot = Adaptive(guarded, {"a": ARM}, {"a": model}, {"a": PRIOR}, {"a": PAPER}, arms, arms.log)
+    return arms
+
+
+def seen_now(arms, rng=None, off=(0.0, 0.0, 0.0)):
+    """Return what a camera says of where the wrist is in truth."""
+    row, q = arms.robot.moment("a")
+    q[3:] = arms.joints["a"][-1][3:] + off + (0.0 if rng is None else rng.normal(0.0, 0.03, 3))
+    return row, Sighting(q, np.zeros(3), SURE, np.zeros(6), 500, 0.2e-3)
+
+
+async def taught(arms, looks=LOOKS):
+    """Turn the wrist to and fro, look, and use what that teaches."""
+    rng = np.random.default_rng(0)
+    for goal in rng.uniform(PSM1_BOX.lower[3:], PSM1_BOX.upper[3:], (looks, 3)):
+        await arms.robot.move(to(arms, np.append(HOME[:3], goal)))
+        arms.robot.saw("a", *seen_now(arms, rng))
+    known = arms.robot.learned("a")
+    if known is not None:
+        arms.robot.adopt("a", known)
+    return known
+
+
+def missed(arms, goals=GOALS):
+    async def script():
+        found = []
+        for goal in goals:
+            await arms.robot.move(to(arms, goal))
+            found.append(arms.joints["a"][-1][3:] - goal[3:])
+        return np.sqrt(np.mean(np.square(found)))
+
+    return script
+
+
+def test_looks_are_worth_a_calibration():
+    arms = adaptive()
+    before = arms.run(missed(arms))
+    assert arms.run(lambda: taught(arms)) is not None
+    after = arms.run(missed(arms))
+    assert before > 0.08 and after < 0.03
+
+
+def test_it_says_how_far_off_it_may_be():
+    arms = adaptive()
+    assert arms.robot.spread("a") is None
+    arms.run(lambda: taught(arms))
+    scores = []
+
+    async def script():
+        for goal in np.concatenate([GOALS, GOALS[::-1] + [0.0, 0.0, 0.0, 0.2, -0.1, 0.1]]):
+            await arms.robot.move(to(arms, goal))
+            scores.append((arms.joints["a"][-1] - arms.robot.read("a").q)[3:] / arms.robot.spread("a"))
+
+    arms.run(script)
+    assert 0.1 < np.sqrt(np.mean(np.square(scores))) < 1.3
+    assert (np.abs(scores) < 2.5).all()
+
+
+def test_few_looks_teach_nothing():
+    arms = adaptive()
+    assert arms.run(lambda: taught(arms, looks=10)) is None
+
+
+def test_a_correction_goes_as_far_as_the_evidence_bears():
+    arms = adaptive()
+    arms.run(lambda: taught(arms))
+    spread, before = arms.robot.spread("a"), arms.robot.read("a").q
+    _, seen = seen_now(arms)
+    assert arms.robot.correct("a", seen)
+    off, corrected = seen.q[3:] - before[3:], (arms.robot.read("a").q - before)[3:]
+    assert_allclose(corrected, off * spread**2 / (spread**2 + 0.03**2), atol=2e-3)
+    assert_allclose(arms.robot.setpoint("a").q, arms.robot.read("a").q)
+
+
+def test_a_bad_detection_moves_nothing():
+    arms = adaptive()
+    arms.run(lambda: taught(arms))
+    before = arms.robot.read("a").q
+    _, far = seen_now(arms, off=(0.5, 0.0, 0.0))
+    _, near = seen_now(arms)
+    bad = Sighting(near.q, near.shift_m, near.information, near.pull, near.points, 0.6e-3)
+    assert not arms.robot.correct("a", far) and not arms.robot.correct("a", bad)
+    assert_allclose(arms.robot.read("a").q, before)
+
+
+def test_what_was_sent_is_remembered_whatever_happens_to_a_motion():
+    """Stopped, replaced, gone on: with the same cables adopted again, the joints are believed where they were."""
+    arms = adaptive()
+
+    async def script():
+        known = await taught(arms)
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
+            await arms.sleep(0.15)
+            arms.robot.moment("a")
+            await arms.sleep(0.1)
+            arms.robot.hold("a")
+        await arms.robot.rest("a")
+        await arms.robot.move(to(arms, GOALS[1]))
+        before = arms.robot.read("a").q
+        arms.robot.adopt("a", known)
+        return before, arms.robot.read("a").q
+
+    before, after = arms.run(script)
+    assert_allclose(after, before, atol=3 * THINNED)
+
+
+def test_an_arm_that_moves_keeps_its_cables():
+    arms = adaptive()
+
+    async def script():
+        known = await taught(arms)
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
+            await arms.sleep(0.1)
+            with pytest.raises(TrocarError, match="moves; its cables"):
+                arms.robot.adopt("a", known)
+
+    arms.run(script)
+
+
+def test_thinned_commands_lie_where_all_of_them_lie():
+    t = np.linspace(0.0, 1.0, 400)
+    path = np.column_stack([np.sin(6 * t), t, 0 * t, np.abs(t - 0.5), t**2, np.cos(9 * t)])
+    few = _thinned(path)
+    assert len(few) < 150 and (few[[0, -1]] == path[[0, -1]]).all()
+    kept = np.flatnonzero((path[:, None] == few).all(axis=2).any(axis=1))
+    again = np.column_stack([np.interp(np.arange(len(path)), kept, column) for column in few.T])
+    assert np.abs(again - path).max() <= THINNED
