@@ -48,6 +48,23 @@ def test_what_jaws_have_taken_is_not_remembered():
     assert memory.look([], EYES, {"left": arm()}) == ([], [])
 
 
+def test_what_jaws_have_shifted_before_they_took_it_is_not_remembered():
+    memory, shifted = Memory(), PLACE + [0.007, -0.010, 0.0]
+    memory.look([fragment(), fragment(PLACE + [0.06, 0.0, 0.0])], EYES, {"left": arm(0.2)})
+    shown, hidden = memory.look([fragment(shifted), fragment(PLACE + [0.06, 0.0, 0.0])], EYES, {"left": arm()})
+    assert (len(shown), len(hidden)) == (2, 0)  # the same one, not another beside it
+    memory.take("left", PLACE)
+    _, hidden = memory.look([fragment(PLACE + [0.06, 0.0, 0.0])], EYES, {"left": arm()})
+    assert not hidden
+
+
+def test_a_neighbour_that_was_known_takes_no_hidden_one_s_place():
+    memory, beside = Memory(), PLACE + [0.013, 0.0, 0.0]
+    memory.look([fragment(), fragment(beside)], EYES, {"left": arm(0.2)})
+    shown, hidden = memory.look([fragment(beside)], EYES, {"left": arm()})
+    assert (len(shown), len(hidden)) == (1, 1)
+
+
 def test_what_is_seen_through_jaws_that_carry_is_what_they_carry():
     """A finger splits what it holds in the pictures, whose parts may match as something on the work surface."""
     memory = Memory()
