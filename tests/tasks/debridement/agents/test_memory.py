@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from debridement_stage import Eyes, play
 from trocar.geometry.capsules import Capsules
 from trocar.tasks.debridement.agents.memory import Memory
+from trocar.tasks.debridement.agents.raven_arm import RavenArm
 from trocar.tasks.debridement.perception.seen import SeenFragment
 
 EYES = np.array([[0.0, 0.1, 0.25], [0.047, 0.1, 0.25]])
@@ -79,3 +81,17 @@ def test_what_hangs_in_the_air_is_not_remembered():
     memory = Memory()
     memory.look([fragment(height_m=0.03)], EYES, {"left": arm(0.2)})
     assert memory.look([], EYES, {"left": arm()}) == ([], [])
+
+
+def test_jaws_that_lift_are_known_to_carry(monkeypatch, tmp_path):
+    """The other arm may look meanwhile."""
+    known, rise = [], RavenArm.rise
+
+    async def lifts(self, by_m):
+        if by_m == self.s.lift_m:
+            known.append(self.name in self.eyes.memory._carrying)
+        await rise(self, by_m)
+
+    monkeypatch.setattr(RavenArm, "rise", lifts)
+    play(monkeypatch, tmp_path, Eyes(), arms=1, fragments=1, budget_s=60.0)
+    assert known == [True]

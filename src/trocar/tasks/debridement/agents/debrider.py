@@ -175,8 +175,9 @@ class Debrider:
         self._is_home = self._looked_again = False
         await self.arm.take(grasp)
         self.arm.eyes.memory.take(self.name, fragment.p_world_m)
-        self.fleet.carry(self.name)
         try:
+            await self.arm.rise(self.s.lift_m)
+            self.fleet.carry(self.name)
             if self.s.checks_on_the_way:
                 await together(self._check, self._bring)
             else:

@@ -258,7 +258,7 @@ class RavenArm:
                 await self.cell.clock.sleep(over_s / steps)
 
     async def take(self, grasp: Grasp) -> None:
-        """Go over a fragment, look, go down, close the jaws, lift."""
+        """Go over a fragment, look, go down, close the jaws."""
         above = grasp.T_world_above
         beside_wall = not self.problems.clear(self.name, above, grasp.open_rad, beside_wall=False)
         await together(
@@ -271,7 +271,6 @@ class RavenArm:
         self._been_down = True
         self.cell.log.event("closing", arm=self.name)
         await self.jaw(0.0, self.s.close_s)
-        await self.rise(self.s.lift_m)
 
     async def stroke(self, height_m: float, open_rad: float) -> None:
         """Go straight down to a height in the world, jaws open so, close them there, and come up again."""
