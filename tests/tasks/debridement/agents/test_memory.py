@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from debridement_stage import Eyes, play
 from trocar.geometry.capsules import Capsules
 from trocar.tasks.debridement.agents.memory import Memory
+from trocar.tasks.debridement.agents.raven_arm import RavenArm
 from trocar.tasks.debridement.perception.seen import SeenFragment
 
 EYES = np.array([[0.0, 0.1, 0.25], [0.047, 0.1, 0.25]])
@@ -48,6 +50,23 @@ def test_what_jaws_have_taken_is_not_remembered():
     assert memory.look([], EYES, {"left": arm()}) == ([], [])
 
 
+def test_what_jaws_have_shifted_before_they_took_it_is_not_remembered():
+    memory, shifted = Memory(), PLACE + [0.007, -0.010, 0.0]
+    memory.look([fragment(), fragment(PLACE + [0.06, 0.0, 0.0])], EYES, {"left": arm(0.2)})
+    shown, hidden = memory.look([fragment(shifted), fragment(PLACE + [0.06, 0.0, 0.0])], EYES, {"left": arm()})
+    assert (len(shown), len(hidden)) == (2, 0)  # the same one, not another beside it
+    memory.take("left", PLACE)
+    _, hidden = memory.look([fragment(PLACE + [0.06, 0.0, 0.0])], EYES, {"left": arm()})
+    assert not hidden
+
+
+def test_a_neighbour_that_was_known_takes_no_hidden_one_s_place():
+    memory, beside = Memory(), PLACE + [0.013, 0.0, 0.0]
+    memory.look([fragment(), fragment(beside)], EYES, {"left": arm(0.2)})
+    shown, hidden = memory.look([fragment(beside)], EYES, {"left": arm()})
+    assert (len(shown), len(hidden)) == (1, 1)
+
+
 def test_what_is_seen_through_jaws_that_carry_is_what_they_carry():
     """A finger splits what it holds in the pictures, whose parts may match as something on the work surface."""
     memory = Memory()
@@ -62,3 +81,17 @@ def test_what_hangs_in_the_air_is_not_remembered():
     memory = Memory()
     memory.look([fragment(height_m=0.03)], EYES, {"left": arm(0.2)})
     assert memory.look([], EYES, {"left": arm()}) == ([], [])
+
+
+def test_jaws_that_lift_are_known_to_carry(monkeypatch, tmp_path):
+    """The other arm may look meanwhile."""
+    known, rise = [], RavenArm.rise
+
+    async def lifts(self, by_m):
+        if by_m == self.s.lift_m:
+            known.append(self.name in self.eyes.memory._carrying)
+        await rise(self, by_m)
+
+    monkeypatch.setattr(RavenArm, "rise", lifts)
+    play(monkeypatch, tmp_path, Eyes(), arms=1, fragments=1, budget_s=60.0)
+    assert known == [True]

@@ -14,8 +14,8 @@ JAW_RAD = 0.5
 T_WORLD_TIP = SE3.from_parts(SO3.axis("z", 0.4), (-0.06, -0.06, -0.11))
 
 
-def holding(stage, image=None):
-    return VIEW.holding(stage.show().image if image is None else image, stage.T_world_camera, ARM, T_WORLD_TIP, JAW_RAD)
+def holding(stage, image=None, jaw_rad=JAW_RAD):
+    return VIEW.holding(stage.show().image if image is None else image, stage.T_world_camera, ARM, T_WORLD_TIP, jaw_rad)
 
 
 @pytest.mark.parametrize("shift", [(0, 0, 0), (0.002, 0, -0.004), (0, 0.003, -0.006)])
@@ -23,6 +23,16 @@ def test_a_fragment_between_the_fingers_is_held(stage, shift):
     stage.put("left", T_WORLD_TIP, JAW_RAD)
     stage.move("fragment0", T_WORLD_TIP.translation_m + shift)
     assert holding(stage)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_fragment_that_hangs_from_the_end_of_a_finger_is_seen(stage, side):
+    wide_rad = 2.0
+    stage.put("left", T_WORLD_TIP, wide_rad)
+    for number in range(1, 6):
+        stage.move(f"fragment{number}", [0.3, 0.3, 0.0])
+    stage.move("fragment0", T_WORLD_TIP.apply(np.array([0.0215 * side, -0.002, -0.0045])))
+    assert holding(stage, jaw_rad=wide_rad)
 
 
 def test_empty_jaws_hold_nothing(stage):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import trio
 
 from trocar.tasks.debridement.agents.eyes import CameraFrozen
@@ -13,11 +15,15 @@ from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.kit.together import together
 
+SHAKES, SHAKEN_RAD = 2, 2.0
+"""Jaws that a fragment clings to close and open so wide, so many times. Both fingers draw a charged fragment up between
+them, to where it is as wide as they are apart; opened so far they leave it to one of them, most often, below whose face
+it hangs, and closing changes how."""
 SHAKEN_M = 0.008
-"""Jaws that a fragment clings to are half closed and opened again so much higher."""
+"""The first time they rise by this meanwhile: what only lay behind the jaws stays behind."""
 STROKES, STROKE_M = 4, 0.014
-"""If it clings still, so many times the tip goes down to this height over the floor of the receptacle: what hangs from
-the fingers, which end 10 mm below the tip, is held back by the floor when they open, or close if it is outside."""
+"""If it clings still, so many times the tip goes down to this height over the work surface, and the jaws close there:
+the fingers' ends, then 10 mm below the tip, rub what hangs from one of them on the receptacle's floor, or grasp it."""
 TOO_MANY = 8
 """An arm that fails so many times in a row gives up."""
 IDLE_S = 5.0
@@ -169,8 +175,9 @@ class Debrider:
         self._is_home = self._looked_again = False
         await self.arm.take(grasp)
         self.arm.eyes.memory.take(self.name, fragment.p_world_m)
-        self.fleet.carry(self.name)
         try:
+            await self.arm.rise(self.s.lift_m)
+            self.fleet.carry(self.name)
             if self.s.checks_on_the_way:
                 await together(self._check, self._bring)
             else:
@@ -208,22 +215,26 @@ class Debrider:
                 await self.fleet.token.take(self.name)
 
     async def _let_go(self) -> tuple[FragmentOutcome, str]:
-        """Open the jaws over the receptacle, and shake off what clings to them."""
+        """Open the jaws over the receptacle, and shake or stroke off what clings to them."""
         self.cell.log.event("releasing", arm=self.name)
-        wide, narrow = self.s.open_rad, 0.5 * self.s.open_rad
-        await self.arm.jaw(wide)
-        for number in range(STROKES + 2):
+        await self.arm.jaw(self.s.open_rad)
+        for number in range(SHAKES + STROKES + 1):
             if not self.s.checks_release or not await self.arm.eyes.clings(self.name):
                 self.fleet.cleared += 1
                 return FragmentOutcome.DONE, ""
-            if number == 0:
-                await self.arm.jaw(narrow)
-                await self.arm.rise(SHAKEN_M)  # what only lay behind the jaws stays behind
-                await self.arm.jaw(wide)
-            elif number <= STROKES:
-                jaws = (wide, 0.0) if number % 2 else (narrow, wide)
-                await self.arm.stroke(self.places.table_m + STROKE_M, *jaws)
+            if number < SHAKES + STROKES:
+                await self._shake(number)
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
+
+    async def _shake(self, number: int) -> None:
+        """Close the jaws and open them wide, the last times over the floor of the receptacle."""
+        if number == 0:
+            await together(partial(self.arm.jaw, 0.0), partial(self.arm.rise, SHAKEN_M))
+        elif number < SHAKES:
+            await self.arm.jaw(0.0)
+        else:
+            await self.arm.stroke(self.places.table_m + STROKE_M, self.s.open_rad)
+        await self.arm.jaw(SHAKEN_RAD)
 
     async def _back(self) -> None:
         """Open the jaws where the arm is, and go aside as far as that is possible."""

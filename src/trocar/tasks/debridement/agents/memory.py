@@ -14,6 +14,8 @@ LYING_M = 0.012
 """Middles of fragments that lie on the work surface are lower; others are held, and not remembered."""
 ROUND_M = 0.008
 """An arm may hide what is seen so near past its shape: its pose is an estimate, and what it carries sticks out."""
+MOVED_M = 0.016
+"""Jaws that go for a fragment may shift it unseen, by half of their opening and of its length at most."""
 FINGERS = slice(2, 4)
 """Of an arm's capsules."""
 
@@ -30,7 +32,8 @@ class Memory:
     ) -> tuple[list[SeenFragment], list[SeenFragment]]:
         """Return what a pair of images shows outside the jaws, and what it does not show as an arm is before it.
 
-        What is neither seen nor hidden has gone, and is forgotten.
+        What is neither seen nor hidden has gone, and is forgotten. What appears beside the place of a hidden one is it,
+        shifted.
 
         Args:
             seen: in the images.
@@ -39,18 +42,20 @@ class Memory:
         """
         fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
         shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
+        appeared = [new for new in shown if all(away_m(new, old.p_world_m) > SAME_M for old in self._lying)]
         hidden = [
             old
             for old in self._lying
             if all(away_m(old, new.p_world_m) > SAME_M for new in shown)
+            and all(away_m(old, new.p_world_m) > MOVED_M for new in appeared)
             and _is_behind(old, p_world_eyes_m, arms.values())
         ]
         self._lying = [*(fragment for fragment in shown if fragment.height_m < LYING_M), *hidden]
         return shown, hidden
 
     def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
-        """Learn that the jaws of an arm have closed about what lay at a place (3,)."""
-        self._lying = [old for old in self._lying if away_m(old, p_world_m) > SAME_M]
+        """Learn that the jaws of an arm have closed about what lay at a place (3,), or was shifted from there."""
+        self._lying = [old for old in self._lying if away_m(old, p_world_m) > MOVED_M]
         self._carrying.add(arm)
 
     def let_go(self, arm: str) -> None:

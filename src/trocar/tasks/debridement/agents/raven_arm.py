@@ -258,7 +258,7 @@ class RavenArm:
                 await self.cell.clock.sleep(over_s / steps)
 
     async def take(self, grasp: Grasp) -> None:
-        """Go over a fragment, look, go down, close the jaws, lift."""
+        """Go over a fragment, look, go down, close the jaws."""
         above = grasp.T_world_above
         beside_wall = not self.problems.clear(self.name, above, grasp.open_rad, beside_wall=False)
         await together(
@@ -271,15 +271,14 @@ class RavenArm:
         self._been_down = True
         self.cell.log.event("closing", arm=self.name)
         await self.jaw(0.0, self.s.close_s)
-        await self.rise(self.s.lift_m)
 
-    async def stroke(self, height_m: float, before_rad: float, after_rad: float) -> None:
-        """Go straight down to a height in the world, open or close the jaws there, and come up again."""
+    async def stroke(self, height_m: float, open_rad: float) -> None:
+        """Go straight down to a height in the world, jaws open so, close them there, and come up again."""
         T_world_tip = self.robot.T_world_tip(self.name)
         by_m = float(T_world_tip.translation_m[2]) - height_m
-        await self.jaw(before_rad)
+        await self.jaw(open_rad)
         await self.go(raised(T_world_tip, -by_m), straight=True, speed_m_s=self.s.descent_speed_m_s)
-        await self.jaw(after_rad)
+        await self.jaw(0.0)
         await self.rise(by_m)
 
     async def rise(self, by_m: float) -> None:

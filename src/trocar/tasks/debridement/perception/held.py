@@ -17,7 +17,7 @@ from trocar.perception.stereo import check_stereo
 BEYOND_AXIS_M = (4e-3, 28e-3)
 """Where the middle of a held fragment may be: from here to there beyond the jaw axis; the fingers end at 20 mm."""
 ASIDE_M = 9e-3
-"""Half-width of that box, along the jaw axis and across."""
+"""Half-width of that box, along the jaw axis and across, where it is wider by as far as the fingers' ends stand off."""
 MIN_AREA_M2 = 6e-6
 """Of red that is between the fingers, as the left eye sees it; a fragment has 60."""
 
@@ -34,11 +34,11 @@ def is_holding(image: StereoImage, T_world_camera: SE3, arm: ArmModel, T_world_t
         T_world_camera: pose of the left eye.
         arm: whose gripper it is.
         T_world_tip: where the gripper is, within some millimetres.
-        jaw_rad: opening of its jaws: what is held is no farther aside than they are open.
+        jaw_rad: opening of its jaws: what is held, or hangs from the end of a finger, is no farther aside.
     """
     check_stereo(image)
     T_camera_tip, rig = T_world_camera.inverse() @ T_world_tip, image.rig
-    aside_m = ASIDE_M + 0.5 * arm.instrument.finger_length_m * float(np.sin(0.5 * max(jaw_rad, 0.0)))
+    aside_m = ASIDE_M + arm.instrument.finger_length_m * float(np.sin(0.5 * max(jaw_rad, 0.0)))
     lower = np.array([-aside_m, -ASIDE_M, arm.tip_length_m - BEYOND_AXIS_M[1]])
     upper = np.array([aside_m, ASIDE_M, arm.tip_length_m - BEYOND_AXIS_M[0]])
     pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)

@@ -1,0 +1,28 @@
+"""Charged fragments come off the jaws: real physics, and eyes that are told what a finger touches."""
+
+from dataclasses import replace
+
+import pytest
+
+from debridement_stage import Eyes, play
+
+CLING_N, DENSITY_KG_M3 = 1.4e-3, 160.0
+
+
+class Touching(Eyes):
+    def holding(self, image, T_world_camera, model, T_world_tip, jaw_rad):
+        return bool(self.lab.truth().touched_by[self.arm_of(model)][-1].any())
+
+
+def charged(scene):
+    light = [replace(f, cling_n=CLING_N, density_kg_m3=DENSITY_KG_M3) for f in scene.fragments]
+    return replace(scene, fragments=tuple(light))
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_fragment_that_both_fingers_draw_up_between_them_comes_off(monkeypatch, tmp_path, seed):
+    trial = play(monkeypatch, tmp_path, Touching(), seed=seed, change=charged, arms=1, fragments=1, budget_s=120.0)
+    (said,) = [e for e in trial.events if e["name"] == "fragment"]
+    (released,) = [e for e in trial.events if e["name"] == "releasing"]
+    assert said["time_s"] - released["time_s"] > 1.0, "it clung"
+    assert trial.scores[0]["succeeded"] and said["outcome"] == "DONE"
