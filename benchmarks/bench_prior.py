@@ -3,7 +3,7 @@
     python benchmarks/bench_prior.py [--data DIR]
 
 The prior is learned from all recordings but those of the instrument it is tried on; for other sessions of an
-instrument, from all other recordings. Nothing here is timed, so every machine prints the same figures.
+instrument, from all other recordings. The last table is of how well a fit knows how far off it may be. Nothing here is timed, so every machine prints the same figures.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from trocar.calibration.fleet import FleetPrior, fit_from_prior, learn_prior
+from trocar.calibration.fleet import FleetPrior, fit_from_prior, learn_from, learn_prior
 from trocar.calibration.models.play import PlayModel
+from trocar.calibration.play import play_operator
 from trocar.calibration.recording import Recording, load_recording
 
 INSTRUMENTS = {
@@ -50,6 +51,15 @@ def row(title: str, recording: Recording, rows: int, tail: int, prior: FleetPrio
     return f"| {title} | {with_prior} | {without} | {target} |", missed
 
 
+def over_said(recording: Recording, rows: int, prior: FleetPrior) -> np.ndarray:
+    """Return the RMS (3,) of the wrist's errors after the first rows, over what a fit on those says of them."""
+    learned, q = learn_from(recording.first(rows), prior), recording.q_cmd
+    states = play_operator(learned.model.inputs(q)[:, :, None], learned.model.radii)
+    said = np.array([learned.spread(state, command) for state, command in zip(states, q, strict=True)])
+    later = recording.valid & (np.arange(len(q)) >= rows)
+    return np.sqrt(np.mean(((learned.model.predict(q) - recording.q_phy)[:, 3:] / said)[later] ** 2, axis=0))
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -75,6 +85,14 @@ def main() -> None:
         print(line, flush=True)
         missed += misses
     print(f"\n{missed} of {3 * (4 * len(TARGETS) + len(SESSIONS))} figures miss their targets")
+    print("\n| recording | rows | errors of q4 q5 q6 over the SDs that the fit says |\n|---|---|---|")
+    ratios = []
+    for name, which in INSTRUMENTS.items():
+        prior = learn_prior([data[other] for other, its in INSTRUMENTS.items() if its != which])
+        for rows in ROWS[:2]:
+            ratios.append(over_said(data[name], rows, prior))
+            print(f"| `{name}` | {rows} | {' '.join(f'{ratio:.2f}' for ratio in ratios[-1])} |", flush=True)
+    print(f"| median | | {' '.join(f'{ratio:.2f}' for ratio in np.median(ratios, axis=0))} |")
 
 
 if __name__ == "__main__":

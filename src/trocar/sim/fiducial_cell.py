@@ -26,7 +26,7 @@ TABLE_BELOW_M = 0.08
 """The black table, cleared for the calibration, lies this much below the world's origin (assumed)."""
 
 
-class _Table(TaskWorld):
+class EmptyTable(TaskWorld):
     def add(self, world: Element, assets: Element) -> None:
         add(
             world,
@@ -69,7 +69,7 @@ class FiducialCell:
             )
         self.fixture = printed(fixture, rng)
         self._world = World(
-            CellModel({arm: session.models[arm]}, {arm: session.T_world_base[arm]}, _Table(), worn={arm: self.fixture})
+            CellModel({arm: session.models[arm]}, {arm: session.T_world_base[arm]}, EmptyTable(), worn={arm: self.fixture})
         )
         self._camera = RayCamera(
             self._world.model,

@@ -8,7 +8,7 @@ import pytest
 from trocar.geometry import SE3
 from trocar.perception.instrument import sight
 from trocar.sim.camera import RayCamera
-from trocar.sim.fiducial_cell import _Table
+from trocar.sim.fiducial_cell import EmptyTable
 from trocar.sim.mjcf import CellModel
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
@@ -29,7 +29,7 @@ def seen():
     session = draw_session(STATION, np.random.default_rng(3))
     arm, T_world_base, camera = session.models["psm1"], session.T_world_base["psm1"], STATION.cameras["overhead"]
     T_world_camera = session.T_world_camera["overhead"]
-    world = World(CellModel({"psm1": arm}, {"psm1": T_world_base}, _Table()))
+    world = World(CellModel({"psm1": arm}, {"psm1": T_world_base}, EmptyTable()))
     eye = RayCamera(world.model, camera.model, T_world_camera, camera.lamp_m, camera.flaws, Light(gain=camera.gain))
 
     def look(q, rng):

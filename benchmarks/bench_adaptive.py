@@ -1,0 +1,66 @@
+"""What arms that learn their cables know of their wrists over a block, and whether they know how well.
+
+    trocar run peg-transfer --method adaptive --difficulty recorded --sessions 12 --seed 20261123 --out out/adaptive
+    python benchmarks/bench_adaptive.py out/adaptive
+
+Read from the saved trials of such a run: at each look over a block, where the wrist was in truth, against where it was
+believed before the look, and after its correction. Nothing is timed.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from trocar.arms import fk
+from trocar.station import load_station
+from trocar.trials.trial import Trial
+
+LATER_S = 0.06
+"""After the look is evaluated, the correction holds and the arm still rests."""
+
+
+def rows_of(trial: Trial) -> list[tuple[np.ndarray, ...]]:
+    """Return for each look errors before and after (3,), their said SDs (3,), tip errors before and after in mm."""
+    rows, scenery, station = [], trial.scenery, load_station(trial.about["station"])
+    for event in trial.events:
+        if event["name"] != "wrist seen" or event["spread_rad"] is None:
+            continue
+        arm, errors, tips = event["arm"], [], []
+        for at_s in (event["time_s"] - 2 * scenery.tick_s, event["time_s"] + LATER_S):
+            at = round(at_s / scenery.tick_s)
+            true, asked = (trial.arrays[f"{kind}_{arm}"][at, :6].astype(float) for kind in ("true", "asked"))
+            errors.append((true - asked)[3:])
+            here = scenery.T_world_base[arm] @ fk(scenery.arms[arm], true)
+            believed = scenery.T_world_base_registered[arm] @ fk(station.arm(arm).model, asked)
+            tips.append(1e3 * float(np.linalg.norm(here.translation_m - believed.translation_m)))
+        rows.append((*errors, np.array(event["spread_rad"]), *tips))
+    return rows
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="of a run with --method adaptive")
+    files = sorted(parser.parse_args().folder.rglob("trial_*.npz"))
+    rows = [row for file in files for row in rows_of(Trial.load(file))]
+    if not rows:
+        raise SystemExit("no look at a wrist is in there: give the folder of a run with --method adaptive")
+    before, after, said, tip_before, tip_after = (np.array(column) for column in zip(*rows, strict=True))
+    inside = np.abs(before) < 1.96 * said
+
+    def rms(values: np.ndarray) -> str:
+        return " ".join(f"{value:.3f}" for value in np.sqrt(np.mean(values**2, axis=0)))
+
+    print(f"{len(rows)} looks over a block in {len(files)} trials; q4 q5 q6")
+    print(f"| RMS error of the wrist before the look, rad | {rms(before)} |")
+    print(f"| and after its correction, rad | {rms(after)} |")
+    print(f"| inside the stated 95 % interval | {100 * inside.mean():.1f} % of joints |")
+    for name, tip in (("before", tip_before), ("after", tip_after)):
+        print(f"| tip {name}, RMS; 95th percentile, mm | {np.sqrt(np.mean(tip**2)):.2f}; {np.percentile(tip, 95):.2f} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,89 @@
+"""How well a depth image tells the wrist of an instrument: errors, what it says of them, and the time it takes.
+
+    python benchmarks/bench_sighting.py [--sessions N] [--looks N] [--difficulty LEVEL]
+
+In each session of the cell an arm is put in as many configurations over the board as `adaptive` looks at before its
+first transfer. Its wrist is expected .08 -.05 .06 rad off, and .03 rad (SD) more; its outer joints and its base are off
+as the level of difficulty says. Times depend on the machine; everything else is the same on every one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from trocar.perception.instrument import sight
+from trocar.robots.looks import Look, joints_seen, put_together
+from trocar.sim.camera import RayCamera
+from trocar.sim.fiducial_cell import EmptyTable
+from trocar.sim.mjcf import CellModel
+from trocar.sim.sensor import Light
+from trocar.sim.world import World
+from trocar.station import load_station
+from trocar.station.difficulty import Difficulty
+from trocar.station.session import draw_session
+
+ARM, CAMERA, JAW_RAD = "psm1", "overhead", 0.9
+OFF_RAD, MORE_RAD = np.array([0.08, -0.05, 0.06]), 0.03
+LOWER, UPPER = np.array([-1.3, -0.9, -1.0]), np.array([1.3, 0.9, -0.2])
+
+
+def looks_of(number: int, count: int, level: str) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """Return errors (n, 3) in a session, the same over what was said of them, and times."""
+    rng = np.random.default_rng([0, number])
+    station = replace(load_station("peg-transfer"), difficulty=Difficulty.of(level))
+    session, camera = draw_session(station, rng), station.cameras[CAMERA]
+    true, known = session.models[ARM], station.arm(ARM).model
+    world = World(CellModel({ARM: true}, {ARM: session.T_world_base[ARM]}, EmptyTable()))
+    light = Light(gain=camera.gain)
+    eye = RayCamera(world.model, camera.model, session.T_world_camera[CAMERA], camera.lamp_m, camera.flaws, light)
+    T_base_camera = session.T_world_base_registered[ARM].inverse() @ session.T_world_camera_registered[CAMERA]
+    outer_sd = station.difficulty["outer"] / np.array([0.15, 0.15, 1.0])
+    joints = np.tile(station.arm(ARM).park_q(), (count, 1))
+    joints[:, 3:] = rng.uniform(LOWER, UPPER, (count, 3))
+    looks, took = [], []
+    for row, q in enumerate(joints):
+        world.place_arm(ARM, q, JAW_RAD)
+        expected = q + np.append(rng.normal(0.0, outer_sd), OFF_RAD + rng.normal(0.0, MORE_RAD, 3))
+        image, begin = eye.render(world.data, rng), time.perf_counter()
+        seen = sight(image, T_base_camera, known, expected, JAW_RAD)
+        took.append(time.perf_counter() - begin)
+        if seen is not None:
+            looks.append(Look(row, seen))
+    shift_m = put_together(known, "looks", joints, looks).shift_m
+    errors, scores = [], []
+    for look in looks:
+        q, covariance = joints_seen(known, look.sighting, shift_m)
+        errors.append((q - joints[look.row])[3:])
+        scores.append(errors[-1] / np.sqrt(np.diag(covariance)))
+    return np.array(errors), np.array(scores), took
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sessions", type=int, default=10)
+    parser.add_argument("--looks", type=int, default=36)
+    parser.add_argument("--difficulty", default="recorded")
+    asked = parser.parse_args()
+    found = [looks_of(number, asked.looks, asked.difficulty) for number in range(asked.sessions)]
+    errors, scores = np.concatenate([e for e, _, _ in found]), np.concatenate([s for _, s, _ in found])
+    means = np.array([e.mean(axis=0) for e, _, _ in found])
+    took = np.concatenate([t for *_, t in found])
+
+    def shown(values: np.ndarray) -> str:
+        return " ".join(f"{value:.3f}" for value in values)
+
+    print(f"{len(errors)} of {asked.sessions * asked.looks} looks saw the wrist; q4 q5 q6")
+    print(f"| median error of one look, rad | {shown(np.median(np.abs(errors), axis=0))} |")
+    print(f"| RMS error of one look, rad | {shown(np.sqrt(np.mean(errors**2, axis=0)))} |")
+    print(f"| RMS of a session's mean error, rad | {shown(np.sqrt(np.mean(means**2, axis=0)))} |")
+    print(f"| RMS of errors over the SD that was said | {shown(np.sqrt(np.mean(scores**2, axis=0)))} |")
+    print(f"time of one look on this machine: median {np.median(took):.3f} s, p95 {np.percentile(took, 95):.3f} s")
+
+
+if __name__ == "__main__":
+    main()
