@@ -45,7 +45,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="of a run with --method adaptive")
     files = sorted(parser.parse_args().folder.rglob("trial_*.npz"))
-    rows = [row for file in files for row in rows_of(Trial.load(file))]
+    trials = [Trial.load(file) for file in files]
+    rows = [row for trial in trials for row in rows_of(trial)]
     if not rows:
         raise SystemExit("no look at a wrist is in there: give the folder of a run with --method adaptive")
     before, after, said, tip_before, tip_after = (np.array(column) for column in zip(*rows, strict=True))
@@ -54,6 +55,9 @@ def main() -> None:
     def rms(values: np.ndarray) -> str:
         return " ".join(f"{value:.3f}" for value in np.sqrt(np.mean(values**2, axis=0)))
 
+    later = [score["succeeded"] for trial in trials for score in trial.scores[1:]]
+    if later:
+        print(f"from the second transfer on: {sum(later)} of {len(later)}, {100 * np.mean(later):.1f} %")
     print(f"{len(rows)} looks over a block in {len(files)} trials; q4 q5 q6")
     print(f"| RMS error of the wrist before the look, rad | {rms(before)} |")
     print(f"| and after its correction, rad | {rms(after)} |")

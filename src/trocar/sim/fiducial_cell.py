@@ -27,7 +27,10 @@ TABLE_BELOW_M = 0.08
 
 
 class EmptyTable(TaskWorld):
+    """A table with nothing on it."""
+
     def add(self, world: Element, assets: Element) -> None:
+        """Add it, black, far below the world's origin."""
         add(
             world,
             "geom",
@@ -69,7 +72,9 @@ class FiducialCell:
             )
         self.fixture = printed(fixture, rng)
         self._world = World(
-            CellModel({arm: session.models[arm]}, {arm: session.T_world_base[arm]}, EmptyTable(), worn={arm: self.fixture})
+            CellModel(
+                {arm: session.models[arm]}, {arm: session.T_world_base[arm]}, EmptyTable(), worn={arm: self.fixture}
+            )
         )
         self._camera = RayCamera(
             self._world.model,

@@ -73,6 +73,7 @@ def sight(
     arm: ArmModel,
     q: NDArray[np.float64],
     jaw_rad: float,
+    T_base_floor: SE3 | None = None,
 ) -> Sighting | None:
     """Return what a depth image says of an instrument's wrist; None if it is not seen.
 
@@ -82,8 +83,9 @@ def sight(
         arm: whose instrument.
         q: (6,) joints where they are expected, rad and m.
         jaw_rad: opening between the fingers.
+        T_base_floor: a plane, z up; what lies below it is no part of the instrument. None: nothing else is near.
     """
-    evidence = _gather(image, T_base_camera, arm, q, jaw_rad)
+    evidence = _gather(image, T_base_camera, arm, q, jaw_rad, T_base_floor)
     if evidence is None:
         return None
     points, rays = evidence
@@ -111,6 +113,7 @@ def _gather(
     arm: ArmModel,
     q: NDArray[np.float64],
     jaw_rad: float,
+    T_base_floor: SE3 | None,
 ) -> Evidence | None:
     """Return points (n, 3) on the instrument, and points (m, k, 3) along rays that pass it; in the arm's base."""
     p_tip = fk(arm, q).translation_m
@@ -122,6 +125,8 @@ def _gather(
     rays, depth = patch.rays[known], patch.depth_m[known]
     points = T_base_camera.apply(rays * depth[:, None])
     on = np.linalg.norm(points - p_tip, axis=1) < WINDOW_M
+    if T_base_floor is not None:
+        on &= T_base_floor.inverse().apply(points)[:, 2] > 0.0
     solids = InstrumentSolids.of(arm, q, jaw_rad)
     on[on] = solids.distance_m(points[on]) < NEAR_M
     if on.sum() < FEWEST:
@@ -136,6 +141,8 @@ def _gather(
         nearest = along[np.arange(len(along)), distance.argmin(axis=1)]
         along = nearest[:, None] + FINE_M * np.arange(-FINE_STEPS, FINE_STEPS + 1)
     followed = T_base_camera.apply(past[:, None] * along[..., None])
+    if T_base_floor is not None and len(followed):
+        followed = followed[(T_base_floor.inverse().apply(followed)[..., 2] > 0.0).all(axis=1)]
     return points[on], followed
 
 

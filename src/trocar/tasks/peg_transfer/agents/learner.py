@@ -18,6 +18,7 @@ from trocar.perception.instrument import Sighting, sight
 from trocar.robots import Adaptive
 from trocar.robots.adaptive import Knowledge
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.grasps import Grasp
 
 PLACE_M = (0.0, 0.0, 0.045)
 """Of the tip in the board's frame while the wrist is turned to and fro: the fingers stay clear of pegs and blocks."""
@@ -25,6 +26,11 @@ YAWS_RAD = np.linspace(-1.2, 1.2, 7)
 """Turns of a vertical tool: the wrist is turned through all that these take, which is what grasps take."""
 WIDER_RAD = 0.15
 """And so much further at both ends."""
+OVER_PEGS_M = 2e-3
+"""The tip stops so high over the pegs' tops for a look before it goes down: what the cables do on the way from there is
+not seen."""
+FLOOR_M = 0.7e-3
+"""Of what is seen there, what lies less than this over the pegs is no instrument."""
 OPEN_RAD = 0.9
 """Of the jaws meanwhile: roll is seen by the plane in which they lie."""
 
@@ -80,7 +86,7 @@ class Learner:
                 await self.hand.go(np.concatenate([middle[:3], lower + point * (upper - lower)]))
                 await self.hand.settle()
                 row, q, jaw_rad = *self.robot.moment(self.arm.name), self.hand.jaw_rad
-                nursery.start_soon(self._evaluated, await self.table.capture(self.hand), row, q, jaw_rad)
+                nursery.start_soon(self._evaluated, await self.table.capture(self.hand), row, q, jaw_rad, None)
         await self._fit()
         self.adopt()
 
@@ -91,11 +97,18 @@ class Learner:
         middle = min(turned, key=lambda pose: abs(self.arm.motions.ik(pose)[3] - home))
         return [SE3.from_parts(middle.rotation @ SO3.axis("z", yaw), PLACE_M) for yaw in YAWS_RAD]
 
-    async def look(self) -> None:
+    async def look(self, grasp: Grasp) -> None:
         """Look at the wrist over a block, and correct it before the arm goes down; all looks are put together later."""
+        high_m = self.table.board.peg_height_m + OVER_PEGS_M
+        path = await self.arm.plan(lambda: self.arm.motions.above(self.hand.q, grasp.T_board_tip, high_m))
+        if path is None:
+            return
+        await self.arm.move(path.trajectory)
         await self.hand.settle()
         row, q, jaw_rad = *self.robot.moment(self.arm.name), self.hand.jaw_rad
-        seen = await self._evaluated(await self.table.capture(self.hand), row, q, jaw_rad)
+        floor_m = self.table.board.peg_height_m + FLOOR_M
+        T_base_floor = self.arm.motions.T_base_board @ SE3.from_parts(translation_m=[0.0, 0.0, floor_m])
+        seen = await self._evaluated(await self.table.capture(self.hand), row, q, jaw_rad, T_base_floor)
         if seen is None:
             return
         spread = self.robot.spread(self.arm.name)
@@ -116,9 +129,11 @@ class Learner:
             self.robot.adopt(self.arm.name, self._better)
             self._better = None
 
-    async def _evaluated(self, image: RgbdImage, row: int, q: NDArray[np.float64], jaw_rad: float) -> Sighting | None:
+    async def _evaluated(
+        self, image: RgbdImage, row: int, q: NDArray[np.float64], jaw_rad: float, T_base_floor: SE3 | None
+    ) -> Sighting | None:
         """Find the wrist in an image, and let the robot know."""
-        find = partial(sight, image, self.T_base_camera, self.hand.model, q, jaw_rad)
+        find = partial(sight, image, self.T_base_camera, self.hand.model, q, jaw_rad, T_base_floor)
         seen = await self.hand.compute("perception", self.settings.sighting_budget_s, find)
         if seen is None:
             self.arm.cell.log.event("wrist not seen", arm=self.arm.name)

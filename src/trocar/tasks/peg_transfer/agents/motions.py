@@ -23,6 +23,8 @@ Joints = NDArray[np.float64]
 AT_HEIGHT_M = 1e-3
 NEARBY_M = 25e-3
 """Nearer than this an arm that has risen out of a block goes down again only over its next one."""
+OVER_M = 4e-3
+"""An arm whose tip is this near to a grasp's middle, and higher by more, goes straight down."""
 SAME_RAD = 1e-6
 """Joints this close (m, for the insertion) are where a motion was planned to start."""
 
@@ -117,13 +119,16 @@ class Motions:
     def approach(self, q: Joints, grasp: Grasp, source: int, rise_m: float = 0.0) -> Approach:
         """Return how to come over the pegs, then down round the wall of a block; first of all up by ``rise_m``."""
         tip, over_m, first = self.tip(q), self._settings.clear_height_m, self.risen(q)
+        off = tip.translation_m - grasp.T_board_tip.translation_m
+        if np.linalg.norm(off[:2]) < OVER_M < off[2]:  # it waits over the block already
+            over_m, first = float(tip.translation_m[2]), [q]
         if rise_m:
             risen_m = float(tip.translation_m[2]) + rise_m
             first = [q, self.ik(raised(tip, risen_m))]
-            if np.linalg.norm((tip.translation_m - grasp.T_board_tip.translation_m)[:2]) < NEARBY_M:
+            if np.linalg.norm(off[:2]) < NEARBY_M:
                 over_m = risen_m
         over = self.ik(raised(grasp.T_board_tip, over_m))
-        if np.abs(over - first[-1]).max() < SAME_RAD:  # it waits there already
+        if np.abs(over - first[-1]).max() < SAME_RAD:
             first.pop()
         path = self.through([*first, over, self.ik(grasp.T_board_tip)])
         return Approach(path, self._leaving(grasp, source))
@@ -174,6 +179,11 @@ class Motions:
     def over(self, q: Joints, T_board_tip: SE3) -> TimedPath:
         """Return how to come to a pose over the pegs."""
         return self.through([*self.risen(q), self.ik(T_board_tip)])
+
+    def above(self, q: Joints, T_board_tip: SE3, height_m: float) -> TimedPath:
+        """Return how to come over the pegs, then down to another height over a pose."""
+        over = self.ik(raised(T_board_tip, self._settings.clear_height_m))
+        return self.through([*self.risen(q), over, self.ik(raised(T_board_tip, height_m))])
 
     def offering(self, q: Joints, T_board_tip: SE3) -> TimedPath:
         """Return how to lift a block and bring it to where it is handed over."""

@@ -17,7 +17,7 @@ from trocar.motion import TimedPath
 from trocar.perception.image import RgbdImage
 from trocar.tasks.kit import ArmScript, Brief
 from trocar.tasks.kit.together import together
-from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, raised, starts_at
+from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
 from trocar.tasks.peg_transfer.agents.moving_body import NEVER
 from trocar.tasks.peg_transfer.agents.settings import GRASP_RULES, OUTER_RULES
 from trocar.tasks.peg_transfer.agents.table import Table
@@ -153,8 +153,7 @@ class PegArm:
         opening = self.opening_rad(grasp)
         if self.learner is not None:
             await self.hand.jaw(opening)
-            await self.go_over(raised(grasp.T_board_tip, self.settings.clear_height_m))
-            await self.learner.look()
+            await self.learner.look(grasp)
             ready = None
         for margin_m in self.margins_m():
             if ready is None or not starts_at(ready.path, self.hand.q):
