@@ -1,6 +1,6 @@
 """What arms that learn their cables know of their wrists over a block, and whether they know how well.
 
-    trocar run peg-transfer --method adaptive --difficulty recorded --sessions 12 --seed 20261123 --out out/adaptive
+    trocar run peg-transfer --method adaptive --difficulty recorded --sessions 12 --seed 20261125 --out out/adaptive
     python benchmarks/bench_adaptive.py out/adaptive
 
 Read from the saved trials of such a run: at each look over a block, where the wrist was in truth, against where it was
@@ -63,7 +63,9 @@ def main() -> None:
     print(f"| and after its correction, rad | {rms(after)} |")
     print(f"| inside the stated 95 % interval | {100 * inside.mean():.1f} % of joints |")
     for name, tip in (("before", tip_before), ("after", tip_after)):
-        print(f"| tip {name}, RMS; 95th percentile, mm | {np.sqrt(np.mean(tip**2)):.2f}; {np.percentile(tip, 95):.2f} |")
+        print(
+            f"| tip {name}, RMS; 95th percentile, mm | {np.sqrt(np.mean(tip**2)):.2f}; {np.percentile(tip, 95):.2f} |"
+        )
 
 
 if __name__ == "__main__":

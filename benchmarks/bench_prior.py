@@ -3,7 +3,8 @@
     python benchmarks/bench_prior.py [--data DIR]
 
 The prior is learned from all recordings but those of the instrument it is tried on; for other sessions of an
-instrument, from all other recordings. The last table is of how well a fit knows how far off it may be. Nothing here is timed, so every machine prints the same figures.
+instrument, from all other recordings. The last table is of how well a fit knows how far off it may be. Nothing here is
+timed, so every machine prints the same figures.
 """
 
 from __future__ import annotations

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from simulated import ideal_session
+from trocar.calibration.fleet import expected, load_prior
 from trocar.cell import Camera, Cell, Clock, Log, Robot
 from trocar.motion import PLANNERS
 from trocar.registry import Lazy
+from trocar.robots import Adaptive
 from trocar.sim.laboratory import SimLaboratory
 from trocar.station import SensorFlaws, load_station
 from trocar.tasks import TASKS
@@ -77,12 +79,22 @@ def poisoned(name, seed: int) -> tuple[SimLaboratory, Cell]:
     return lab, cell
 
 
+def dressed(chosen, task, cell: Cell, station):
+    """Return the robot as a method's agent has it."""
+    if not chosen.learns:
+        return chosen.worn(cell, chosen.default_settings())
+    arms, prior = task.working_arms(station), load_prior("fleet")
+    models = {arm: expected(prior, task.calibration(station, arm)) for arm in arms}
+    limits = {name: arm.limits for name, arm in station.arms.items()}
+    return Adaptive(cell.robot, cell.arms, models, dict.fromkeys(arms, prior), limits, cell.clock, cell.log)
+
+
 @EVERY_METHOD
 def test_an_agent_works_with_every_other_name_poisoned(name, method):
     lab, cell = poisoned(name, seed=1)
     kind, task, chosen = TASKS[name], TASKS[name](), pick_method(TASKS[name], method)
     brief = Brief(
-        cell=replace(cell, robot=chosen.worn(cell, chosen.default_settings())),
+        cell=replace(cell, robot=dressed(chosen, task, cell, lab.session.station)),
         goals=task.goals()[:1],
         known=task.known(),
         arms=task.working_arms(lab.session.station),

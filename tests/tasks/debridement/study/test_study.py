@@ -36,15 +36,15 @@ def test_conditions_are_arms_times_methods(tmp_path):
 
 
 def test_a_study_is_done_in_a_cell_of_one_difficulty_and_says_which(tmp_path):
-    harder = {"difficulty": "recorded", "flaws": ("registration=1.0mm",)}
+    harder = {"difficulty": "recorded", "flaws": ("kinematics=1.5",)}
     cells = cells_of(tmp_path / "harder", "2", "paper", sessions=1, **harder)
     assert cells[0].config.fingerprint != cells_of(tmp_path, "2", "paper", sessions=1)[0].config.fingerprint
     saved(tmp_path, sessions=1, **harder)
     told = ("--methods", "paper", "--sessions", 1, "--seed", 2, "--out", tmp_path, "--report-only")
-    result = run(*told, "--difficulty", "recorded", "--flaw", "registration=1.0mm")
+    result = run(*told, "--difficulty", "recorded", "--flaw", "kinematics=1.5")
     assert result.exit_code == 0, result.output
-    assert "difficulty of the cell: recorded, registration=1.0mm" in result.output
-    assert json.loads((tmp_path / "summary.json").read_text())["difficulty"] == ["recorded", "registration=1.0mm"]
+    assert "difficulty of the cell: recorded, kinematics=1.5" in result.output
+    assert json.loads((tmp_path / "summary.json").read_text())["difficulty"] == ["recorded", "kinematics=1.5"]
     assert isinstance(run(*told, "--difficulty", "easy").exception, TrocarError)
 
 
