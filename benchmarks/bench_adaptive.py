@@ -58,6 +58,10 @@ def main() -> None:
     later = [score["succeeded"] for trial in trials for score in trial.scores[1:]]
     if later:
         print(f"from the second transfer on: {sum(later)} of {len(later)}, {100 * np.mean(later):.1f} %")
+    noted = [[event for event in trial.events if event["name"] == "transfer"] for trial in trials]
+    firsts = [events[0]["start_s"] for events in noted if events]
+    took = [event["time_s"] - event["start_s"] for events in noted for event in events]
+    print(f"first transfer begins after {np.mean(firsts):.1f} s; {np.mean(took):.2f} s a transfer from then on")
     print(f"{len(rows)} looks over a block in {len(files)} trials; q4 q5 q6")
     print(f"| RMS error of the wrist before the look, rad | {rms(before)} |")
     print(f"| and after its correction, rad | {rms(after)} |")
