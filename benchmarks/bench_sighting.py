@@ -35,7 +35,8 @@ def looks_of(number: int, count: int, level: str) -> tuple[np.ndarray, np.ndarra
     """Return errors (n, 3) in a session, the same over what was said of them, and times."""
     rng = np.random.default_rng([0, number])
     station = replace(load_station("peg-transfer"), difficulty=Difficulty.of(level))
-    session, camera = draw_session(station, rng), station.cameras[CAMERA]
+    session = draw_session(station, rng)
+    camera = session.station.cameras[CAMERA]
     true, known = session.models[ARM], station.arm(ARM).model
     world = World(CellModel({ARM: true}, {ARM: session.T_world_base[ARM]}, EmptyTable()))
     light = Light(gain=camera.gain)

@@ -103,7 +103,7 @@ def test_a_bad_detection_moves_nothing():
     before = arms.robot.read("a").q
     _, far = seen_now(arms, off=(0.5, 0.0, 0.0))
     _, near = seen_now(arms)
-    bad = Sighting(near.q, near.shift_m, near.information, near.pull, near.points, 0.6e-3)
+    bad = Sighting(near.q, near.shift_m, near.information, near.pull, near.points, 0.9e-3)
     assert not arms.robot.correct("a", far) and not arms.robot.correct("a", bad)
     assert_allclose(arms.robot.read("a").q, before)
 

@@ -15,7 +15,7 @@ from trocar.perception.instrument import Sighting
 
 SHIFT_SD_M = 0.5e-3
 """Of an instrument on each axis, by its registered base and the errors of its outer joints."""
-WORST_M = 0.35e-3
+WORST_M = 0.6e-3
 """A sighting whose points lie further than this (SD) from the instrument's solids was of something else."""
 LEAST_INFORMATION = 1.0
 """1/rad^2, added: a turn that an image says nothing of has an SD of a radian."""

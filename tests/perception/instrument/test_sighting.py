@@ -27,7 +27,11 @@ SHIFT_SD_M = 0.25e-3
 def seen():
     """Return what sees the arm in joints (6,) and its camera in the arm's base."""
     session = draw_session(STATION, np.random.default_rng(3))
-    arm, T_world_base, camera = session.models["psm1"], session.T_world_base["psm1"], STATION.cameras["overhead"]
+    arm, T_world_base, camera = (
+        session.models["psm1"],
+        session.T_world_base["psm1"],
+        session.station.cameras["overhead"],
+    )
     T_world_camera = session.T_world_camera["overhead"]
     world = World(CellModel({"psm1": arm}, {"psm1": T_world_base}, EmptyTable()))
     eye = RayCamera(world.model, camera.model, T_world_camera, camera.lamp_m, camera.flaws, Light(gain=camera.gain))
@@ -54,13 +58,13 @@ def test_the_wrist_is_found_from_where_it_is_expected(seen):
         expected[3:] += OFF
         shift = SE3.from_parts(translation_m=rng.normal(0.0, SHIFT_SD_M, 3))
         found = sight(look(q, rng), shift @ T_base_camera, arm, expected, JAW_RAD)
-        assert found is not None and found.points > 200 and found.left_m < 0.3e-3
+        assert found is not None and found.points > 200 and found.left_m < 0.45e-3
         fixed = np.diag(np.repeat([1.0, 1.0 / SHIFT_SD_M**2], 3))
         covariance = np.linalg.inv(found.information + fixed)
         fitted = found.q[3:] + (covariance @ (found.pull - fixed @ np.append(np.zeros(3), found.shift_m)))[:3]
         errors.append(fitted - q[3:])
         scores.append(errors[-1] / np.sqrt(np.diag(covariance))[:3])
-    assert (np.median(np.abs(errors), axis=0) < [0.04, 0.02, 0.03]).all(), "started .08 .05 .06 rad off"
+    assert (np.median(np.abs(errors), axis=0) < [0.06, 0.03, 0.05]).all(), "started .08 .05 .06 rad off"
     assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 2.0, "it says how sure it is"
 
 

@@ -88,6 +88,8 @@ class Learner:
                 row, q, jaw_rad = *self.robot.moment(self.arm.name), self.hand.jaw_rad
                 nursery.start_soon(self._evaluated, await self.table.capture(self.hand), row, q, jaw_rad, None)
         await self._fit()
+        if self._better is None:
+            self.arm.cell.log.event("cables not learned", arm=self.arm.name, reason="too few looks showed the wrist")
         self.adopt()
 
     def _upright(self) -> list[SE3]:
