@@ -23,7 +23,7 @@ from trocar.sim.mjcf import CellModel
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
 from trocar.station import load_station
-from trocar.station.difficulty import Difficulty
+from trocar.station.difficulty import LEVELS, Difficulty
 from trocar.station.session import draw_session
 
 ARM, CAMERA, JAW_RAD = "psm1", "overhead", 0.9
@@ -68,7 +68,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sessions", type=int, default=10)
     parser.add_argument("--looks", type=int, default=36)
-    parser.add_argument("--difficulty", default="recorded")
+    parser.add_argument("--difficulty", default="recorded", choices=LEVELS)
     asked = parser.parse_args()
     found = [looks_of(number, asked.looks, asked.difficulty) for number in range(asked.sessions)]
     errors, scores = np.concatenate([e for e, _, _ in found]), np.concatenate([s for _, s, _ in found])

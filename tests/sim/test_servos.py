@@ -132,6 +132,18 @@ def test_the_jaw_arrives_at_its_opening_and_stalls_on_nothing():
     assert np.allclose(seen, [0.6, 0.2], atol=0.02)
 
 
+def test_fingers_that_are_pressed_together_stop_each_other():
+    """However hard the drive pulls: what their encoder says then is their zero."""
+    laboratory = ideal_laboratory(standing(1))
+
+    async def script(cell):
+        await cell.robot.jaw("psm1", -0.17)
+        await cell.clock.sleep(0.3)
+
+    assert laboratory.run(script, 10.0)
+    assert abs(laboratory.world.jaw_rad("psm1")) < 1e-3
+
+
 def test_jaws_that_stall_on_a_block_read_what_they_hold():
     laboratory = ideal_laboratory(standing(1))
 

@@ -23,8 +23,6 @@ from trocar.trajectory import Trajectory
 
 THINNED = 1e-3
 """Commands that lie this near (rad, m) to the straight line between their neighbours need not be kept."""
-
-
 UNLIKELY = 16.3
 """Squared Mahalanobis distance that one look of a thousand exceeds by chance."""
 

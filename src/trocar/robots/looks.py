@@ -77,8 +77,7 @@ def _common_shift(looks: Sequence[Look]) -> NDArray[np.float64]:
     information, pull = np.eye(3) / SHIFT_SD_M**2, np.zeros(3)
     for look in looks:
         seen = look.sighting
-        wrist = np.linalg.inv(seen.information[:3, :3] + LEAST_INFORMATION * np.eye(3))
-        across = seen.information[3:, :3] @ wrist
+        across = seen.information[3:, :3] @ _of_wrist(seen)
         known = seen.information[3:, 3:] - across @ seen.information[:3, 3:]
         information += known
         pull += known @ seen.shift_m + seen.pull[3:] - across @ seen.pull[:3]
@@ -89,11 +88,14 @@ def joints_seen(
     arm: ArmModel, seen: Sighting, shift_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the joints (6,) in a sighting if the instrument is shifted so, and the wrist's covariance (3, 3)."""
-    wrist = seen.information[:3, :3] + LEAST_INFORMATION * np.eye(3)
-    covariance = np.asarray(np.linalg.inv(wrist), dtype=np.float64)
-    q = seen.q.copy()
+    covariance, q = _of_wrist(seen), seen.q.copy()
     q[3:] += covariance @ (seen.pull[:3] - seen.information[:3, 3:] @ (shift_m - seen.shift_m))
     axes, origins = joint_axes(arm, q)
     by_outer = np.column_stack([*np.cross(axes[:2], origins[5] - origins[:2]), axes[2]])
     q[:3] += np.linalg.solve(by_outer, shift_m)
     return q, covariance
+
+
+def _of_wrist(seen: Sighting) -> NDArray[np.float64]:
+    """Return the covariance (3, 3) of the wrist in a sighting, the shift given."""
+    return np.asarray(np.linalg.inv(seen.information[:3, :3] + LEAST_INFORMATION * np.eye(3)), dtype=np.float64)

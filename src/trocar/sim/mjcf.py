@@ -25,7 +25,10 @@ DRIVE_M = (0.06, 0.09, 0.08)
 """Size of the drive unit behind the shaft (assumed)."""
 
 MIN_CLOSED_RAD, MAX_OPEN_BEYOND_RAD = 0.0, 0.1
-"""Stops of one finger: how far it can be driven beyond the middle, and beyond the arm's widest opening."""
+"""Stops of one finger: the other one, and so far beyond the arm's widest opening. They are stiff: under the drive's
+force they give 2e-5 rad."""
+STOP_SOLREF, STOP_SOLIMP = "0.002 1", "0.99 0.9999 0.0001"
+"""MuJoCo's parameters of these stops: with its own, closed jaws would read -.015 rad."""
 JAW_STIFFNESS_NM_RAD = 1.5
 """On one finger (assumed)."""
 
@@ -232,6 +235,8 @@ def _add_fingers(
             type="hinge",
             axis="0 0 1",
             range=text(sorted((side * MIN_CLOSED_RAD, side * widest))),
+            solreflimit=STOP_SOLREF,
+            solimplimit=STOP_SOLIMP,
             armature=text(servo.jaw_inertia_kg_m2),
         )
         add(

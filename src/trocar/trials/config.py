@@ -117,6 +117,8 @@ class RunConfig:
 
     def _start_from_prior(self, method: Method) -> None:
         """Choose the built-in prior for a method that learns, and see that a prior is wanted and can be read."""
+        if method.learns and self.model != "play":
+            raise TrocarError(f"--method {self.method} learns model 'play', not {self.model!r}; drop --model")
         if method.learns and self.prior == NO_PRIOR:
             object.__setattr__(self, "prior", BUILT_IN)
         if self.prior == NO_PRIOR:

@@ -1,7 +1,7 @@
 """What tasks are made of: options, methods and perceptions by name, the verbs of a script."""
 
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import ClassVar
@@ -335,6 +335,43 @@ def test_waking_swings_the_wrist_both_ways_and_ends_where_it_began():
     for joint, swing in zip((3, 4, 5), WAKE_RAD, strict=True):
         off = q[:, joint] - q[0, joint]
         assert (off.max(), off.min()) == (pytest.approx(swing, abs=1e-3), pytest.approx(-swing, abs=1e-3))
+
+
+class OffRobot:
+    """A robot whose jaws' encoders are off, and may be stuck at an opening."""
+
+    def __init__(self, inner, off_rad, stuck_rad=None):
+        self.inner, self.off_rad, self.stuck_rad = inner, off_rad, stuck_rad
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+    def read(self, arm):
+        reading = self.inner.read(arm)
+        return replace(reading, jaw_rad=reading.jaw_rad + self.off_rad)
+
+    async def jaw(self, arm, angle_rad):
+        return await self.inner.jaw(arm, (angle_rad if self.stuck_rad is None else self.stuck_rad) - self.off_rad)
+
+
+@pytest.mark.parametrize(
+    ("off_rad", "stuck_rad", "zero_rad"), [(0.06, None, 0.06), (-0.04, None, -0.04), (0.0, 0.4, 0.0)]
+)
+def test_jaws_are_counted_from_where_they_are_closed(off_rad, stuck_rad, zero_rad):
+    lab, seen = ideal_laboratory(standing(0)), {}
+
+    async def script(cell):
+        robot = OffRobot(cell.robot, off_rad, stuck_rad)
+        hand = ArmScript(replace(cell, robot=robot), "psm1", MOTION_LIMITS["paper"], settle_s=0.0)
+        await hand.zero_jaw(-0.17)
+        seen["zero"] = hand.jaw_zero_rad
+        robot.stuck_rad = None
+        await hand.jaw(0.5)
+        seen["told"], seen["true"] = hand.jaw_rad, lab.world.jaw_rad("psm1")
+
+    assert lab.run(script, 30.0)
+    assert seen["zero"] == pytest.approx(zero_rad, abs=1e-3), "jaws that are held open have no zero"
+    assert seen["told"] == pytest.approx(0.5, abs=0.02) and seen["true"] == pytest.approx(0.5, abs=0.02)
 
 
 def test_a_script_for_an_arm_that_is_not_there_is_refused():

@@ -48,7 +48,7 @@ def test_it_knows_how_far_off_it_may_be(trial):
 
 
 def test_what_does_not_go_with_learning_is_refused():
-    with pytest.raises(TrocarError, match="no play model"):
+    with pytest.raises(TrocarError, match="learns model 'play', not 'lstm'; drop --model"):
         config(model="lstm")
     with pytest.raises(TrocarError, match="no_such_file"):
         config(prior="no_such_file.npz")

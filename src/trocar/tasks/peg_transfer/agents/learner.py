@@ -18,6 +18,7 @@ from trocar.perception.instrument import Sighting, sight
 from trocar.robots import Adaptive
 from trocar.robots.adaptive import Knowledge
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.grasps import Grasp
 
 PLACE_M = (0.0, 0.0, 0.045)
@@ -105,7 +106,10 @@ class Learner:
         path = await self.arm.plan(lambda: self.arm.motions.above(self.hand.q, grasp.T_board_tip, high_m))
         if path is None:
             return
-        await self.arm.move(path.trajectory)
+        try:
+            await self.arm.move(path.trajectory)
+        except Blocked:  # the other arm is there: go down without a look, as soon as it leaves room
+            return
         await self.hand.settle()
         row, q, jaw_rad = *self.robot.moment(self.arm.name), self.hand.jaw_rad
         floor_m = self.table.board.peg_height_m + FLOOR_M
