@@ -1,10 +1,12 @@
 """How well a depth image tells the wrist of an instrument: errors, what it says of them, and the time it takes.
 
-    python benchmarks/bench_sighting.py [--sessions N] [--looks N] [--difficulty LEVEL]
+    python benchmarks/bench_sighting.py [--sessions N] [--looks N] [--difficulty LEVEL] [--shape MM]
 
 In each session of the cell an arm is put in as many configurations over the board as `adaptive` looks at before its
 first transfer. Its wrist is expected .08 -.05 .06 rad off, and .03 rad (SD) more; its outer joints and its base are off
-as the level of difficulty says. Times depend on the machine; everything else is the same on every one.
+as the level of difficulty says. With ``--shape`` the true instrument's radii, lengths and widths differ from those that
+are fitted, by so much (SD), another way in each session. Times depend on the machine; everything else is the same on
+every one.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from trocar.arms import ArmModel
 from trocar.perception.instrument import sight
 from trocar.robots.looks import Look, joints_seen, put_together
 from trocar.sim.camera import RayCamera
@@ -28,16 +31,32 @@ from trocar.station.session import draw_session
 
 ARM, CAMERA, JAW_RAD = "psm1", "overhead", 0.9
 OFF_RAD, MORE_RAD = np.array([0.08, -0.05, 0.06]), 0.03
+DIMENSIONS = (
+    "shaft_radius_m",
+    "wrist_radius_m",
+    "knuckle_radius_m",
+    "finger_length_m",
+    "finger_base_m",
+    "finger_tip_m",
+    "finger_width_m",
+)
 LOWER, UPPER = np.array([-1.3, -0.9, -1.0]), np.array([1.3, 0.9, -0.2])
 
 
-def looks_of(number: int, count: int, level: str) -> tuple[np.ndarray, np.ndarray, list[float]]:
+def misshapen(arm: ArmModel, shape_m: float, number: int) -> ArmModel:
+    """Return an arm whose instrument's dimensions differ by so much (SD)."""
+    rng, instrument = np.random.default_rng([1, number]), arm.instrument
+    off = {name: getattr(instrument, name) + shape_m * rng.standard_normal() for name in DIMENSIONS}
+    return replace(arm, instrument=replace(instrument, **off))
+
+
+def looks_of(number: int, count: int, level: str, shape_m: float) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Return errors (n, 3) in a session, the same over what was said of them, and times."""
     rng = np.random.default_rng([0, number])
     station = replace(load_station("peg-transfer"), difficulty=Difficulty.of(level))
     session = draw_session(station, rng)
     camera = session.station.cameras[CAMERA]
-    true, known = session.models[ARM], station.arm(ARM).model
+    true, known = misshapen(session.models[ARM], shape_m, number), station.arm(ARM).model
     world = World(CellModel({ARM: true}, {ARM: session.T_world_base[ARM]}, EmptyTable()))
     light = Light(gain=camera.gain)
     eye = RayCamera(world.model, camera.model, session.T_world_camera[CAMERA], camera.lamp_m, camera.flaws, light)
@@ -69,8 +88,9 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=10)
     parser.add_argument("--looks", type=int, default=36)
     parser.add_argument("--difficulty", default="recorded", choices=LEVELS)
+    parser.add_argument("--shape", type=float, default=0.0, help="SD of the instrument's dimensions, mm")
     asked = parser.parse_args()
-    found = [looks_of(number, asked.looks, asked.difficulty) for number in range(asked.sessions)]
+    found = [looks_of(number, asked.looks, asked.difficulty, 1e-3 * asked.shape) for number in range(asked.sessions)]
     errors, scores = np.concatenate([e for e, _, _ in found]), np.concatenate([s for _, s, _ in found])
     means = np.array([e.mean(axis=0) for e, _, _ in found])
     took = np.concatenate([t for *_, t in found])

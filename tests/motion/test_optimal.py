@@ -8,12 +8,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from trocar.arms import ARMS, Unreachable, fk, ik
+from trocar.arms import ARMS, Unreachable, fk, ik, reach_with_still_wrist
 from trocar.geometry import SE3, SO3
 from trocar.motion import ArmMotion, MotionProblem, limit_use, plan_motion, plan_through, vertical_deviation_m
 from trocar.motion import optimal as module
 from trocar.motion.double_integrator import shortest_common_s
 from trocar.motion.straight_line import Sprint, StraightLine
+from trocar.motion.straightness import line_deviation
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, over_the_table, transfer
 
 SLACK = 0.02  # two recorded waypoints lie 0.3 mm beyond the nominal insertion
@@ -41,6 +42,20 @@ def test_recorded_transfers_are_within_2_5_percent_of_the_bound_and_strictly_ver
         assert limit_use(PSM, plan.trajectory, PAPER).acceleration_ratio > 0.999  # something is always at its limit
         start, end, lowest = heights_m(arm, plan)
         assert lowest > min(start, end) - 1e-5
+
+
+def test_a_lift_and_a_lowering_that_slant_because_the_wrist_is_still_are_straight_too():
+    up = np.array([0.0, 0.0, 1.0])
+    slanted = FOUR.copy()
+    for foot, over in ((0, 1), (3, 2)):
+        at_m = fk(PSM, FOUR[foot]).translation_m
+        slanted[over] = reach_with_still_wrist(PSM, FOUR[foot], at_m + [1.5e-3, -1e-3, 0.026])
+    turning, still = (ArmMotion(PSM, slanted, PAPER, up=up, still_wrist=still) for still in (False, True))
+    assert module.straight_pieces(turning) == (False, False, False)
+    assert module.straight_pieces(still) == (True, False, True)
+    plan = plan_motion(MotionProblem({PSM.name: still}), "optimal")
+    for piece in (0, 2):
+        assert line_deviation(still, plan.paths[PSM.name], piece)[0] < VERTICAL_M
 
 
 def test_no_passing_rates_near_the_chosen_ones_are_faster():

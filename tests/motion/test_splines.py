@@ -37,6 +37,16 @@ def test_inner_waypoints_are_passed_along_up_without_turning():
         np.testing.assert_allclose(twist[3:], 0, atol=1e-9)
 
 
+def test_inner_waypoints_are_passed_along_up_with_the_wrist_at_rest_if_it_is_to_be_still():
+    up = np.array([0.2, -0.1, 1.0])
+    plan = plan_through(PSM, FOUR, PAPER, up=up, still_wrist=True)
+    for t, q in zip(plan.waypoint_times_s[PSM.name][1:3], FOUR[1:3], strict=True):
+        velocity = plan.trajectory(t, 1)
+        assert np.linalg.norm(velocity[:3]) > 0.001
+        np.testing.assert_array_equal(velocity[3:], 0.0)
+        np.testing.assert_allclose(np.cross((jacobian(PSM, q) @ velocity)[:3], up), 0, atol=1e-9)
+
+
 def test_passing_speeds_save_time():
     stopping = sum(plan_through(PSM, FOUR[k : k + 2], PAPER).duration_s for k in range(3))
     assert plan_through(PSM, FOUR, PAPER).duration_s < 0.9 * stopping

@@ -10,6 +10,7 @@ from trocar.arms.model import ArmModel, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
 from trocar.arms.solids import SOLIDS, capsules
+from trocar.arms.still_wrist import reach_with_still_wrist
 from trocar.registry import Registry
 
 ARMS: Registry[ArmModel] = Registry(
@@ -48,5 +49,6 @@ __all__ = [
     "joints_from_actuators",
     "limit_violations",
     "manipulability",
+    "reach_with_still_wrist",
     "wrist_depth_m",
 ]

@@ -33,6 +33,8 @@ TIGHTER = 4
 """Times that a motion is planned again at most, each with a little less acceleration than it used too much before."""
 PARALLEL = 1e-3
 """Sine of the angle, and turn in rad, up to which a piece counts as one along ``up``."""
+NEARLY = 0.25
+"""The same where the wrist is to be still, so that the tip turns."""
 
 
 @ignores(Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
@@ -45,7 +47,8 @@ def optimal(problem: MotionProblem) -> dict[str, TimedPath]:
     is refined where it is best. Free pieces that follow one another, and straight ones, meet at rest.
 
     Where a problem does not say which pieces are straight, the first and the last of three or more waypoints are if
-    they lie along ``up``: a block that is lifted off its peg and lowered onto another.
+    they lie along ``up``, or nearly so where the wrist is to be still: a block that is lifted off its peg and lowered
+    onto another.
 
     A free piece next to one along ``up`` never sags below its lower end: what is passed over with clearance at the
     waypoints is passed over between them. Where every joint going its own way would sag (a wide transfer after a low
@@ -96,7 +99,7 @@ class _Stage:
         if heights_m.min() >= min(heights_m[0], heights_m[-1]) - SAG_M:
             return True
         feet = np.array([line.q[[0, -1]] for line in (self.lift, self.lower) if line is not None])
-        return not _is_along(fk(self.arm.model, feet[:, 0]), fk(self.arm.model, feet[:, 1]), self.arm.up).any()
+        return not _are_along_up(self.arm, fk(self.arm.model, feet[:, 0]), fk(self.arm.model, feet[:, 1])).any()
 
     def _fastest(self) -> list[Trajectory]:
         """Return the motions of the pieces if nothing is passed over."""
@@ -252,14 +255,14 @@ def _along_up(arm: ArmMotion) -> tuple[bool, ...]:
         return (False,)
     tips, found = fk(arm.model, arm.waypoints), [False] * count
     ends = np.array([0, count - 1])
-    found[0], found[-1] = _is_along(tips[ends], tips[ends + 1], arm.up).tolist()
+    found[0], found[-1] = _are_along_up(arm, tips[ends], tips[ends + 1]).tolist()
     return tuple(found)
 
 
-def _is_along(begin: SE3, end: SE3, up: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether the ways between poses (n,) of the tip lie along ``up`` without a turn."""
-    way = end.translation_m - begin.translation_m
+def _are_along_up(arm: ArmMotion, begin: SE3, end: SE3) -> NDArray[np.bool_]:
+    """Return whether the ways between poses (n,) of an arm's tip lie along ``up`` without a turn, or nearly so."""
+    way, near = end.translation_m - begin.translation_m, NEARLY if arm.still_wrist else PARALLEL
     turn = (begin.rotation.inverse() @ end.rotation).log()
-    aside = way - (way @ up)[:, None] * up
-    straight = np.linalg.norm(aside, axis=1) <= PARALLEL * np.linalg.norm(way, axis=1)
-    return straight & (np.linalg.norm(turn, axis=1) <= PARALLEL)
+    aside = way - (way @ arm.up)[:, None] * arm.up
+    straight = np.linalg.norm(aside, axis=1) <= near * np.linalg.norm(way, axis=1)
+    return straight & (np.linalg.norm(turn, axis=1) <= near)

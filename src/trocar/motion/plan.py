@@ -142,6 +142,7 @@ def plan_through(
     limits: MotionLimits,
     *,
     up: ArrayLike = UP,
+    still_wrist: bool = False,
     start_velocity: ArrayLike | None = None,
     planner: str | Planner = "spline",
     range_slack: float = 0.0,
@@ -160,13 +161,15 @@ def plan_through(
         waypoints: (n, 6) joints with n >= 2, rad and m.
         limits: bounds of velocity and acceleration.
         up: (3,) direction in the arm's base along which inner waypoints are passed.
+        still_wrist: whether the wrist's joints rest there; else the tip does not turn.
         start_velocity: (6,) at the first waypoint; None: at rest.
         planner: name in ``PLANNERS``, or a planner.
         range_slack: share of each joint's range by which it may be left.
     """
     points, velocity = np.asarray(waypoints, dtype=np.float64), start_velocity
     start = np.zeros(len(model.joints)) if velocity is None else np.asarray(velocity, dtype=np.float64)
-    motion = ArmMotion(model, points, limits, up=np.asarray(up, dtype=np.float64), start_velocity=start)
+    upwards = np.asarray(up, dtype=np.float64)
+    motion = ArmMotion(model, points, limits, up=upwards, still_wrist=still_wrist, start_velocity=start)
     return plan_motion(MotionProblem({model.name: motion}, range_slack=range_slack), planner)
 
 

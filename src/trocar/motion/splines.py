@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, MotionLimits, jacobian
+from trocar.arms import MotionLimits, jacobian
 from trocar.errors import TrocarError
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.cubic import CubicGrid
@@ -39,7 +39,7 @@ def spline(problem: MotionProblem) -> dict[str, TimedPath]:
 def _spline(arm: ArmMotion) -> TimedPath:
     """Return one arm's spline."""
     waypoints, limits = arm.waypoints, arm.limits
-    directions = _passing_directions(arm.model, waypoints[1:-1], arm.up)
+    directions = _passing_directions(arm)
     speeds = _descend(arm, directions)
     velocities = _velocities(arm.start_velocity, speeds[None], directions)
     durations = _shortest(waypoints, velocities, limits, FINAL_STEP_S, FINAL_STEP_S)[0]
@@ -47,18 +47,24 @@ def _spline(arm: ArmMotion) -> TimedPath:
     return TimedPath(Trajectory.hermite(times, waypoints, velocities[0]), times)
 
 
-def _passing_directions(arm: ArmModel, inner: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the unit joint velocities (n - 2, joints) that move the tip along ``up`` without turning it."""
+def _passing_directions(arm: ArmMotion) -> NDArray[np.float64]:
+    """Return the unit joint velocities (n - 2, joints) along ``up``: the tip does not turn, or the wrist rests."""
+    inner = arm.waypoints[1:-1]
     if not len(inner):
         return np.zeros_like(inner)
-    twist = np.concatenate([up, np.zeros(3)])
+    joints = 3 if arm.still_wrist else 6
+    twist = np.concatenate([arm.up, np.zeros(3)])[:joints, None]
+    directions = np.zeros_like(inner)
     try:
-        directions = np.linalg.solve(jacobian(arm, inner), np.broadcast_to(twist[:, None], (len(inner), 6, 1)))
+        moving = np.linalg.solve(
+            jacobian(arm.model, inner)[:, :joints, :joints], np.broadcast_to(twist, (len(inner), joints, 1))
+        )
     except np.linalg.LinAlgError:
         raise TrocarError(
-            f"{arm.name} is singular at an inner waypoint, where it cannot pass straight; move the waypoint"
+            f"{arm.model.name} is singular at an inner waypoint, where it cannot pass straight; move the waypoint"
         ) from None
-    return directions[..., 0] / np.linalg.norm(directions, axis=1)
+    directions[:, :joints] = moving[..., 0]
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
 def _descend(arm: ArmMotion, directions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -103,6 +103,23 @@ def test_the_jaws_centre_the_wall_between_them(seed):
     assert 1.2e-3 < np.ptp(inside) < 2.2e-3
 
 
+@pytest.mark.parametrize("tilt_rad", [(0.06, 0.0), (0.0, -0.06), (-0.04, 0.05)])
+def test_a_block_that_a_tilted_tool_grasped_where_it_stood_is_released_flat(tilt_rad):
+    block = standing(2)
+    grasp = choose_grasp(PSM_CLASSIC, T_BASE_BOARD, block, BOARD, BLOCK)
+    assert isinstance(grasp, Grasp)
+    tilted = grasp.T_board_tip @ SE3.from_parts(SO3.exp(np.array([*tilt_rad, 0.0])))
+    seen = block @ SE3.from_parts(SO3.exp(np.array([0.05, 0.03, 0.0])))  # images are wrong about tilts
+    T_tip_block = held_block(tilted, seen, BLOCK)
+    np.testing.assert_allclose(T_tip_block.matrix[:3, 2], (tilted.inverse() @ block).matrix[:3, 2], atol=1e-9)
+    place = choose_place(PSM_CLASSIC, T_BASE_BOARD, T_tip_block, BOARD, BLOCK, 8, [], 2e-3)
+    assert isinstance(place, Place)
+    placed = place.T_board_tip @ T_tip_block
+    np.testing.assert_allclose(placed.matrix[:3, 2], [0, 0, -1], atol=1e-9)
+    assert placed.translation_m[2] == pytest.approx(BLOCK.height_m + 2e-3, abs=0.2e-3)
+    assert np.linalg.norm(placed.translation_m[:2] - BOARD.pegs_m[8, :2]) == pytest.approx(FINGER_ROOM_M, abs=1e-5)
+
+
 def in_the_wall(T_tip_block: SE3, x_m):
     """Return which points (n,) on the line between the fingers lie inside the wall."""
     p = T_tip_block.inverse().apply(np.column_stack([x_m, np.zeros((len(x_m), 2))]))

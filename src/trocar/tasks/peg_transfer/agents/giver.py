@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -57,7 +56,7 @@ class Giver(Side):
             await self.arm.let_go()
             return
         T_board_block = self.table.blocks.pop(source)
-        T_tip_block = self.arm.motions.gripped(grasp, T_board_block)
+        T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
         try:
             offered = await self._offer(meeting, T_tip_block, following, helpers)
         except Blocked:  # the block stands where it stood: nothing has moved
@@ -77,26 +76,21 @@ class Giver(Side):
             return
         await self._part(meeting, following, helpers)
 
-    def _plan_ahead(
-        self, meeting: Appointment, helpers: trio.Nursery, grasp: Grasp
-    ) -> Callable[[Approach], None] | None:
-        """Return what plans, as the approach begins, how to offer the block from its end, and announces it."""
+    def _plan_ahead(self, meeting: Appointment, helpers: trio.Nursery, approach: Approach) -> None:
+        """Plan, as the approach begins, how to offer the block from its end, and announce it."""
         block = self.table.blocks.get(meeting.goal.source)
         if not self.settings.looks_ahead or block is None:
-            return None
-        T_tip_block = self.arm.motions.gripped(grasp, block)
+            return
+        q = end_of(approach.path)
+        T_tip_block = self.arm.motions.gripped(q, block)
 
-        async def plan(approach: Approach) -> Offering | None:
-            found = partial(self._find_offering, end_of(approach.path), T_tip_block, self.settings.held_rad)
-            offering = await self.arm.plan(found)
+        async def plan() -> Offering | None:
+            offering = await self.arm.plan(partial(self._find_offering, q, T_tip_block, self.settings.held_rad))
             if offering is not None:
                 meeting.announce(offering.offer.T_board_tip, T_tip_block)
             return offering
 
-        def begun(approach: Approach) -> None:
-            self._offering.start(helpers, partial(plan, approach))
-
-        return begun
+        self._offering.start(helpers, plan)
 
     def _find_offering(self, q: Joints, T_tip_block: SE3, held_rad: float) -> Offering | None:
         giver, receiver = (replace(partner, held_rad=held_rad) for partner in self.partners(self.arm, self.other))
@@ -168,7 +162,6 @@ class Giver(Side):
         approach = seen.approach
         if approach is None or not starts_at(approach.path, self.arm.hand.q):
             return False
-        plan_ahead = self._plan_ahead(following, helpers, seen.grasp)
         times_s, risen_m = approach.path.waypoint_times_s, self.arm.height_m + self.settings.parts_m - AT_HEIGHT_M
 
         async def part() -> None:
@@ -179,8 +172,7 @@ class Giver(Side):
 
         def begun() -> None:
             helpers.start_soon(part)
-            if plan_ahead is not None:
-                plan_ahead(approach)
+            self._plan_ahead(following, helpers, approach)
 
         try:
             await self.arm.move(

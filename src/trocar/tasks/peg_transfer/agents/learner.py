@@ -103,7 +103,7 @@ class Learner:
     async def look(self, grasp: Grasp) -> None:
         """Look at the wrist over a block, and correct it before the arm goes down; all looks are put together later."""
         high_m = self.table.board.peg_height_m + OVER_PEGS_M
-        path = await self.arm.plan(lambda: self.arm.motions.above(self.hand.q, grasp.T_board_tip, high_m))
+        path = await self.arm.plan(lambda: self.arm.motions.hovering(self.hand.q, grasp.T_board_tip, high_m))
         if path is None:
             return
         try:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import fk, ik
+from trocar.arms import Unreachable, fk, ik, reach_with_still_wrist
 from trocar.geometry import SE3
 from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
 from trocar.tasks.kit import ArmScript, Brief
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.traffic import Leaving
 from trocar.tasks.peg_transfer.grasps import Grasp
-from trocar.tasks.peg_transfer.places import choose_place, held_block
+from trocar.tasks.peg_transfer.places import choose_place, held_block, hole_over
 from trocar.trajectory import Trajectory
 
 Joints = NDArray[np.float64]
@@ -25,6 +26,10 @@ NEARBY_M = 25e-3
 """Nearer than this an arm that has risen out of a block goes down again only over its next one."""
 OVER_M = 4e-3
 """An arm whose tip is this near to a grasp's middle, and higher by more, goes straight down."""
+MAX_TURNED_RAD = 0.15
+"""A tool that is turned further than this against a grasp is turned before it goes down."""
+CENTRED = 2
+"""Times that a pose is shifted until the hole is where it should be: the second leaves some um."""
 SAME_RAD = 1e-6
 """Joints this close (m, for the insertion) are where a motion was planned to start."""
 
@@ -101,7 +106,14 @@ class Motions:
     def through(self, points: Sequence[Joints]) -> TimedPath:
         """Return a motion through these joints."""
         up = self.T_base_board.matrix[:3, 2]
-        plan = plan_through(self._model, np.array(points), self._settings.limits, up=up, planner=self._planner)
+        plan = plan_through(
+            self._model,
+            np.array(points),
+            self._settings.limits,
+            up=up,
+            still_wrist=self._settings.still_wrist,
+            planner=self._planner,
+        )
         return TimedPath(self.prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
 
     def prepared(self, motion: Trajectory) -> Trajectory:
@@ -109,38 +121,67 @@ class Motions:
         self._robot.prepare({self._name: motion})
         return motion
 
+    def above(self, q: Joints, height_m: float) -> Joints:
+        """Return joints that have the tip straight above (or below) where these have it, at another height."""
+        return self._moved(q, raised(self.tip(q), height_m))
+
+    def clear(self, q: Joints, T_tip_block: SE3, peg: int, height_m: float) -> Joints:
+        """Return joints that have the tip at another height, and the hole of the block in its jaws round a peg.
+
+        The lower end of the hole is brought over the peg, wherever it is now: that is what passes the peg's top. Where
+        the tool is not to turn, it goes straight.
+        """
+        if not self._settings.still_wrist:
+            return self.above(q, height_m)
+        goal, depth_m = raised(self.tip(q), height_m), [0.0, 0.0, self._table.block.height_m]
+        for _ in range(CENTRED):
+            found = self._moved(q, goal)
+            T_board_tip = self.tip(found)
+            off_m = hole_over(self._table.board.pegs_m[peg], T_board_tip, T_tip_block)
+            off_m -= (T_board_tip @ T_tip_block).apply(depth_m)[:2]
+            goal = SE3.from_parts(translation_m=[*off_m, 0.0]) @ goal
+        return self._moved(q, goal)
+
+    def _moved(self, q: Joints, T_board_tip: SE3) -> Joints:
+        """Return joints that have the tip at the place of a pose, with the wrist as it is or turned as the pose is."""
+        if self._settings.still_wrist:
+            with suppress(Unreachable):
+                return reach_with_still_wrist(self._model, q, self.T_base_board.apply(T_board_tip.translation_m))
+        return self.ik(T_board_tip)
+
     def risen(self, q: Joints) -> list[Joints]:
         """Return the first waypoints of any motion: where the arm is, and over the pegs if it is lower."""
         tip = self.tip(q)
         if tip.translation_m[2] >= self._settings.clear_height_m - AT_HEIGHT_M:
             return [q]
-        return [q, self.ik(raised(tip, self._settings.clear_height_m))]
+        return [q, self.above(q, self._settings.clear_height_m)]
 
     def approach(self, q: Joints, grasp: Grasp, source: int, rise_m: float = 0.0) -> Approach:
         """Return how to come over the pegs, then down round the wall of a block; first of all up by ``rise_m``."""
         tip, over_m, first = self.tip(q), self._settings.clear_height_m, self.risen(q)
         off = tip.translation_m - grasp.T_board_tip.translation_m
+        down = self.ik(grasp.T_board_tip)
         if np.linalg.norm(off[:2]) < OVER_M < off[2]:  # it waits over the block already
             over_m, first = float(tip.translation_m[2]), [q]
+            if self._settings.still_wrist and turned_rad(tip, grasp.T_board_tip) < MAX_TURNED_RAD:
+                down = self._moved(q, grasp.T_board_tip)
         if rise_m:
             risen_m = float(tip.translation_m[2]) + rise_m
-            first = [q, self.ik(raised(tip, risen_m))]
+            first = [q, self.above(q, risen_m)]
             if np.linalg.norm(off[:2]) < NEARBY_M:
                 over_m = risen_m
-        over = self.ik(raised(grasp.T_board_tip, over_m))
+        over = self.above(down, over_m)
         if np.abs(over - first[-1]).max() < SAME_RAD:
             first.pop()
-        path = self.through([*first, over, self.ik(grasp.T_board_tip)])
-        return Approach(path, self._leaving(grasp, source))
+        return Approach(self.through([*first, over, down]), self._leaving(down, source))
 
-    def _leaving(self, grasp: Grasp, source: int) -> Leaving | None:
-        """Return how the arm lifts the block that it is about to grasp."""
+    def _leaving(self, q: Joints, source: int) -> Leaving | None:
+        """Return how the arm lifts the block that it is about to grasp with these joints."""
         block = self._table.blocks.get(source)
         if block is None:
             return None
-        lifted = raised(grasp.T_board_tip, float(grasp.T_board_tip.translation_m[2]) + self._settings.lift_m)
-        motion = rest_to_rest(self.ik(grasp.T_board_tip), self.ik(lifted), self._settings.limits)
-        return Leaving(motion, self.gripped(grasp, block))
+        lifted = self.above(q, float(self.tip(q).translation_m[2]) + self._settings.lift_m)
+        return Leaving(rest_to_rest(q, lifted, self._settings.limits), self.gripped(q, block))
 
     def carriage(self, q: Joints, T_tip_block: SE3, source: int | None, target: int) -> Carriage | None:
         """Return how to lift a block, travel and lower it; None, with the reason in the log, where no pose will do.
@@ -169,10 +210,10 @@ class Motions:
         height = place.T_board_tip.translation_m[2] - self._settings.drop_m + self._settings.lift_m
         points = [q]
         if tip.translation_m[2] < height - AT_HEIGHT_M:
-            points.append(self.ik(raised(tip, height)))
+            points.append(self.above(q, height) if source is None else self.clear(q, T_tip_block, source, height))
         down = self.ik(place.T_board_tip)
-        points += [self.ik(raised(place.T_board_tip, height)), down]
-        risen = self.ik(raised(place.T_board_tip, self._settings.clear_height_m))
+        points += [self.clear(down, T_tip_block, target, height), down]
+        risen = self.above(down, self._settings.clear_height_m)
         leaving = Leaving(rest_to_rest(down, risen, self._settings.limits), None)
         return Carriage(self.through(points), place.T_board_tip @ T_tip_block, leaving, beside)
 
@@ -180,16 +221,17 @@ class Motions:
         """Return how to come to a pose over the pegs."""
         return self.through([*self.risen(q), self.ik(T_board_tip)])
 
-    def above(self, q: Joints, T_board_tip: SE3, height_m: float) -> TimedPath:
+    def hovering(self, q: Joints, T_board_tip: SE3, height_m: float) -> TimedPath:
         """Return how to come over the pegs, then down to another height over a pose."""
-        over = self.ik(raised(T_board_tip, self._settings.clear_height_m))
-        return self.through([*self.risen(q), over, self.ik(raised(T_board_tip, height_m))])
+        below = self.ik(T_board_tip)
+        return self.through(
+            [*self.risen(q), self.above(below, self._settings.clear_height_m), self.above(below, height_m)]
+        )
 
     def offering(self, q: Joints, T_board_tip: SE3) -> TimedPath:
         """Return how to lift a block and bring it to where it is handed over."""
-        tip = self.tip(q)
-        lifted = raised(tip, float(tip.translation_m[2]) + self._settings.lift_m)
-        return self.through([q, self.ik(lifted), self.ik(T_board_tip)])
+        lifted = self.above(q, float(self.tip(q).translation_m[2]) + self._settings.lift_m)
+        return self.through([q, lifted, self.ik(T_board_tip)])
 
     def along(self, q: Joints, line_m: Sequence[float]) -> Trajectory:
         """Return a motion of the tip along a straight line, in the board's axes."""
@@ -203,15 +245,20 @@ class Motions:
             return TimedPath.joined([self.prepared(rest_to_rest(start, goal, self._settings.limits))])
         return self.through([start, *above, goal])
 
-    def gripped(self, grasp: Grasp, T_board_block: SE3) -> SE3:
-        """Return the pose of a block in the jaws that have closed on it."""
-        return held_block(grasp.T_board_tip, T_board_block, self._table.block)
+    def gripped(self, q: Joints, T_board_block: SE3) -> SE3:
+        """Return the pose of a block in the jaws that have closed on it at these joints."""
+        return held_block(self.tip(q), T_board_block, self._table.block)
 
 
 def raised(T_board_tip: SE3, height_m: float) -> SE3:
     """Return a pose of the tip at another height over the plate."""
     x, y, _ = T_board_tip.translation_m
     return SE3.from_parts(T_board_tip.rotation, [x, y, height_m])
+
+
+def turned_rad(T_board_a: SE3, T_board_b: SE3) -> float:
+    """Return the angle between two poses' rotations."""
+    return float(np.linalg.norm((T_board_a.rotation.inverse() @ T_board_b.rotation).log()))
 
 
 def yaw_of(T_board_tip: SE3) -> float:

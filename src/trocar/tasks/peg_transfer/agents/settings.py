@@ -63,6 +63,8 @@ class Settings:
         detours: how often it then gives way and tries again, before it gives its transfer up.
         rounds: how often a transfer is tried that could not be done because of the other arm.
         pause_s: and how long it waits where it cannot go home.
+        still_wrist: keep the wrist's joints as they are while the tip goes straight down or up, so that what their
+            cables do to them stays as it was; else the tool does not turn.
         looks: how often one looks for a block that the other arm may hide.
         teaching_looks: at its own wrist, before the first transfer, of an arm that learns its cables; 0: it does not.
         sighting_budget_s: declared for finding the wrist in an image (``bench_sighting.py``).
@@ -99,6 +101,7 @@ class Settings:
     rounds: int = 2
     pause_s: float = 0.3
     looks: int = 5
+    still_wrist: bool = False
     teaching_looks: int = 0
     sighting_budget_s: float = 0.12
     fit_budget_s: float = 0.6
@@ -119,4 +122,4 @@ def quick() -> Settings:
 
 def learning() -> Settings:
     """Return the settings of arms that learn their cables while they work."""
-    return Settings(teaching_looks=36)
+    return Settings(teaching_looks=36, still_wrist=True)

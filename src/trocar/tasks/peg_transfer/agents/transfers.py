@@ -161,7 +161,7 @@ class OneArm:
         self, number: int, grasp: Grasp, T_board_block: SE3, carriage: Pending[Carriage], helpers: trio.Nursery
     ) -> TransferOutcome:
         """Bring a block that is held to its target; on the way down there, look at the next one."""
-        T_tip_block = self.arm.motions.gripped(grasp, T_board_block)
+        T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
         goal, following = self.goals[number], self.goals[number + 1 : number + 2]
         self._come(number, Step.HOLDS)
         await self._keep_pace(number, Step.HOLDS)
@@ -188,31 +188,22 @@ class OneArm:
         """Do what an agent wants to do when a block is at its target, still in the jaws: here nothing."""
 
     def _plan_carriage(
-        self, goal: Transfer, carriage: Pending[Carriage], helpers: trio.Nursery, grasp: Grasp
-    ) -> Callable[[Approach], None] | None:
-        """Return what plans, as the approach begins, how to carry the block from its end."""
+        self, goal: Transfer, carriage: Pending[Carriage], helpers: trio.Nursery, approach: Approach
+    ) -> None:
+        """Plan, as the approach begins, how to carry the block from its end."""
         block = self.table.blocks.get(goal.source)
         if not self.settings.looks_ahead or block is None:
-            return None
-        T_tip_block, motions = self.arm.motions.gripped(grasp, block), self.arm.motions
+            return
+        motions, q = self.arm.motions, end_of(approach.path)
+        found = partial(motions.carriage, q, motions.gripped(q, block), goal.source, goal.target)
+        carriage.start(helpers, partial(self.arm.plan, found))
 
-        def begun(approach: Approach) -> None:
-            q = end_of(approach.path)
-            carriage.start(
-                helpers,
-                lambda: self.arm.plan(lambda: motions.carriage(q, T_tip_block, goal.source, goal.target)),
-            )
-
-        return begun
-
-    async def pick(
-        self, source: int, on_the_way: Callable[[Grasp], Callable[[Approach], None] | None] | None = None
-    ) -> Grasp | TransferOutcome:
+    async def pick(self, source: int, on_the_way: Callable[[Approach], None] | None = None) -> Grasp | TransferOutcome:
         """Take hold of the block on a peg; return how, or why not.
 
         Args:
             source: peg.
-            on_the_way: returns for a grasp what is told the motion there when it begins.
+            on_the_way: told the motion there when it begins.
         """
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
@@ -223,9 +214,9 @@ class OneArm:
                 return grasp
             ready = seen.approach if seen is not None and known else None
             there = seen is not None and known and seen.there
-            if not there and not await self.arm.go_to(grasp, source, ready, on_the_way(grasp) if on_the_way else None):
+            if not there and not await self.arm.go_to(grasp, source, ready, on_the_way):
                 return TransferOutcome.OUT_OF_REACH
-            if await self.arm.grip(self.arm.motions.gripped(grasp, self.table.blocks[source])):
+            if await self.arm.grip(self.arm.motions.gripped(self.arm.hand.q, self.table.blocks[source])):
                 return grasp
             jaw_rad = round(self.arm.hand.jaw_rad, 4)
             self.cell.log.event("pick failed", peg=source, attempt=attempt, jaw_rad=jaw_rad)

@@ -1,0 +1,56 @@
+"""Joints that bring the tip to a place while the wrist stays as it is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.arms.forward import fk
+from trocar.arms.inverse import Unreachable
+from trocar.arms.jacobian import jacobian, limit_violations
+from trocar.arms.model import ArmModel
+from trocar.errors import TrocarError
+
+OUTER = 3
+"""Joints before the wrist."""
+REACHED_M = 1e-9
+STEPS = 20
+MAX_STEP = np.array([0.5, 0.5, 0.1])
+"""Of yaw, pitch (rad) and insertion (m) at a time: farther away the arm's geometry is another."""
+
+
+def reach_with_still_wrist(arm: ArmModel, q: ArrayLike, p_base_tip_m: ArrayLike) -> NDArray[np.float64]:
+    """Return the joints (6,) near ``q`` (6,) with the same wrist whose tip is at ``p_base_tip_m`` (3,).
+
+    The tip turns with the shaft: by .05 rad a centimetre, 200 mm from the remote centre. Cables that drive the wrist
+    are not moved, so that what friction and play make of it stays what it was.
+
+    Raises:
+        Unreachable: the place cannot be reached so within the joints' ranges.
+        TrocarError: joints or place have another shape, or are not finite.
+    """
+    goal, found = _place(arm, p_base_tip_m), arm.configurations(q).copy()
+    for _ in range(STEPS):
+        missing_m = goal - fk(arm, found).translation_m
+        if np.abs(missing_m).max() < REACHED_M:
+            break
+        try:
+            step = np.linalg.solve(jacobian(arm, found)[:OUTER, :OUTER], missing_m)
+        except np.linalg.LinAlgError:
+            raise Unreachable(f"{arm.name} is singular on the way; turn its wrist") from None
+        found[:OUTER] += np.clip(step, -MAX_STEP, MAX_STEP)
+    else:
+        raise Unreachable(f"{arm.name} does not reach {np.round(1e3 * goal, 1).tolist()} mm with its wrist as it is")
+    if outside := limit_violations(arm, found):
+        raise Unreachable(outside[0])
+    return found
+
+
+def _place(arm: ArmModel, p_base_tip_m: ArrayLike) -> NDArray[np.float64]:
+    try:
+        place = np.asarray(p_base_tip_m, dtype=np.float64)
+    except (TypeError, ValueError):
+        place = np.empty(0)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise TrocarError(f"{arm.name} needs three finite numbers as the tip's place in its base, got {p_base_tip_m!r}")
+    return place

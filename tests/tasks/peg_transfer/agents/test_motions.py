@@ -1,0 +1,95 @@
+"""Where the motions of one arm lead: straight up and down, the tool turned or the wrist still."""
+
+import numpy as np
+import pytest
+
+from simulated import ideal_laboratory, standing
+from trocar.arms import Unreachable
+from trocar.motion import PLANNERS
+from trocar.tasks.kit import Brief
+from trocar.tasks.peg_transfer.agents import motions as module
+from trocar.tasks.peg_transfer.agents.motions import end_of
+from trocar.tasks.peg_transfer.agents.settings import Settings
+from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
+from trocar.tasks.peg_transfer.goals import PegSet
+from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
+from trocar.tasks.peg_transfer.perception.depth_view import DepthView
+
+SOURCE, TARGET = 0, 6
+BLOCK_AT = standing(SOURCE, (0.9e-3, -0.8e-3), 0.7)
+HEIGHT_M = 36e-3
+
+
+def motions_of(still_wrist):
+    lab = ideal_laboratory(BLOCK_AT)
+    settings, rng = Settings(still_wrist=still_wrist), np.random.default_rng(0)
+    agent = Unilateral(Brief(lab.cell, (), PegSet(), ("psm1",), PLANNERS["spline"], DepthView(), rng, settings))
+    agent.arm.table.blocks[SOURCE] = BLOCK_AT
+    return agent.arm, agent.arm.motions
+
+
+def grasped(arm, motions):
+    """Return the joints at a block, and the block in the jaws then."""
+    grasp = choose_grasp(arm.model, motions.T_base_board, BLOCK_AT, arm.table.board, arm.table.block)
+    assert isinstance(grasp, Grasp)
+    q = end_of(motions.approach(arm.hand.q, grasp, SOURCE).path)
+    return q, motions.gripped(q, BLOCK_AT)
+
+
+@pytest.mark.parametrize("still_wrist", [False, True])
+def test_straight_above_is_above_and_either_the_tool_or_the_wrist_keeps_still(still_wrist):
+    arm, motions = motions_of(still_wrist)
+    q, _ = grasped(arm, motions)
+    above = motions.above(q, HEIGHT_M)
+    before, after = motions.tip(q), motions.tip(above)
+    np.testing.assert_allclose(after.translation_m, [*before.translation_m[:2], HEIGHT_M], atol=1e-8)
+    turned_rad = np.linalg.norm((before.rotation.inverse() @ after.rotation).log())
+    if still_wrist:
+        np.testing.assert_array_equal(above[3:], q[3:])
+        assert 0.02 < turned_rad < 0.15
+    else:
+        assert turned_rad < 1e-8 and np.abs(above[3:] - q[3:]).max() > 0.02
+
+
+def test_a_wrist_that_cannot_keep_still_turns(monkeypatch):
+    arm, motions = motions_of(True)
+    q, _ = grasped(arm, motions)
+
+    def unreachable(*_):
+        raise Unreachable("joint 'insertion' = 0.2402 m is outside")
+
+    monkeypatch.setattr(module, "reach_with_still_wrist", unreachable)
+    before, after = motions.tip(q), motions.tip(motions.above(q, HEIGHT_M))
+    assert np.linalg.norm((before.rotation.inverse() @ after.rotation).log()) < 1e-8
+
+
+def test_a_lifted_block_has_the_peg_in_the_middle_of_what_has_still_to_pass_it():
+    arm, motions = motions_of(True)
+    q, T_tip_block = grasped(arm, motions)
+    carriage = motions.carriage(q, T_tip_block, SOURCE, TARGET)
+    assert carriage is not None
+    path = carriage.path
+    for peg, index, foot in ((SOURCE, 1, q), (TARGET, -2, end_of(path))):
+        over = path.trajectory(path.waypoint_times_s[index])
+        np.testing.assert_allclose(over[3:], foot[3:], atol=1e-9)
+        low = (motions.tip(over) @ T_tip_block).apply([0.0, 0.0, arm.table.block.height_m])
+        off_m = np.linalg.norm(low[:2] - arm.table.board.pegs_m[peg, :2])
+        assert off_m == pytest.approx(0.7e-3, abs=2e-5), "room for the inner finger"
+        assert low[2] > arm.table.board.peg_height_m
+    end = motions.tip(end_of(path)) @ T_tip_block
+    np.testing.assert_allclose(end.matrix[:3, 2], [0, 0, -1], atol=1e-6)
+
+
+def test_over_a_block_it_goes_down_without_turning_a_wrist_that_is_a_little_off():
+    arm, motions = motions_of(True)
+    q, _ = grasped(arm, motions)
+    grasp = choose_grasp(arm.model, motions.T_base_board, BLOCK_AT, arm.table.board, arm.table.block)
+    assert isinstance(grasp, Grasp)
+    over = motions.above(q, 22e-3)
+    over[3:] += [0.02, -0.03, 0.02]
+    down = end_of(motions.approach(over, grasp, SOURCE).path)
+    np.testing.assert_allclose(down[3:], over[3:], atol=1e-9)
+    np.testing.assert_allclose(motions.tip(down).translation_m, grasp.T_board_tip.translation_m, atol=1e-8)
+    over[3:] += [0.0, 0.2, 0.0]
+    down = end_of(motions.approach(over, grasp, SOURCE).path)
+    np.testing.assert_allclose(motions.tip(down).matrix, grasp.T_board_tip.matrix, atol=1e-8)
