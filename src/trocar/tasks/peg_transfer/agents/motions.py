@@ -125,15 +125,20 @@ class Motions:
         """Return joints that have the tip straight above (or below) where these have it, at another height."""
         return self._moved(q, raised(self.tip(q), height_m))
 
-    def clear(self, q: Joints, T_tip_block: SE3, peg: int, height_m: float) -> Joints:
+    def clear(self, q: Joints, T_tip_block: SE3, peg: int, height_m: float, part: float = 1.0) -> Joints:
         """Return joints that have the tip at another height, and the hole of the block in its jaws round a peg.
 
-        The lower end of the hole is brought over the peg, wherever it is now: that is what passes the peg's top. Where
-        the tool is not to turn, it goes straight.
+        A part of the hole is brought over the peg, wherever it is now: as it comes, its lower end, which passes the
+        peg's top.
+
+        Args:
+            q: (6,) joints near those.
+            T_tip_block: pose of the block in the jaws.
+            peg: which.
+            height_m: of the tip over the plate.
+            part: share of the hole's depth from the block's top face.
         """
-        if not self._settings.still_wrist:
-            return self.above(q, height_m)
-        goal, depth_m = raised(self.tip(q), height_m), [0.0, 0.0, self._table.block.height_m]
+        goal, depth_m = raised(self.tip(q), height_m), [0.0, 0.0, part * self._table.block.height_m]
         for _ in range(CENTRED):
             found = self._moved(q, goal)
             T_board_tip = self.tip(found)
@@ -210,12 +215,29 @@ class Motions:
         height = place.T_board_tip.translation_m[2] - self._settings.drop_m + self._settings.lift_m
         points = [q]
         if tip.translation_m[2] < height - AT_HEIGHT_M:
-            points.append(self.above(q, height) if source is None else self.clear(q, T_tip_block, source, height))
+            points.append(self._over(q, T_tip_block, source, height))
         down = self.ik(place.T_board_tip)
-        points += [self.clear(down, T_tip_block, target, height), down]
+        over, placed = self._over(down, T_tip_block, target, height), place.T_board_tip @ T_tip_block
+        if self._settings.looks_before_placing:
+            leaving = Leaving(rest_to_rest(over, down, self._settings.limits), T_tip_block)
+            return Carriage(self.through([*points, over]), placed, leaving, beside)
         risen = self.above(down, self._settings.clear_height_m)
         leaving = Leaving(rest_to_rest(down, risen, self._settings.limits), None)
-        return Carriage(self.through(points), place.T_board_tip @ T_tip_block, leaving, beside)
+        return Carriage(self.through([*points, over, down]), placed, leaving, beside)
+
+    def lowering(self, q: Joints, T_tip_block: SE3, target: int) -> TimedPath:
+        """Return how to lower a block that hangs over its target: first so much aside that its hole is over the peg."""
+        tip, block = self.tip(q), self._table.block
+        height_m, low_m = float(tip.translation_m[2]), float((tip @ T_tip_block).translation_m[2]) - block.height_m
+        over = self.clear(q, T_tip_block, target, height_m)
+        down = self.clear(over, T_tip_block, target, height_m - low_m + self._settings.drop_m, part=0.5)
+        return self.through([q, over, down])
+
+    def _over(self, q: Joints, T_tip_block: SE3, peg: int | None, height_m: float) -> Joints:
+        """Return joints over those that hold a block round a peg: straight, or where a still wrist clears the peg."""
+        if peg is None or not self._settings.still_wrist:
+            return self.above(q, height_m)
+        return self.clear(q, T_tip_block, peg, height_m)
 
     def over(self, q: Joints, T_board_tip: SE3) -> TimedPath:
         """Return how to come to a pose over the pegs."""

@@ -1,9 +1,8 @@
-"""What one arm can do with blocks: see, grasp, carry, place, let go, retreat. All agents' scripts are made of this."""
+"""What one arm can do with blocks: grasp, carry, place, let go, retreat. All agents' scripts are made of this."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -14,16 +13,14 @@ from trocar.cell import Execution, Result
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
-from trocar.perception.image import RgbdImage
 from trocar.tasks.kit import ArmScript, Brief
 from trocar.tasks.kit.together import together
+from trocar.tasks.peg_transfer.agents.eyes import Eyes
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
 from trocar.tasks.peg_transfer.agents.moving_body import NEVER
-from trocar.tasks.peg_transfer.agents.settings import GRASP_RULES, OUTER_RULES
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.traffic import Blocked, Leaving, Traffic
-from trocar.tasks.peg_transfer.goals import TransferOutcome
-from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, choose_grasp
+from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -54,6 +51,7 @@ class PegArm:
         home: (6,) where the arm is out of the camera's view.
         name: of the arm.
         hands_over: whether it grasps blocks so that another arm can take them.
+        eyes: look at blocks for it.
         learner: of its cables; None: it does not learn.
         stopped: whether it did not come to the end of a motion, and is not asked again.
     """
@@ -66,6 +64,7 @@ class PegArm:
         self.motions = Motions(brief, self.hand, table)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
         self.hands_over = self.stopped = False
+        self.eyes = Eyes(self)
         self.learner: Learner | None = None
 
     @property
@@ -91,49 +90,6 @@ class PegArm:
     async def wake(self) -> None:
         """Turn the wrist to and fro, see ``ArmScript.wake``, and find where the jaws are closed."""
         await together(self.hand.wake, partial(self.hand.zero_jaw, self.settings.jaw_closed_rad))
-
-    async def see(self, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
-        """Look at a peg; return how to grasp its block, other than what has failed, or why not."""
-        return await self.look(await self.table.capture(self.hand), source, failed)
-
-    async def look(self, image: RgbdImage, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
-        """Return what an image says of how to grasp the block on a peg, other than what has failed, or why not."""
-        seen = await self.perceive(lambda: self._plan_grasp(image, source, failed))
-        if isinstance(seen, Grasp):
-            return seen
-        reason, outcome = seen
-        self.cell.log.event("no grasp", peg=source, reason=reason)
-        return outcome
-
-    def _plan_grasp(self, image: RgbdImage, source: int, failed: Sequence[int]) -> Grasp | tuple[str, TransferOutcome]:
-        table = self.table
-        fit = table.see.find_block(image, table.T_camera_board, table.board, table.block, source)
-        if not fit.found or fit.T_board_block is None:
-            table.blocks.pop(source, None)
-            return fit.reason, TransferOutcome.NO_BLOCK
-        table.blocks[source] = fit.T_board_block
-        others = [pose.matrix for peg, pose in table.blocks.items() if peg != source]
-        neighbours = SE3(np.array(others)) if others else None
-        refusal = ""
-        own_side = self.motions.T_base_board.inverse().translation_m[:2]
-        for outer, min_gap_m, max_roll_rad in OUTER_RULES if self.hands_over else GRASP_RULES:
-            grasp = choose_grasp(
-                self.model,
-                self.motions.T_base_board,
-                fit.T_board_block,
-                table.board,
-                table.block,
-                neighbours,
-                avoid=failed,
-                depth_m=self.settings.depth_m,
-                jaws=replace(Jaws.of(self.model.instrument), min_gap_m=min_gap_m),
-                max_roll_rad=max_roll_rad,
-                towards=own_side if outer else None,
-            )
-            if isinstance(grasp, Grasp):
-                return grasp
-            refusal = grasp.reason
-        return refusal, TransferOutcome.OUT_OF_REACH
 
     async def go_to(
         self,
@@ -231,7 +187,28 @@ class PegArm:
                 await self.give_way()
                 continue
             await self.hand.settle()
+            if self.settings.looks_before_placing:
+                return await self._lower(T_tip_block, target)
             return ready.T_board_placed
+        raise Blocked
+
+    async def _lower(self, T_tip_block: SE3, target: int) -> SE3 | None:
+        """Look how a block hangs over its target, lower it, and return where it should lie now; None: out of reach."""
+        tip = self.T_board_tip
+        seen = await self.eyes.see_held(tip @ T_tip_block)
+        if seen is not None:
+            T_tip_block = tip.inverse() @ seen
+        for margin_m in self.margins_m():
+            path = await self.plan(lambda: self.motions.lowering(self.hand.q, T_tip_block, target))
+            if path is None:
+                return None
+            try:
+                await self.move(path.trajectory, margin_m=margin_m)
+            except Blocked:
+                await self.cell.clock.sleep(self.settings.pause_s)
+                continue
+            await self.hand.settle()
+            return self.T_board_tip @ T_tip_block
         raise Blocked
 
     def _fits(self, carriage: Carriage, target: int) -> bool:
@@ -344,7 +321,3 @@ class PegArm:
                 return None
 
         return await self.hand.compute("planning", self.settings.planning_budget_s, attempt)
-
-    async def perceive(self, compute: Callable[[], Result]) -> Result:
-        """Compute on an image."""
-        return await self.hand.compute("perception", self.settings.perception_budget_s, compute)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 
-import numpy as np
 import trio
 
 from trocar.geometry import SE3
@@ -64,10 +63,8 @@ class Receiver(Taker):
     ) -> None:
         """Look how the block lies in the jaws while the other arm goes, bring it to its target and let go."""
         tip, target = self.arm.T_board_tip, meeting.goal.target
-        seen = await self.look(tip @ T_tip_block)
+        seen = await self.arm.eyes.see_held(tip @ T_tip_block)
         if seen is not None:
-            off = seen.translation_m - (tip @ T_tip_block).translation_m
-            self.cell.log.event("correction", arm=self.arm.name, off_mm=np.round(1e3 * off, 2).tolist())
             T_tip_block = tip.inverse() @ seen
         ready = await self.arm.plan(lambda: self.arm.motions.carriage(self.arm.hand.q, T_tip_block, None, target))
         await self.wait_for(meeting.parted)

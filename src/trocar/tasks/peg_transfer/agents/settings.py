@@ -65,6 +65,7 @@ class Settings:
         pause_s: and how long it waits where it cannot go home.
         still_wrist: keep the wrist's joints as they are while the tip goes straight down or up, so that what their
             cables do to them stays as it was; else the tool does not turn.
+        looks_before_placing: stop over the target, look how the block hangs in the jaws, and lower it by that.
         looks: how often one looks for a block that the other arm may hide.
         teaching_looks: at its own wrist, before the first transfer, of an arm that learns its cables; 0: it does not.
         sighting_budget_s: declared for finding the wrist in an image (``bench_sighting.py``).
@@ -102,6 +103,7 @@ class Settings:
     pause_s: float = 0.3
     looks: int = 5
     still_wrist: bool = False
+    looks_before_placing: bool = False
     teaching_looks: int = 0
     sighting_budget_s: float = 0.12
     fit_budget_s: float = 0.6
@@ -122,4 +124,4 @@ def quick() -> Settings:
 
 def learning() -> Settings:
     """Return the settings of arms that learn their cables while they work."""
-    return Settings(teaching_looks=36, still_wrist=True)
+    return Settings(teaching_looks=36, still_wrist=True, looks_before_placing=True)

@@ -126,7 +126,7 @@ class Taker(Side):
         await meeting.offered.wait()
         if meeting.outcome is not None or meeting.T_board_block is None:
             return None
-        block = await self.look(meeting.T_board_block)
+        block = await self.arm.eyes.see_held(meeting.T_board_block)
         if block is None:
             return None
         return Looked(block, await self.arm.plan(lambda: self._find_descent(end_of(path), block, [])))
@@ -175,10 +175,10 @@ class Taker(Side):
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
             looked = await self._looked.take()
-            block = looked.T_board_block if looked is not None else await self.look(meeting.T_board_block)
+            block = looked.T_board_block if looked is not None else await self.arm.eyes.see_held(meeting.T_board_block)
             if block is None:
                 await self.arm.go_home()
-                block = await self.look(meeting.T_board_block)
+                block = await self.arm.eyes.see_held(meeting.T_board_block)
             if block is None:
                 return None
             grasp = await self._come(block, failed, looked.descent if looked is not None else None)
@@ -194,17 +194,6 @@ class Taker(Side):
             await self.arm.open(self.settings.release_rad)
             await self.leave()
         return None
-
-    async def look(self, T_board_expected: SE3) -> SE3 | None:
-        """Look at a block in an arm's jaws; return its pose in the board's frame, upright, or None."""
-        image = await self.table.capture(self.arm.hand)
-        table = self.table
-        fit = await self.arm.perceive(
-            lambda: table.see.find_held_block(image, table.T_camera_board, table.block, T_board_expected)
-        )
-        if not fit.found:
-            self.cell.log.event("no look", arm=self.arm.name, reason=fit.reason)
-        return fit.T_board_block
 
     async def _come(self, T_board_block: SE3, failed: list[int], ready: Coming | None) -> Grasp | None:
         """Come from above, the jaws open, down round a wall of the block that the other arm holds.

@@ -99,7 +99,7 @@ class OneArm:
         """Look at the first block while the arm is still waking."""
         if self.goals:
             source = self.goals[0].source
-            grasp = await self.arm.see(source)
+            grasp = await self.arm.eyes.see(source)
             self.seen.put(Seen(source, grasp, None) if isinstance(grasp, Grasp) else None)
 
     async def look_ahead(self, path: TimedPath, source: int, rise_m: float = 0.0) -> Seen | None:
@@ -107,17 +107,18 @@ class OneArm:
 
         ``rise_m`` is how far it will have to rise there first.
 
-        The newest image is taken when the arm begins to go down. Where it does not show the block, an earlier one may,
+        The newest image is taken when the arm is over its target. Where it does not show the block, an earlier one may,
         in which neither arm was before it.
         """
         clock, hand, begin_s = self.cell.clock, self.arm.hand, self.cell.clock.now_s()
-        down_s = float(path.waypoint_times_s[-2] - path.waypoint_times_s[0])
+        over = -1 if self.settings.looks_before_placing else -2
+        down_s = float(path.waypoint_times_s[over] - path.waypoint_times_s[0])
         images: list[RgbdImage] = []
         for after_s in (0.0, down_s / 2, down_s):
             await clock.sleep(max(0.0, begin_s + after_s - clock.now_s()))
             images.append(await self.table.capture(hand))
         for image in reversed(images):
-            grasp = await self.arm.look(image, source)
+            grasp = await self.arm.eyes.look(image, source)
             if isinstance(grasp, Grasp):
                 planned = partial(self.arm.motions.approach, end_of(path), grasp, source, rise_m)
                 return Seen(source, grasp, await self.arm.plan(planned))
@@ -226,7 +227,7 @@ class OneArm:
 
     async def _see(self, source: int, failed: Sequence[int]) -> Grasp | TransferOutcome:
         """Look at a peg; where its block is hidden, go home and look again, and again if another arm may hide it."""
-        grasp = await self.arm.see(source, failed)
+        grasp = await self.arm.eyes.see(source, failed)
         for look in range(self.settings.looks if self.beside else 1):
             if isinstance(grasp, Grasp):
                 break
@@ -234,5 +235,5 @@ class OneArm:
                 await self.arm.go_home()
             else:
                 await self.cell.clock.sleep(self.settings.pause_s)
-            grasp = await self.arm.see(source, failed)
+            grasp = await self.arm.eyes.see(source, failed)
         return grasp
