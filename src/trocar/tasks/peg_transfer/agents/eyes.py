@@ -85,9 +85,17 @@ class Eyes:
         if fit.T_board_block is None:
             self.arm.cell.log.event("no look", arm=self.arm.name, reason=fit.reason)
             return None
-        off = fit.T_board_block.translation_m - T_board_expected.translation_m
-        self.arm.cell.log.event("block seen in jaws", arm=self.arm.name, off_mm=np.round(1e3 * off, 2).tolist())
         return fit.T_board_block
+
+    async def see_own(self, T_tip_block: SE3) -> SE3:
+        """Look at the block in this arm's jaws; return its pose there: as it was expected where it is not seen."""
+        tip = self.arm.T_board_tip
+        seen = await self.see_held(tip @ T_tip_block)
+        if seen is None:
+            return T_tip_block
+        off = seen.translation_m - (tip @ T_tip_block).translation_m
+        self.arm.cell.log.event("correction", arm=self.arm.name, off_mm=np.round(1e3 * off, 2).tolist())
+        return tip.inverse() @ seen
 
     async def _capture(self) -> RgbdImage:
         return await self.table.capture(self.arm.hand)

@@ -194,10 +194,7 @@ class PegArm:
 
     async def _lower(self, T_tip_block: SE3, target: int) -> SE3 | None:
         """Look how a block hangs over its target, lower it, and return where it should lie now; None: out of reach."""
-        tip = self.T_board_tip
-        seen = await self.eyes.see_held(tip @ T_tip_block)
-        if seen is not None:
-            T_tip_block = tip.inverse() @ seen
+        T_tip_block = await self.eyes.see_own(T_tip_block)
         for margin_m in self.margins_m():
             path = await self.plan(lambda: self.motions.lowering(self.hand.q, T_tip_block, target))
             if path is None:

@@ -62,10 +62,8 @@ class Receiver(Taker):
         helpers: trio.Nursery,
     ) -> None:
         """Look how the block lies in the jaws while the other arm goes, bring it to its target and let go."""
-        tip, target = self.arm.T_board_tip, meeting.goal.target
-        seen = await self.arm.eyes.see_held(tip @ T_tip_block)
-        if seen is not None:
-            T_tip_block = tip.inverse() @ seen
+        target = meeting.goal.target
+        T_tip_block = await self.arm.eyes.see_own(T_tip_block)
         ready = await self.arm.plan(lambda: self.arm.motions.carriage(self.arm.hand.q, T_tip_block, None, target))
         await self.wait_for(meeting.parted)
         self.arm.traffic.carries(self.arm.name, T_tip_block)

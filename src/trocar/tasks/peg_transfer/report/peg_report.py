@@ -102,17 +102,21 @@ class PegReport(TaskReport):
 
 
 def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
-    """Return the steps of the first transfer: its first motion comes to the block, its last carries it."""
+    """Return the steps of the first transfer: its jaws close for the last time on the block, and open to release it."""
     score = trial.scores[0]
     inside = [s for s in trial.spans if score["start_s"] <= s.start_s and s.end_s <= score["end_s"]]
-    motions = [s for s in inside if s.name == "motion"]
-    steps = [(f"jaws round the wall on peg {score['source']}", motions[0].end_s)] if motions else []
-    if len(motions) > 1 and score["succeeded"]:
-        carry = motions[-1]
-        length = carry.end_s - carry.start_s
-        steps += [("lifted", carry.start_s + 0.35 * length), ("over the target", carry.start_s + 0.65 * length)]
-        steps.append((f"released on peg {score['target']}", score["end_s"]))
-    return steps
+    motions, jaws = ([s for s in inside if s.name == name] for name in ("motion", "jaw"))
+    round_the_wall = f"jaws round the wall on peg {score['source']}"
+    if len(jaws) < 2 or not score["succeeded"]:
+        return [(round_the_wall, motions[0].end_s)] if motions else []
+    carry = next(s for s in motions if s.start_s >= jaws[-2].end_s)
+    length = carry.end_s - carry.start_s
+    return [
+        (round_the_wall, jaws[-2].start_s),
+        ("lifted", carry.start_s + 0.35 * length),
+        ("over the target", carry.start_s + 0.65 * length),
+        (f"released on peg {score['target']}", score["end_s"]),
+    ]
 
 
 def _first_handover(trial: Trial) -> list[tuple[str, float]]:
