@@ -5,6 +5,7 @@ import pytest
 
 from simulated import ideal_laboratory, standing
 from trocar.arms import Unreachable
+from trocar.geometry import SE3, SO3
 from trocar.motion import PLANNERS
 from trocar.tasks.kit import Brief
 from trocar.tasks.peg_transfer.agents import motions as module
@@ -14,6 +15,7 @@ from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
 from trocar.tasks.peg_transfer.goals import PegSet
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
 from trocar.tasks.peg_transfer.perception.depth_view import DepthView
+from trocar.tasks.peg_transfer.places import FINGER_ROOM_M
 
 SOURCE, TARGET = 0, 6
 BLOCK_AT = standing(SOURCE, (0.9e-3, -0.8e-3), 0.7)
@@ -74,10 +76,29 @@ def test_a_lifted_block_has_the_peg_in_the_middle_of_what_has_still_to_pass_it()
         np.testing.assert_allclose(over[3:], foot[3:], atol=1e-9)
         low = (motions.tip(over) @ T_tip_block).apply([0.0, 0.0, arm.table.block.height_m])
         off_m = np.linalg.norm(low[:2] - arm.table.board.pegs_m[peg, :2])
-        assert off_m == pytest.approx(0.7e-3, abs=2e-5), "room for the inner finger"
+        assert off_m == pytest.approx(FINGER_ROOM_M, abs=2e-5)
         assert low[2] > arm.table.board.peg_height_m
     end = motions.tip(end_of(path)) @ T_tip_block
     np.testing.assert_allclose(end.matrix[:3, 2], [0, 0, -1], atol=1e-6)
+
+
+def test_a_block_is_lowered_by_how_it_hangs_not_by_how_it_was_believed_to():
+    arm, motions = motions_of(True)
+    q, T_tip_block = grasped(arm, motions)
+    carriage = motions.carriage(q, T_tip_block, SOURCE, TARGET)
+    assert carriage is not None
+    over = carriage.path.trajectory(carriage.path.waypoint_times_s[-2])
+    hangs = SE3.from_parts(SO3.exp(np.array([0.04, -0.03, 0.0])), [0.5e-3, -0.9e-3, 0.4e-3]) @ T_tip_block
+    path, block = motions.lowering(over, hangs, TARGET), arm.table.block
+    aside, down = (path.trajectory(path.waypoint_times_s[index]) for index in (1, 2))
+    foot_m = arm.table.board.pegs_m[TARGET, :2]
+    for joints, part in ((aside, 1.0), (down, 0.5)):
+        hole = (motions.tip(joints) @ hangs).apply([0.0, 0.0, part * block.height_m])
+        assert np.linalg.norm(hole[:2] - foot_m) == pytest.approx(FINGER_ROOM_M, abs=2e-5)
+        np.testing.assert_allclose(joints[3:], over[3:], atol=1e-9)
+    assert motions.tip(aside).translation_m[2] == pytest.approx(motions.tip(over).translation_m[2], abs=1e-6)
+    low_end = (motions.tip(down) @ hangs).apply([0.0, 0.0, block.height_m])
+    assert low_end[2] == pytest.approx(arm.settings.drop_m, abs=5e-5)
 
 
 def test_over_a_block_it_goes_down_without_turning_a_wrist_that_is_a_little_off():

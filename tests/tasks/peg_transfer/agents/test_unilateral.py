@@ -8,10 +8,12 @@ import trio
 
 from simulated import ideal_laboratory, standing
 from trocar.errors import TrocarError
+from trocar.geometry import SE3
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
 from trocar.tasks.kit import Brief
+from trocar.tasks.peg_transfer.agents.motions import Motions
 from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
 from trocar.tasks.peg_transfer.goals import THERE, PegSet, Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.perception.blocks import BlockFit
@@ -251,3 +253,21 @@ def test_a_way_that_leaves_the_joints_ranges_is_an_outcome_and_not_the_end():
     assert named(lab, "no motion")[0]["reason"]
     assert score.attempted and score.failure == "OUT_OF_REACH"
     assert in_time
+
+
+@pytest.mark.parametrize(("looks", "near_m"), [(True, (0.0, 0.5e-3)), (False, (0.8e-3, 2e-3))])
+def test_a_block_that_hangs_otherwise_than_believed_is_placed_well_if_it_is_looked_at(looks, near_m, monkeypatch):
+    """It is believed 1.2 mm away along its wall; told by truth where it comes to lie, against where one that was."""
+
+    def believed(motions, q, T_board_block, told=Motions.gripped):
+        return SE3.from_parts(translation_m=[0.0, 1.2e-3, 0.0]) @ told(motions, q, T_board_block)
+
+    settings = replace(SETTINGS, looks_before_placing=looks)
+    lain = []
+    for wrong in (False, True):
+        if wrong:
+            monkeypatch.setattr(Motions, "gripped", believed)
+        lab, _, scores = play([FIRST], [standing(FIRST.source)], settings=settings)
+        assert scores[0].succeeded
+        lain.append(lab.truth().T_board_blocks.matrix[-1, 0, :2, 3])
+    assert near_m[0] < np.linalg.norm(lain[1] - lain[0]) < near_m[1]

@@ -227,10 +227,11 @@ class Motions:
 
     def lowering(self, q: Joints, T_tip_block: SE3, target: int) -> TimedPath:
         """Return how to lower a block that hangs over its target: first so much aside that its hole is over the peg."""
-        tip, block = self.tip(q), self._table.block
-        height_m, low_m = float(tip.translation_m[2]), float((tip @ T_tip_block).translation_m[2]) - block.height_m
-        over = self.clear(q, T_tip_block, target, height_m)
-        down = self.clear(over, T_tip_block, target, height_m - low_m + self._settings.drop_m, part=0.5)
+        low_end, height_m = [0.0, 0.0, self._table.block.height_m], float(self.tip(q).translation_m[2])
+        over = down = self.clear(q, T_tip_block, target, height_m)
+        for _ in range(CENTRED):  # a block that turns with the shaft does not go down by as much as the tip
+            height_m += self._settings.drop_m - float((self.tip(down) @ T_tip_block).apply(low_end)[2])
+            down = self.clear(over, T_tip_block, target, height_m, part=0.5)
         return self.through([q, over, down])
 
     def _over(self, q: Joints, T_tip_block: SE3, peg: int | None, height_m: float) -> Joints:
