@@ -129,6 +129,13 @@ FLAWS: dict[str, Flaw] = {
         (0.0,),
         "assumed",
     ),
+    "print": Flaw(
+        "pegs and blocks against their drawings: places of the pegs, sizes of both (SD)",
+        "m",
+        (0.0001,),
+        (0.0,),
+        "assumed: what printers keep, as for the spheres of a calibration",
+    ),
     "needle": Flaw(
         "place of a needle that a person loads against the agreed one (1 x: SD of .3 mm on each axis, 3 deg about it)",
         "",

@@ -178,4 +178,6 @@ class Station:
             felt.add("depth")
         if "circle" in self.T_world_fixture:
             felt.add("needle")
+        if "board" in self.T_world_fixture:
+            felt.add("print")
         return [name for name in FLAWS if name in felt]

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.station import load_station
+from trocar.station.difficulty import LEVELS, Difficulty
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import PAIRS
 from trocar.tasks.peg_transfer.pegboard import Pegboard
@@ -40,19 +41,19 @@ def overlap(a: SE3, b: SE3) -> bool:
 
 
 @settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_every_scene_can_be_played(seed):
-    laid = scene(np.random.default_rng(seed))
+@given(seed=st.integers(0, 2**32 - 1), level=st.sampled_from(LEVELS))
+def test_every_scene_can_be_played(seed, level):
+    laid = scene(np.random.default_rng(seed), replace(STATION, difficulty=Difficulty.of(level)))
     shift, turn = laid.T_world_board.translation_m, laid.T_world_board.rotation.log()
     assert np.abs(shift).max() <= BOARD_SHIFT_M and shift[2] == 0.0
     assert np.abs(turn[2]) <= BOARD_TURN_RAD and np.abs(turn[:2]).max() < 1e-12
     blocks = laid.T_world_board.inverse() @ laid.T_world_blocks
     assert pegs_under(blocks, laid.board, laid.block).tolist() == [*range(6)]
-    assert np.allclose(blocks.translation_m[:, 2], Block().height_m)
+    assert np.allclose(blocks.translation_m[:, 2], laid.block.height_m)
     for peg in range(6):
-        hole = Block().hole_radius_m(np.linspace(0, 2 * np.pi, 90)).min()
-        off = np.hypot(*(blocks[peg].translation_m - Pegboard().pegs_m[peg])[:2])
-        assert off < hole - Pegboard().peg_radius_m
+        hole = laid.block.hole_radius_m(np.linspace(0, 2 * np.pi, 90)).min()
+        off = np.hypot(*(blocks[peg].translation_m - laid.board.pegs_m[peg])[:2])
+        assert off < hole - laid.board.peg_radius_m
         assert not any(overlap(blocks[peg], blocks[k]) or overlap(blocks[k], blocks[peg]) for k in range(peg))
 
 
@@ -154,3 +155,41 @@ def test_a_variant_says_how_many_arms_work(variant, arms):
     else:
         with pytest.raises(TrocarError, match=rf"has one arm.*--variant {variant} needs two"):
             task.at(alone)
+
+
+def test_prints_are_off_by_as_much_as_the_flaw_says_and_only_then():
+    def boards(*flaws):
+        station = replace(STATION, difficulty=Difficulty.of("mild", flaws))
+        return [scene(np.random.default_rng(seed), station) for seed in range(60)]
+
+    assert all(laid.board == Pegboard(pegs_off_m=((0.0, 0.0),) * 12) and laid.block == Block() for laid in boards())
+    off = boards("print=0.1mm")
+    pegs = np.array([laid.board.pegs_off_m for laid in off])
+    assert pegs.std() == pytest.approx(0.1e-3, rel=0.1) and abs(pegs.mean()) < 0.02e-3
+    np.testing.assert_allclose(off[0].board.pegs_m[:, :2] - Pegboard().pegs_m[:, :2], pegs[0], atol=1e-12)
+    sizes = [
+        (
+            laid.board.peg_radius_m - Pegboard().peg_radius_m,
+            laid.board.peg_height_m - Pegboard().peg_height_m,
+            laid.block.side_m - Block().side_m,
+            laid.block.corner_m - Block().corner_m,
+            laid.block.height_m - Block().height_m,
+            laid.block.hole_wider_m,
+        )
+        for laid in off
+    ]
+    np.testing.assert_allclose(np.std(sizes, axis=0), 0.1e-3, rtol=0.35)
+    with_print, without = (laid.T_world_board.matrix for laid in (off[5], boards()[5]))
+    np.testing.assert_array_equal(with_print, without, "all else is drawn as it was")
+
+
+def test_what_an_agent_knows_is_the_drawing():
+    assert TASK.known().board == Pegboard() and TASK.known().block == Block()
+
+
+def test_the_worst_print_can_still_be_laid_down():
+    station = replace(STATION, difficulty=Difficulty.of("mild", ["print=5mm"]))
+    for seed in range(20):
+        laid = scene(np.random.default_rng(seed), station)
+        blocks = laid.T_world_board.inverse() @ laid.T_world_blocks
+        assert pegs_under(blocks, laid.board, laid.block).tolist() == [*range(6)]

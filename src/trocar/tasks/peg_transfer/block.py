@@ -31,12 +31,14 @@ class Block:
         corner_m: distance of a corner's tip from the middle.
         height_m: extent along z.
         density_kg_m3: printed ABS (assumed).
+        hole_wider_m: by which the hole's radius is larger than the model's.
     """
 
     side_m: float = 5.57e-3
     corner_m: float = 8.95e-3
     height_m: float = 14.9e-3
     density_kg_m3: float = 1040.0
+    hole_wider_m: float = 0.0
 
     @property
     def corner_radius_m(self) -> float:
@@ -48,7 +50,7 @@ class Block:
         from_side = np.degrees(np.asarray(angle_rad)) - 90.0
         folded = np.abs((from_side + 60.0) % 120.0 - 60.0)
         angles, radii = np.array(HOLE_MM).T
-        return 1e-3 * np.interp(folded, angles, radii)
+        return 1e-3 * np.interp(folded, angles, radii) + self.hole_wider_m
 
     def outer_radius_m(self, angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the outline's radius in the direction ``angle_rad`` from +x (...,)."""

@@ -27,11 +27,13 @@ class Pegboard:
     Attributes:
         peg_radius_m: half of the 3.5 mm seen in the photographs (which contradict the 2.25 mm in the text).
         peg_height_m: height from the plate to the rounded top.
+        pegs_off_m: (x, y) of each peg's foot against the authors' board; empty: none is off.
         plates_m: (width, depth, height of the top above the pegs' feet) of the stepped plates, top plate first.
     """
 
     peg_radius_m: float = 1.75e-3
     peg_height_m: float = 20e-3
+    pegs_off_m: tuple[tuple[float, float], ...] = ()
     plates_m: tuple[tuple[float, float, float], ...] = (
         (0.100, 0.064, 0.0),
         (0.122, 0.083, -0.004),
@@ -42,4 +44,7 @@ class Pegboard:
     def pegs_m(self) -> NDArray[np.float64]:
         """Return the feet of the pegs (12, 3) in the board frame."""
         grid = [(x, y) for x in GRID_X_MM for y in GRID_Y_MM]
-        return np.array([(x, y, 0.0) for x, y in (*grid, *HEXAGON_MM)]) * 1e-3
+        feet = np.array([(x, y, 0.0) for x, y in (*grid, *HEXAGON_MM)]) * 1e-3
+        if self.pegs_off_m:
+            feet[:, :2] += self.pegs_off_m
+        return feet

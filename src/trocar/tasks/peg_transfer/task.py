@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -15,6 +15,7 @@ from trocar.station import Station
 from trocar.tasks.kit import Method, Task, check_budget, option
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import GOALS, PegSet, Transfer
+from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
 from trocar.tasks.peg_transfer.truth import PegTruth
@@ -27,6 +28,10 @@ BOARD_TURN_RAD = np.radians(3.0)
 BLOCK_SHIFT_M = 1.6e-3
 """How far a person leaves a block off its peg's middle; the hole's clearance is 2.1 mm."""
 
+BESIDE_PEG_M = 0.2e-3
+"""Between a block as it is laid down and its peg."""
+MOST_OFF_M = 0.5e-3
+"""No print is used that is off by more."""
 MIN_GAP_M = 0.5e-3
 """Between two blocks as they are laid down at the start."""
 
@@ -114,16 +119,18 @@ class PegTransfer(Task):
         return PegSet(variant=self.variant)
 
     def scene(self, rng: np.random.Generator, station: Station) -> PegScene:
-        """Return a board moved by millimetres with a block lying loosely on each of its left six pegs."""
-        board, block = self.known().board, self.known().block
+        """Return a board moved by millimetres with a block lying loosely on each of its left six pegs, as printed."""
+        (sd_m,) = station.difficulty["print"]
+        board, block = printed(self.known().board, self.known().block, float(sd_m), rng.spawn(1)[0])
         shift = np.append(rng.uniform(-BOARD_SHIFT_M, BOARD_SHIFT_M, 2), 0.0)
         turn = SO3.axis("z", rng.uniform(-BOARD_TURN_RAD, BOARD_TURN_RAD))
         T_world_board = station.T_world_fixture["board"] @ SE3.from_parts(turn, shift)
-        poses: list[SE3] = []
+        room_m = float(block.hole_radius_m(np.linspace(0.0, TURN, 61)).min()) - board.peg_radius_m
+        shift_m, poses = min(BLOCK_SHIFT_M, room_m - BESIDE_PEG_M), list[SE3]()
         for peg in board.pegs_m[:6]:
-            pose = _lay(block, peg, rng)
+            pose = _lay(block, peg, shift_m, rng)
             while any(block.gap_m(pose, other) < MIN_GAP_M for other in poses):
-                pose = _lay(block, peg, rng)
+                pose = _lay(block, peg, shift_m, rng)
             poses.append(pose)
         T_board_blocks = SE3(np.stack([pose.matrix for pose in poses]))
         return PegScene(T_world_board, T_world_board @ T_board_blocks, board, block)
@@ -137,9 +144,33 @@ class PegTransfer(Task):
         return score_transfers(self.goals(), truth, events, handover=self.variant == "handover")
 
 
-def _lay(block: Block, peg_m: np.ndarray, rng: np.random.Generator) -> SE3:
+def printed(board: Pegboard, block: Block, sd_m: float, rng: np.random.Generator) -> tuple[Pegboard, Block]:
+    """Return a board and its blocks as a printer makes them: places and sizes off by so much (SD), at most .5 mm.
+
+    All pegs are as thick and as tall as each other, and all blocks have one shape.
+    """
+
+    def off(*shape: int) -> np.ndarray:
+        return np.clip(sd_m * rng.standard_normal(shape), -MOST_OFF_M, MOST_OFF_M)
+
+    thicker, taller, side, corner, height, wider = off(6).tolist()
+    pegs = tuple(map(tuple, off(len(board.pegs_m), 2).tolist()))
+    board = replace(
+        board, peg_radius_m=board.peg_radius_m + thicker, peg_height_m=board.peg_height_m + taller, pegs_off_m=pegs
+    )
+    block = replace(
+        block,
+        side_m=block.side_m + side,
+        corner_m=block.corner_m + corner,
+        height_m=block.height_m + height,
+        hole_wider_m=wider,
+    )
+    return board, block
+
+
+def _lay(block: Block, peg_m: np.ndarray, shift_m: float, rng: np.random.Generator) -> SE3:
     """Return a pose of a block round a peg in the board's frame: any yaw, off the middle."""
-    off = BLOCK_SHIFT_M * np.sqrt(rng.uniform())
+    off = shift_m * np.sqrt(rng.uniform())
     angle = rng.uniform(0.0, TURN)
     place = peg_m + [off * np.cos(angle), off * np.sin(angle), block.height_m]
     return SE3.from_parts(SO3.axis("x", np.pi) @ SO3.axis("z", rng.uniform(0.0, TURN)), place)
