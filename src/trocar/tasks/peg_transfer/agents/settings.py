@@ -44,7 +44,8 @@ class Settings:
         depth_m: of the tip under the block's top face.
         jaw_closed_rad: target that lets the drive press.
         held_rad: opening of jaws that have closed on a wall.
-        jaw_empty_rad: jaws that close further than this hold nothing.
+        jaw_empty_rad: jaws that close further than this hold nothing, or a block by less than its wall: round a wall they
+            stall at .17 to .27, and what they held at .12 was lost on its way.
         clear_height_m: of the tip over the plate when it travels empty; the pegs are 20 mm tall.
         lift_m: how far a held block is raised: its lower face clears the pegs.
         drop_m: height of a block's lower face over the plate when it is released.
@@ -83,7 +84,7 @@ class Settings:
     depth_m: float = 4.0e-3
     jaw_closed_rad: float = -0.17
     held_rad: float = 0.20
-    jaw_empty_rad: float = 0.08
+    jaw_empty_rad: float = 0.15
     clear_height_m: float = 27e-3
     lift_m: float = 26e-3
     drop_m: float = 2e-3
