@@ -10,7 +10,7 @@ class Settings:
     """Settings of a method; as they come they are those of ``best``.
 
     Attributes:
-        estimator: of the gripper's pose: ``filter`` or ``paper``.
+        estimator: of the gripper's pose: ``field`` or ``paper``.
         centralised: whether one plan is made for both arms once both have asked (V-C.1), instead of one at a time
             beside what the other arm does.
         tip_speed_m_s: greatest speed of the tips; 1 cm/s in the paper's laboratory, up to 10 cm/s by surgeons.
@@ -51,7 +51,7 @@ class Settings:
         apart_m: fragments this near to the other arm's are not allocated.
     """
 
-    estimator: str = "filter"
+    estimator: str = "field"
     centralised: bool = False
     tip_speed_m_s: float = 0.05
     descent_speed_m_s: float = 0.025
