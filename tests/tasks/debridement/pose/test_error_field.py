@@ -19,7 +19,7 @@ STEPS = 60
 
 
 def there_and_back(seed):
-    """Return commands (n, 6) of a way through the work space, gone twice, and where cables with errors bring the tip."""
+    """Return commands (n, 6) of a way that is gone twice, and where cables with errors bring the tip."""
     rng = np.random.default_rng(seed)
     cables = PoseErrorField().drawn(rng, Difficulty.of(MILD))
     share = np.linspace(0.0, 4 * np.pi, 2 * STEPS)[:, None]

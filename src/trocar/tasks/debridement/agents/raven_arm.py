@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -94,6 +95,7 @@ class RavenArm:
         straight: bool = False,
         beside_wall: bool = False,
         speed_m_s: float | None = None,
+        lift_m: float = 0.0,
     ) -> None:
         """Go somewhere in steps, planning anew before each from the newest estimate (V-B).
 
@@ -103,6 +105,7 @@ class RavenArm:
             straight: a short piece near a fragment.
             beside_wall: a place beside the receptacle's wall, below its edge.
             speed_m_s: of the tip; default: the method's.
+            lift_m: the first step begins with so much straight up.
 
         Raises:
             NoWay: no plan was found for a long time.
@@ -114,10 +117,14 @@ class RavenArm:
         else:
             aside_m, high_m = self.s.arrived_m, min(self.s.arrived_m, ARRIVED_HIGH_M)
         visits, nearest_m, in_vain = 0, np.inf, 0
-        if not straight:
-            await self._rise()
         while True:
-            await self._step(Asked(T_world_goal, speed, straight, beside_wall))
+            if lift_m > 0:
+                await self._lift(Asked(T_world_goal, speed), lift_m)
+                lift_m = 0.0
+            else:
+                if not straight:
+                    await self._rise()  # an arm that was stopped because it was astray may be low
+                await self._step(Asked(T_world_goal, speed, straight, beside_wall))
             if precise:
                 await self.settle()
                 await self.eyes.glance(self.name)
@@ -143,6 +150,14 @@ class RavenArm:
         low = self.places.table_m + LOW_M - float(T_world_tip.translation_m[2])
         if low > 0:
             await self._step(Asked(raised(T_world_tip, low), self.s.descent_speed_m_s, straight=True))
+
+    async def _lift(self, asked: Asked, by_m: float) -> None:
+        """Go straight up, and on without a stop; where no such way is found, only go up."""
+        up = raised(self.robot.T_world_tip(self.name), by_m)
+        try:
+            await self.mover.step(self.name, replace(asked, T_world_through=up), self.s.step_m)
+        except NoWay:
+            await self.rise(by_m)
 
     async def _step(self, asked: Asked) -> None:
         """Go one step, as soon as there is a way."""
@@ -186,12 +201,17 @@ class RavenArm:
         """Return by how much the gripper is turned about the vertical."""
         return turn_of(self.robot.T_world_tip(self.name))
 
+    @property
+    def height_m(self) -> float:
+        """Return how high in the world the tip is."""
+        return float(self.robot.T_world_tip(self.name).translation_m[2])
+
     def reachable(self, *poses: SE3) -> bool:
         """Return whether all of these poses of the tip are within the joints' ranges."""
         return all(self.robot.reaches(self.name, pose) for pose in poses)
 
-    async def go_to_one(self, places: Sequence[SE3]) -> None:
-        """Go to the first of some places that is within reach.
+    async def go_to_one(self, places: Sequence[SE3], lift_m: float = 0.0) -> None:
+        """Go to the first of some places that is within reach, straight up by so much before.
 
         Raises:
             NoWay: none is; or as ``go``.
@@ -202,11 +222,11 @@ class RavenArm:
                 continue
             try:
                 tried += 1
-                return await self.go(place)
+                return await self.go(place, lift_m=lift_m)
             except NoWay as error:
                 if not error.lasting:
                     raise
-                reason = str(error)
+                reason, lift_m = str(error), 0.0
         raise NoWay(reason, lasting=True)
 
     def possible(self, grasps: Sequence[Grasp]) -> Grasp | None:
@@ -277,7 +297,7 @@ class RavenArm:
         T_world_tip = self.robot.T_world_tip(self.name)
         by_m = float(T_world_tip.translation_m[2]) - height_m
         await self.jaw(open_rad)
-        await self.go(raised(T_world_tip, -by_m), straight=True, speed_m_s=self.s.descent_speed_m_s)
+        await self.go(raised(T_world_tip, -by_m), straight=True)
         await self.jaw(0.0)
         await self.rise(by_m)
 

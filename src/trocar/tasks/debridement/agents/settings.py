@@ -29,16 +29,17 @@ class Settings:
         close_s: the jaws' closing takes as long; 0: as fast as they can.
         above_m: the tip stops so high over a grasp, along the approach, and looks again. The paper's program came by a
             place 3 cm back without a stop; from a stop there, steps of 2.5 cm would end 5 mm over every grasp.
-        lift_m: after closing; 5 cm in their program.
+        lift_m: straight up after closing; 5 cm in their program.
+        lifts_on_the_way: whether the arm goes on from there without a stop, and the pickup is checked meanwhile.
         hold_high_m: height of tips over the work surface on the way.
         drop_high_m: height of the tip over the work surface when the jaws open over the receptacle.
         margin_m: between the arms, and to the receptacle. V-B has 1 mm, at which the guard stops an arm here: plans
             keep half a millimetre more, for estimates that change on the way.
         confirms_above: whether the camera has to confirm the place over a fragment before the tip goes down; that of
             the grasp it has to confirm always.
-        checks_on_the_way: whether the pickup is checked while the arm goes on already.
         holds_first: whether an arm goes to its place beside the receptacle before it asks for the token.
         checks_release: whether it looks whether a fragment clings to the open jaws.
+        looks_ahead: whether it looks for the next fragment while the jaws open.
         remembers: whether a fragment counts as there while an arm hides it from the camera.
         vision_lag_s: rest before every plan to a fragment, for the images to catch up; 2 s in their program.
         watch_s: time between two images of a gripper.
@@ -58,7 +59,7 @@ class Settings:
     limits_share: float = 0.75
     astray_m: float = 0.006
     step_m: float = 0.15
-    reached_m: float = 0.002
+    reached_m: float = 0.0015
     reached_high_m: float = 0.0012
     arrived_m: float = 0.010
     close_m: float = 0.004
@@ -67,15 +68,16 @@ class Settings:
     hug_m: float = 0.010
     turns: bool = True
     close_s: float = 0.0
-    above_m: float = 0.011
-    lift_m: float = 0.028
+    above_m: float = 0.013
+    lift_m: float = 0.018
+    lifts_on_the_way: bool = True
     hold_high_m: float = 0.040
     drop_high_m: float = 0.038
     margin_m: float = 0.004
     confirms_above: bool = False
-    checks_on_the_way: bool = True
     holds_first: bool = False
     checks_release: bool = True
+    looks_ahead: bool = True
     remembers: bool = True
     vision_lag_s: float = 0.0
     watch_s: float = 0.1
@@ -117,11 +119,12 @@ def paper() -> Settings:
         close_s=2.5,
         above_m=0.024,
         lift_m=0.050,
+        lifts_on_the_way=False,
         margin_m=0.0015,
         confirms_above=True,
-        checks_on_the_way=False,
         holds_first=True,
         checks_release=False,
+        looks_ahead=False,
         remembers=False,
         vision_lag_s=2.0,
         watch_s=0.25,
