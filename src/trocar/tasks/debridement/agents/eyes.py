@@ -166,24 +166,19 @@ class Eyes:
         await with_helpers(follow)
 
     async def holds(self, arm: str) -> bool:
-        """Return whether pixels show that a fragment was picked up, and note it."""
-        holding, image_s = await self._in_jaws(arm)
-        self._cell.log.event("pickup", arm=arm, holding=holding, image_s=round(image_s, 6))
-        return holding
-
-    async def clings(self, arm: str) -> bool:
-        """Return whether pixels show a fragment at the open jaws."""
-        return (await self._in_jaws(arm))[0]
-
-    async def _in_jaws(self, arm: str) -> tuple[bool, float]:
-        """Return whether pixels show a fragment in the jaws, and when; where they say nothing it looks again."""
+        """Return whether pixels show that a fragment was picked up, and note it; where they say nothing, look again."""
         holding, sure, image_s = await self._look_in_jaws(arm)
         for _ in range(HIDDEN_LOOKS):
             if sure:
                 break
             await self._cell.clock.sleep(AGAIN_S)
             holding, sure, image_s = await self._look_in_jaws(arm)
-        return holding, image_s
+        self._cell.log.event("pickup", arm=arm, holding=holding, image_s=round(image_s, 6))
+        return holding
+
+    async def clings(self, arm: str) -> bool:
+        """Return whether pixels show a fragment at the open jaws."""
+        return (await self._look_in_jaws(arm))[0]
 
     async def _look_in_jaws(self, arm: str) -> tuple[bool, bool, float]:
         """Return whether pixels show a fragment in the jaws, whether that is sure, and when.

@@ -56,7 +56,7 @@ class Settings:
     centralised: bool = False
     tip_speed_m_s: float = 0.05
     descent_speed_m_s: float = 0.025
-    limits_share: float = 0.75
+    limits_share: float = 0.85
     astray_m: float = 0.006
     step_m: float = 0.15
     reached_m: float = 0.0015
@@ -131,6 +131,7 @@ def paper() -> Settings:
         fragments_budget_s=0.3,
         gripper_budget_s=0.1,
         plan_budget_s=2.4,
+        limits_share=0.75,
         settle_s=0.1,
         fresh_s=2.0,
         apart_m=0.030,
