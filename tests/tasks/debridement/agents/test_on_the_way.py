@@ -1,4 +1,4 @@
-"""What an arm does while it goes on: lift, check the pickup, look for the next fragment."""
+"""What an arm does while it goes on: lift, and check the pickup."""
 
 import numpy as np
 
@@ -52,12 +52,3 @@ def test_jaws_that_are_hidden_are_not_taken_to_be_empty(monkeypatch, tmp_path):
     assert said["holding"]
     assert said["image_s"] > times(trial, "closing")[0] + HIDDEN_S - 0.1
     assert trial.scores[0]["first_attempt"]
-
-
-def test_the_next_fragment_is_looked_for_while_the_jaws_open(monkeypatch, tmp_path):
-    trial = play(monkeypatch, tmp_path, Eyes(), arms=1, fragments=2, budget_s=60.0)
-    released, again = times(trial, "releasing")[0], times(trial, "allocated")[1]
-    done = times(trial, "fragment")[0]
-    assert again - done < 0.02
-    looks = [e["image_s"] for e in trial.events if e["name"] == "detected"]
-    assert any(released < image_s < done for image_s in looks)

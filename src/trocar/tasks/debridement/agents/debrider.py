@@ -6,23 +6,19 @@ from functools import partial
 
 import trio
 
-from trocar.tasks.debridement.agents.eyes import CameraFrozen, Look
+from trocar.tasks.debridement.agents.eyes import CameraFrozen
 from trocar.tasks.debridement.agents.fleet import Failure, Fleet
 from trocar.tasks.debridement.agents.letting_go import WAYS, try_to_shed
 from trocar.tasks.debridement.agents.movers import ArmStopped, NoWay
 from trocar.tasks.debridement.agents.places import Grasp
 from trocar.tasks.debridement.agents.raven_arm import RavenArm
+from trocar.tasks.debridement.agents.searching import come_into_sight
 from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.kit.together import together
 
 TOO_MANY = 8
 """An arm that fails so many times in a row gives up."""
-NOT_LOOKED = None, 0.0
-LOOSE_S = 0.2
-"""Jaws that open have let go of their fragment by then, if it does not cling to them."""
-AHEAD_S = 0.6
-"""A look ahead holds for so long: not if a fragment clings."""
 LIFTED_SHARE = 0.8
 """Jaws that have risen by this share of what they rise have left the work surface."""
 SHORT_S = 0.05
@@ -60,13 +56,12 @@ class Debrider:
         self.side = fleet.sides[arm.name]
         self._began_s, self._in_a_row = 0.0, 0
         self._is_home = self._looked_again = False
-        self._ahead: tuple[Look | None, float] = NOT_LOOKED
 
     async def run(self) -> None:
         """Clear fragments until there are none, or none within reach."""
         self.fleet.busy.add(self.name)
         try:
-            await self.arm.find()
+            await come_into_sight(self.arm)
             while await self._one_more():
                 pass
             await self._home()
@@ -122,9 +117,7 @@ class Debrider:
         if self.s.vision_lag_s > 0:
             with self.cell.log.span(self.name, "perception"):
                 await self.cell.clock.sleep(self.s.vision_lag_s)
-        (look, looked_s), self._ahead = self._ahead, NOT_LOOKED
-        if look is None or self.cell.clock.now_s() - looked_s > AHEAD_S:
-            look = await self.arm.eyes.look(self.name)
+        look = await self.arm.eyes.look(self.name)
         if self.fleet.full(look.fragments, [self.arm.robot.T_world_tip(n).translation_m for n in self.cell.arms]):
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
         seen, hidden, now_s = self.fleet.loose(look.fragments), self.fleet.loose(look.hidden), self.cell.clock.now_s()
@@ -227,10 +220,7 @@ class Debrider:
     async def _let_go(self) -> tuple[FragmentOutcome, str]:
         """Open the jaws over the receptacle, and get off what clings to them."""
         self.cell.log.event("releasing", arm=self.name)
-        if self.s.looks_ahead:
-            await together(partial(self.arm.jaw, self.s.open_rad), self._look_ahead)
-        else:
-            await self.arm.jaw(self.s.open_rad)
+        await self.arm.jaw(self.s.open_rad)
         for number in range(WAYS + 1):
             if not self.s.checks_release or not await self.arm.eyes.clings(self.name):
                 self.fleet.cleared += 1
@@ -238,12 +228,6 @@ class Debrider:
             if number < WAYS:
                 await try_to_shed(self.arm, number)
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
-
-    async def _look_ahead(self) -> None:
-        """Look for what to take next, once the jaws have let go."""
-        await self.cell.clock.sleep(LOOSE_S)
-        self.arm.eyes.memory.let_go(self.name)
-        self._ahead = await self.arm.eyes.look(self.name), self.cell.clock.now_s()
 
     async def _back(self) -> None:
         """Open the jaws where the arm is, and go aside as far as that is possible."""

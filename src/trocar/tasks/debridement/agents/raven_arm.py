@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -47,24 +46,6 @@ FIRST_SHARE = 0.5
 """The first way down is slower by this: how the errors of the kinematics change with height has not been seen yet."""
 CLOSING_STEPS = 25
 """A slow closing of the jaws is made of so many small ones."""
-SEARCH_M = (
-    (0.0, 0.0, 0.0),
-    (0.0, 0.0, -0.02),
-    (-0.02, 0.0, -0.02),
-    (-0.04, 0.0, -0.02),
-    (-0.02, 0.02, -0.04),
-    (-0.02, -0.03, -0.02),
-    (0.0, -0.03, 0.0),
-    (-0.04, 0.03, 0.01),
-    (-0.02, 0.0, 0.03),
-    (0.02, 0.0, 0.0),
-)
-"""Where an arm that no camera sees is sent from where it is, one place after the other: down and towards the middle
-first (x), then across and up. Where it is in truth nobody knows; were it low, it would be in the picture."""
-
-
-class NotSeen(ArmStopped):
-    """No camera sees the gripper, wherever it is sent."""
 
 
 class RavenArm:
@@ -240,24 +221,6 @@ class RavenArm:
             if self.reachable(*poses) and clear(beside_wall=True):
                 return grasp
         return None
-
-    async def find(self) -> None:
-        """See the gripper once, wherever the kinematics are wrong to.
-
-        Raises:
-            NotSeen: it is nowhere to be seen.
-        """
-        T_world_start = self.robot.T_world_tip(self.name)
-        for x, y, z in SEARCH_M:
-            off = np.array([self.side * x, y, z])
-            goal = SE3.from_parts(T_world_start.rotation, T_world_start.translation_m + off)
-            with suppress(NoWay):
-                await self.mover.step(self.name, Asked(goal, self.s.tip_speed_m_s, straight=True), self.s.step_m)
-                await self.settle()
-                await self.eyes.look(self.name)
-            if self.robot.age_s(self.name) < np.inf:
-                return
-        raise NotSeen(f"no camera sees the gripper of arm {self.name!r}")
 
     async def settle(self) -> None:
         """Rest until the arm holds still."""

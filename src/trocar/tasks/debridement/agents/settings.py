@@ -39,7 +39,6 @@ class Settings:
             the grasp it has to confirm always.
         holds_first: whether an arm goes to its place beside the receptacle before it asks for the token.
         checks_release: whether it looks whether a fragment clings to the open jaws.
-        looks_ahead: whether it looks for the next fragment while the jaws open.
         remembers: whether a fragment counts as there while an arm hides it from the camera.
         vision_lag_s: rest before every plan to a fragment, for the images to catch up; 2 s in their program.
         watch_s: time between two images of a gripper.
@@ -77,7 +76,6 @@ class Settings:
     confirms_above: bool = False
     holds_first: bool = False
     checks_release: bool = True
-    looks_ahead: bool = True
     remembers: bool = True
     vision_lag_s: float = 0.0
     watch_s: float = 0.1
@@ -124,7 +122,6 @@ def paper() -> Settings:
         confirms_above=True,
         holds_first=True,
         checks_release=False,
-        looks_ahead=False,
         remembers=False,
         vision_lag_s=2.0,
         watch_s=0.25,
