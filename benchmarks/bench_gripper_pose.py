@@ -17,7 +17,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.stats import chi2
 
-from trocar.tasks.debridement.agents import STEADY
 from trocar.tasks.debridement.pose import (
     ErrorFilter,
     FilterSettings,
@@ -41,14 +40,12 @@ ESTIMATORS = {
     "paper's rule": PaperAdjustment,
     "held error": HeldError,
     "error filter": ErrorFilter,
-    "filter at work": partial(ErrorFilter, STEADY),
 }
 COMPARED = (
     ("paper's rule", "raw kinematics"),
     ("error filter", "raw kinematics"),
     ("held error", "paper's rule"),
     ("error filter", "paper's rule"),
-    ("filter at work", "paper's rule"),
 )
 QUANTITIES = {"translation": "translation_m", "rotation": "rotation_rad"}
 CHOICE = {"drift_s": (2.0, 5.0, 10.0), "lag_s": (0.5, 1.0, 2.0), "drift_m": (0.002, 0.0035, 0.006)}

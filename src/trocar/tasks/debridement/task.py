@@ -72,7 +72,7 @@ class Debridement(Task):
     station = "raven-pair"
     methods: ClassVar = {
         "best": Method(
-            "a filter for the error of the kinematics, few stops, 5 cm/s", settings=Lazy(f"{_SETTINGS}:best"), **_METHOD
+            "joints' errors are remembered by place, few stops, 5 cm/s", settings=Lazy(f"{_SETTINGS}:best"), **_METHOD
         ),
         "best-1cm": Method("the same at the paper's 1 cm/s", settings=Lazy(f"{_SETTINGS}:slow"), **_METHOD),
         "paper": Method(

@@ -65,7 +65,7 @@ def adjusted(estimator=HeldError):
         T_world_base_registered={"left": LEFT.T_world_base},
         clock=SimpleNamespace(now_s=lambda: 1.0),
     )
-    return Adjusted(cell, estimator), robot  # type: ignore[arg-type]
+    return Adjusted(cell, lambda _: estimator()), robot  # type: ignore[arg-type]
 
 
 async def under_way(nursery):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trocar.arms import MotionLimits, Unreachable, fk
+from trocar.arms import MotionLimits, Unreachable, fk, ik_unbounded
 from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest
 from trocar.station import load_station
@@ -44,6 +44,22 @@ def test_the_tip_follows_what_is_desired_where_the_error_is_known():
         np.linalg.norm(fk(ARM, desired(times)).translation_m - fk(ARM, found(times)).translation_m, axis=-1).min()
         > 5e-3
     )
+
+
+def test_a_wrist_that_errs_by_tens_of_degrees_is_commanded_all_the_same():
+    """Joints off by what was seen in a trial, a part of it growing with the place: in poses the search went astray."""
+    off = np.array([0.137, 0.038, -0.035, -0.447, -0.193, 0.046])
+    slope = 0.3 * np.array([[0.4, -0.9, 0, 0, 0, 0], [1, -0.5, 0, 0, 0, 0], [0] * 6, [0, -0.8, 0, 0, 0.3, 0]])
+
+    def settled(T):
+        q = ik_unbounded(ARM, T)
+        error = off + np.concatenate([slope @ (q - START), [0.0, 0.0]])
+        return fk(ARM, q + error)
+
+    wanted = fk(ARM, END)
+    reached = settled(fk(ARM, command_for(ARM, wanted, settled, START)))
+    assert np.linalg.norm(reached.translation_m - wanted.translation_m) < 3e-4
+    assert (reached.rotation @ wanted.rotation.inverse()).angle() < 0.01
 
 
 def test_what_is_added_does_not_swing_where_the_motion_starts_to_brake():
@@ -93,7 +109,7 @@ def test_a_correction_that_is_too_much_for_the_limits_is_made_in_part():
     times = np.linspace(desired.times_s[0], desired.times_s[-1], 400)[:-1]
     most = np.abs(sent(times, 2)).max(axis=0) / KEPT_SHARE * 1.05
     found = corrected(ARM, desired, sent, after, MotionLimits(ARM.motion_limits.velocity, most))
-    assert (np.abs(found(times, 2)) <= most * 1.02).all()
+    assert (np.abs(found(times, 2)) <= most * 1.03).all()
     shift_m = np.linalg.norm(fk(ARM, found(times[-1])).translation_m - fk(ARM, sent(times[-1])).translation_m)
     assert 1e-4 < shift_m < 2 * np.linalg.norm(OFF)
 

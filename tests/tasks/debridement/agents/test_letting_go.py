@@ -1,10 +1,13 @@
 """Charged fragments come off the jaws: real physics, and eyes that are told what a finger touches."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
+import trio
 
 from debridement_stage import Eyes, play
+from trocar.tasks.debridement.agents.letting_go import SHAKEN_RAD, STROKES, WAYS, try_to_shed
 
 CLING_N, DENSITY_KG_M3 = 1.4e-3, 160.0
 
@@ -26,3 +29,29 @@ def test_a_fragment_that_both_fingers_draw_up_between_them_comes_off(monkeypatch
     (released,) = [e for e in trial.events if e["name"] == "releasing"]
     assert said["time_s"] - released["time_s"] > 1.0, "it clung"
     assert trial.scores[0]["succeeded"] and said["outcome"] == "DONE"
+
+
+def test_what_has_not_helped_in_one_way_is_tried_in_another():
+    done = []
+
+    class Arm:
+        places = SimpleNamespace(table_m=-0.162)
+
+        async def jaw(self, angle_rad):
+            done.append(("jaw", angle_rad))
+
+        async def rise(self, by_m):
+            done.append(("rise", by_m))
+
+        async def stroke(self, height_m, open_rad):
+            done.append(("stroke", height_m, open_rad))
+
+    async def shed():
+        for number in range(WAYS):
+            await try_to_shed(Arm(), number)
+            assert done[-1] == ("jaw", SHAKEN_RAD), "a fragment is looked for at jaws that are wide open"
+
+    trio.run(shed)
+    strokes = [way for way in done if way[0] == "stroke"]
+    assert len(strokes) == len(set(strokes)) == len(STROKES)
+    assert all(0.010 < height_m + 0.162 < 0.015 for _, height_m, _ in strokes), "over the receptacle's floor"

@@ -85,13 +85,13 @@ def test_what_hangs_in_the_air_is_not_remembered():
 
 def test_jaws_that_lift_are_known_to_carry(monkeypatch, tmp_path):
     """The other arm may look meanwhile."""
-    known, rise = [], RavenArm.rise
+    known, go = [], RavenArm.go
 
-    async def lifts(self, by_m):
-        if by_m == self.s.lift_m:
+    async def lifts(self, T_world_goal, **how):
+        if how.get("lift_m"):
             known.append(self.name in self.eyes.memory._carrying)
-        await rise(self, by_m)
+        await go(self, T_world_goal, **how)
 
-    monkeypatch.setattr(RavenArm, "rise", lifts)
+    monkeypatch.setattr(RavenArm, "go", lifts)
     play(monkeypatch, tmp_path, Eyes(), arms=1, fragments=1, budget_s=60.0)
     assert known == [True]

@@ -10,7 +10,7 @@ import numpy as np
 import trio
 from numpy.typing import NDArray
 
-from trocar.arms import Unreachable, fk, ik
+from trocar.arms import ArmModel, Unreachable, fk, ik
 from trocar.cell import Cell, Ended, Execution, JointReading, SetPoint
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
@@ -67,13 +67,13 @@ class Adjusted:
 
     Args:
         cell: whose robot it wraps, with its arms, registered bases and clock.
-        estimator: makes the estimator of one gripper.
+        estimator: makes the estimator of one arm's gripper.
     """
 
-    def __init__(self, cell: Cell, estimator: Callable[[], PoseEstimator]):
+    def __init__(self, cell: Cell, estimator: Callable[[ArmModel], PoseEstimator]):
         self._robot, self._arms, self._clock = cell.robot, cell.arms, cell.clock
         self._T_world_base = cell.T_world_base_registered
-        self._estimators = {name: estimator() for name in cell.arms}
+        self._estimators = {name: estimator(model) for name, model in cell.arms.items()}
         self._seen_s: dict[str, float] = {}
         self._courses: dict[str, Course] = {}
         self._off = {name: np.zeros(6) for name in cell.arms}

@@ -8,24 +8,20 @@ import trio
 
 from trocar.tasks.debridement.agents.eyes import CameraFrozen
 from trocar.tasks.debridement.agents.fleet import Failure, Fleet
+from trocar.tasks.debridement.agents.letting_go import WAYS, try_to_shed
 from trocar.tasks.debridement.agents.movers import ArmStopped, NoWay
 from trocar.tasks.debridement.agents.places import Grasp
 from trocar.tasks.debridement.agents.raven_arm import RavenArm
+from trocar.tasks.debridement.agents.searching import come_into_sight
 from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.kit.together import together
 
-SHAKES, SHAKEN_RAD = 2, 2.0
-"""Jaws that a fragment clings to close and open so wide, so many times. Both fingers draw a charged fragment up between
-them, to where it is as wide as they are apart; opened so far they leave it to one of them, most often, below whose face
-it hangs, and closing changes how."""
-SHAKEN_M = 0.008
-"""The first time they rise by this meanwhile: what only lay behind the jaws stays behind."""
-STROKES, STROKE_M = 4, 0.014
-"""If it clings still, so many times the tip goes down to this height over the work surface, and the jaws close there:
-the fingers' ends, then 10 mm below the tip, rub what hangs from one of them on the receptacle's floor, or grasp it."""
 TOO_MANY = 8
 """An arm that fails so many times in a row gives up."""
+LIFTED_SHARE = 0.8
+"""Jaws that have risen by this share of what they rise have left the work surface."""
+SHORT_S = 0.05
 IDLE_S = 5.0
 """An arm that has nothing to do looks again after this time, or once the other one has got on."""
 
@@ -65,7 +61,7 @@ class Debrider:
         """Clear fragments until there are none, or none within reach."""
         self.fleet.busy.add(self.name)
         try:
-            await self.arm.find()
+            await come_into_sight(self.arm)
             while await self._one_more():
                 pass
             await self._home()
@@ -176,11 +172,11 @@ class Debrider:
         await self.arm.take(grasp)
         self.arm.eyes.memory.take(self.name, fragment.p_world_m)
         try:
-            await self.arm.rise(self.s.lift_m)
-            self.fleet.carry(self.name)
-            if self.s.checks_on_the_way:
-                await together(self._check, self._bring)
+            if self.s.lifts_on_the_way:
+                await together(self._check_lifted, partial(self._bring, self.s.lift_m))
             else:
+                await self.arm.rise(self.s.lift_m)
+                self.fleet.carry(self.name)
                 await self._check()
                 await self._bring()
             return await self._let_go()
@@ -200,41 +196,38 @@ class Debrider:
         if not await self.arm.eyes.holds(self.name):
             raise NothingHeld
 
-    async def _bring(self) -> None:
-        """Go over the receptacle; then this arm has its token."""
-        if self.s.holds_first:
-            await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad))
-        await self._token()
-        await self.arm.go_to_one(self.places.drop(self.side, self.arm.turn_rad))
+    async def _check_lifted(self) -> None:
+        """Look whether the jaws hold a fragment once they have risen with it, on their way.
 
-    async def _token(self) -> None:
-        """Get the receptacle's token; wait for it beside the receptacle."""
-        if not self.fleet.token.take_now(self.name):
-            await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad))
+        Raises:
+            NothingHeld: they do not.
+        """
+        from_m = self.arm.height_m
+        while self.arm.height_m < from_m + LIFTED_SHARE * self.s.lift_m:
+            await self.cell.clock.sleep(SHORT_S)
+        self.fleet.carry(self.name)
+        await self._check()
+
+    async def _bring(self, lift_m: float = 0.0) -> None:
+        """Go over the receptacle, at first straight up by so much; then this arm has the receptacle's token."""
+        if self.s.holds_first or not self.fleet.token.take_now(self.name):
+            await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad), lift_m)
             with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
                 await self.fleet.token.take(self.name)
+            lift_m = 0.0
+        await self.arm.go_to_one(self.places.drop(self.side, self.arm.turn_rad), lift_m)
 
     async def _let_go(self) -> tuple[FragmentOutcome, str]:
-        """Open the jaws over the receptacle, and shake or stroke off what clings to them."""
+        """Open the jaws over the receptacle, and get off what clings to them."""
         self.cell.log.event("releasing", arm=self.name)
         await self.arm.jaw(self.s.open_rad)
-        for number in range(SHAKES + STROKES + 1):
+        for number in range(WAYS + 1):
             if not self.s.checks_release or not await self.arm.eyes.clings(self.name):
                 self.fleet.cleared += 1
                 return FragmentOutcome.DONE, ""
-            if number < SHAKES + STROKES:
-                await self._shake(number)
+            if number < WAYS:
+                await try_to_shed(self.arm, number)
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
-
-    async def _shake(self, number: int) -> None:
-        """Close the jaws and open them wide, the last times over the floor of the receptacle."""
-        if number == 0:
-            await together(partial(self.arm.jaw, 0.0), partial(self.arm.rise, SHAKEN_M))
-        elif number < SHAKES:
-            await self.arm.jaw(0.0)
-        else:
-            await self.arm.stroke(self.places.table_m + STROKE_M, self.s.open_rad)
-        await self.arm.jaw(SHAKEN_RAD)
 
     async def _back(self) -> None:
         """Open the jaws where the arm is, and go aside as far as that is possible."""

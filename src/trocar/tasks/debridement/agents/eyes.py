@@ -33,7 +33,9 @@ MOVED_M = 2e-3
 SHORT_S = 0.01
 """Least pause between two looks at a gripper."""
 AGAIN_S = 0.2
-"""Pause before another try after an image that shows nothing new."""
+"""Pause before another try after an image that shows nothing new, or not what it should."""
+HIDDEN_LOOKS = 8
+"""So often it looks at jaws that it does not see before it takes them to be empty: for 2 s, in which arms go on."""
 
 
 class CameraFrozen(TrocarError):
@@ -106,14 +108,17 @@ class Eyes:
         eyes_m = np.stack([self._T_world_camera.translation_m, T_world_right.translation_m])
         return Look(*self.memory.look(seen, eyes_m, solids))
 
-    async def glance(self, arm: str, span: bool = True, margin_m: float = MARGIN_M) -> StereoImage:
+    async def glance(self, arm: str, span: bool = True) -> None:
         """Take an image of the surroundings of a gripper, and learn where it is if it is seen.
 
         Args:
             arm: whose.
             span: whether the arm waits for it; else it goes on with what it does.
-            margin_m: of the window round the gripper.
         """
+        await self._glanced(arm, span, MARGIN_M)
+
+    async def _glanced(self, arm: str, span: bool, margin_m: float) -> tuple[StereoImage, SE3 | None]:
+        """Return an image with so much round a gripper, and where its tip is seen in it; None: the marks are hidden."""
         model = self._cell.arms[arm]
         rig = self._camera.model
         margin_m = margin_m if self._robot.age_s(arm) < LOST_S else max(margin_m, LOST_MARGIN_M)
@@ -135,9 +140,10 @@ class Eyes:
         else:
             seen, seconds = await self._cell.clock.compute(compute, budget_s)
             self._cell.log.compute("watching", seconds, budget_s)
-        if seen is not None:
-            self._robot.saw(arm, image.time_s, kinematic[arm], seen.T_world_tip)
-        return image
+        if seen is None:
+            return image, None
+        self._robot.saw(arm, image.time_s, kinematic[arm], seen.T_world_tip)
+        return image, seen.T_world_tip
 
     async def watch(self, arm: str) -> None:
         """Follow a gripper for ever while it moves, and correct its commands by what is seen; stop it if it is astray.
@@ -160,28 +166,35 @@ class Eyes:
         await with_helpers(follow)
 
     async def holds(self, arm: str) -> bool:
-        """Return whether pixels show that a fragment was picked up, and note it."""
-        holding, image_s = await self._in_jaws(arm)
+        """Return whether pixels show that a fragment was picked up, and note it; where they say nothing, look again."""
+        holding, sure, image_s = await self._look_in_jaws(arm)
+        for _ in range(HIDDEN_LOOKS):
+            if sure:
+                break
+            await self._cell.clock.sleep(AGAIN_S)
+            holding, sure, image_s = await self._look_in_jaws(arm)
         self._cell.log.event("pickup", arm=arm, holding=holding, image_s=round(image_s, 6))
         return holding
 
     async def clings(self, arm: str) -> bool:
         """Return whether pixels show a fragment at the open jaws."""
-        return (await self._in_jaws(arm))[0]
+        return (await self._look_in_jaws(arm))[0]
 
-    async def _in_jaws(self, arm: str) -> tuple[bool, float]:
-        """Return whether pixels show a fragment in the jaws, and when."""
-        image = await self.glance(arm, margin_m=HELD_MARGIN_M)
-        jaw_rad = self._robot.read(arm).jaw_rad
+    async def _look_in_jaws(self, arm: str) -> tuple[bool, bool, float]:
+        """Return whether pixels show a fragment in the jaws, whether that is sure, and when.
+
+        Where the marks are hidden, by the other arm most often, what is in the jaws may be hidden as well, or the jaws
+        be elsewhere: nothing red says nothing then.
+        """
+        image, T_world_seen = await self._glanced(arm, span=True, margin_m=HELD_MARGIN_M)
+        T_world_tip, jaw_rad = T_world_seen or self._robot.T_world_tip(arm), self._robot.read(arm).jaw_rad
         holding = await self._cell.compute(
             arm,
             "perception",
-            lambda: self._perception.holding(
-                image, self._T_world_camera, self._cell.arms[arm], self._robot.T_world_tip(arm), jaw_rad
-            ),
+            lambda: self._perception.holding(image, self._T_world_camera, self._cell.arms[arm], T_world_tip, jaw_rad),
             self._settings.gripper_budget_s,
         )
-        return bool(holding), image.time_s
+        return bool(holding), bool(holding) or T_world_seen is not None, image.time_s
 
     async def _captured(
         self, arm: str, kind: str, window: StereoWindow | None = None, span: bool = True

@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from trocar.arms import ArmModel, MotionLimits, Unreachable, fk, ik
-from trocar.geometry import SE3, SO3
+from trocar.arms import ArmModel, MotionLimits, Unreachable, fk, ik_unbounded
+from trocar.geometry import SE3, TURN
 from trocar.trajectory import Trajectory
 
 STEP_S = 0.05
 """Commands are found for moments this far apart, and joined by a cubic spline."""
 NODE_M = 0.015
-"""The error of the kinematics is asked for at places this far apart on the path; between them it is interpolated."""
+"""What a command adds is asked for at places this far apart on the path; between them it is interpolated."""
 KEPT_SHARE = 0.97
 """Of the limits, for corrected commands: a guard looks at them more closely."""
 RAMPS_S = (0.25, 0.4, 0.6, 0.9)
 """A correction is made in as short a time of these as the limits allow."""
 LITTLE = np.array([0.06, 0.06, 1e-3, 0.06, 0.06, 0.06])
 """What a joint's command may be short of, rad and m: such an angle in the wrist is 1 mm at the tip, which is seen."""
-FAR_RAD, FAR_M = 0.3, 0.02
-"""Commands are sought so far beyond a joint's range: what an arm is sent now may not be what would bring it here."""
 FADE_S = 0.5
 """Time constant with which a correction stops changing, after the last place that it is asked for."""
 SHORT = 5e-3
 """They stay this share of their range inside it: a spline through such commands swings a little beyond them."""
 APART_M = 1e-3
-"""Places nearer to each other than this have the same error."""
+"""Commands for places nearer to each other than this add the same."""
 ROUNDS = 4
 """The error depends on the command that it is to correct; it changes by tenths at most, so few rounds are enough."""
 
@@ -157,17 +154,50 @@ def _followed(
 def _commands(
     arm: ArmModel, q: NDArray[np.float64], settled: Callable[[SE3], SE3], q_sent: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the joints (n, 6) to be commanded for believed ones (n, 6), be they in a joint's range or not."""
-    T_wanted = fk(arm, q)
-    return _joints(arm, _corrected(T_wanted, _errors(T_wanted, settled)), q + (q_sent - q[0]))
+    """Return the joints (n, 6) to be commanded for believed ones (n, 6), be they in a joint's range or not.
+
+    What is to be added is asked for at some of them, each beginning with what the one before had, and interpolated.
+    """
+    places = fk(arm, q).translation_m
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=-1))])
+    count = max(4, int(np.ceil(way[-1] / NODE_M)) + 1)
+    near = np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(0, len(way) - 1)
+    nodes = np.unique(np.concatenate([[0], near, [len(way) - 1]]))
+    nodes = nodes[np.diff(way[nodes], prepend=-1.0) > APART_M]
+    found, added = [], q_sent - q[0]
+    for node in nodes:
+        added = _added(arm, q[node], settled, added)
+        found.append(added)
+    if len(nodes) == 1:
+        return q + found[0]
+    spline = make_interp_spline(way[nodes], np.array(found), k=min(3, len(nodes) - 1))
+    return q + spline(np.minimum(way, way[nodes[-1]]))
 
 
-def _joints(arm: ArmModel, T_base_tip: SE3, reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the joints (..., 6) for poses, inside their range if possible, or not far out of it."""
-    try:
-        return ik(arm, T_base_tip, reference=reference)
-    except Unreachable:
-        return ik(_widened(arm), T_base_tip, reference=reference)
+def _added(
+    arm: ArmModel, q_wanted: NDArray[np.float64], settled: Callable[[SE3], SE3], added: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what (6,) a command adds to the joints that are wanted, beginning with a guess.
+
+    It is put right by what the expected joints differ from the wanted ones. An arm errs in its joints: in poses, whose
+    errors turn with the gripper, the same rounds need not come to an end.
+    """
+    for _ in range(ROUNDS):
+        added = added + q_wanted - _unbounded(arm, settled(fk(arm, q_wanted + added)), q_wanted)
+    return added
+
+
+def _unbounded(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the joints (6,) for a pose, in their range or not, in the turn nearest to ``near``.
+
+    Raises:
+        Unreachable: there are none.
+    """
+    q = ik_unbounded(arm, T_base_tip)
+    if not np.isfinite(q).all():
+        raise Unreachable(f"no joints of arm {arm.name!r} have the pose that is to be commanded; go elsewhere")
+    turning = ~np.array([joint.prismatic for joint in arm.joints])
+    return q - turning * TURN * np.round((q - near) / TURN)
 
 
 def _inside(arm: ArmModel, q: NDArray[np.float64], clamps: bool = False) -> NDArray[np.float64]:
@@ -188,47 +218,10 @@ def _inside(arm: ArmModel, q: NDArray[np.float64], clamps: bool = False) -> NDAr
     return kept
 
 
-@lru_cache
-def _widened(arm: ArmModel) -> ArmModel:
-    return arm.widened(FAR_RAD, FAR_M)  # once: a model finds the constants of its inverse when it is first asked
-
-
 def _spline(times: NDArray[np.float64], q: NDArray[np.float64], velocity: NDArray[np.float64]) -> Trajectory:
     """Return the cubic spline through joints, from a velocity to rest."""
     spline = CubicSpline(times, q, bc_type=((1, velocity), (1, np.zeros(6))))  # type: ignore[arg-type]
     return Trajectory(spline.x, spline.c)
-
-
-def _errors(T_wanted: SE3, settled: Callable[[SE3], SE3]) -> NDArray[np.float64]:
-    """Return (n, 6) shift in m and turn as a rotation vector, in the base, from a kinematic pose to the expected one.
-
-    They are asked for at some of the poses, each beginning with what the one before had, and interpolated.
-    """
-    places = T_wanted.translation_m
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=-1))])
-    count = max(4, int(np.ceil(way[-1] / NODE_M)) + 1)
-    near = np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(0, len(way) - 1)
-    nodes = np.unique(np.concatenate([[0], near, [len(way) - 1]]))
-    nodes = nodes[np.diff(way[nodes], prepend=-1.0) > APART_M]
-    found, error = [], np.zeros(6)
-    for node in nodes:
-        error = _error(T_wanted[int(node)], settled, error)
-        found.append(error)
-    if len(nodes) == 1:
-        return np.broadcast_to(found[0], (len(way), 6))
-    spline = make_interp_spline(way[nodes], np.array(found), k=min(3, len(nodes) - 1))
-    return spline(np.minimum(way, way[nodes[-1]]))
-
-
-def _error(T_wanted: SE3, settled: Callable[[SE3], SE3], error: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the shift and turn (6,) from the pose to be commanded to the wanted one, beginning with a guess."""
-    for _ in range(ROUNDS):
-        T_kinematic = _corrected(T_wanted, error)
-        T_expected = settled(T_kinematic)
-        shift = T_expected.translation_m - T_kinematic.translation_m
-        turn = (T_expected.rotation @ T_kinematic.rotation.inverse()).log()
-        error = np.concatenate([shift, turn])
-    return error
 
 
 def command_for(
@@ -239,11 +232,6 @@ def command_for(
     Raises:
         Unreachable: they would leave a joint's range.
     """
-    T_commanded = _corrected(T_wanted, _error(T_wanted, settled, np.zeros(6)))
-    return _inside(arm, _joints(arm, T_commanded, reference))
-
-
-def _corrected(T_wanted: SE3, error: NDArray[np.float64]) -> SE3:
-    """Return the kinematic pose that this error leads to the wanted one."""
-    turn = SO3.exp(error[..., 3:]).inverse()
-    return SE3.from_parts(turn @ T_wanted.rotation, T_wanted.translation_m - error[..., :3])
+    q_wanted = _unbounded(arm, T_wanted, reference)
+    guess = reference - _unbounded(arm, settled(fk(arm, reference)), reference)
+    return _inside(arm, q_wanted + _added(arm, q_wanted, settled, guess))

@@ -41,12 +41,14 @@ class Asked:
         speed_m_s: of the tip at most.
         straight: a short piece down to a fragment or up from it: the fingers may be near the work surface.
         beside_wall: a place so near to the receptacle that the walls have to be taken as high as they are.
+        T_world_through: a pose of the tip that is passed on the way without a stop; None: none.
     """
 
     T_world_goal: SE3
     speed_m_s: float
     straight: bool = False
     beside_wall: bool = False
+    T_world_through: SE3 | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +106,8 @@ class Problems:
     def _motion(self, name: str, asked: Asked) -> ArmMotion:
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
         q = self.robot.setpoint(name).q
-        goal = T_world_base.inverse() @ asked.T_world_goal
+        through = () if asked.T_world_through is None else (asked.T_world_through,)
+        T_world_goals = SE3(np.stack([T.matrix for T in (*through, asked.T_world_goal)]))
         T_world_camera = self.cell.T_world_camera_registered[CAMERA]
         facing = Facing(np.array(JAW_AXIS), T_world_camera.translation_m, float(MAX_FACING_RAD))
         within = all(
@@ -115,7 +118,7 @@ class Problems:
             q[None],
             self.limits[name],
             T_world_base=T_world_base,
-            T_base_goals=SE3(goal.matrix[None]),
+            T_base_goals=T_world_base.inverse() @ T_world_goals,
             jaw_rad=self.robot.read(name).jaw_rad,
             max_tip_m_s=asked.speed_m_s,
             facing=facing if within else None,

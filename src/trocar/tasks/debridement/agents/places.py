@@ -21,8 +21,8 @@ ENDS_ABOVE_M = 2.0e-3
 """Closed jaws end so high over the work surface."""
 BESIDE_M = 0.045
 """Where arms wait: so far to their side of the receptacle's middle."""
-OVER_M = 0.025
-"""Where they let go: so far to their side of its middle."""
+OVER_M, NEARER_M = 0.025, 0.012
+"""Where they let go: so far to their side of its middle, and so much nearer to the fragments; 23 mm inside the wall."""
 NEAR_M = tuple((out, back) for out in (0.0, 0.010, -0.012, 0.018, -0.025) for back in (0.0, -0.010, 0.010, -0.018))
 """Other places if one is out of reach: outwards, and across."""
 NEAR_RAD = (0.0, 0.35, -0.35)
@@ -88,7 +88,7 @@ class Places:
 
     def drop(self, side: int, turn_rad: float) -> list[SE3]:
         """Return where an arm may let go."""
-        return self._around(side, turn_rad, OVER_M, 0.0, self.settings.drop_high_m)
+        return self._around(side, turn_rad, OVER_M, -NEARER_M, self.settings.drop_high_m)
 
     def _around(self, side: int, turn_rad: float, along_m: float, across_m: float, high_m: float) -> list[SE3]:
         """Return poses at a place and near it: bases and cables decide which of them are within reach."""

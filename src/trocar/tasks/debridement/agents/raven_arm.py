@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,6 +20,9 @@ from trocar.tasks.kit.together import together
 
 TRIES = 60
 """An arm that finds no way asks so many times, a quarter of a second apart, before it gives up."""
+HIDDEN_TRIES = 8
+"""It waits for so many looks until its marks are in sight, 3 s. The other arm passes in that time, or rests before
+them; then the fragment is for that one, which may have no other reason to go."""
 ENOUGH_PLACES = 6
 """Of several places that are within reach so many are tried: the way to one may leave a joint's range."""
 RISE_SHARES = (1.0, 0.6, 0.3)
@@ -43,24 +46,6 @@ FIRST_SHARE = 0.5
 """The first way down is slower by this: how the errors of the kinematics change with height has not been seen yet."""
 CLOSING_STEPS = 25
 """A slow closing of the jaws is made of so many small ones."""
-SEARCH_M = (
-    (0.0, 0.0, 0.0),
-    (0.0, 0.0, -0.02),
-    (-0.02, 0.0, -0.02),
-    (-0.04, 0.0, -0.02),
-    (-0.02, 0.02, -0.04),
-    (-0.02, -0.03, -0.02),
-    (0.0, -0.03, 0.0),
-    (-0.04, 0.03, 0.01),
-    (-0.02, 0.0, 0.03),
-    (0.02, 0.0, 0.0),
-)
-"""Where an arm that no camera sees is sent from where it is, one place after the other: down and towards the middle
-first (x), then across and up. Where it is in truth nobody knows; were it low, it would be in the picture."""
-
-
-class NotSeen(ArmStopped):
-    """No camera sees the gripper, wherever it is sent."""
 
 
 class RavenArm:
@@ -94,6 +79,7 @@ class RavenArm:
         straight: bool = False,
         beside_wall: bool = False,
         speed_m_s: float | None = None,
+        lift_m: float = 0.0,
     ) -> None:
         """Go somewhere in steps, planning anew before each from the newest estimate (V-B).
 
@@ -103,6 +89,7 @@ class RavenArm:
             straight: a short piece near a fragment.
             beside_wall: a place beside the receptacle's wall, below its edge.
             speed_m_s: of the tip; default: the method's.
+            lift_m: the first step begins with so much straight up.
 
         Raises:
             NoWay: no plan was found for a long time.
@@ -114,10 +101,14 @@ class RavenArm:
         else:
             aside_m, high_m = self.s.arrived_m, min(self.s.arrived_m, ARRIVED_HIGH_M)
         visits, nearest_m, in_vain = 0, np.inf, 0
-        if not straight:
-            await self._rise()
         while True:
-            await self._step(Asked(T_world_goal, speed, straight, beside_wall))
+            if lift_m > 0:
+                await self._lift(Asked(T_world_goal, speed), lift_m)
+                lift_m = 0.0
+            else:
+                if not straight:
+                    await self._rise()  # an arm that was stopped because it was astray may be low
+                await self._step(Asked(T_world_goal, speed, straight, beside_wall))
             if precise:
                 await self.settle()
                 await self.eyes.glance(self.name)
@@ -143,6 +134,14 @@ class RavenArm:
         low = self.places.table_m + LOW_M - float(T_world_tip.translation_m[2])
         if low > 0:
             await self._step(Asked(raised(T_world_tip, low), self.s.descent_speed_m_s, straight=True))
+
+    async def _lift(self, asked: Asked, by_m: float) -> None:
+        """Go straight up, and on without a stop; where no such way is found, only go up."""
+        up = raised(self.robot.T_world_tip(self.name), by_m)
+        try:
+            await self.mover.step(self.name, replace(asked, T_world_through=up), self.s.step_m)
+        except NoWay:
+            await self.rise(by_m)
 
     async def _step(self, asked: Asked) -> None:
         """Go one step, as soon as there is a way."""
@@ -186,12 +185,17 @@ class RavenArm:
         """Return by how much the gripper is turned about the vertical."""
         return turn_of(self.robot.T_world_tip(self.name))
 
+    @property
+    def height_m(self) -> float:
+        """Return how high in the world the tip is."""
+        return float(self.robot.T_world_tip(self.name).translation_m[2])
+
     def reachable(self, *poses: SE3) -> bool:
         """Return whether all of these poses of the tip are within the joints' ranges."""
         return all(self.robot.reaches(self.name, pose) for pose in poses)
 
-    async def go_to_one(self, places: Sequence[SE3]) -> None:
-        """Go to the first of some places that is within reach.
+    async def go_to_one(self, places: Sequence[SE3], lift_m: float = 0.0) -> None:
+        """Go to the first of some places that is within reach, straight up by so much before.
 
         Raises:
             NoWay: none is; or as ``go``.
@@ -202,11 +206,11 @@ class RavenArm:
                 continue
             try:
                 tried += 1
-                return await self.go(place)
+                return await self.go(place, lift_m=lift_m)
             except NoWay as error:
                 if not error.lasting:
                     raise
-                reason = str(error)
+                reason, lift_m = str(error), 0.0
         raise NoWay(reason, lasting=True)
 
     def possible(self, grasps: Sequence[Grasp]) -> Grasp | None:
@@ -217,24 +221,6 @@ class RavenArm:
             if self.reachable(*poses) and clear(beside_wall=True):
                 return grasp
         return None
-
-    async def find(self) -> None:
-        """See the gripper once, wherever the kinematics are wrong to.
-
-        Raises:
-            NotSeen: it is nowhere to be seen.
-        """
-        T_world_start = self.robot.T_world_tip(self.name)
-        for x, y, z in SEARCH_M:
-            off = np.array([self.side * x, y, z])
-            goal = SE3.from_parts(T_world_start.rotation, T_world_start.translation_m + off)
-            with suppress(NoWay):
-                await self.mover.step(self.name, Asked(goal, self.s.tip_speed_m_s, straight=True), self.s.step_m)
-                await self.settle()
-                await self.eyes.look(self.name)
-            if self.robot.age_s(self.name) < np.inf:
-                return
-        raise NotSeen(f"no camera sees the gripper of arm {self.name!r}")
 
     async def settle(self) -> None:
         """Rest until the arm holds still."""
@@ -277,7 +263,7 @@ class RavenArm:
         T_world_tip = self.robot.T_world_tip(self.name)
         by_m = float(T_world_tip.translation_m[2]) - height_m
         await self.jaw(open_rad)
-        await self.go(raised(T_world_tip, -by_m), straight=True, speed_m_s=self.s.descent_speed_m_s)
+        await self.go(raised(T_world_tip, -by_m), straight=True)
         await self.jaw(0.0)
         await self.rise(by_m)
 
@@ -298,7 +284,7 @@ class RavenArm:
         Raises:
             NoWay: it does not see it for long.
         """
-        for _ in range(TRIES):
+        for _ in range(HIDDEN_TRIES):
             if self.robot.age_s(self.name) <= self.s.fresh_s:
                 return
             await self.eyes.glance(self.name)

@@ -10,7 +10,7 @@ class Settings:
     """Settings of a method; as they come they are those of ``best``.
 
     Attributes:
-        estimator: of the gripper's pose: ``filter`` or ``paper``.
+        estimator: of the gripper's pose: ``field`` or ``paper``.
         centralised: whether one plan is made for both arms once both have asked (V-C.1), instead of one at a time
             beside what the other arm does.
         tip_speed_m_s: greatest speed of the tips; 1 cm/s in the paper's laboratory, up to 10 cm/s by surgeons.
@@ -29,14 +29,14 @@ class Settings:
         close_s: the jaws' closing takes as long; 0: as fast as they can.
         above_m: the tip stops so high over a grasp, along the approach, and looks again. The paper's program came by a
             place 3 cm back without a stop; from a stop there, steps of 2.5 cm would end 5 mm over every grasp.
-        lift_m: after closing; 5 cm in their program.
+        lift_m: straight up after closing; 5 cm in their program.
+        lifts_on_the_way: whether the arm goes on from there without a stop, and the pickup is checked meanwhile.
         hold_high_m: height of tips over the work surface on the way.
         drop_high_m: height of the tip over the work surface when the jaws open over the receptacle.
         margin_m: between the arms, and to the receptacle. V-B has 1 mm, at which the guard stops an arm here: plans
             keep half a millimetre more, for estimates that change on the way.
         confirms_above: whether the camera has to confirm the place over a fragment before the tip goes down; that of
             the grasp it has to confirm always.
-        checks_on_the_way: whether the pickup is checked while the arm goes on already.
         holds_first: whether an arm goes to its place beside the receptacle before it asks for the token.
         checks_release: whether it looks whether a fragment clings to the open jaws.
         remembers: whether a fragment counts as there while an arm hides it from the camera.
@@ -51,14 +51,14 @@ class Settings:
         apart_m: fragments this near to the other arm's are not allocated.
     """
 
-    estimator: str = "filter"
+    estimator: str = "field"
     centralised: bool = False
     tip_speed_m_s: float = 0.05
     descent_speed_m_s: float = 0.025
-    limits_share: float = 0.75
+    limits_share: float = 0.85
     astray_m: float = 0.006
     step_m: float = 0.15
-    reached_m: float = 0.002
+    reached_m: float = 0.0015
     reached_high_m: float = 0.0012
     arrived_m: float = 0.010
     close_m: float = 0.004
@@ -67,13 +67,13 @@ class Settings:
     hug_m: float = 0.010
     turns: bool = True
     close_s: float = 0.0
-    above_m: float = 0.011
-    lift_m: float = 0.028
+    above_m: float = 0.013
+    lift_m: float = 0.018
+    lifts_on_the_way: bool = True
     hold_high_m: float = 0.040
     drop_high_m: float = 0.038
     margin_m: float = 0.004
     confirms_above: bool = False
-    checks_on_the_way: bool = True
     holds_first: bool = False
     checks_release: bool = True
     remembers: bool = True
@@ -117,9 +117,9 @@ def paper() -> Settings:
         close_s=2.5,
         above_m=0.024,
         lift_m=0.050,
+        lifts_on_the_way=False,
         margin_m=0.0015,
         confirms_above=True,
-        checks_on_the_way=False,
         holds_first=True,
         checks_release=False,
         remembers=False,
@@ -128,6 +128,7 @@ def paper() -> Settings:
         fragments_budget_s=0.3,
         gripper_budget_s=0.1,
         plan_budget_s=2.4,
+        limits_share=0.75,
         settle_s=0.1,
         fresh_s=2.0,
         apart_m=0.030,

@@ -1,12 +1,14 @@
 """Where the gripper really is, from kinematics at all times and detections now and then (Kehoe 2014, V-A.2)."""
 
 from trocar.tasks.debridement.pose.adjustment import PaperAdjustment
+from trocar.tasks.debridement.pose.error_field import ErrorField
 from trocar.tasks.debridement.pose.error_filter import ErrorFilter, FilterSettings, PoseBelief
 from trocar.tasks.debridement.pose.estimator import PoseEstimator, RawKinematics
 from trocar.tasks.debridement.pose.held_error import HeldError
 from trocar.tasks.debridement.pose.pairs import PosePairs, read_pairs
 
 __all__ = [
+    "ErrorField",
     "ErrorFilter",
     "FilterSettings",
     "HeldError",

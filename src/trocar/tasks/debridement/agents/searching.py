@@ -1,0 +1,50 @@
+"""How an arm comes into the picture, wherever its kinematics are wrong to."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from trocar.geometry import SE3
+from trocar.tasks.debridement.agents.motion_asked import Asked
+from trocar.tasks.debridement.agents.movers import ArmStopped, NoWay
+from trocar.tasks.debridement.agents.raven_arm import RavenArm
+
+SEARCH_M = (
+    (0.0, 0.0, 0.0),
+    (0.0, 0.0, -0.02),
+    (-0.02, 0.0, -0.02),
+    (-0.04, 0.0, -0.02),
+    (-0.02, 0.02, -0.04),
+    (-0.02, -0.03, -0.02),
+    (0.0, -0.03, 0.0),
+    (-0.04, 0.03, 0.01),
+    (-0.02, 0.0, 0.03),
+    (0.02, 0.0, 0.0),
+)
+"""Where an arm that no camera sees is sent from where it is, one place after the other: down and towards the middle
+first (x), then across and up. Where it is in truth nobody knows; were it low, it would be in the picture."""
+
+
+class NotSeen(ArmStopped):
+    """No camera sees the gripper, wherever it is sent."""
+
+
+async def come_into_sight(arm: RavenArm) -> None:
+    """See the gripper once.
+
+    Raises:
+        NotSeen: it is nowhere to be seen.
+    """
+    T_world_start = arm.robot.T_world_tip(arm.name)
+    for x, y, z in SEARCH_M:
+        off = np.array([arm.side * x, y, z])
+        goal = SE3.from_parts(T_world_start.rotation, T_world_start.translation_m + off)
+        with suppress(NoWay):
+            await arm.mover.step(arm.name, Asked(goal, arm.s.tip_speed_m_s, straight=True), arm.s.step_m)
+            await arm.settle()
+            await arm.eyes.look(arm.name)
+        if arm.robot.age_s(arm.name) < np.inf:
+            return
+    raise NotSeen(f"no camera sees the gripper of arm {arm.name!r}")

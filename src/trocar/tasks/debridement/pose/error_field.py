@@ -1,0 +1,126 @@
+"""Our estimator at work: the errors of the joints are remembered as a smooth field over the joints' space."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import chi2
+
+from trocar.arms import ArmModel, Unreachable, fk, ik_unbounded
+from trocar.geometry import SE3, TURN
+from trocar.tasks.debridement.pose.estimator import check_order
+
+FIELD_SD = np.array([0.04, 0.04, 0.007, 0.1, 0.1, 0.1])
+"""Of the part of a joint's error that changes with the place, rad and m: 7 mm at 17 cm, as the Raven that was recorded
+errs after a rigid fit (``facts/debridement.md``)."""
+CONSTANT, HYSTERESIS, NOISE = 3.0, 0.12, 0.08
+"""Standard deviations of other parts, in shares of that: what is constant (38 mm and 24.5 deg in the recording), what
+depends on the way there, and a detection's noise (.5 mm, .5 deg: see the benchmark of the eyes)."""
+LENGTH = np.array([0.30, 0.30, 0.07, 1.0, 1.0, 1.0])
+"""Change of a joint over which the field changes, rad and m: 5 to 7 cm for the outer joints (assumed)."""
+ROTATING = np.array([True, True, False, True, True, True])
+FORGETS = 0.5
+"""Way, in these lengths, over which what depends on the way changes."""
+APART, MOST = 0.2, 250
+"""Detections are kept this far apart on the way, in lengths, and so many of them, the newest; one arm's six fragments
+leave about as many."""
+GATE = float(chi2.ppf(0.999, 6))
+"""Squared distance, in standard deviations, that one in a thousand good detections exceeds."""
+SLIPPED = 5
+"""After so many surprises in a row a cable has slipped, and all that was learned before is forgotten."""
+
+
+class ErrorField:
+    """Estimates the joints' errors by a Gaussian process over the joints; what it saw of a place it knows on return.
+
+    An encoder at the motor misses what cables do between it and the joint, which depends on where the joints are, a
+    little on how they got there, and not on the time. All six errors have one kernel: constant, field, hysteresis. A
+    detection that surprises counts the less, the more it does so.
+
+    Args:
+        arm: whose gripper it is.
+    """
+
+    foresees = True
+
+    def __init__(self, arm: ArmModel) -> None:
+        self._arm = arm
+        self._places, self._ways = np.zeros((0, 6)), np.zeros(0)
+        self._errors, self._noises = np.zeros((0, 6)), np.zeros(0)
+        self._way, self._last = 0.0, np.zeros(6)
+        self._factor: tuple[NDArray[np.float64], bool] | None = None
+        self._weights = np.zeros((0, 6))
+        self._t_s: float | None = None
+        self._surprises = 0
+
+    def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
+        """Follow the kinematics, and learn from a detection."""
+        check_order(t_s, self._t_s)
+        q = self._joints(T_base_kinematic)
+        place = q / LENGTH
+        if self._t_s is not None:
+            self._way += float(np.linalg.norm(place - self._last))
+        self._t_s, self._last = t_s, place
+        if T_base_detected is not None:
+            error = self._joints(T_base_detected) - q
+            error[ROTATING] -= TURN * np.round(error[ROTATING] / TURN)
+            self._learn(place, error / FIELD_SD)
+
+    def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
+        """Return the pose with the joints' believed errors put right."""
+        check_order(t_s, self._t_s)
+        return self.settled(T_base_kinematic)
+
+    def settled(self, T_base_kinematic: SE3) -> SE3:
+        """Return the same: nothing in it lags.
+
+        Raises:
+            Unreachable: no joints have this kinematic pose.
+        """
+        if self._factor is None:
+            return T_base_kinematic
+        q = self._joints(T_base_kinematic)
+        place = q / LENGTH
+        way = self._way + float(np.linalg.norm(place - self._last))
+        return fk(self._arm, q + FIELD_SD * (self._alike(place, way) @ self._weights))
+
+    def _learn(self, place: NDArray[np.float64], error: NDArray[np.float64]) -> None:
+        """Take in errors (6,), in shares of ``FIELD_SD``, at a place (6,), in lengths."""
+        noise = NOISE**2
+        if self._factor is not None:
+            alike = self._alike(place, self._way)
+            unsure = CONSTANT**2 + 1 + HYSTERESIS**2 - float(alike @ cho_solve(self._factor, alike)) + noise
+            surprise = error - alike @ self._weights
+            beyond = max(1.0, float(surprise @ surprise) / unsure / GATE)
+            noise *= beyond
+            self._surprises = self._surprises + 1 if beyond > 1 else 0
+        kept = slice(-MOST + 1, None)
+        if self._surprises == SLIPPED:
+            kept, noise, self._surprises = slice(0, 0), NOISE**2, 0
+        elif len(self._ways) > 1 and self._ways[-1] - self._ways[-2] < APART:
+            kept = slice(-MOST, -1)
+        self._places, self._ways = np.vstack([self._places[kept], place]), np.append(self._ways[kept], self._way)
+        self._errors, self._noises = np.vstack([self._errors[kept], error]), np.append(self._noises[kept], noise)
+        covariance = _kernel(self._places, self._ways, self._places, self._ways) + np.diag(self._noises)
+        self._factor = cho_factor(covariance, lower=True)
+        self._weights = cho_solve(self._factor, self._errors)
+
+    def _alike(self, place: NDArray[np.float64], way: float) -> NDArray[np.float64]:
+        """Return the covariances (n,) of the errors at a place with those that were seen."""
+        return _kernel(place[None], np.array([way]), self._places, self._ways)[0]
+
+    def _joints(self, T_base_tip: SE3) -> NDArray[np.float64]:
+        q = ik_unbounded(self._arm, T_base_tip)
+        if not np.isfinite(q).all():
+            raise Unreachable(f"no joints of {self._arm.name} have this pose of the tip; go elsewhere")
+        return q
+
+
+def _kernel(
+    places: NDArray[np.float64], ways: NDArray[np.float64], others: NDArray[np.float64], other_ways: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the covariances (n, m) of the errors at places (n, 6) and others (m, 6), on ways (n,) and (m,)."""
+    squares = ((places[:, None] - others[None]) ** 2).sum(axis=-1)
+    forgotten = np.exp(-np.abs(ways[:, None] - other_ways[None]) / FORGETS)
+    return CONSTANT**2 + np.exp(-0.5 * squares) + HYSTERESIS**2 * forgotten
