@@ -13,7 +13,7 @@ from trocar.geometry import TURN
 
 @dataclass(frozen=True)
 class NeedleArc:
-    """A needle's shape, in a frame with its origin at the centre of curvature, the tip at -y, the wire in the x-y plane.
+    """A needle's shape; its frame has the origin at the centre of curvature, the tip at -y, the wire in the x-y plane.
 
     The wire runs clockwise about z from the tip to the tail, so that a needle turned by +z about its centre moves its
     tip along +x.
@@ -36,7 +36,7 @@ class NeedleArc:
             )
 
     def behind_tip_rad(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far (n,) behind the tip along the arc the points of the wire lie that are nearest to points (n, 3)."""
+        """Return how far (n,) behind the tip the points of the wire lie that are nearest to points (n, 3)."""
         angle = np.arctan2(-p[:, 0], -p[:, 1])
         beyond = 0.5 * (TURN - self.arc_rad)  # half of the gap between the ends: beyond it the other end is nearer
         angle = (angle + beyond) % TURN - beyond
@@ -58,9 +58,9 @@ class NeedleArc:
         return np.linalg.norm(away, axis=1) - 0.5 * self.wire_m
 
     def slopes(self, p: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the distances (n,) of points (n, 3), and how they change (n, 6) with a twist of the needle in its frame.
+        """Return the distances (n,) of points (n, 3), and how they change (n, 6) with a twist of the needle.
 
-        The twist is a translation (m/m) and a rotation (m/rad), as in ``SE3.exp``.
+        The twist is in its frame, a translation (m/m) and a rotation (m/rad), as in ``SE3.exp``.
         """
         away = p - self.point_m(self.behind_tip_rad(p))
         length = np.linalg.norm(away, axis=1)

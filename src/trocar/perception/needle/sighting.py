@@ -47,7 +47,8 @@ POINT_SD_M, RAY_SD_M = 0.35e-3, 0.07e-3
 ROBUST = 1.5
 """A residual of more SDs counts less (Cauchy)."""
 TOGETHER = 4.0
-"""So many neighbouring points and rays err together: they say as much as one does (`benchmarks/bench_needle.py`)."""
+"""So many neighbouring points and rays err together: they say as much as one does (chosen so that looks in the cell err
+as much as they say)."""
 STEPS = 12
 MOST_SHIFT_M, MOST_TURN_RAD = 0.5e-3, 0.1
 """Of one step of the search."""
@@ -225,8 +226,8 @@ def _behind(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how far (n,) points lie behind the wire's front as their rays see it, and how that changes (n, 6).
 
-    It is taken along the rays, as depth scatters, and counted across the wire. A point's distance from the surface would
-    not do: what scatters through the thin wire comes out of its back.
+    It is taken along the rays, as depth scatters, and counted across the wire. A point's distance from the surface
+    would not do: what scatters through the thin wire comes out of its back.
     """
     p = T_needle_camera.apply(points)
     ray = p - T_needle_camera.translation_m

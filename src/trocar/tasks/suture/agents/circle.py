@@ -85,7 +85,9 @@ class CircleSuturing:
         self.cell, self.settings, self.load, self.sutures = cell, settings, cell.assistants[LOAD], brief.goals
         self.arm, self.name = self.hand.model, self.hand.name
         self.home = self.hand.q
-        self.watch = NeedleWatch(cell, self.hand, settings.images, settings.sighting_budget_s) if settings.images else None
+        self.watch = (
+            NeedleWatch(cell, self.hand, settings.images, settings.sighting_budget_s) if settings.images else None
+        )
 
     async def run(self) -> None:
         """Drive the sutures one after the other; where a joint's limit is hit, stop there and do no more."""
@@ -163,8 +165,11 @@ class CircleSuturing:
             off_m = watch.off_m(start) if len(start) and np.isfinite(start).all() else 0.0
             if off_m < (number + 1) * ENOUGH_M:
                 return
-            await self.hand.go(start)
-            watch.moved(2.0 * off_m)
+            try:
+                await self.hand.go(start)
+            except TrocarError:  # a joint's range ends there: the way itself will say so
+                return
+            watch.stirred()
 
     async def _open(self) -> None:
         if self.watch:

@@ -31,6 +31,10 @@ FLAT = np.array([0, 5])
 FLAT_SD = np.array([0.15e-3, 0.027])
 """Flat jaws put the wire into the plane in which they meet: its shift along their closing, and its turn about the axis
 across wire and closing, are then as agreed within this."""
+STIRS = 0.5
+"""Share of the variance of what changes on the way that a small correction adds: it turns cables round."""
+DOUBT = 4.0
+"""After a sighting that was not believed all variances are so many times as large: if others say the same, they are."""
 UNLIKELY = 22.5
 """Squared Mahalanobis distance that one sighting of a thousand exceeds by chance."""
 
@@ -48,8 +52,10 @@ class Believed:
     covariance: NDArray[np.float64]
 
     def after(self, T_base_camera: SE3, seen: NeedleSighting) -> Believed | None:
-        """Return what is believed after a sighting that was fitted from here; None: it lies further off than chance
-        explains."""
+        """Return what is believed after a sighting that was fitted from here.
+
+        None: it lies further off than chance explains.
+        """
         T_base_needle = T_base_camera @ seen.T_camera_needle
         away = (self.T_base_needle.inverse() @ T_base_needle).log()
         known = np.linalg.inv(self.covariance)
@@ -61,8 +67,8 @@ class Believed:
 class NeedleBelief:
     """A normal distribution of three twists, small enough to add up.
 
-    The tip's error is a shift in the base's axes, and a turn about the tip, likewise; one part of it stays for the whole
-    session, the other fades with the way that the jaws go. The needle's is a twist in its own frame.
+    The tip's error is a shift in the base's axes, and a turn about the tip, likewise; one part of it stays for the
+    whole session, the other fades with the way that the jaws go. The needle's is a twist in its own frame.
     """
 
     def __init__(self) -> None:
@@ -76,21 +82,25 @@ class NeedleBelief:
         return np.asarray(self._mean[ALWAYS] + self._mean[NOW])
 
     def loaded(self, T_tip_needle: SE3) -> None:
-        """A person has put the needle about here into the jaws."""
+        """Begin anew: a person has put the needle about here into the jaws."""
         self._T_tip_needle = T_tip_needle
         self._forget(GRIP)
         self._closed(LOADED)
 
     def moved(self, way_m: float) -> None:
-        """The jaws went so far, with or without the needle."""
+        """Count in that the jaws went so far, with or without the needle."""
         keeps = float(np.exp(-way_m / FADES_M))
         self._mean[NOW] *= keeps
         self._covariance[NOW] *= keeps
         self._covariance[:, NOW] *= keeps
         self._covariance[NOW, NOW] += (1.0 - keeps**2) * np.diag(NOW_SD**2)
 
+    def stirred(self) -> None:
+        """Count in that the arm was corrected by less than a millimetre: what was seen still holds, but less surely."""
+        self._covariance[NOW, NOW] += STIRS * np.diag(NOW_SD**2)
+
     def regrasped(self, needle: Believed, T_base_tip: SE3, T_tip_needle: SE3) -> None:
-        """The jaws have closed elsewhere on a needle that the tissue held meanwhile.
+        """Count in that the jaws have closed elsewhere on a needle that the tissue held meanwhile.
 
         Args:
             needle: as it was believed before the jaws opened.
@@ -137,6 +147,7 @@ class NeedleBelief:
         before = self.needle(T_base_tip)
         after = before.after(T_base_camera, seen)
         if after is None:
+            self._covariance *= DOUBT
             return False
         away = (before.T_base_needle.inverse() @ after.T_base_needle).log()
         gain = self._covariance @ self._of_needle(T_base_tip).T @ np.linalg.inv(before.covariance)

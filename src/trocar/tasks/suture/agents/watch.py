@@ -88,7 +88,7 @@ def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
 
 
 def _cut(whole: Stretch, share: float, looks: int) -> list[Stretch]:
-    """Return a stretch in two, at a share of its length, with the last looks between them; in one, if it ends before."""
+    """Return a stretch in two, at a share of its length, with the last looks between; in one, if it ends before."""
     segment = whole.segment
     steps = len(segment.q) - 1
     place = round(share * steps) if np.isfinite(share) else 0
@@ -149,6 +149,10 @@ class NeedleWatch:
     def moved(self, way_m: float) -> None:
         """The jaws went so far."""
         self._belief.moved(way_m)
+
+    def stirred(self) -> None:
+        """The arm was corrected a little."""
+        self._belief.stirred()
 
     def aim(self, stretch: Stretch) -> None:
         """Correct the way from now on by what is believed of arm and needle."""
