@@ -65,4 +65,5 @@ class NeedleArc:
         away = p - self.point_m(self.behind_tip_rad(p))
         length = np.linalg.norm(away, axis=1)
         normal = away / np.maximum(length, 1e-12)[:, None]
-        return length - 0.5 * self.wire_m, np.concatenate([-normal, -np.cross(p, normal)], axis=1)
+        by = np.concatenate([-normal, -np.cross(p, normal)], axis=1)
+        return length - 0.5 * self.wire_m, np.asarray(by, dtype=np.float64)

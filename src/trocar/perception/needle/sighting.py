@@ -234,6 +234,7 @@ def _behind(
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     angle = arc.behind_tip_rad(p)
     middle, along = arc.point_m(angle), arc.tangent(angle)
+    slant = square = back = np.zeros(len(p))
     for _ in range(2):  # to where the ray is nearest to the wire's middle line
         slant = np.sum(ray * along, axis=1)
         gap = p - middle
@@ -247,7 +248,8 @@ def _behind(
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     told = (square > STEEP**2) & (angle > 0.0) & (angle < arc.arc_rad)
     behind = back * np.sqrt(square) + front
-    return behind[told], -np.concatenate([across, np.cross(middle, across)], axis=1)[told]
+    by = -np.concatenate([across, np.cross(middle, across)], axis=1)
+    return behind[told], np.asarray(by[told], dtype=np.float64)
 
 
 def _closest(

@@ -61,7 +61,7 @@ class Believed:
         known = np.linalg.inv(self.covariance)
         if away @ known @ away > UNLIKELY:
             return None
-        return Believed(T_base_needle, np.linalg.inv(known + seen.information))
+        return Believed(T_base_needle, np.asarray(np.linalg.inv(known + seen.information), dtype=np.float64))
 
 
 class NeedleBelief:

@@ -113,7 +113,7 @@ class NeedleWatch:
     """
 
     def __init__(self, cell: Cell, hand: ArmScript, images: int, budget_s: float):
-        seeing = {name: camera for name, camera in cell.cameras.items() if isinstance(camera.model, Intrinsics)}
+        seeing = {name: lens for name, camera in cell.cameras.items() if isinstance(lens := camera.model, Intrinsics)}
         if not seeing:
             raise TrocarError("no camera of this cell shows depth, to look at the needle; choose --method blind")
         self._cell, self._hand, self._images, self._budget_s = cell, hand, images, budget_s
@@ -122,7 +122,7 @@ class NeedleWatch:
             seeing,
             key=lambda name: np.linalg.norm(T_world_camera[name].translation_m - T_world_circle.translation_m),
         )
-        self._camera, self._lens = seeing[nearest], seeing[nearest].model
+        self._camera, self._lens = cell.cameras[nearest], seeing[nearest]
         base = cell.T_world_base_registered[hand.name]
         self._T_base_camera = base.inverse() @ T_world_camera[nearest]
         self._belief = NeedleBelief()
@@ -203,7 +203,8 @@ class NeedleWatch:
         with self._cell.log.span(self._hand.name, "looking"):
             before = self._needle
             window = self._window(before)
-            images = [await self._camera.capture(window) for _ in range(self._images)]
+            taken = [await self._camera.capture(window) for _ in range(self._images)]
+        images = [image for image in taken if isinstance(image, RgbdImage)]
         find = partial(self._find, images, before)
         seen = await self._hand.compute("perception", self._budget_s, find)
         believed = seen is not None and self._take(seen)
