@@ -37,11 +37,13 @@ PRESET, DIRECTION, SUTURES = "default", "best", 4
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
 """How far the calibration's motion goes beyond the plan's joints, rad and m: room for the corrections."""
 
-_CIRCLE = {
-    "agent": Lazy("trocar.tasks.suture.agents.circle:CircleSuturing"),
-    "settings": Lazy("trocar.tasks.suture.agents.circle:Settings"),
+_AGENT = "trocar.tasks.suture.agents.circle"
+_LOOKING = {
+    "agent": Lazy(f"{_AGENT}:CircleSuturing"),
+    "settings": Lazy(f"{_AGENT}:Settings"),
     "stop_at_limits": True,
 }
+_BLIND = {**_LOOKING, "settings": Lazy(f"{_AGENT}:blind")}
 _WORLD = Lazy("trocar.tasks.suture.world.suture_world:SutureWorld")
 
 
@@ -72,8 +74,11 @@ class CircleSutures(Task):
     variant = "single-arm"
     station = "suture"
     methods: ClassVar = {
-        "calibrated": Method("cables compensated by a model that was fitted in this session", **_CIRCLE),
-        "uncalibrated": Method("encoder readings taken for the joints", calibrated=False, **_CIRCLE),
+        "calibrated": Method(
+            "cables compensated by a model that was fitted in this session; a camera looks at the needle", **_LOOKING
+        ),
+        "blind": Method("cables compensated likewise; nobody looks at the needle", **_BLIND),
+        "uncalibrated": Method("encoder readings taken for the joints; nobody looks", calibrated=False, **_BLIND),
     }
     report = Lazy("trocar.tasks.suture.report:SutureReport")
 

@@ -97,7 +97,9 @@ def test_no_joint_is_ever_asked_out_of_its_range(two_sutures):
 
 def test_every_part_is_noted_and_what_is_sent_keeps_the_limits(two_sutures):
     lab, _ = two_sutures
-    assert {span.name for span in lab.log.spans} == {"planning", "loading", "motion", "jaw", "settling"}
+    assert {span.name for span in lab.log.spans} == {
+        *("planning", "loading", "motion", "jaw", "settling", "looking", "perception")
+    }
     assert max(lab.driver.limit_use("psm1")) <= 1.0 + 1e-3
     assert lab.log.events[-1]["outcome"] == SutureOutcome.DONE.name
     assert np.abs(lab.cell.robot.setpoint("psm1").q - STATION.arms["psm1"].park_q()).max() < 1e-6

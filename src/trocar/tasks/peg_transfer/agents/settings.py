@@ -44,8 +44,8 @@ class Settings:
         depth_m: of the tip under the block's top face.
         jaw_closed_rad: target that lets the drive press.
         held_rad: opening of jaws that have closed on a wall.
-        jaw_empty_rad: jaws that close further than this hold nothing, or a block by less than its wall: round a wall they
-            stall at .17 to .27, and what they held at .12 was lost on its way.
+        jaw_empty_rad: jaws that close further than this hold nothing, or a block by less than its wall: round a wall
+            they stall at .17 to .27, and what they held at .12 was lost on its way.
         clear_height_m: of the tip over the plate when it travels empty; the pegs are 20 mm tall.
         lift_m: how far a held block is raised: its lower face clears the pegs.
         drop_m: height of a block's lower face over the plate when it is released.

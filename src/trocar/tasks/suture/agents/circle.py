@@ -14,6 +14,7 @@ from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.errors import TrocarError
 from trocar.sutures.drive import Segment, Suture, drive, ranges
 from trocar.tasks.kit import ArmScript, Brief
+from trocar.tasks.suture.agents.watch import ENOUGH_M, NeedleWatch, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.trajectory import Trajectory
 
@@ -50,6 +51,9 @@ class Settings:
         jaw_closed_rad: target that lets the drive press.
         jaw_empty_rad: jaws that close further than this hold nothing; a wire of .9 mm keeps them open by .09.
         limits: of velocity and acceleration on the way from suture to suture.
+        loadings: a person is asked so often to load the needle, until the jaws hold it.
+        images: of one look at the needle; 0: it is driven without a look.
+        sighting_budget_s: declared for finding the needle in them.
     """
 
     planning_budget_s: float = 0.05
@@ -60,6 +64,14 @@ class Settings:
     jaw_closed_rad: float = -0.17
     jaw_empty_rad: float = 0.04
     limits: MotionLimits = field(default_factory=_gentle)
+    loadings: int = 3
+    images: int = 3
+    sighting_budget_s: float = 0.15
+
+
+def blind() -> Settings:
+    """Return the settings of an agent that does not look at the needle."""
+    return Settings(images=0)
 
 
 class CircleSuturing:
@@ -73,10 +85,14 @@ class CircleSuturing:
         self.cell, self.settings, self.load, self.sutures = cell, settings, cell.assistants[LOAD], brief.goals
         self.arm, self.name = self.hand.model, self.hand.name
         self.home = self.hand.q
+        self.watch = (
+            NeedleWatch(cell, self.hand, settings.images, settings.sighting_budget_s) if settings.images else None
+        )
 
     async def run(self) -> None:
         """Drive the sutures one after the other; where a joint's limit is hit, stop there and do no more."""
         await self.hand.wake()
+        await self.hand.zero_jaw(self.settings.jaw_closed_rad)
         for number, suture in enumerate(self.sutures):
             start_s = self.cell.clock.now_s()
             outcome, reason = await self._suture(number, suture)
@@ -97,26 +113,72 @@ class CircleSuturing:
 
     async def _suture(self, number: int, suture: Suture) -> tuple[SutureOutcome, str]:
         """Load, drive, let go; return how it ended, and a sentence where it went wrong."""
-        segments = await self.hand.compute(
-            "planning", self.settings.planning_budget_s, lambda: drive(self._here(suture))
-        )
-        await self.hand.jaw(self.settings.jaw_open_rad)
-        with self.cell.log.span(self.name, "loading"):
-            await self.load(self.name)
-        if not await self._grip():
+        here = self._here(suture)
+        segments = await self.hand.compute("planning", self.settings.planning_budget_s, lambda: drive(here))
+        if not await self._load():
             return _missed(number, "the jaws did not hold the needle that they were given")
-        for segment in segments:
-            self.cell.log.event("step", suture=number, step=segment.name)
+        way = [Stretch(segment) for segment in segments]
+        if self.watch:
+            self.watch.loaded(here.setup)
+            way = stretches(segments, here.setup)
+        for stretch in way:
+            segment = stretch.segment
+            if self.watch and segment.name == "withdraw":  # what was corrected for the needle's sake is so no more
+                await self._open()
+                await self._leave(number, segments[-2:])
+                break
+            if stretch.first:
+                self.cell.log.event("step", suture=number, step=segment.name)
+            if self.watch:
+                await self._look(stretch, self.watch)
             if segment.regrasps or segment.name == "withdraw":
-                await self.hand.jaw(self.settings.jaw_open_rad)
+                await self._open()
+            if self.watch:
+                segment = self.watch.way(stretch)
             reason = await self._follow(number, segment)
             if reason:
                 return SutureOutcome.JOINT_LIMIT, reason
+            if stretch.looks and segment.regrasps and self.watch:
+                await self.watch.look()
             if segment.regrasps and not await self._grip():
                 await self.hand.jaw(self.settings.jaw_open_rad)
                 await self._leave(number, segments[-2:])
                 return _missed(number, f"the jaws closed on nothing after {segment.name}")
+            if segment.regrasps and self.watch:
+                self.watch.gripped()
         return SutureOutcome.DONE, ""
+
+    async def _load(self) -> bool:
+        """Have a person put the needle into the jaws; return whether they hold it."""
+        for _ in range(self.settings.loadings):
+            await self.hand.jaw(self.settings.jaw_open_rad)
+            with self.cell.log.span(self.name, "loading"):
+                await self.load(self.name)
+            if await self._grip():
+                return True
+        return False
+
+    async def _look(self, stretch: Stretch, watch: NeedleWatch) -> None:
+        """Look at the needle before a stretch, and where it may be looked at again, go to where it should be."""
+        for number in range(stretch.looks):
+            await watch.look()
+            if stretch.looks == 1:
+                return
+            watch.aim(stretch)
+            start = watch.corrected(stretch.segment).q[:1].ravel()
+            off_m = watch.off_m(start) if len(start) and np.isfinite(start).all() else 0.0
+            if off_m < (number + 1) * ENOUGH_M:
+                return
+            try:
+                await self.hand.go(start)
+            except TrocarError:  # a joint's range ends there: the way itself will say so
+                return
+            watch.stirred()
+
+    async def _open(self) -> None:
+        if self.watch:
+            self.watch.let_go()
+        await self.hand.jaw(self.settings.jaw_open_rad)
 
     def _here(self, suture: Suture) -> Suture:
         """Return the suture as this laboratory's registration places arm and circle."""
@@ -138,6 +200,8 @@ class CircleSuturing:
                 await self.hand.go(q[0])
             if len(q) > 1:
                 await self.hand.move(along(np.concatenate([self.hand.q[None], q[1:]]), seconds))
+            if self.watch:
+                self.watch.moved(segment.length_m)
         except TrocarError as error:
             return f"suture {number + 1}, {segment.name}: {error}; stopped before it"
         return reason
@@ -157,7 +221,7 @@ class CircleSuturing:
         )
 
     async def _leave(self, number: int, way_out: Sequence[Segment]) -> None:
-        """Go from where a suture was given up as one goes from its end: back along the jaws, then up."""
+        """Go from where the jaws let go as it was planned from a suture's end: back along the jaws, then up."""
         for segment in way_out:
             self.cell.log.event("step", suture=number, step=segment.name)
             if len(segment.q) > 1:

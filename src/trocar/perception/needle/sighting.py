@@ -1,0 +1,263 @@
+"""What depth images of one moment say of where a needle is.
+
+Points on the needle have to lie on its wire. A pixel that has not the colour of the floor under the needle shows the
+wire, so its ray has to meet it; a ray that ends on the floor, by its colour or its depth, must not have passed through
+it. The wire is about two pixels wide and its depth scatters by most of its thickness: where it lies across the rays is
+told by the colours, how far away it is by the mean of many points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.perception.depth import Patch, patch_around
+from trocar.perception.image import RgbdImage
+from trocar.perception.needle.arc import NeedleArc
+
+FIRST_M, THEN_M = 2.5e-3, 1.3e-3
+"""What is this near to the wire is taken for it: where the wire is expected, and then where it was found."""
+BEHIND_M = 1.5e-3
+"""What lies this far behind the wire was seen past it."""
+OVER_FLOOR_M = 0.7e-3
+"""What lies lower over the floor is no needle."""
+ON_FLOOR_M = 1.0e-3
+"""Points this near to the floor show its colour."""
+APART_M = 1.0e-3
+"""What is this near to something else that is known to be there may be on that."""
+IN_FRONT_M = 1.5e-3
+"""What is seen so much nearer than the wire can be hides it."""
+BEFORE_M = np.arange(-0.08, 0.004, 1.5e-3)
+"""Where along a ray, against where it is nearest to the wire, something else would hide the wire or be taken for it."""
+UNLIKE = 0.05
+"""Colours whose shares of red, green and blue differ by more are not the same."""
+GREY = 0.25
+"""Steel has less saturation."""
+DARK = 0.12
+"""Pixels that have less than this share of the floor's light are in a shadow and show no colour."""
+SPACING_M = 0.4e-3
+"""At which rays are followed."""
+POINT_SD_M, RAY_SD_M = 0.35e-3, 0.07e-3
+"""Of a point's distance from the wire; of how far a ray goes beside it, or through it (a quarter of a pixel)."""
+ROBUST = 1.5
+"""A residual of more SDs counts less (Cauchy)."""
+TOGETHER = 4.0
+"""So many neighbouring points and rays err together: they say as much as one does (chosen so that looks in the cell err
+as much as they say)."""
+STEPS = 12
+MOST_SHIFT_M, MOST_TURN_RAD = 0.5e-3, 0.1
+"""Of one step of the search."""
+FEWEST, DEEP = 12, 0.4
+"""With fewer pixels on the wire it was not seen; in each image so great a share of them has depth."""
+STEEP = 0.4
+"""Where the sine between ray and wire is less, depth says nothing of the wire."""
+WORST_M = 0.9e-3
+"""Points that scatter more about the wire than this (SD) are not on it."""
+
+Elsewhere = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Signed distances (n,) of points (n, 3) in the camera's frame from what else is there."""
+
+
+@dataclass(frozen=True, eq=False)
+class NeedleSighting:
+    """A normal likelihood of where the needle is.
+
+    Attributes:
+        T_camera_needle: pose that fits best.
+        information: (6, 6) of a twist of the needle in its own frame about that pose, 1/m and 1/rad.
+        pixels: that show the wire.
+        left_m: SD of its depth, robust.
+    """
+
+    T_camera_needle: SE3
+    information: NDArray[np.float64]
+    pixels: int
+    left_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """In the camera's frame.
+
+    Attributes:
+        points: (n, 3) on the wire.
+        through: (m, k, 3) places along rays that meet it.
+        past: (l, k, 3) places along rays that pass it.
+    """
+
+    points: NDArray[np.float64]
+    through: NDArray[np.float64]
+    past: NDArray[np.float64]
+
+
+def sight_needle(
+    images: Sequence[RgbdImage],
+    T_camera_needle: SE3,
+    covariance: NDArray[np.float64],
+    arc: NeedleArc,
+    T_camera_floor: SE3,
+    elsewhere: Elsewhere | None = None,
+) -> NeedleSighting | None:
+    """Return what depth images of one moment say of a needle's pose; None if the needle is not seen.
+
+    Args:
+        images: with depth, by one camera, while nothing moves; more of them scatter less in depth.
+        T_camera_needle: where it is expected, right within some 2 mm.
+        covariance: (6, 6) of a twist of the needle in its own frame about there, m and rad; keeps the search at home
+            where the images say nothing, and is no part of the information that is returned.
+        arc: its shape.
+        T_camera_floor: a plane, z up, below which nothing of the needle is seen.
+        elsewhere: how far points are from what else is there, such as the instrument that holds it; None: nothing is.
+
+    Raises:
+        TrocarError: there is no image.
+    """
+    if not images:
+        raise TrocarError("a needle is looked for in 0 images; give one or more")
+    home, at = np.linalg.inv(covariance), T_camera_needle
+    information, left, evidence = np.zeros((6, 6)), 0.0, None
+    for near_m in (FIRST_M, THEN_M):
+        evidence = _gather(images, at, arc, near_m, T_camera_floor, elsewhere)
+        if evidence is None:
+            return None
+        for _ in range(STEPS):
+            information, gradient, left = _normal_equations(evidence, at, arc)
+            away = (T_camera_needle.inverse() @ at).log()
+            step = np.linalg.solve(information + home, -gradient - home @ away)
+            step /= max(1.0, np.abs(step[:3]).max() / MOST_SHIFT_M, np.abs(step[3:]).max() / MOST_TURN_RAD)
+            at = at @ SE3.exp(step)
+            if np.abs(step[:3]).max() < 1e-6 and np.abs(step[3:]).max() < 1e-4:
+                break
+    if evidence is None or left > WORST_M:
+        return None
+    return NeedleSighting(at, information, len(evidence.through), left)
+
+
+def _gather(
+    images: Sequence[RgbdImage],
+    T_camera_needle: SE3,
+    arc: NeedleArc,
+    near_m: float,
+    T_camera_floor: SE3,
+    elsewhere: Elsewhere | None,
+) -> _Evidence | None:
+    """Return what in images speaks of a needle that is about here; None if there is too little.
+
+    Colours are those of the first image: the others have the same.
+    """
+    half = np.array([arc.radius_m, arc.radius_m, 0.0]) + 0.5 * arc.wire_m + FIRST_M
+    patches = [patch for image in images if (patch := patch_around(image, T_camera_needle, -half, half)) is not None]
+    if not patches:
+        return None
+    T_needle, T_floor = T_camera_needle.inverse(), T_camera_floor.inverse()
+    rays = patches[0].rays.reshape(-1, 3)
+    reach_m = float(np.linalg.norm(half))
+    z = float(T_camera_needle.translation_m[2]) + np.arange(-reach_m, reach_m, SPACING_M)
+    distance = arc.distance_m(T_needle.apply(rays[:, None] * z[:, None]).reshape(-1, 3)).reshape(len(rays), len(z))
+    z_near, beside = z[distance.argmin(axis=1)], distance.min(axis=1)
+    ours = (beside < near_m) & (T_floor.apply(rays * z_near[:, None])[:, 2] > OVER_FLOOR_M)
+    depth = np.array([patch.depth_m.ravel() for patch in patches])
+    ours &= ~(np.nan_to_num(depth, nan=np.inf).min(axis=0) < z_near - near_m - IN_FRONT_M)
+    if elsewhere is not None:
+        ours[ours] = _clear(elsewhere, rays[ours], z_near[ours])
+    shows_floor, shows_steel = _colors(patches[0], T_floor)
+    through = ours & shows_steel
+    if through.sum() < FEWEST:
+        return None
+    points = (rays * depth[..., None])[:, through].reshape(-1, 3)
+    points = points[np.isfinite(points[:, 2])]
+    on = (arc.distance_m(T_needle.apply(points)) < near_m) & (T_floor.apply(points)[:, 2] > OVER_FLOOR_M)
+    if on.sum() < FEWEST * DEEP:
+        return None
+    past = ours & ~shows_steel & (shows_floor | (depth[0] > z_near + BEHIND_M))
+    places = rays[:, None] * (z_near[:, None] + np.arange(-4, 5) * SPACING_M)[..., None]
+    return _Evidence(points[on], places[through], places[past])
+
+
+def _clear(elsewhere: Elsewhere, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rays (n, 3) come to these depths (n,) and a little further without meeting something else."""
+    along = rays[:, None] * (z_near[:, None] + BEFORE_M)[..., None]
+    return elsewhere(along.reshape(-1, 3)).reshape(along.shape[:2]).min(axis=1) > APART_M
+
+
+def _colors(patch: Patch, T_floor_camera: SE3) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which pixels (n,) have the floor's colour, and which are of steel."""
+    color = patch.color.reshape(-1, 3).astype(np.float64)
+    light = color.sum(axis=1)
+    share = color / np.maximum(light, 1.0)[:, None]
+    floor = np.abs(T_floor_camera.apply(patch.points_m.reshape(-1, 3))[:, 2]) < ON_FLOOR_M
+    if not floor.any():
+        return np.zeros(len(color), dtype=bool), np.zeros(len(color), dtype=bool)
+    like = np.abs(share - np.median(share[floor], axis=0)).max(axis=1) < UNLIKE
+    lit = light > DARK * np.median(light[floor])
+    grey = np.ptp(color, axis=1) < GREY * color.max(axis=1)
+    return lit & like, lit & ~like & grey
+
+
+def _normal_equations(
+    evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return information (6, 6) and gradient (6,) of the fit's cost at a pose, and what is left of the points."""
+    T = T_camera_needle.inverse()
+    behind, by_behind = _behind(evidence.points, T, arc)
+    missed, by_missed = _closest(evidence.through, T, arc)
+    entered, by_entered = _closest(evidence.past, T, arc)
+    left = float(1.48 * np.median(np.abs(behind))) if len(behind) else np.inf
+    missed, entered = np.maximum(missed, 0.0), np.minimum(entered, 0.0)
+    residual = np.concatenate([behind / POINT_SD_M, missed / RAY_SD_M, entered / RAY_SD_M])
+    slopes = np.concatenate(
+        [
+            by_behind / POINT_SD_M,
+            np.where(missed[:, None] > 0.0, by_missed, 0.0) / RAY_SD_M,
+            np.where(entered[:, None] < 0.0, by_entered, 0.0) / RAY_SD_M,
+        ]
+    )
+    weighed = slopes.T / (1.0 + (residual / ROBUST) ** 2) / TOGETHER
+    return weighed @ slopes, weighed @ residual, left
+
+
+def _behind(
+    points: NDArray[np.float64], T_needle_camera: SE3, arc: NeedleArc
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far (n,) points lie behind the wire's front as their rays see it, and how that changes (n, 6).
+
+    It is taken along the rays, as depth scatters, and counted across the wire. A point's distance from the surface
+    would not do: what scatters through the thin wire comes out of its back.
+    """
+    p = T_needle_camera.apply(points)
+    ray = p - T_needle_camera.translation_m
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    angle = arc.behind_tip_rad(p)
+    middle, along = arc.point_m(angle), arc.tangent(angle)
+    slant = square = back = np.zeros(len(p))
+    for _ in range(2):  # to where the ray is nearest to the wire's middle line
+        slant = np.sum(ray * along, axis=1)
+        gap = p - middle
+        square = np.maximum(1.0 - slant**2, STEEP**2)
+        back = (np.sum(ray * gap, axis=1) - slant * np.sum(along * gap, axis=1)) / square
+        angle = arc.behind_tip_rad(p - back[:, None] * ray)
+        middle, along = arc.point_m(angle), arc.tangent(angle)
+    aside = np.linalg.norm(p - back[:, None] * ray - middle, axis=1)
+    front = np.sqrt(np.maximum((0.5 * arc.wire_m) ** 2 - aside**2, 0.0))
+    across = ray - slant[:, None] * along
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    told = (square > STEEP**2) & (angle > 0.0) & (angle < arc.arc_rad)
+    behind = back * np.sqrt(square) + front
+    by = -np.concatenate([across, np.cross(middle, across)], axis=1)
+    return behind[told], np.asarray(by[told], dtype=np.float64)
+
+
+def _closest(
+    places: NDArray[np.float64], T_needle_camera: SE3, arc: NeedleArc
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least distances (n,) along rays from the wire's surface, and how they change (n, 6)."""
+    if not len(places):
+        return np.zeros(0), np.zeros((0, 6))
+    local = T_needle_camera.apply(places)
+    distance = arc.distance_m(local.reshape(-1, 3)).reshape(local.shape[:2])
+    return arc.slopes(local[np.arange(len(local)), distance.argmin(axis=1)])

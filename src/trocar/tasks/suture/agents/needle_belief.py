@@ -1,0 +1,193 @@
+"""Where the arm and the needle in its jaws are, against where they are asked to be, with how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry import SE3, SO3
+from trocar.perception.needle import NeedleSighting
+
+ALWAYS, NOW, GRIP = slice(0, 6), slice(6, 12), slice(12, 18)
+"""Of the state: error of the tip that stays, and that changes on the way; where the needle lies in the jaws."""
+ALWAYS_SD = np.repeat([0.25e-3, 0.010], 3)
+NOW_SD = np.repeat([0.40e-3, 0.020], 3)
+"""Of the tip's error, m and rad: what registration and fitted cables leave, on the cell's `recorded`."""
+FADES_M = 6e-3
+"""On so long a way of the jaws what changes on the way falls to 1/e."""
+LOADED = np.diag(np.array([0.6e-3, 0.6e-3, 0.6e-3, 0.08, 0.09, 0.08]) ** 2)
+"""How a person loads a needle: covariance in the grasp's axes, which are the jaws' closing, along the wire, and across
+both; a shift, m, and a turn, rad."""
+PIVOT_M = 15e-3
+"""Closing jaws that push a needle aside turn it about its part in the tissue, so far away along the arc."""
+ASIDE_SD_M = 0.35e-3
+"""By which they push it."""
+_ASIDE = ASIDE_SD_M * np.array([1.0, 0.0, 0.0, 0.0, -1.0 / PIVOT_M, 0.0])
+STIRRED = np.outer(_ASIDE, _ASIDE) + np.diag(np.array([0.0, 0.1e-3, 0.1e-3, 0.005, 0.008, 0.045]) ** 2)
+"""What closing jaws do to a needle that the tissue holds: likewise."""
+FLAT = np.array([0, 5])
+FLAT_SD = np.array([0.15e-3, 0.027])
+"""Flat jaws put the wire into the plane in which they meet: its shift along their closing, and its turn about the axis
+across wire and closing, are then as agreed within this."""
+STIRS = 0.5
+"""Share of the variance of what changes on the way that a small correction adds: it turns cables round."""
+DOUBT = 4.0
+"""After a sighting that was not believed all variances are so many times as large: if others say the same, they are."""
+UNLIKELY = 22.5
+"""Squared Mahalanobis distance that one sighting of a thousand exceeds by chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Believed:
+    """A pose with its uncertainty.
+
+    Attributes:
+        T_base_needle: of the needle in the arm's registered base.
+        covariance: (6, 6) of a twist of the needle in its own frame, m and rad.
+    """
+
+    T_base_needle: SE3
+    covariance: NDArray[np.float64]
+
+    def after(self, T_base_camera: SE3, seen: NeedleSighting) -> Believed | None:
+        """Return what is believed after a sighting that was fitted from here.
+
+        None: it lies further off than chance explains.
+        """
+        T_base_needle = T_base_camera @ seen.T_camera_needle
+        away = (self.T_base_needle.inverse() @ T_base_needle).log()
+        known = np.linalg.inv(self.covariance)
+        if away @ known @ away > UNLIKELY:
+            return None
+        return Believed(T_base_needle, np.asarray(np.linalg.inv(known + seen.information), dtype=np.float64))
+
+
+class NeedleBelief:
+    """A normal distribution of three twists, small enough to add up.
+
+    The tip's error is a shift in the base's axes, and a turn about the tip, likewise; one part of it stays for the
+    whole session, the other fades with the way that the jaws go. The needle's is a twist in its own frame.
+    """
+
+    def __init__(self) -> None:
+        self._mean = np.zeros(18)
+        self._covariance = np.diag(np.concatenate([ALWAYS_SD, NOW_SD, np.zeros(6)]) ** 2)
+        self._T_tip_needle = SE3.identity()
+
+    @property
+    def tip_off(self) -> NDArray[np.float64]:
+        """Return the expected error (6,) of the tip: shift in the base's axes, m, and turn, rad."""
+        return np.asarray(self._mean[ALWAYS] + self._mean[NOW])
+
+    def loaded(self, T_tip_needle: SE3) -> None:
+        """Begin anew: a person has put the needle about here into the jaws."""
+        self._T_tip_needle = T_tip_needle
+        self._forget(GRIP)
+        self._closed(LOADED)
+
+    def moved(self, way_m: float) -> None:
+        """Count in that the jaws went so far, with or without the needle."""
+        keeps = float(np.exp(-way_m / FADES_M))
+        self._mean[NOW] *= keeps
+        self._covariance[NOW] *= keeps
+        self._covariance[:, NOW] *= keeps
+        self._covariance[NOW, NOW] += (1.0 - keeps**2) * np.diag(NOW_SD**2)
+
+    def stirred(self) -> None:
+        """Count in that the arm was corrected by less than a millimetre: what was seen still holds, but less surely."""
+        self._covariance[NOW, NOW] += STIRS * np.diag(NOW_SD**2)
+
+    def regrasped(self, needle: Believed, T_base_tip: SE3, T_tip_needle: SE3) -> None:
+        """Count in that the jaws have closed elsewhere on a needle that the tissue held meanwhile.
+
+        Args:
+            needle: as it was believed before the jaws opened.
+            T_base_tip: where the tip is asked to be now.
+            T_tip_needle: where the needle should lie in the jaws now.
+        """
+        self._T_tip_needle = T_tip_needle
+        self._forget(GRIP)
+        tip = self._of_tip(T_base_tip)
+        offset = ((T_base_tip @ T_tip_needle).inverse() @ needle.T_base_needle).log()
+        self._mean[GRIP] = offset - tip @ self._mean
+        mix = np.eye(18)
+        mix[GRIP] = -tip
+        self._covariance = mix @ self._covariance @ mix.T
+        self._covariance[GRIP, GRIP] += needle.covariance
+        self._closed(STIRRED)
+
+    def needle(self, T_base_tip: SE3) -> Believed:
+        """Return where the needle is if the tip is asked to be here."""
+        T_base_needle = self.tip(T_base_tip) @ self._T_tip_needle @ SE3.exp(self._mean[GRIP])
+        of_needle = self._of_needle(T_base_tip)
+        return Believed(T_base_needle, of_needle @ self._covariance @ of_needle.T)
+
+    def tip(self, T_base_tip: SE3) -> SE3:
+        """Return where the tip is if it is asked to be here; poses of any batch."""
+        off = self.tip_off
+        return SE3.from_parts(SO3.exp(off[3:]) @ T_base_tip.rotation, T_base_tip.translation_m + off[:3])
+
+    def in_jaws(self) -> SE3:
+        """Return how the needle lies in the jaws."""
+        return self._T_tip_needle @ SE3.exp(self._mean[GRIP])
+
+    def saw(self, T_base_tip: SE3, T_base_camera: SE3, seen: NeedleSighting) -> bool:
+        """Take in what images show of the needle, fitted from where :meth:`needle` has it.
+
+        Args:
+            T_base_tip: where the tip was asked to be.
+            T_base_camera: of the images.
+            seen: in them.
+
+        Returns:
+            whether it was believed: not, if it lies further off than chance explains.
+        """
+        before = self.needle(T_base_tip)
+        after = before.after(T_base_camera, seen)
+        if after is None:
+            self._covariance *= DOUBT
+            return False
+        away = (before.T_base_needle.inverse() @ after.T_base_needle).log()
+        gain = self._covariance @ self._of_needle(T_base_tip).T @ np.linalg.inv(before.covariance)
+        self._mean = self._mean + gain @ away
+        self._covariance = self._covariance - gain @ (before.covariance - after.covariance) @ gain.T
+        return True
+
+    def _of_tip(self, T_base_tip: SE3) -> NDArray[np.float64]:
+        """Return what (6, 18) the state's parts of the tip do to the needle, as a twist in its frame."""
+        to_tip = np.kron(np.eye(2), T_base_tip.rotation.matrix.T)
+        of_tip = self._T_tip_needle.inverse().adjoint() @ to_tip
+        return np.concatenate([of_tip, of_tip, np.zeros((6, 6))], axis=1)
+
+    def _of_needle(self, T_base_tip: SE3) -> NDArray[np.float64]:
+        """Return what (6, 18) the state does to the needle, as a twist in its frame."""
+        found = self._of_tip(T_base_tip)
+        found[:, GRIP] = np.eye(6)
+        return found
+
+    def _forget(self, part: slice) -> None:
+        self._mean[part] = 0.0
+        self._covariance[part] = 0.0
+        self._covariance[:, part] = 0.0
+
+    def _closed(self, stirred: NDArray[np.float64]) -> None:
+        """Count in that the jaws have closed: that moved the needle so much, and put its wire into their plane."""
+        of_grasp = self._T_needle_grasp().adjoint()
+        self._covariance[GRIP, GRIP] += of_grasp @ stirred @ of_grasp.T
+        flat = np.zeros((2, 18))
+        flat[:, GRIP] = np.linalg.inv(of_grasp)[FLAT]
+        gain = self._covariance @ flat.T @ np.linalg.inv(flat @ self._covariance @ flat.T + np.diag(FLAT_SD**2))
+        self._mean = self._mean - gain @ (flat @ self._mean)
+        self._covariance = self._covariance - gain @ flat @ self._covariance
+
+    def _T_needle_grasp(self) -> SE3:
+        """Return the grasp's frame in the needle's: at the jaws' tip, x along their closing, y along the wire."""
+        T_needle_tip = self._T_tip_needle.inverse()
+        closing, (x, y, _) = T_needle_tip.rotation.matrix[:, 0], T_needle_tip.translation_m
+        along = np.array([y, -x, 0.0])
+        along -= closing * (closing @ along)
+        along /= np.linalg.norm(along)
+        R = np.column_stack([closing, along, np.cross(closing, along)])
+        return SE3.from_parts(SO3(R), T_needle_tip.translation_m)

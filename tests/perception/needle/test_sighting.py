@@ -1,0 +1,83 @@
+"""A needle in made-up depth images: a wire over a coloured floor, under a camera that scatters."""
+
+import numpy as np
+import pytest
+
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.perception.depth import pixel_rays
+from trocar.perception.image import Intrinsics, RgbdImage
+from trocar.perception.needle import NeedleArc, sight_needle
+
+ARC = NeedleArc(8.3e-3, np.radians(225.0), 0.9e-3)
+LENS = Intrinsics(140, 140, 1382.7, 1383.0, 69.5, 69.5)
+T_CAMERA_FLOOR = SE3.from_parts(SO3.axis("x", np.pi - 0.5), [0.0, 0.0, 0.36])
+SD = np.repeat([0.6e-3, 0.06], 3)
+FLOOR_RGB, STEEL_RGB = (220, 163, 140), (190, 195, 204)
+DEPTHS_M = np.arange(-0.02, 0.02, 0.1e-3)
+
+
+def over_floor(rng):
+    """Return a needle some way over the floor, in the camera's frame."""
+    turn = SO3.axis("z", rng.uniform(-1.0, 1.0)) @ SO3.axis("x", np.pi / 2) @ SO3.axis("z", rng.uniform(-0.5, 0.5))
+    return T_CAMERA_FLOOR @ SE3.from_parts(turn, [0.0, 0.0, 0.014])
+
+
+def picture(T_camera_needle, rng, depth_sd_m=0.15e-3):
+    """Return an image: each ray ends on the wire, if it meets it, or on the floor."""
+    rays = pixel_rays(LENS).reshape(-1, 3)
+    T_floor = T_CAMERA_FLOOR.inverse()
+    normal, height = T_floor.rotation.matrix[2], T_floor.translation_m[2]
+    depth = -height / (rays @ normal)
+    color = np.tile(np.array(FLOOR_RGB, dtype=np.uint8), (len(rays), 1))
+    z = T_camera_needle.translation_m[2] + DEPTHS_M
+    for row, ray in enumerate(rays):
+        near = ARC.distance_m(T_camera_needle.inverse().apply(ray * z[:, None])) < 0.0
+        if near.any():
+            depth[row], color[row] = z[near.argmax()], STEEL_RGB
+    depth = depth + depth_sd_m * rng.standard_normal(len(depth))
+    shape = (LENS.height, LENS.width)
+    return RgbdImage(color.reshape(*shape, 3), depth.reshape(shape).astype(np.float32), LENS)
+
+
+def looked(images, expected, elsewhere=None):
+    return sight_needle(images, expected, np.diag(SD**2), ARC, T_CAMERA_FLOOR, elsewhere)
+
+
+def test_a_needle_is_found_from_where_it_is_expected_and_it_is_said_how_surely():
+    rng = np.random.default_rng(0)
+    before, after, scores = [], [], []
+    for _ in range(8):
+        true = over_floor(rng)
+        off = SD * rng.standard_normal(6)
+        expected = true @ SE3.exp(off)
+        found = looked([picture(true, rng), picture(true, rng)], expected)
+        assert found is not None and found.left_m < 0.4e-3
+        error = (true.inverse() @ found.T_camera_needle).log()
+        before.append(off)
+        after.append(error)
+        scores.append(error @ (found.information + np.diag(SD**-2.0)) @ error / 6.0)
+    rms = np.sqrt(np.mean(np.square(after), axis=0))
+    assert (rms[:3] < 0.2e-3).all(), "it was expected .6 mm off"
+    assert (rms[3:5] < 0.03).all(), "and .06 rad; its turn about its centre is seen by its ends alone"
+    assert 0.05 < np.mean(scores) < 3.0
+
+
+def test_what_shows_no_needle_is_refused():
+    rng = np.random.default_rng(1)
+    away = over_floor(rng)
+    seen = picture(away @ SE3.from_parts(translation_m=[0.0, 0.03, 0.0]), rng)
+    assert looked([seen], away) is None
+
+
+def test_a_needle_hidden_by_what_holds_it_is_not_seen():
+    rng = np.random.default_rng(2)
+    true = over_floor(rng)
+    image = picture(true, rng)
+    assert looked([image], true, lambda points: np.zeros(len(points))) is None
+    assert looked([image], true, lambda points: np.ones(len(points))) is not None
+
+
+def test_no_image_is_one_sentence():
+    with pytest.raises(TrocarError, match="looked for in 0 images; give one or more"):
+        looked([], T_CAMERA_FLOOR)

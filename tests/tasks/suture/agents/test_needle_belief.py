@@ -1,0 +1,111 @@
+"""What is believed of arm and needle."""
+
+import numpy as np
+import pytest
+
+from trocar.geometry import SE3, SO3
+from trocar.perception.needle import NeedleSighting
+from trocar.sutures.primitive import grasp_pose
+from trocar.tasks.suture.agents.needle_belief import ALWAYS_SD, NOW_SD, NeedleBelief
+from trocar.tasks.suture.task import CircleSutures
+
+SETUP = CircleSutures().setup
+HELD = grasp_pose(SETUP).inverse()
+BACK = (SE3.from_parts(SO3.axis("z", -SETUP.insertion.regrasp_rad)) @ grasp_pose(SETUP)).inverse()
+TIP = SE3.from_parts(SO3.exp([2.8, 0.4, -0.3]), [0.01, -0.02, -0.12])
+SHARP = NeedleSighting(SE3.identity(), np.diag(np.repeat([1.0 / 0.03e-3**2, 1.0 / 0.003**2], 3)), 100, 1e-4)
+
+
+def seen_at(T):
+    return NeedleSighting(T, SHARP.information, SHARP.pixels, SHARP.left_m)
+
+
+def loaded():
+    belief = NeedleBelief()
+    belief.loaded(HELD)
+    return belief
+
+
+def sd(believed):
+    return np.sqrt(np.diag(believed.covariance))
+
+
+def test_nothing_is_off_before_a_look_and_much_may_be():
+    believed = loaded().needle(TIP)
+    np.testing.assert_allclose(believed.T_base_needle.matrix, (TIP @ HELD).matrix, atol=1e-12)
+    assert (sd(believed)[:3] > 0.3e-3).all()
+
+
+def test_a_look_is_taken_over_and_a_wild_one_is_not():
+    belief = loaded()
+    off = SE3.exp([0.4e-3, -0.3e-3, 0.2e-3, 0.03, -0.02, 0.04])
+    true = belief.needle(TIP).T_base_needle @ off
+    assert belief.saw(TIP, SE3.identity(), seen_at(true))
+    left = (belief.needle(TIP).T_base_needle.inverse() @ true).log()
+    assert np.abs(left[:3]).max() < 0.03e-3 and np.abs(left[3:]).max() < 0.003
+    assert (sd(belief.needle(TIP)) <= 1.01 * np.repeat([0.03e-3, 0.003], 3)).all()
+    before = belief.needle(TIP).T_base_needle.matrix
+    assert not belief.saw(TIP, SE3.identity(), seen_at(true @ SE3.from_parts(translation_m=[0.0, 3e-3, 0.0])))
+    np.testing.assert_array_equal(belief.needle(TIP).T_base_needle.matrix, before)
+
+
+def test_on_a_long_way_what_was_seen_of_the_arm_is_forgotten_but_not_how_the_needle_lies():
+    belief = loaded()
+    belief.saw(TIP, SE3.identity(), seen_at(belief.needle(TIP).T_base_needle @ SE3.exp([0, 0, 0, 0.08, 0, 0])))
+    lies, off = belief.in_jaws(), belief.tip_off
+    belief.moved(0.2)
+    np.testing.assert_allclose(belief.in_jaws().matrix, lies.matrix)
+    assert np.linalg.norm(belief.tip_off[3:]) < np.linalg.norm(off[3:])
+    assert (sd(belief.needle(TIP))[:3] > 0.8 * NOW_SD[:3]).all()
+
+
+def test_a_regrasped_needle_stays_where_it_was_and_flat_jaws_tell_of_it():
+    belief = loaded()
+    true = belief.needle(TIP).T_base_needle @ SE3.exp([0.3e-3, 0.2e-3, 0.0, 0.02, 0.03, 0.0])
+    belief.saw(TIP, SE3.identity(), seen_at(true))
+    held = belief.needle(TIP)
+    moved = TIP @ HELD @ BACK.inverse()  # the jaws go along the wire; as planned the needle stays
+    belief.moved(5e-3)
+    belief.regrasped(held, moved, BACK)
+    after = belief.needle(moved)
+    left = (after.T_base_needle.inverse() @ held.T_base_needle).log()
+    assert np.abs(left[:3]).max() < 0.3e-3 and np.abs(left[3:]).max() < 0.03
+    assert (sd(after)[:3] < 0.6e-3).all()
+
+
+def test_the_errors_add_up_as_they_are_drawn():
+    """Its covariance is that of needles whose errors are drawn and put together exactly."""
+    belief, rng = loaded(), np.random.default_rng(0)
+    drawn = []
+    for _ in range(3000):
+        off = np.hypot(ALWAYS_SD, NOW_SD) * rng.standard_normal(6)
+        tip = SE3.from_parts(SO3.exp(off[3:]) @ TIP.rotation, TIP.translation_m + off[:3])
+        drawn.append(((TIP @ HELD).inverse() @ tip @ HELD).log())
+    before = belief.needle(TIP).covariance
+    surely = NeedleBelief()
+    surely._T_tip_needle = HELD  # no error of the grip
+    np.testing.assert_allclose(np.sqrt(np.diag(surely.needle(TIP).covariance)), np.std(drawn, axis=0), rtol=0.08)
+    assert (np.diag(before) > np.diag(surely.needle(TIP).covariance)).all()
+
+
+def test_where_the_tip_is_when_it_is_asked_to_be_somewhere():
+    belief = loaded()
+    assert belief.tip(TIP).matrix == pytest.approx(TIP.matrix)
+
+
+def test_a_small_correction_leaves_what_was_seen_and_makes_it_less_sure():
+    belief = loaded()
+    belief.saw(TIP, SE3.identity(), seen_at(belief.needle(TIP).T_base_needle @ SE3.exp([3e-4, 0, 0, 0, 0, 0])))
+    before = belief.needle(TIP)
+    belief.stirred()
+    after = belief.needle(TIP)
+    np.testing.assert_array_equal(after.T_base_needle.matrix, before.T_base_needle.matrix)
+    assert (sd(after)[:3] > sd(before)[:3]).all()
+
+
+def test_a_wild_sighting_that_comes_again_is_believed_in_the_end():
+    belief = loaded()
+    belief.saw(TIP, SE3.identity(), seen_at(belief.needle(TIP).T_base_needle))
+    far = seen_at(belief.needle(TIP).T_base_needle @ SE3.from_parts(translation_m=[0.0, 1e-3, 0.0]))
+    believed = [belief.saw(TIP, SE3.identity(), far) for _ in range(6)]
+    assert not believed[0] and believed[-1]
