@@ -7,7 +7,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
-from trocar.perception.needle import NeedleArc, sight_needle
+from trocar.perception.needle import NeedleArc, search_starts, sight_needle
 
 ARC = NeedleArc(8.3e-3, np.radians(225.0), 0.9e-3)
 LENS = Intrinsics(140, 140, 1382.7, 1383.0, 69.5, 69.5)
@@ -61,6 +61,25 @@ def test_a_needle_is_found_from_where_it_is_expected_and_it_is_said_how_surely()
     assert (rms[:3] < 0.2e-3).all(), "it was expected .6 mm off"
     assert (rms[3:5] < 0.03).all(), "and .06 rad; its turn about its centre is seen by its ends alone"
     assert 0.05 < np.mean(scores) < 3.0
+
+
+FAR_OFF = (-1.37e-3, -0.05e-3, -2.01e-3, 0.0853, -0.1411, -0.0716)
+"""A twist of a needle that a person loaded and an arm brought (1.5 to 2 SD of both): one search ends beside it."""
+UNSURE_SD = np.array([1.0e-3, 0.8e-3, 1.1e-3, 0.092, 0.083, 0.083])
+
+
+def test_a_needle_far_from_where_it_is_expected_is_found_if_that_is_said_to_be_unsure():
+    rng = np.random.default_rng(3)
+    turn = SO3.axis("z", 0.35) @ SO3.axis("x", np.pi / 2) @ SO3.axis("z", 0.07)
+    true, tip = T_CAMERA_FLOOR @ SE3.from_parts(turn, [0.0, 0.0, 0.014]), ARC.point_m(np.zeros(1))
+    expected = true @ SE3.exp(np.array(FAR_OFF))
+    images = [picture(true, rng, 0.3e-3), picture(true, rng, 0.3e-3)]
+    assert np.linalg.norm(expected.apply(tip) - true.apply(tip)) > 3e-3
+    unsure = np.diag(UNSURE_SD**2)
+    assert len(search_starts(expected, unsure, ARC)) > 1 == len(search_starts(expected, unsure / 100, ARC))
+    found = sight_needle(images, expected, unsure, ARC, T_CAMERA_FLOOR)
+    assert found is not None
+    assert np.linalg.norm(found.T_camera_needle.apply(tip) - true.apply(tip)) < 0.5e-3
 
 
 def test_what_shows_no_needle_is_refused():

@@ -22,6 +22,11 @@ from trocar.perception.needle.arc import NeedleArc
 
 FIRST_M, THEN_M = 2.5e-3, 1.3e-3
 """What is this near to the wire is taken for it: where the wire is expected, and then where it was found."""
+WIDE_M = 5.0e-3
+"""What is this near to the expected wire decides between what was found from several starts."""
+SURE_M, AWAY = 0.8e-3, 1.5
+"""The search begins in several places where the wire's end is less sure than this (SD), so many SDs away from where it
+is expected."""
 BEHIND_M = 1.5e-3
 """What lies this far behind the wire was seen past it."""
 OVER_FLOOR_M = 0.7e-3
@@ -107,9 +112,9 @@ def sight_needle(
 
     Args:
         images: with depth, by one camera, while nothing moves; more of them scatter less in depth.
-        T_camera_needle: where it is expected, right within some 2 mm.
-        covariance: (6, 6) of a twist of the needle in its own frame about there, m and rad; keeps the search at home
-            where the images say nothing, and is no part of the information that is returned.
+        T_camera_needle: where it is expected.
+        covariance: (6, 6) of a twist of the needle in its own frame about there, m and rad; says where the search
+            begins, keeps it at home where the images say nothing, and is no part of the information that is returned.
         arc: its shape.
         T_camera_floor: a plane, z up, below which nothing of the needle is seen.
         elsewhere: how far points are from what else is there, such as the instrument that holds it; None: nothing is.
@@ -119,12 +124,13 @@ def sight_needle(
     """
     if not images:
         raise TrocarError("a needle is looked for in 0 images; give one or more")
-    home, at = np.linalg.inv(covariance), T_camera_needle
-    information, left, evidence = np.zeros((6, 6)), 0.0, None
-    for near_m in (FIRST_M, THEN_M):
-        evidence = _gather(images, at, arc, near_m, T_camera_floor, elsewhere)
-        if evidence is None:
-            return None
+    home = np.linalg.inv(covariance)
+
+    def gathered(at: SE3, near_m: float) -> _Evidence | None:
+        return _gather(images, at, arc, near_m, T_camera_floor, elsewhere)
+
+    def fitted(evidence: _Evidence, at: SE3) -> tuple[SE3, NDArray[np.float64], float]:
+        information, left = np.zeros((6, 6)), 0.0
         for _ in range(STEPS):
             information, gradient, left = _normal_equations(evidence, at, arc)
             away = (T_camera_needle.inverse() @ at).log()
@@ -133,9 +139,39 @@ def sight_needle(
             at = at @ SE3.exp(step)
             if np.abs(step[:3]).max() < 1e-6 and np.abs(step[3:]).max() < 1e-4:
                 break
-    if evidence is None or left > WORST_M:
+        return at, information, left
+
+    starts = search_starts(T_camera_needle, covariance, arc)
+    near = [(start, found) for start in starts if (found := gathered(start, FIRST_M)) is not None]
+    first = [fitted(found, start)[0] for start, found in near]
+    if len(starts) > 1 and (wide := gathered(T_camera_needle, WIDE_M)) is not None:
+        first.sort(key=lambda at: _missed_by(wide, at, arc))
+    evidence = gathered(first[0], THEN_M) if first else None
+    if evidence is None:
+        return None
+    at, information, left = fitted(evidence, first[0])
+    if left > WORST_M:
         return None
     return NeedleSighting(at, information, len(evidence.through), left)
+
+
+def search_starts(T_camera_needle: SE3, covariance: NDArray[np.float64], arc: NeedleArc) -> list[SE3]:
+    """Return where the search for a needle begins: where it is expected, and around that where its tip is unsure.
+
+    Args:
+        T_camera_needle: where it is expected.
+        covariance: (6, 6) of a twist of the needle in its own frame about there, m and rad.
+        arc: its shape.
+    """
+    tip = arc.point_m(np.zeros(1))[0]
+    lever = np.column_stack([np.eye(3), np.cross(np.eye(3), tip).T])
+    sd, axes = np.linalg.eigh(lever @ covariance @ lever.T)
+    starts = [T_camera_needle]
+    for variance, axis in zip(sd, axes.T, strict=True):
+        if variance > SURE_M**2:
+            likeliest = covariance @ lever.T @ axis / np.sqrt(variance)  # twist that has the tip one SD away along it
+            starts += [T_camera_needle @ SE3.exp(share * likeliest) for share in (AWAY, -AWAY)]
+    return starts
 
 
 def _gather(
@@ -150,7 +186,7 @@ def _gather(
 
     Colours are those of the first image: the others have the same.
     """
-    half = np.array([arc.radius_m, arc.radius_m, 0.0]) + 0.5 * arc.wire_m + FIRST_M
+    half = np.array([arc.radius_m, arc.radius_m, 0.0]) + 0.5 * arc.wire_m + max(near_m, FIRST_M)
     patches = [patch for image in images if (patch := patch_around(image, T_camera_needle, -half, half)) is not None]
     if not patches:
         return None
@@ -219,6 +255,14 @@ def _normal_equations(
     )
     weighed = slopes.T / (1.0 + (residual / ROBUST) ** 2) / TOGETHER
     return weighed @ slopes, weighed @ residual, left
+
+
+def _missed_by(evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc) -> float:
+    """Return how badly a pose explains which rays meet the wire and which pass it, comparable for one evidence."""
+    T = T_camera_needle.inverse()
+    missed, entered = np.maximum(_closest(evidence.through, T, arc)[0], 0.0), _closest(evidence.past, T, arc)[0]
+    off = np.concatenate([missed, np.minimum(entered, 0.0)]) / RAY_SD_M
+    return float(np.log1p((off / ROBUST) ** 2).sum())
 
 
 def _behind(

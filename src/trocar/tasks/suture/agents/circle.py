@@ -54,6 +54,7 @@ class Settings:
         loadings: a person is asked so often to load the needle, until the jaws hold it.
         images: of one look at the needle; 0: it is driven without a look.
         sighting_budget_s: declared for finding the needle in them.
+        searching_budget_s: the same where it has to be searched for in several places.
     """
 
     planning_budget_s: float = 0.05
@@ -67,6 +68,7 @@ class Settings:
     loadings: int = 3
     images: int = 3
     sighting_budget_s: float = 0.15
+    searching_budget_s: float = 0.6
 
 
 def blind() -> Settings:
@@ -86,7 +88,9 @@ class CircleSuturing:
         self.arm, self.name = self.hand.model, self.hand.name
         self.home = self.hand.q
         self.watch = (
-            NeedleWatch(cell, self.hand, settings.images, settings.sighting_budget_s) if settings.images else None
+            NeedleWatch(cell, self.hand, settings.images, settings.sighting_budget_s, settings.searching_budget_s)
+            if settings.images
+            else None
         )
 
     async def run(self) -> None:

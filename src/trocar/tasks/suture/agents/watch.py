@@ -17,7 +17,7 @@ from trocar.geometry import SE3, SO3, TURN
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, RgbdImage, Window
 from trocar.perception.instrument.solids import InstrumentSolids
-from trocar.perception.needle import NeedleArc, NeedleSighting, sight_needle
+from trocar.perception.needle import NeedleArc, NeedleSighting, search_starts, sight_needle
 from trocar.sutures import SutureSetup
 from trocar.sutures.drive import Segment
 from trocar.sutures.joints import ROLL
@@ -107,16 +107,18 @@ class NeedleWatch:
         hand: the arm.
         images: of one look.
         budget_s: declared for finding the needle in them.
+        searching_s: the same where it has to be searched for in several places.
 
     Raises:
         TrocarError: no camera shows depth.
     """
 
-    def __init__(self, cell: Cell, hand: ArmScript, images: int, budget_s: float):
+    def __init__(self, cell: Cell, hand: ArmScript, images: int, budget_s: float, searching_s: float):
         seeing = {name: lens for name, camera in cell.cameras.items() if isinstance(lens := camera.model, Intrinsics)}
         if not seeing:
             raise TrocarError("no camera of this cell shows depth, to look at the needle; choose --method blind")
-        self._cell, self._hand, self._images, self._budget_s = cell, hand, images, budget_s
+        self._cell, self._hand, self._images = cell, hand, images
+        self._budget_s, self._searching_s = budget_s, searching_s
         T_world_camera, T_world_circle = cell.T_world_camera_registered, cell.T_world_fixture["circle"]
         nearest = min(
             seeing,
@@ -206,7 +208,9 @@ class NeedleWatch:
             taken = [await self._camera.capture(window) for _ in range(self._images)]
         images = [image for image in taken if isinstance(image, RgbdImage)]
         find = partial(self._find, images, before)
-        seen = await self._hand.compute("perception", self._budget_s, find)
+        widely = len(search_starts(before.T_base_needle, before.covariance, self._arc)) > 1
+        budget_s = self._searching_s if widely else self._budget_s
+        seen = await self._hand.compute("perception", budget_s, find)
         believed = seen is not None and self._take(seen)
         off = (before.T_base_needle.inverse() @ self._needle.T_base_needle).log()
         self._cell.log.event(
