@@ -14,6 +14,8 @@ from trocar.trials.trial import Trial
 
 TRANSFER_S = 5.0
 PARTS_S = {"capture": 0.2, "perception": 0.1, "planning": 0.2, "motion": 3.0, "jaw": 0.5, "settling": 0.25}
+STEPS = ("capture", "perception", "planning", "motion", "settling", "jaw", "motion", "jaw")
+"""Of a transfer: to the block, the jaws close, with it, they open."""
 """Of each transfer; .75 s are left to nothing in particular."""
 TICK_S = 0.01
 GOALS = PegTransfer().goals()
@@ -47,11 +49,10 @@ def synthetic_trial(
             }
         )
         at_s = start_s
-        for name, length_s in PARTS_S.items():
-            halves = 2 if name == "motion" else 1  # to the block, and with it
-            for _ in range(halves):
-                spans.append(Span("psm1", name, round(at_s, 6), round(at_s + length_s / halves, 6)))
-                at_s += length_s / halves
+        for name in STEPS:
+            length_s = PARTS_S[name] / STEPS.count(name)
+            spans.append(Span("psm1", name, round(at_s, 6), round(at_s + length_s, 6)))
+            at_s += length_s
         computations += [Computation("perception", 0.03, 0.098), Computation("planning", 0.2, 0.103)]
         events.append({"name": "transfer", "time_s": start_s + TRANSFER_S, "outcome": failure or "DONE"})
     hit = {"time_s": 3.0, "end_s": 3.1, "arm": "psm1", "what": "arm", "against": "peg 4", "force_n": 2.0}
