@@ -23,7 +23,8 @@ from scipy.ndimage import uniform_filter1d
 
 from trocar.arms import MOTION_LIMITS, fk, ik
 from trocar.calibration.cable_memory import CableMemory
-from trocar.calibration.command_path import CommandRequest, command_paths
+from trocar.calibration.command_path import command_paths
+from trocar.calibration.command_request import CommandRequest
 from trocar.calibration.compensation import Compensator, sample_positions
 from trocar.calibration.excitation import WAKE_RAD, random_smooth_path
 from trocar.calibration.models import MODELS

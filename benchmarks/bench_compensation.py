@@ -19,7 +19,8 @@ import numpy as np
 
 from trocar.arms import MOTION_LIMITS, ik
 from trocar.calibration.cable_memory import CableMemory
-from trocar.calibration.command_path import CommandRequest, command_paths
+from trocar.calibration.command_path import command_paths
+from trocar.calibration.command_request import CommandRequest
 from trocar.calibration.compensation import Invertible, inverse
 from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.models import MODELS

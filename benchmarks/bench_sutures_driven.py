@@ -45,7 +45,10 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     task = CircleSutures(direction=options.direction, sutures=options.sutures)
-    runs = [RunConfig(task, method=method, sessions=options.sessions, seed=options.seed) for method in task.methods]
+    runs = [
+        RunConfig(task, method=method, sessions=options.sessions, difficulty="mild", seed=options.seed)
+        for method in task.methods
+    ]
     coverage(runs[0])
     print("| " + " | ".join(HEAD) + " |\n" + "|---" * len(HEAD) + "|")
     for config in runs:

@@ -103,7 +103,7 @@ def play(monkeypatch, tmp_path, eyes, *, seed=3, method="best", change=None, rob
         options: of the task.
     """
     task = Debridement(**options)
-    config = RunConfig(task, method=method, seed=seed)
+    config = RunConfig(task, method=method, difficulty="mild", seed=seed)
     if change is not None:
         lay = Debridement.scene
         monkeypatch.setattr(Debridement, "scene", lambda self, rng, station: change(lay(self, rng, station)))

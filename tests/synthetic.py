@@ -14,16 +14,16 @@ from trocar.trials.trial import Trial
 
 TRANSFER_S = 5.0
 PARTS_S = {"capture": 0.2, "perception": 0.1, "planning": 0.2, "motion": 3.0, "jaw": 0.5, "settling": 0.25}
+"""Of each transfer; .75 s are left to nothing in particular."""
 STEPS = ("capture", "perception", "planning", "motion", "settling", "jaw", "motion", "jaw")
 """Of a transfer: to the block, the jaws close, with it, they open."""
-"""Of each transfer; .75 s are left to nothing in particular."""
 TICK_S = 0.01
 GOALS = PegTransfer().goals()
 
 
 def config(**options: object) -> RunConfig:
     """Return a run of peg transfers; options as ``RunConfig`` has them. It is quickly calibrated: without images."""
-    return RunConfig(PegTransfer(), **{"calibration": "joints", **options})  # type: ignore[arg-type]
+    return RunConfig(PegTransfer(), **{"calibration": "joints", "difficulty": "mild", **options})  # type: ignore[arg-type]
 
 
 def synthetic_trial(

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose
 from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits
 from trocar.calibration import command_path
 from trocar.calibration.cable_memory import CableMemory
-from trocar.calibration.command_path import CommandRequest, command_paths
+from trocar.calibration.command_path import command_paths
+from trocar.calibration.command_request import CommandRequest
 from trocar.calibration.compensation import Compensator
 from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
 from trocar.calibration.models import MODELS

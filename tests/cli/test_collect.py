@@ -118,6 +118,6 @@ def test_bad_input_is_one_sentence_and_writes_nothing(trocar, tmp_path, words, s
 
 
 def test_a_folder_of_another_collection_is_refused(done, trocar):
-    for other in (("--seed", 3), ("--difficulty", "recorded")):
+    for other in (("--seed", 3), ("--difficulty", "harsh")):
         code, _, err = trocar(*words_of(done[0], "--no-fit", *other))
         assert code == 2 and "is of another collection; move it away" in err

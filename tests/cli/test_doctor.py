@@ -7,6 +7,7 @@ import pytest
 
 from trocar import __version__
 from trocar.cli import doctor, extras, main
+from trocar.extras import EXTRAS, how_to_install
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def test_it_names_the_version_and_every_extra(say):
     code, out = say("doctor")
     assert code == 0
     assert __version__ in out
-    for extra in extras.EXTRAS:
+    for extra in EXTRAS:
         assert f"\n{extra}: " in out
 
 
@@ -49,8 +50,8 @@ def test_a_missing_extra_comes_with_its_remedy(say, monkeypatch):
     without(monkeypatch, "mujoco", "jax")
     code, out = say("doctor")
     assert code == 0
-    assert "missing mujoco: pip install 'trocar[sim]'" in out
-    assert "missing jax: pip install 'trocar[learn]'" in out
+    assert f"missing mujoco: {how_to_install('sim')}" in out
+    assert f"missing jax: {how_to_install('learn')}" in out
     assert "calibrate" in out.splitlines()[-1]
 
 
@@ -60,5 +61,5 @@ def test_commands_that_need_a_missing_extra_say_the_same(monkeypatch, capsys, tm
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 2
-    assert "pip install 'trocar[sim]'" in capsys.readouterr().err
+    assert "pip install '.[sim]'" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

@@ -1,5 +1,9 @@
 """Help: every command has one, with an example of itself."""
 
+import subprocess
+import sys
+from importlib.metadata import version
+
 import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
@@ -41,6 +45,17 @@ def test_every_command_has_help_with_an_example_of_itself(words):
 @pytest.mark.parametrize("words", [words for words in COMMANDS if words not in WITHOUT_JSON], ids=" ".join)
 def test_every_command_that_computes_has_json(words):
     assert "--json" in RUNNER.invoke(app, [*words, "--help"], env=WIDE).output
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_h_is_help(words):
+    short, long = (RUNNER.invoke(app, [*words, option], env=WIDE) for option in ("-h", "--help"))
+    assert short.exit_code == 0 and short.output == long.output
+
+
+def test_the_version_is_that_of_the_package_and_the_package_is_a_command():
+    found = subprocess.run([sys.executable, "-m", "trocar", "--version"], capture_output=True, text=True, check=True)
+    assert found.stdout == f"trocar {version('trocar')}\n"
 
 
 def test_no_words_print_the_commands():

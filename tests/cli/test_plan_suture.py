@@ -229,7 +229,8 @@ main()
 
 
 @pytest.mark.parametrize(
-    "options, code, words", [("--demonstrations synthetic --out out", 0, "synthetic"), ("--view", 2, "trocar[view]")]
+    "options, code, words",
+    [("--demonstrations synthetic --out out", 0, "synthetic"), ("--view", 2, "pip install '.[view]'")],
 )
 def test_no_extra_is_needed_but_for_the_browser(tmp_path, options, code, words):
     line = [sys.executable, "-c", WITHOUT_EXTRAS, "plan", "suture", *options.split()]

@@ -156,6 +156,32 @@ def test_a_method_of_ones_own_is_in_the_help_of_its_task_alone(trocar, tmp_path,
     assert "by-magic" not in shown["suture"]
 
 
+def test_a_method_of_ones_own_replaces_none_of_the_tasks(said):
+    text = (
+        "from trocar.tasks.kit import METHODS, Method\n"
+        "METHODS.register('peg-transfer/calibrated', Method('a wand does it', object, object))\n"
+    )
+    try:
+        words = said("run peg-transfer {flag}", text)
+    finally:
+        METHODS.forget("peg-transfer/calibrated")
+    assert "method 'peg-transfer/calibrated' would replace one of the task's own; register it under another" in words
+
+
+@pytest.mark.parametrize("line", ["run --plugin mine.py peg-transfer", "run peg-transfer --plugin mine.py"])
+def test_a_run_knows_its_plugins_wherever_they_stand_in_the_line(trocar, tmp_path, monkeypatch, line):
+    monkeypatch.chdir(tmp_path)
+    plugin = tmp_path / "mine.py"
+    plugin.write_text("VALUE = 1\n")
+    run = [*line.split(), "--method", "uncalibrated", "--transfers", "1", "--out", "run"]
+    code, _, err = trocar(*run)
+    assert code == 0, err
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["plugins"]
+    plugin.write_text("VALUE = 2\n")
+    code, _, err = trocar(*run, "--trials", "2")
+    assert code == 2 and "holds another run (other plugins)" in err
+
+
 @pytest.mark.parametrize(
     ("body", "said"),
     [

@@ -9,6 +9,7 @@ from trocar.trials import Trial, trial_file
 
 pytest.importorskip("viser")
 from trocar.cli import view as cli
+from trocar.extras import how_to_install
 from trocar.view.trial_view import TrialView
 
 TITLE = "peg-transfer unilateral calibrated"
@@ -95,4 +96,4 @@ def test_a_folder_without_trials_is_told(trocar, tmp_path, served):
 def test_without_viser_the_extra_is_named(trocar, run, monkeypatch):
     monkeypatch.setattr("trocar.cli.extras.find_spec", lambda module: None)
     code, _, err = trocar("view", run)
-    assert (code, err) == (2, "trocar: this command needs viser; install the extra with: pip install 'trocar[view]'\n")
+    assert (code, err) == (2, f"trocar: this command needs viser; {how_to_install('view')}\n")

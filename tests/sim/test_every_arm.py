@@ -13,6 +13,7 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.mjcf import CellModel
 from trocar.sim.world import World
 from trocar.station import TRANSMISSIONS, Station, StationArm
+from trocar.station.difficulty import Difficulty
 from trocar.station.session import draw_session
 
 EVERY_ARM = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
@@ -34,6 +35,7 @@ def station_of(arm, transmission="stiff", limits=None) -> Station:
             )
         },
         cameras={},
+        difficulty=Difficulty.of("mild"),
     )
 
 

@@ -1,9 +1,13 @@
 """A day in a laboratory: drawn, registered, the truth apart from what was found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from simulated import mild
 from trocar.station import built_in_stations, load_station
+from trocar.station.difficulty import Difficulty
 from trocar.station.session import draw_session
 
 
@@ -18,7 +22,7 @@ def test_every_station_has_days_that_depend_on_the_seed_alone(name):
 
 @pytest.mark.parametrize("name", ["peg-transfer", "suture"])
 def test_registration_by_points_is_near_the_truth_and_not_the_truth(name):
-    station = load_station(name)
+    station = mild(name)
     middle = np.mean(station.registration.volume_m, axis=0)
     off_m = []
     for seed in range(30):
@@ -51,13 +55,22 @@ def test_a_checkerboard_refers_the_world_to_the_first_base_and_errs_in_camera_an
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(turned), axis=0)), np.sqrt(2) * how.sd_rad, rtol=0.2)
 
 
-def test_where_the_cameras_are_the_reference_they_are_registered_truly():
-    day = draw_session(load_station("peg-transfer"), np.random.default_rng(0))
-    assert day.T_world_camera_registered["overhead"] is day.T_world_camera["overhead"]
+def test_the_first_camera_is_the_reference_and_the_others_err_against_it():
+    station = replace(load_station("suture"), difficulty=Difficulty.of("mild", ["cameras=0.3mm"]))
+    off_m = []
+    for seed in range(60):
+        day = draw_session(station, np.random.default_rng(seed))
+        assert day.T_world_camera_registered["overhead"] is day.T_world_camera["overhead"]
+        for name in list(station.cameras)[1:]:
+            off = day.T_world_camera_registered[name] @ day.T_world_camera[name].inverse()
+            assert np.allclose(off.rotation.matrix, np.eye(3))
+            off_m.append(off.translation_m)
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(off_m), axis=0)), 0.3e-3, rtol=0.2)
+    assert abs(np.corrcoef(np.array(off_m).reshape(-1, 6).T)[0, 3]) < 0.4, "each camera errs by itself"
 
 
 def test_mounting_the_instruments_again_changes_the_cables_and_nothing_else():
-    day = draw_session(load_station("peg-transfer"), np.random.default_rng(0))
+    day = draw_session(mild("peg-transfer"), np.random.default_rng(0))
     other = day.remounted(np.random.default_rng(1))
     assert other.T_world_base_registered is day.T_world_base_registered
     offsets = [d.transmissions["psm1"].plant.offset for d in (day, other)]

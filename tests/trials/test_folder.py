@@ -98,7 +98,7 @@ def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
 def test_a_fingerprint_is_the_same_in_another_process():
     code = (
         "from trocar.trials.config import RunConfig; from trocar.tasks.peg_transfer.task import PegTransfer;"
-        "print(RunConfig(PegTransfer(), seed=4, calibration='joints').fingerprint)"
+        "print(RunConfig(PegTransfer(), seed=4, calibration='joints', difficulty='mild').fingerprint)"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "77"}
     result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)

@@ -41,7 +41,7 @@ def test_a_run_of_a_plugin_brings_it_along(tmp_path):
 def test_models_are_shared_where_nothing_differs_that_they_depend_on():
     run = config(model="offset")
     same = [
-        RunConfig(ONE, model="offset", calibration="joints"),
+        RunConfig(ONE, model="offset", calibration="joints", difficulty="mild"),
         config(model="offset", planner="spline", new_session=True, trials=5),
     ]
     other = [config(model="ridge"), config(model="offset", seed=1), config(model="offset", flawless_camera=True)]
@@ -50,7 +50,7 @@ def test_models_are_shared_where_nothing_differs_that_they_depend_on():
 
 
 def test_a_shared_model_is_the_one_that_a_run_by_itself_fits(tmp_path, monkeypatch):
-    first, second = config(model="offset"), RunConfig(ONE, model="offset", calibration="joints")
+    first, second = config(model="offset"), RunConfig(ONE, model="offset", calibration="joints", difficulty="mild")
     alone = tmp_path / "alone"
     prepare(second, 0, alone)
     runs = ((first, tmp_path / "first"), (second, tmp_path / "second"))

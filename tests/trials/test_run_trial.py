@@ -100,7 +100,11 @@ def test_truth_is_kept_at_100_hz_without_gaps_or_repeats(trial):
 
 
 def test_encoders_show_the_command_and_the_tip_is_elsewhere(trial, day):
-    """The joints that the encoders claim put the tip millimetres beside where it was."""
+    """The joints that the encoders claim put the tip millimetres beside where it was.
+
+    Compensation takes most of that away; what is left (residuals, creep, a registration that is systematically off) is
+    less than the clearance between a block's hole and a peg.
+    """
     trial, _ = trial
     model = day[0].laboratory.arms["psm1"].model
     later = trial.times_s > 5.0
@@ -110,7 +114,7 @@ def test_encoders_show_the_command_and_the_tip_is_elsewhere(trial, day):
     assert 1e-3 < np.median(beside_m) < 20e-3
     asked = fk(model, trial.arrays["asked_psm1"][later, :6].astype(float)).translation_m
     compensated_m = np.linalg.norm(asked - fk(model, true).translation_m, axis=1)
-    assert np.median(compensated_m) < 0.25 * np.median(beside_m)
+    assert np.median(compensated_m) < min(0.4 * np.median(beside_m), 1.0e-3)
 
 
 def test_blocks_were_never_where_no_block_can_be(trial):

@@ -213,5 +213,5 @@ def test_a_suture_without_solution_is_told():
 
 def test_without_viser_the_extra_is_named(view, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(TrocarError, match=r"pip install 'trocar\[view\]'"):
+    with pytest.raises(TrocarError, match=r"pip install '\.\[view\]'"):
         SutureView(view.setup, view.plan)

@@ -4,7 +4,7 @@ from trocar.arms.branch import BRANCHES, Branch
 from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
 from trocar.arms.forward import fk, frames
 from trocar.arms.instrument import LARGE_NEEDLE_DRIVER, RAVEN_GRIPPER, FingerMarks, Instrument
-from trocar.arms.inverse import Unreachable, ik, ik_branches, ik_floats, ik_unbounded
+from trocar.arms.inverse import Unreachable, ik, ik_branches, ik_floats, ik_near, ik_unbounded
 from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability, wrist_depth_m
 from trocar.arms.model import ArmModel, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
@@ -43,6 +43,7 @@ __all__ = [
     "ik",
     "ik_branches",
     "ik_floats",
+    "ik_near",
     "ik_unbounded",
     "jacobian",
     "joint_margins",

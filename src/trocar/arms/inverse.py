@@ -111,18 +111,31 @@ def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) 
     return _search(arm, np.ravel(matrix), np.array(near)).tolist()
 
 
-def ik_unbounded(arm: ArmModel, T_base_tip: SE3) -> NDArray[np.float64]:
+def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
     """Return the configurations (..., 6) on the arm's own branch, within the limits or not; NaN where none is real.
 
-    Yaw and roll are in the turn nearest to the middle of their ranges. Planners use this to tell how far a pose is out
-    of reach.
+    Angles are in the turns nearest to ``near`` (..., 6), if it is given; else yaw and roll are in those nearest to the
+    middle of their ranges. Planners use this to tell how far a pose is out of reach.
     """
     matrix = T_base_tip.matrix
     poses = matrix.reshape(-1, 16)
     q, good = np.empty((len(poses), 6)), np.zeros(len(poses), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         _solve_chunks(arm, poses, None, q, good, SMALL_CHUNK)
-    return q.reshape(*matrix.shape[:-2], 6)
+    q = q.reshape(*matrix.shape[:-2], 6)
+    return q if near is None else q - arm.turns * np.rint((q - near) / TURN)
+
+
+def ik_near(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the same for poses that all have joints.
+
+    Raises:
+        Unreachable: one of them has none.
+    """
+    q = ik_unbounded(arm, T_base_tip, near)
+    if not np.isfinite(q).all():
+        raise Unreachable(f"no joints of {arm.name} have this pose of the tip, in their ranges or not; go elsewhere")
+    return q
 
 
 def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

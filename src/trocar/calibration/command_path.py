@@ -8,8 +8,7 @@ slack before the joint has to turn, and ends where the model puts the joints exa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,9 @@ from numpy.typing import NDArray
 from trocar.arms import MotionLimits
 from trocar.calibration.cable_memory import CableMemory
 from trocar.calibration.command_fit import LEVER, MET, CommandFit, Fitted
-from trocar.calibration.compensation import inverse, sample_positions
+from trocar.calibration.command_request import CommandRequest
+from trocar.calibration.command_sketch import Sketch, knots_of, sketched
+from trocar.calibration.compensation import inverse
 from trocar.calibration.limited_paths import HEADROOM, LimitedPaths
 from trocar.calibration.quadratic import QuadraticSpline
 from trocar.errors import TrocarError
@@ -26,28 +27,12 @@ from trocar.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-KNOT_S = (0.010, 0.025)
-"""Least and greatest spacing of the commands' knots: from one control period to a tenth of what it takes to cross the
-widest slack."""
-KNOTS = (12, 48)
-"""A short motion has so many intervals at least; a longer one gets more before they become longer."""
-
-SKETCH_S = 0.060
-"""Spacing of the points at which the model is inverted one after the other to begin with."""
-SKETCHED = 4
-"""Points at least."""
-SKETCH_RAD = 1e-3
-"""How closely; refinement does the rest."""
-
 ENDS_S = 0.2
 ENDS_WEIGHT = 10.0
 """About so long after the start and before the end errors weigh up to so much more than in the middle of a motion:
 there the jaws are at something."""
 END_WEIGHT_S = 1000.0
 """Weight of an error at the very end, beside an error of one that lasts so long."""
-
-RESTING_S = 1e-4
-"""What could be braked in less than this rests."""
 
 CORRECTIONS = 2
 """Corrections of the last command, tried where refinement stalls short of the end."""
@@ -58,43 +43,6 @@ STRETCHES = (1.0, 1.05, 1.15, 1.3)
 LAST_STEP_S = 0.3
 """A last step from rest to rest that takes no longer makes up for the least error that is left: there are dead zones
 where nothing but crossing a slack does. Where the time did not suffice, it takes as long as it takes."""
-
-
-@dataclass(frozen=True, eq=False)
-class CommandRequest:
-    """What one arm's joints should do, and where its commands are now.
-
-    Attributes:
-        memory: of the cables, up to the commands that were sent last.
-        desired: of the true joints (rad, m), from its first knot on. It may start and end in motion; after an end in
-            motion it is braked to rest.
-        q_start: (6,) command that is being sent now. It may be off what the model expects there.
-        velocity_start: (6,) its velocity.
-        limits: of the commands' velocity and acceleration.
-        lower: (6,) least commands. Where the desired joints themselves lie below, commands may as well.
-        upper: (6,) greatest commands, likewise.
-    """
-
-    memory: CableMemory
-    desired: Trajectory
-    q_start: Array
-    velocity_start: Array
-    limits: MotionLimits
-    lower: Array
-    upper: Array
-
-    def __post_init__(self) -> None:
-        for name in ("q_start", "velocity_start", "lower", "upper"):
-            value = np.array(getattr(self, name), dtype=np.float64)
-            if value.shape != (6,) or not np.all(np.isfinite(value)):
-                raise TrocarError(f"a request of commands needs six finite numbers as {name}, got {value.tolist()}")
-            object.__setattr__(self, name, value)
-        over = np.abs(self.velocity_start) / self.limits.velocity
-        if over.max() > 1 + 1e-6:
-            raise TrocarError(
-                f"the commands of joint {np.argmax(over) + 1} already run at {over.max():.2f} times their limit of "
-                "velocity; let them slow down before a new motion"
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +89,7 @@ def command_paths(requests: Mapping[str, CommandRequest]) -> dict[str, CommandPa
     """
     if not requests:
         return {}
-    sketches = {arm: _sketched(request) for arm, request in requests.items()}
+    sketches = {arm: sketched(request) for arm, request in requests.items()}
     least = max(sketch.min_stretch() for sketch in sketches.values())
     fits: dict[str, _Fit] = {}
     for more in STRETCHES:
@@ -158,57 +106,6 @@ def command_paths(requests: Mapping[str, CommandRequest]) -> dict[str, CommandPa
 
 
 @dataclass(frozen=True, eq=False)
-class _Sketch:
-    """A request with roughly the commands that it takes, limits aside.
-
-    Attributes:
-        request: whose desired joints end at rest.
-        lower: (6,) least commands that are allowed, room to brake included.
-        upper: (6,) greatest.
-        shares: (k,) of the motion's time.
-        correction: (k, 6) commands less desired joints.
-        given_up: (k, 6) of the desired joints, because commands may not leave their ranges.
-        farthest: (6,) each joint's farthest command towards or beyond the ends of its range, had it none.
-        end: (6,) last command.
-    """
-
-    request: CommandRequest
-    lower: Array
-    upper: Array
-    shares: Array
-    correction: Array
-    given_up: Array
-    farthest: Array
-    end: Array
-
-    def at(self, shares: Array, rows: Array) -> Array:
-        """Return rows (k, 6) of this sketch at other shares (n,) of the time: (n, 6)."""
-        return np.column_stack([np.interp(shares, self.shares, column) for column in rows.T])
-
-    def min_stretch(self) -> float:
-        """Return how many times as long, at least, the way to the last command takes within the accelerations."""
-        request, knots = self.request, _knots(self.request.desired)
-        spare = 1.0 - 2.0 * HEADROOM
-        limits = MotionLimits(spare * request.limits.velocity, spare * request.limits.acceleration)
-        way, speed = self.end - request.q_start, request.velocity_start
-
-        def suffices(factor: float) -> bool:
-            spline = QuadraticSpline(factor * knots)
-            if np.any(np.abs(speed) > limits.acceleration * spline.times_s[-1]):
-                return False
-            reach, back = spline.reach(speed, limits), -spline.reach(-speed, limits)
-            return bool(np.all((back - 1e-12 <= way) & (way <= reach + 1e-12)))
-
-        low, high = 0.5, 1.0
-        while not suffices(high):
-            low, high = high, 2.0 * high
-        while high > 1.0 and high - low > 1e-3 * low:
-            middle = (low + high) / 2
-            low, high = (low, middle) if suffices(middle) else (middle, high)
-        return high
-
-
-@dataclass(frozen=True, eq=False)
 class _Fit:
     """The commands that were found for a sketch.
 
@@ -220,82 +117,17 @@ class _Fit:
         short: how far they end from where they should, in a wrist's rad; of the joints where the model knows.
     """
 
-    sketch: _Sketch
+    sketch: Sketch
     stretch: float
     fit: CommandFit
     best: Fitted
     short: float
 
 
-def _braked(desired: Trajectory, limits: MotionLimits) -> Trajectory:
-    """Return the motion from time 0, joints that end it in motion going straight on until they all rest at once."""
-    desired = Trajectory(desired.times_s - desired.times_s[0], desired.coefficients)
-    q, v = desired(desired.times_s[-1]), desired(desired.times_s[-1], 1)
-    duration = float(np.max(np.abs(v) / limits.acceleration))
-    if duration < RESTING_S:
-        return desired
-    return desired.then(Trajectory(np.array([0.0, duration]), np.stack([-v / (2 * duration), v, q])[:, None]))
-
-
-def _sketched(request: CommandRequest) -> _Sketch:
-    """Return the sketch: the model inverted at some points of the motion, one after the other."""
-    lower, upper = _ranges(request)
-    desired, model = _braked(request.desired, request.limits), request.memory.model
-    count = max(SKETCHED, int(np.ceil(desired.duration_s / SKETCH_S)))
-    times, wanted = desired.sample(desired.duration_s / count)
-    if not model.rate_independent:
-        times = np.interp(sample_positions(wanted, model.training), np.arange(len(times)), times)
-        wanted = desired(times)
-    memory, q_cmd = request.memory, request.q_start
-    error = memory.joints(q_cmd) - q_cmd
-    unbounded, correction, given_up = wanted.copy(), np.zeros_like(wanted), np.zeros_like(wanted)
-    unbounded[0], correction[0] = q_cmd, q_cmd - wanted[0]
-    for row, q in enumerate(wanted[1:], start=1):
-        unbounded[row] = inverse(model, memory.state, q, q - error, SKETCH_RAD)
-        q_cmd = np.clip(unbounded[row], lower, upper)
-        if np.any(q_cmd != unbounded[row]):
-            # The other joints can still be right: they take into account where this one stays.
-            kept = np.where(q_cmd != unbounded[row], memory.joints(q_cmd), q)
-            q_cmd = np.clip(inverse(model, memory.state, kept, q_cmd, SKETCH_RAD), lower, upper)
-        joints, after = memory.step(q_cmd)
-        if np.any(q_cmd != unbounded[row]):
-            given_up[row] = memory.joints(unbounded[row]) - joints
-        error, correction[row], memory = joints - q_cmd, q_cmd - q, after
-    asked = times <= request.desired.duration_s
-    excess = np.where(asked[:, None], np.maximum(lower - unbounded, unbounded - upper), -np.inf)
-    farthest = np.take_along_axis(unbounded, excess.argmax(axis=0)[None], axis=0)[0]
-    request, shares = replace(request, desired=desired), times / desired.duration_s
-    return _Sketch(request, lower, upper, shares, correction, given_up, farthest, q_cmd)
-
-
-def _ranges(request: CommandRequest) -> tuple[Array, Array]:
-    """Return the least and greatest commands (6,) that are allowed: also where the joints, or a start, lie outside."""
-    v, asked = request.velocity_start, request.desired.sample(request.desired.duration_s / KNOTS[1])[1]
-    stop = request.q_start + v * np.abs(v) / (2 * request.limits.acceleration) + v * KNOT_S[1]
-    taken = np.vstack([asked, request.q_start, stop])
-    return np.minimum(request.lower, taken.min(axis=0)), np.maximum(request.upper, taken.max(axis=0))
-
-
-def _knots(desired: Trajectory) -> Array:
-    """Return the times (n + 1,) of the commands' knots: where the motion has its own, and evenly in between."""
-    corners, duration = desired.times_s, desired.duration_s
-    spacing = min(float(np.clip(duration / KNOTS[1], *KNOT_S)), duration / KNOTS[0])
-    kept = [0.0]
-    for corner in corners[1:-1].tolist():
-        if min(corner - kept[-1], duration - corner) >= spacing / 2:
-            kept.append(corner)
-    kept.append(duration)
-    parts = [
-        np.linspace(start, end, int(np.ceil((end - start) / spacing - 1e-6)), endpoint=False)
-        for start, end in pairwise(kept)
-    ]
-    return np.append(np.concatenate(parts), duration)
-
-
-def _fitted(sketch: _Sketch, stretch: float) -> _Fit | None:
+def _fitted(sketch: Sketch, stretch: float) -> _Fit | None:
     """Return commands of a motion that takes so many times as long; None where the limits allow none."""
     request, desired = sketch.request, sketch.request.desired.stretched(stretch)
-    spline = QuadraticSpline(_knots(desired))
+    spline = QuadraticSpline(knots_of(desired))
     shares, asked = spline.times_s / spline.times_s[-1], desired(spline.times_s)
     start = request.q_start, request.velocity_start
     paths = LimitedPaths(spline, *start, request.limits, sketch.lower, sketch.upper, _weights(spline))
@@ -311,7 +143,7 @@ def _fitted(sketch: _Sketch, stretch: float) -> _Fit | None:
     return _Fit(sketch, stretch, fit, best, best.end_error)
 
 
-def _ended(sketch: _Sketch, fit: CommandFit, fitted: Fitted) -> Fitted:
+def _ended(sketch: Sketch, fit: CommandFit, fitted: Fitted) -> Fitted:
     """Return a path that ends better, where refinement has stalled short of the end in the kinks of a dead zone."""
     best = fitted
     for _ in range(CORRECTIONS):
@@ -337,7 +169,7 @@ def _weights(spline: QuadraticSpline) -> Array:
     return weights
 
 
-def _last_command(sketch: _Sketch, fit: CommandFit, fitted: Fitted, since_s: float) -> Array:
+def _last_command(sketch: Sketch, fit: CommandFit, fitted: Fitted, since_s: float) -> Array:
     """Return the command (6,) that puts the joints at their end, straight from where the path is at a time."""
     if fitted.response is None:
         return sketch.end

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import typer
 
 from trocar import __version__
-from trocar.cli.extras import EXTRAS
+from trocar.extras import EXTRAS, how_to_install
 
 PACKAGES = {"cv2": "opencv-python-headless"}
 PURPOSE = {
@@ -30,7 +30,7 @@ def doctor() -> None:
         missing = [module for module in modules if find_spec(module) is None]
         ready[extra] = not missing
         found = ", ".join(f"{module} {_version(module)}" for module in modules if module not in missing)
-        state = "ready" if not missing else f"missing {', '.join(missing)}: pip install 'trocar[{extra}]'"
+        state = "ready" if not missing else f"missing {', '.join(missing)}: {how_to_install(extra)}"
         typer.echo(f"{extra}: {PURPOSE[extra]} - {state}" + (f" ({found})" if found else ""))
     example = "trocar run peg-transfer --trials 1 --out out/first" if ready["sim"] else "trocar calibrate --help"
     typer.echo(f"next: {example}")

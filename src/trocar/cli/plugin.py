@@ -13,11 +13,12 @@ from trocar.registry import load_plugin
 FLAG = "--plugin"
 
 
-def _load(paths: list[Path] | None) -> list[Path]:
-    """Load the files before anything else is looked at."""
+def _load(ctx: typer.Context, paths: list[Path] | None) -> list[Path]:
+    """Load the files before anything else is looked at; return all of this line, wherever in it they stand."""
     for path in paths or []:
         load_plugin(path)
-    return paths or []
+    ctx.obj = [*(ctx.obj or []), *(paths or [])]
+    return ctx.obj
 
 
 Plugins = Annotated[

@@ -248,12 +248,7 @@ def _turned_to(normal: Sequence[float]) -> SO3:
     length = float(np.linalg.norm(normal))
     if not (math.isfinite(length) and length > 1e-9):
         raise TrocarError(f"the tissue's normal is {tuple(normal)}; give a direction such as 0 0 1")
-    x, y, z = np.asarray(normal) / length
-    axis = np.array([-y, x, 0.0])
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-12:
-        return SO3.axis("x", 0.0 if z > 0 else math.pi)
-    return SO3.exp(axis / sine * math.atan2(sine, z))
+    return SO3.between([0.0, 0.0, 1.0], normal)
 
 
 def _arc(text: str) -> tuple[float, float]:

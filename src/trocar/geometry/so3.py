@@ -63,6 +63,28 @@ class SO3:
         return SO3.exp(rotvec)
 
     @staticmethod
+    def between(start: ArrayLike, end: ArrayLike) -> SO3:
+        """Return the smallest rotation that takes one direction (3,) to another; of opposite ones any half turn.
+
+        Raises:
+            TrocarError: one of them has no direction.
+        """
+        a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+        lengths = np.linalg.norm(a), np.linalg.norm(b)
+        if a.shape != (3,) or b.shape != (3,) or not (np.isfinite(lengths).all() and min(lengths) > 0.0):
+            raise TrocarError(
+                f"directions {start!r} and {end!r} have no angle between them; give (3,), finite, not zero"
+            )
+        axis, cosine = np.cross(a / lengths[0], b / lengths[1]), float(a @ b / (lengths[0] * lengths[1]))
+        sine = float(np.linalg.norm(axis))
+        if sine < 1e-12:
+            if cosine > 0.0:
+                return SO3.identity()
+            axis, sine = np.cross(a / lengths[0], np.eye(3)[np.abs(a).argmin()]), 0.0
+            return SO3.exp(np.pi * axis / np.linalg.norm(axis))
+        return SO3.exp(axis / sine * np.arctan2(sine, cosine))
+
+    @staticmethod
     def from_quaternion(wxyz: ArrayLike) -> SO3:
         """Return the rotation of the quaternion(s) ``wxyz`` (..., 4), which need not be normalised."""
         q = np.asarray(wxyz, dtype=np.float64)

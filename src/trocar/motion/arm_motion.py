@@ -43,7 +43,8 @@ class ArmMotion:
         T_world_base: pose of its base; needed where arms or obstacles can meet.
         up: (3,) direction in its base, of any length, along which the tip passes the waypoints between the first
             and the last without turning; a unit vector afterwards. Planners that stop there need not heed it.
-        still_wrist: whether the wrist's joints rest when it passes these waypoints, so that the tip turns a little.
+        still_wrist: whether the wrist's joints rest when it passes these waypoints, so that the tip turns a little;
+            planners that keep the tip on a straight line turn the wrist by milliradians.
         straight: for each piece between two waypoints, whether the tip keeps to the straight line between
             them, turning as little as possible; empty: nowhere.
         start_velocity: (6,) of the joints at the first waypoint, per second; 0 at rest. A motion that replaces

@@ -34,7 +34,8 @@ TIGHTER = 4
 PARALLEL = 1e-3
 """Sine of the angle, and turn in rad, up to which a piece counts as one along ``up``."""
 NEARLY = 0.25
-"""The same where the wrist is to be still, so that the tip turns."""
+"""The same where the wrist is to be still, so that the tip turns: 26 mm up, 200 mm from the remote centre, by .13 rad;
+twice that."""
 
 
 @ignores(Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)

@@ -11,6 +11,7 @@ from typing import Any
 
 from trocar.archive import replace_text
 from trocar.errors import TrocarError
+from trocar.extras import how_to_install
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
 from trocar.report.page import write_page
@@ -87,7 +88,7 @@ def draw_trial(trial: Trial, path: Path, title: str = "", report: TaskReport | N
         TrocarError: there is no simulator here, whose rays draw the pictures.
     """
     if find_spec("mujoco") is None:
-        raise TrocarError("pictures of a trial need mujoco; install the extra with: pip install 'trocar[sim]'")
+        raise TrocarError(f"pictures of a trial need mujoco; {how_to_install('sim')}")
     from trocar.sim.photograph import Photographer  # noqa: PLC0415 (an extra)
 
     report = report or report_of(trial)

@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from trocar.errors import TrocarError
+from trocar.extras import how_to_install
 from trocar.tasks.kit import TaskReport
 from trocar.trials.trial import Trial
 
@@ -38,7 +39,7 @@ def draw_video(
         TrocarError: there is no simulator here, whose rays draw the pictures.
     """
     if find_spec("mujoco") is None:
-        raise TrocarError("a video of a trial needs mujoco; install the extra with: pip install 'trocar[sim]'")
+        raise TrocarError(f"a video of a trial needs mujoco; {how_to_install('sim')}")
     from trocar.sim.photograph import Photographer  # noqa: PLC0415 (an extra)
 
     report = report or TaskReport()

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.calibration.cable_memory import CableMemory
-from trocar.calibration.command_path import CommandPath, CommandRequest, command_paths
+from trocar.calibration.command_path import CommandPath, command_paths
+from trocar.calibration.command_request import CommandRequest
 from trocar.calibration.models import CableModel
 from trocar.cell import Clock, Ended, Execution, JointReading, Log, Robot, SetPoint
 from trocar.errors import TrocarError

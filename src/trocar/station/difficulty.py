@@ -14,7 +14,7 @@ from trocar.errors import TrocarError
 
 RECORDED, MILD, HARSH = "recorded", "mild", "harsh"
 LEVELS = (MILD, RECORDED, HARSH)
-DEFAULT = MILD
+DEFAULT = RECORDED
 HARSHER = 2.0
 """Of the recorded sizes, in a harsh laboratory."""
 MOST_SCALE = 100.0
@@ -121,6 +121,13 @@ FLAWS: dict[str, Flaw] = {
         (0.0,),
         "assumed: a camera or an arm is touched; the recorded sets' residuals lie along the outer joints and come with "
         "`outer` (benchmarks/bench_cell.py)",
+    ),
+    "cameras": Flaw(
+        "place of a further camera against the first, as it was registered (SD on each axis)",
+        "m",
+        (0.0001,),
+        (0.0,),
+        "assumed: what images of a checkerboard leave .35 m away",
     ),
     "tool": Flaw(
         "length of the wrist, from its pitch axis to the jaws' axis, against what is said (SD)",

@@ -33,7 +33,7 @@ class Session:
         T_world_base: true bases.
         T_world_base_registered: as registration found them.
         T_world_camera: true poses of the cameras.
-        T_world_camera_registered: as registration found them; true where the world refers to them.
+        T_world_camera_registered: as registration found them; the first one's is true where the world refers to it.
     """
 
     station: Station
@@ -67,7 +67,7 @@ def draw_session(station: Station, rng: np.random.Generator) -> Session:
             name: _register(arm, transmissions[name], how, station.difficulty, rng)
             for name, arm in station.arms.items()
         }
-        seen = cameras
+        seen = _seen_from_the_first(cameras, station.difficulty, rng)
     kept = {name: arm.T_world_base_registered for name, arm in station.arms.items()}
     kept_seen = {name: camera.T_world_camera_registered for name, camera in station.cameras.items()}
     models, jaws = _models(station, rng), _jaws(station, rng)
@@ -162,6 +162,16 @@ def _register(
     p_base, seen = points_of_registration(arm, transmission, how, difficulty, rng)
     (shift_m,) = difficulty["registration"]
     return fit_rigid(p_base, seen + shift_m * rng.spawn(1)[0].standard_normal(3)).T_target_source
+
+
+def _seen_from_the_first(
+    cameras: Mapping[str, SE3], difficulty: Difficulty, rng: np.random.Generator
+) -> dict[str, SE3]:
+    """Return cameras as they are registered: the first is the world's reference, the others err against it."""
+    (sd_m,), found, others = difficulty["cameras"], dict(cameras), list(cameras)[1:]
+    for name, own in zip(others, rng.spawn(len(others)), strict=True):
+        found[name] = SE3.from_parts(translation_m=sd_m * own.standard_normal(3)) @ found[name]
+    return found
 
 
 def _by_checkerboard(

@@ -160,14 +160,17 @@ def drive(
     q = ik_unbounded(setup.arm, setup.T_base_circle @ SE3(np.concatenate(poses)))
     q[:, ROLL] = _unwound(q[:, ROLL], slice(int(ends[1]), int(ends[-3])), setup.arm.middle_floats[ROLL])
     found = [Segment(*parts) for parts in zip(names, np.split(q, ends[:-1]), lengths, strict=True)]
-    approach, lower = _cut(found[1::-1], setup.arm, -1)
-    return (lower, approach, *found[2:-2], *_cut(found[-2:], setup.arm, 1))
+    approach, lower = cut_short(found[1::-1], setup.arm, -1)
+    return (lower, approach, *found[2:-2], *cut_short(found[-2:], setup.arm))
 
 
-def _cut(segments: Sequence[Segment], arm: ArmModel, order: int) -> list[Segment]:
-    """Return segments up to the first place out of range, counted from their starts (order 1) or their ends (-1).
+def cut_short(segments: Sequence[Segment], arm: ArmModel, order: int = 1) -> list[Segment]:
+    """Return segments up to the first place out of range; those beyond it are left empty.
 
-    Segments beyond that place are left empty.
+    Args:
+        segments: one after the other.
+        arm: whose joints they are.
+        order: 1 to count from their starts, -1 from their ends.
     """
     kept: list[Segment] = []
     broken = False

@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from typing import Any, Protocol, TypeVar
 
 from trocar.errors import TrocarError
+from trocar.extras import how_to_install
 from trocar.registry import Lazy, Registry
 
 Unit = TypeVar("Unit")
@@ -192,5 +193,5 @@ def pick_workers(backend: str, jobs: int, scheduler: str = "") -> Workers:
     if jobs < 1:
         raise TrocarError(f"--jobs is {jobs}; give 1 or more")
     if backend == "dask" and find_spec("distributed") is None:
-        raise TrocarError("--backend dask needs distributed; install the extra with: pip install 'trocar[dask]'")
+        raise TrocarError(f"--backend dask needs distributed; {how_to_install('dask')}")
     return BACKENDS.pick(backend)(jobs, scheduler)

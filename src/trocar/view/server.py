@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import rich
 
 from trocar.errors import TrocarError
+from trocar.extras import how_to_install
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -32,7 +33,7 @@ def open_server(port: int) -> ViserServer:
     try:
         from viser import ViserServer  # noqa: PLC0415 - an extra
     except ImportError:
-        raise TrocarError("3D in the browser needs viser; install the extra with: pip install 'trocar[view]'") from None
+        raise TrocarError(f"3D in the browser needs viser; {how_to_install('view')}") from None
     with _quiet():
         return ViserServer(host=LOCAL, port=port, verbose=False)
 

@@ -179,7 +179,7 @@ def test_parquet_without_pyarrow_names_the_extra(tmp_path, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     (tmp_path / "a.parquet").write_bytes(b"PAR1")
-    says(manifest(tmp_path, TWO + entry("a.parquet")), "pip install 'trocar[parquet]'")
+    says(manifest(tmp_path, TWO + entry("a.parquet")), "pip install '.[parquet]'")
 
 
 def test_jigsaws_wants_two_arms_and_bases_that_can_reach(tmp_path):

@@ -14,6 +14,7 @@ from trocar.calibration.models.base import Arrays, TrainingMotion, commands, sha
 from trocar.calibration.models.window import advance, resting_window, windows
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
+from trocar.extras import how_to_install
 
 HIDDEN = 256
 """Number of units of the recurrent and of each dense layer (paper, section IV-A)."""
@@ -73,9 +74,7 @@ class LstmModel:
             # Looked up by name, so that using a trained network imports no framework.
             trainer = importlib.import_module("trocar.calibration.lstm_training")
         except ModuleNotFoundError as missing:
-            raise TrocarError(
-                f"training 'lstm' needs {missing.name!r}; install the extra: pip install 'trocar[learn]'"
-            ) from None
+            raise TrocarError(f"training 'lstm' needs {missing.name!r}; {how_to_install('learn')}") from None
         weights = trainer.train((x - mean) / scale, (error - offset) / error_scale, HIDDEN, rng)
         return cls(weights, mean, scale, error_scale, offset, training)
 

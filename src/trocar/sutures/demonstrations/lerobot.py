@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.extras import how_to_install
 from trocar.sutures.demonstrations.arrays import pick_columns
 from trocar.sutures.demonstrations.convention import Convention
 
@@ -61,9 +62,7 @@ def _load(path: Path) -> Any:
         import pyarrow as pa  # noqa: PLC0415 - an extra, of 150 MB
         import pyarrow.parquet as pq  # noqa: PLC0415
     except ImportError:
-        raise TrocarError(
-            f"reading {str(path)!r} needs pyarrow; install the extra with: pip install 'trocar[parquet]'"
-        ) from None
+        raise TrocarError(f"reading {str(path)!r} needs pyarrow; {how_to_install('parquet')}") from None
     try:
         return pq.ParquetFile(path).read()
     except (OSError, pa.ArrowException):

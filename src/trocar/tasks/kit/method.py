@@ -98,8 +98,12 @@ PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions")
 
 
 def methods_of(task: type[Task]) -> dict[str, Method | Lazy]:
-    """Return all methods of a task by name: its own, then those from outside."""
-    return {**task.methods, **_from_outside(METHODS, task.name)}
+    """Return all methods of a task by name: its own, then those from outside.
+
+    Raises:
+        TrocarError: one from outside has the name of one of its own.
+    """
+    return _together(task.methods, METHODS, task.name)
 
 
 def pick_method(task: type[Task], name: str) -> Method:
@@ -121,12 +125,22 @@ def pick_perception(task: type[Task], name: str) -> Any:
     Raises:
         TrocarError: the task has none of that name.
     """
-    return _pick({**task.perceptions, **_from_outside(PERCEPTIONS, task.name)}, name, "perception", task.name)()
+    return _pick(_together(task.perceptions, PERCEPTIONS, task.name), name, "perception", task.name)()
 
 
 def perceptions_of(task: type[Task]) -> tuple[str, ...]:
     """Return the names of all that this task's agents may see with."""
-    return (*task.perceptions, *_from_outside(PERCEPTIONS, task.name))
+    return tuple(_together(task.perceptions, PERCEPTIONS, task.name))
+
+
+def _together(own: Mapping[str, Any], registry: Registry[Any], task: str) -> dict[str, Any]:
+    """Return what a task has of a kind: its own, then what is from outside, under other names."""
+    outside = _from_outside(registry, task)
+    for name in outside:
+        if name in own:
+            taken = f"{registry.what} {task + '/' + name!r}"
+            raise TrocarError(f"{taken} would replace one of the task's own; register it under another name")
+    return {**own, **outside}
 
 
 def _from_outside(registry: Registry[Any], task: str) -> dict[str, Lazy]:

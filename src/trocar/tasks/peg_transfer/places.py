@@ -42,12 +42,8 @@ class Place:
 
 
 def held_block(T_board_tip: SE3, T_board_block: SE3, block: Block) -> SE3:
-    """Return ``T_tip_block`` after the jaws have closed, which centres the wall of the block between them.
-
-    The block stands flat, whatever its image seemed to say.
-    """
-    flat = SE3.from_parts(_level(-T_board_block.matrix[:3, 2]) @ T_board_block.rotation, T_board_block.translation_m)
-    matrix = (T_board_tip.inverse() @ flat).matrix.copy()
+    """Return ``T_tip_block`` after the jaws have closed, which centres the wall of the block between them."""
+    matrix = (T_board_tip.inverse() @ T_board_block).matrix.copy()
     middle_m = 0.5 * (block.side_m + float(block.hole_radius_m(np.radians(90.0 + GRASP_OFF_MIDDLE_DEG))))
     matrix[0, 3] = np.sign(matrix[0, 3]) * middle_m
     return SE3(matrix)
@@ -90,7 +86,7 @@ def choose_place(
     near_blocks = [T for T in others if 1e-3 < np.linalg.norm(T.translation_m[:2] - foot[:2]) < 0.03]
     blocks = np.array([T.translation_m[:2] for T in near_blocks]).reshape(-1, 2)
     best: Place | None = None
-    level = _level(-T_tip_block.matrix[:3, 2])
+    level = SO3.between(-T_tip_block.matrix[:3, 2], [0.0, 0.0, 1.0])
     for yaw in yaw_rad + YAWS_RAD:
         upright = SO3.axis("z", yaw) @ level
         centre = upright.apply(T_tip_block.translation_m)
@@ -121,13 +117,6 @@ def hole_over(foot_m: NDArray[np.float64], T_board_tip: SE3, T_tip_block: SE3) -
     """Return where (2,) in the board's plane the middle of a held block's hole should be to have a peg in it."""
     outwards = -np.sign(T_tip_block.translation_m[0]) * T_board_tip.matrix[:2, 0]
     return np.asarray(foot_m[:2] + FINGER_ROOM_M * outwards, dtype=np.float64)
-
-
-def _level(up: NDArray[np.float64]) -> SO3:
-    """Return the smallest rotation that takes the unit vector (3,) ``up`` to z."""
-    axis = np.cross(up, [0.0, 0.0, 1.0])
-    sine = float(np.linalg.norm(axis))
-    return SO3.exp(axis * (np.arctan2(sine, up[2]) / sine if sine > 1e-12 else 1.0))
 
 
 def _rank(place: Place, yaw_rad: float) -> tuple[float, float]:

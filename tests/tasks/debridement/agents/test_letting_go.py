@@ -25,8 +25,8 @@ def charged(scene):
 @pytest.mark.parametrize("seed", [3, 4])
 def test_a_fragment_that_both_fingers_draw_up_between_them_comes_off(monkeypatch, tmp_path, seed):
     trial = play(monkeypatch, tmp_path, Touching(), seed=seed, change=charged, arms=1, fragments=1, budget_s=120.0)
-    (said,) = [e for e in trial.events if e["name"] == "fragment"]
-    (released,) = [e for e in trial.events if e["name"] == "releasing"]
+    *_, said = [e for e in trial.events if e["name"] == "fragment"]  # one that falls beside the receptacle comes again
+    *_, released = [e for e in trial.events if e["name"] == "releasing"]
     assert said["time_s"] - released["time_s"] > 1.0, "it clung"
     assert trial.scores[0]["succeeded"] and said["outcome"] == "DONE"
 

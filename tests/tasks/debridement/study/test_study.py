@@ -58,7 +58,7 @@ def test_the_summary_counts_sessions(made):
     assert (two["sessions"], two["cleared"], two["fragments"]) == (4, 24, 24)
     multiple = two["failure_modes"]["multiple_grasps"]
     assert (multiple["count"], multiple["of"]) == (4, 28)
-    assert two["within_paper"]["multiple_grasps"] == "yes" and one["within_paper"]["multiple_grasps"] == "no, below"
+    assert two["within_paper"]["multiple_grasps"] == "yes" and one["within_paper"]["multiple_grasps"] == "below"
     assert {file.name for file in files} == {"summary.json", "times.png", "failures.png", "report.html"}
     page = (folder / "report.html").read_text()
     for words in ("Table I, paper", "91.8", "5.0 [5.0, 5.0]", "4/28", "times.png", "one-arm-paper", "Clopper-Pearson"):

@@ -7,6 +7,7 @@ import pytest
 import trio
 
 from simulated import ideal_laboratory, standing
+from trocar.arms import Unreachable
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.motion import PLANNERS
@@ -14,6 +15,8 @@ from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
 from trocar.tasks.kit import Brief
 from trocar.tasks.peg_transfer.agents.motions import Motions
+from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
 from trocar.tasks.peg_transfer.goals import THERE, PegSet, Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.perception.blocks import BlockFit
@@ -271,3 +274,27 @@ def test_a_block_that_hangs_otherwise_than_believed_is_placed_well_if_it_is_look
         assert scores[0].succeeded
         lain.append(lab.truth().T_board_blocks.matrix[-1, 0, :2, 3])
     assert near_m[0] < np.linalg.norm(lain[1] - lain[0]) < near_m[1]
+
+
+def test_a_block_that_cannot_be_lowered_as_it_was_seen_is_lowered_as_it_was_planned(monkeypatch):
+    def out_of_reach(motions, q, T_tip_block, target):
+        raise Unreachable("wrist_yaw would be at 90 deg; go elsewhere")
+
+    monkeypatch.setattr(Motions, "lowering", out_of_reach)
+    _, _, (score,) = play([FIRST], [standing(FIRST.source)], settings=replace(SETTINGS, looks_before_placing=True))
+    assert score.succeeded
+
+
+def test_an_arm_that_is_blocked_over_its_target_keeps_its_block_and_tries_again(monkeypatch):
+    blocked = []
+
+    async def lower(arm, *how, told=PegArm._lower):
+        if len(blocked) < 1:
+            blocked.append(arm.holds)
+            raise Blocked
+        return await told(arm, *how)
+
+    monkeypatch.setattr(PegArm, "_lower", lower)
+    lab, _, (score,) = play([FIRST], [standing(FIRST.source)], settings=replace(SETTINGS, looks_before_placing=True))
+    assert blocked == [True] and score.succeeded
+    assert [event["outcome"] for event in named(lab, "transfer")] == [TransferOutcome.DONE.name]

@@ -68,7 +68,15 @@ def test_the_report_alone_is_made_from_what_is_there(tmp_path):
     told = ("--variants", "unilateral", "--methods", "calibrated,uncalibrated", "--sessions", 2, "--seed", 2)
     result = run(*told, "--out", tmp_path, "--report-only")
     assert result.exit_code == 0
-    for words in ("Table II", "24 of 24", "12 of 24", "paper: surgeon", "H1 to H4", "raw data", "of the cell: mild"):
+    for words in (
+        "Table II",
+        "24 of 24",
+        "12 of 24",
+        "paper: surgeon",
+        "H1 to H4",
+        "raw data",
+        "of the cell: recorded",
+    ):
         assert words in result.output
 
 

@@ -6,7 +6,21 @@ import pytest
 from trocar.geometry import SE3, SO3
 from trocar.perception.needle import NeedleSighting
 from trocar.sutures.primitive import grasp_pose
-from trocar.tasks.suture.agents.needle_belief import ALWAYS_SD, NOW_SD, NeedleBelief
+from trocar.tasks.suture.agents.needle_belief import (
+    ALWAYS,
+    ALWAYS_SD,
+    CAMERA,
+    DOUBT,
+    FLAT,
+    FLAT_SD,
+    GRIP,
+    LOADED,
+    NOW,
+    NOW_SD,
+    STIRRED,
+    Believed,
+    NeedleBelief,
+)
 from trocar.tasks.suture.task import CircleSutures
 
 SETUP = CircleSutures().setup
@@ -43,7 +57,9 @@ def test_a_look_is_taken_over_and_a_wild_one_is_not():
     assert belief.saw(TIP, SE3.identity(), seen_at(true))
     left = (belief.needle(TIP).T_base_needle.inverse() @ true).log()
     assert np.abs(left[:3]).max() < 0.03e-3 and np.abs(left[3:]).max() < 0.003
-    assert (sd(belief.needle(TIP)) <= 1.01 * np.repeat([0.03e-3, 0.003], 3)).all()
+    said = np.hypot(np.repeat([0.03e-3, 0.003], 3), np.sqrt(np.diag(CAMERA)))
+    assert (sd(belief.needle(TIP)) <= 1.01 * said).all(), "a sighting is no surer than the camera's place"
+    assert (sd(belief.needle(TIP))[:3] > 0.1e-3).all()
     before = belief.needle(TIP).T_base_needle.matrix
     assert not belief.saw(TIP, SE3.identity(), seen_at(true @ SE3.from_parts(translation_m=[0.0, 3e-3, 0.0])))
     np.testing.assert_array_equal(belief.needle(TIP).T_base_needle.matrix, before)
@@ -57,6 +73,61 @@ def test_on_a_long_way_what_was_seen_of_the_arm_is_forgotten_but_not_how_the_nee
     np.testing.assert_allclose(belief.in_jaws().matrix, lies.matrix)
     assert np.linalg.norm(belief.tip_off[3:]) < np.linalg.norm(off[3:])
     assert (sd(belief.needle(TIP))[:3] > 0.8 * NOW_SD[:3]).all()
+
+
+def test_a_part_of_the_arms_error_fades_over_6_mm_of_way_and_the_rest_stays():
+    belief = loaded()
+    belief.saw(TIP, SE3.identity(), seen_at(belief.needle(TIP).T_base_needle @ SE3.exp([3e-4, 2e-4, 0, 0.02, 0.01, 0])))
+    always, now = belief._mean[ALWAYS].copy(), belief._mean[NOW].copy()
+    spread = belief._covariance[NOW, NOW].copy()
+    belief.moved(3e-3)
+    np.testing.assert_allclose(belief._mean[ALWAYS], always)
+    np.testing.assert_allclose(belief._mean[NOW], np.exp(-0.5) * now)
+    np.testing.assert_allclose(
+        belief._covariance[NOW, NOW], np.exp(-1.0) * spread + (1.0 - np.exp(-1.0)) * np.diag(NOW_SD**2)
+    )
+
+
+def of_grasp(belief, covariance):
+    """Return a twist's covariance of the needle in the axes of the grasp."""
+    to_grasp = np.linalg.inv(belief._T_needle_grasp().adjoint())
+    return to_grasp @ covariance @ to_grasp.T
+
+
+def test_flat_jaws_fix_two_of_six_and_leave_a_person_the_others():
+    belief = loaded()
+    left = np.sqrt(np.diag(of_grasp(belief, belief._covariance[GRIP, GRIP])))
+    given = np.sqrt(np.diag(LOADED))
+    np.testing.assert_allclose(left[FLAT], given[FLAT] * FLAT_SD / np.hypot(given[FLAT], FLAT_SD))
+    others = np.setdiff1d(np.arange(6), FLAT)
+    np.testing.assert_allclose(left[others], given[others])
+
+
+def test_closing_jaws_move_a_needle_that_the_tissue_holds_and_what_was_known_of_it_counts_on(monkeypatch):
+    monkeypatch.setattr("trocar.tasks.suture.agents.needle_belief.FLAT_SD", np.array([1e3, 1e3]))
+    belief = loaded()
+    belief.saw(
+        TIP, SE3.identity(), seen_at(belief.needle(TIP).T_base_needle @ SE3.exp([3e-4, 2e-4, 0, 0.02, 0.03, 0.0]))
+    )
+    held = belief.needle(TIP)
+    moved = TIP @ HELD @ BACK.inverse() @ SE3.exp([1e-3, 0, 0, 0, 0.02, 0])
+    belief.moved(5e-3)
+    belief.regrasped(held, moved, BACK)
+    after = belief.needle(moved)
+    assert np.abs((after.T_base_needle.inverse() @ held.T_base_needle).log()).max() < 1e-4
+    added = of_grasp(belief, after.covariance - held.covariance)
+    scale = np.sqrt(np.diag(STIRRED + LOADED))
+    assert np.abs((added - STIRRED) / np.outer(scale, scale)).max() < 0.02
+
+
+def test_a_needle_in_the_tissue_that_was_seen_elsewhere_is_less_sure():
+    held = Believed(TIP @ HELD, np.diag(np.repeat([1e-4, 0.01], 3) ** 2))
+    far = seen_at(held.T_base_needle @ SE3.from_parts(translation_m=[3e-3, 0.0, 0.0]))
+    assert held.after(SE3.identity(), far) is None
+    np.testing.assert_array_equal(held.doubted().covariance, DOUBT * held.covariance)
+    for _ in range(5):
+        held = held.doubted()
+    assert held.after(SE3.identity(), far) is not None
 
 
 def test_a_regrasped_needle_stays_where_it_was_and_flat_jaws_tell_of_it():

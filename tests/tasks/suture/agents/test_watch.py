@@ -13,6 +13,7 @@ from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
 from trocar.station import load_station
 from trocar.sutures.drive import drive
+from trocar.sutures.primitive import grasp_pose
 from trocar.tasks.kit import Brief
 from trocar.tasks.suture.agents.circle import CircleSuturing, Settings, blind
 from trocar.tasks.suture.agents.watch import Aim, stretches
@@ -84,6 +85,20 @@ def test_the_camera_nearest_to_the_circle_is_used_and_a_cell_without_one_is_refu
     lab.cell = replace(lab.cell, cameras={})
     with pytest.raises(TrocarError, match="no camera of this cell shows depth, to look at the needle; choose --method"):
         agent_in(lab, Settings())
+
+
+def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_arm_and_grip():
+    agent = agent_in(laboratory(), Settings())
+    watch, arm = agent.watch, TASK.setup.arm
+    watch.loaded(TASK.setup)
+    entry = next(stretch for stretch in stretches(drive(GOALS[0]), TASK.setup) if stretch.aim is Aim.TIP)
+    watch.aim(replace(entry, aim=Aim.POSE))
+    watch._belief._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 3)
+    watch.aim(entry)
+    there = watch._belief.needle(fk(arm, watch.corrected(entry.segment).q[0])).T_base_needle
+    planned = fk(arm, entry.segment.q[0]) @ grasp_pose(TASK.setup).inverse()
+    tip = [0.0, -TASK.setup.needle.radius_m, 0.0]
+    np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=1e-7)
 
 
 def test_without_a_look_the_way_is_the_planned_one():

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulated import ideal_session
+from simulated import ideal_session, mild
 from trocar.arms import MOTION_LIMITS, fk
 from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.mjcf import CellModel, build_mjcf
-from trocar.station import SensorFlaws, load_station
+from trocar.station import SensorFlaws
 from trocar.station.difficulty import Difficulty
 from trocar.tasks.suture.agents.circle import LOAD
 from trocar.tasks.suture.task import CircleSutures
@@ -19,7 +19,7 @@ from trocar.tasks.suture.world.needle import Tissue
 from trocar.tasks.suture.world.suture_world import LOADING_S, SutureWorld
 
 TASK = CircleSutures(sutures=1)
-STATION = TASK.at(load_station("suture"))
+STATION = TASK.at(mild("suture"))
 SCENE, ARM = TASK.scene(np.random.default_rng(0), STATION)
 LIMITS = MOTION_LIMITS["dvrk"]
 CLOSED, OPEN = -0.17, 0.4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import trio
@@ -14,6 +14,7 @@ from trocar.arms import ArmModel, Unreachable, fk, ik
 from trocar.cell import Cell, Ended, Execution, JointReading, SetPoint
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.tasks.debridement.agents.courses import Course, Successor
 from trocar.tasks.debridement.agents.inverse_control import command_for, commands_for, corrected
 from trocar.tasks.debridement.pose import PoseEstimator
 from trocar.trajectory import Trajectory
@@ -24,39 +25,8 @@ MOST_OFF_RAD = 0.05
 """A motion that starts further than this (rad, m) from where its arm is believed was planned for another moment."""
 INSIDE = 0.012
 """A pose counts as within reach if each joint keeps this share of its range from its ends: estimates change."""
-REST_STEP_S = 0.05
-"""What is left of a motion is taken over at moments this far apart."""
 LEAST_RATE = 0.5
 """A motion that runs at less than this share of its speed is braking; it is not corrected."""
-LATE_S = 0.25
-"""Nothing is corrected any more so shortly before the end of a motion."""
-
-
-class Successor:
-    """What became of the commands that took over from others."""
-
-    def __init__(self) -> None:
-        self.ended = trio.Event()
-        self.execution: Execution | None = None
-
-
-@dataclass(eq=False)
-class Course:
-    """What an arm was last told.
-
-    Attributes:
-        desired: of the joints as they are believed.
-        commands: that were sent for it, on the same time.
-        began_s: clock at which it was sent.
-        stop_s: time of the motion at which whoever asked for it is going to stop it; None: at its end.
-        successor: the commands that took over, once corrected ones did.
-    """
-
-    desired: Trajectory
-    commands: Trajectory
-    began_s: float
-    stop_s: float | None = None
-    successor: Successor | None = None
 
 
 class Adjusted:
@@ -206,16 +176,14 @@ class Adjusted:
         sent, course = self._robot.setpoint(arm), self._courses.get(arm)
         if course is None or arm in self._braking or not sent.on_path or sent.path_rate < LEAST_RATE:
             return
-        desired = _rest_of(course.desired, sent.path_s, sent.path_rate)
-        under_way = _rest_of(course.commands, sent.path_s, sent.path_rate)
-        if desired is None or under_way is None:
+        left = course.left(sent.path_s, sent.path_rate)
+        if left is None:
             return
         successor = course.successor = Successor()
-        stop_s = None if course.stop_s is None else (course.stop_s - sent.path_s) / sent.path_rate
         try:
-            model, until_s = self._arms[arm], self._foreseen(arm, stop_s)
-            commands = corrected(model, desired, under_way, self._estimators[arm].settled, model.motion_limits, until_s)
-            self._courses[arm] = Course(desired, commands, self._clock.now_s(), stop_s)
+            model, until_s, settled = self._arms[arm], self._foreseen(arm, left.stop_s), self._estimators[arm].settled
+            commands = corrected(model, left.desired, left.commands, settled, model.motion_limits, until_s)
+            self._courses[arm] = replace(left, commands=commands)
             successor.execution = (await self._robot.replace({arm: commands}))[arm]
         except TrocarError:  # too much for the limits: what is under way goes on
             course.successor = None
@@ -242,8 +210,8 @@ class Adjusted:
     def _learn_offset(self, arm: str) -> None:
         """Find anew by how much the believed joints differ from the commanded ones, where the arm is now."""
         model, sent = self._arms[arm], self._robot.setpoint(arm)
-        T_base_tip = self._estimators[arm].settled(fk(model, sent.q))
         with suppress(Unreachable):  # out of a joint's range by less than is known: then the last offset stays
+            T_base_tip = self._estimators[arm].settled(fk(model, sent.q))
             self._off[arm] = ik(model, T_base_tip, reference=sent.q + self._off[arm]) - sent.q
         course = self._courses.get(arm)
         if sent.moving and course is not None:
@@ -255,8 +223,7 @@ class Adjusted:
         course = self._courses.get(arm)
         if course is None or not sent.moving or not sent.on_path:
             return np.zeros(6)
-        here, first = sent.path_s, course.commands.times_s[0]
-        return (course.desired(here) - course.commands(here)) - (course.desired(first) - course.commands(first))
+        return course.drift(sent.path_s)
 
     async def _send(
         self, verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, Execution]]],
@@ -303,17 +270,8 @@ class Adjusted:
         sent, settled = self._robot.setpoint(arm), self._estimators[arm].settled
         start = {"q_start": sent.q, "velocity": sent.velocity}
         commands = commands_for(self._arms[arm], desired, settled, **start, until_s=self._foreseen(arm, stop_s))
-        return Course(desired, commands, self._clock.now_s(), stop_s)
+        return Course(desired, commands, stop_s)
 
     def _foreseen(self, arm: str, stop_s: float | None) -> float | None:
         """Return up to when in a motion an estimator that does not foresee is asked; None: this one does."""
         return None if self._estimators[arm].foresees else np.inf if stop_s is None else stop_s
-
-
-def _rest_of(desired: Trajectory, path_s: float, rate: float) -> Trajectory | None:
-    """Return what is left of a motion at this time of its own, which runs so fast; None near its end."""
-    left_s = float(desired.times_s[-1]) - path_s
-    if left_s / rate < LATE_S:
-        return None
-    times = np.linspace(path_s, desired.times_s[-1], max(2, int(np.ceil(left_s / REST_STEP_S)) + 1))
-    return Trajectory.hermite((times - path_s) / rate, desired(times), rate * desired(times, 1))

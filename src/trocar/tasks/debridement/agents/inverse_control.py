@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from trocar.arms import ArmModel, MotionLimits, Unreachable, fk, ik_unbounded
-from trocar.geometry import SE3, TURN
+from trocar.arms import ArmModel, MotionLimits, Unreachable, fk, ik_near
+from trocar.geometry import SE3
 from trocar.trajectory import Trajectory
 
 STEP_S = 0.05
@@ -92,7 +92,7 @@ def corrected(
     times = _moments(desired)
     followed = _followed(arm, desired, times, settled, sent(times[0]), until_s)
     wanted = _inside(arm, followed, clamps=until_s is not None) - sent(times)
-    fine = np.linspace(times[0], times[-1], 4 * len(times))
+    fine = _where_it_peaks(times, sent)
     left_s = float(times[-1] - times[0])
     share, change = 0.0, wanted
     for over_s in (*(s for s in RAMPS_S if s < left_s), left_s):
@@ -105,6 +105,12 @@ def corrected(
         if share == 1.0:
             break
     return sent.plus(_spline(times, share * change, np.zeros(6)))
+
+
+def _where_it_peaks(times: NDArray[np.float64], sent: Trajectory) -> NDArray[np.float64]:
+    """Return the times between which accelerations of a spline at ``times`` and of what is sent change linearly."""
+    breaks = np.union1d(times, sent.times_s[(sent.times_s > times[0]) & (sent.times_s < times[-1])])
+    return np.union1d(breaks[:-1], np.nextafter(breaks[1:], -np.inf))
 
 
 def _largest_share(still: NDArray[np.float64], moved: NDArray[np.float64], most: NDArray[np.float64]) -> float:
@@ -183,21 +189,8 @@ def _added(
     errors turn with the gripper, the same rounds need not come to an end.
     """
     for _ in range(ROUNDS):
-        added = added + q_wanted - _unbounded(arm, settled(fk(arm, q_wanted + added)), q_wanted)
+        added = added + q_wanted - ik_near(arm, settled(fk(arm, q_wanted + added)), q_wanted)
     return added
-
-
-def _unbounded(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the joints (6,) for a pose, in their range or not, in the turn nearest to ``near``.
-
-    Raises:
-        Unreachable: there are none.
-    """
-    q = ik_unbounded(arm, T_base_tip)
-    if not np.isfinite(q).all():
-        raise Unreachable(f"no joints of arm {arm.name!r} have the pose that is to be commanded; go elsewhere")
-    turning = ~np.array([joint.prismatic for joint in arm.joints])
-    return q - turning * TURN * np.round((q - near) / TURN)
 
 
 def _inside(arm: ArmModel, q: NDArray[np.float64], clamps: bool = False) -> NDArray[np.float64]:
@@ -232,6 +225,6 @@ def command_for(
     Raises:
         Unreachable: they would leave a joint's range.
     """
-    q_wanted = _unbounded(arm, T_wanted, reference)
-    guess = reference - _unbounded(arm, settled(fk(arm, reference)), reference)
+    q_wanted = ik_near(arm, T_wanted, reference)
+    guess = reference - ik_near(arm, settled(fk(arm, reference)), reference)
     return _inside(arm, q_wanted + _added(arm, q_wanted, settled, guess))

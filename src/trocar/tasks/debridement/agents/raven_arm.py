@@ -22,7 +22,7 @@ TRIES = 60
 """An arm that finds no way asks so many times, a quarter of a second apart, before it gives up."""
 HIDDEN_TRIES = 8
 """It waits for so many looks until its marks are in sight, 3 s. The other arm passes in that time, or rests before
-them; then the fragment is for that one, which may have no other reason to go."""
+them; then the fragment is left to that one, which would otherwise stay where it hides the marks."""
 ENOUGH_PLACES = 6
 """Of several places that are within reach so many are tried: the way to one may leave a joint's range."""
 RISE_SHARES = (1.0, 0.6, 0.3)

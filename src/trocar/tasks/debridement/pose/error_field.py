@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import chi2
 
-from trocar.arms import ArmModel, Unreachable, fk, ik_unbounded
-from trocar.geometry import SE3, TURN
+from trocar.arms import ArmModel, Unreachable, fk, ik_near
+from trocar.geometry import SE3
 from trocar.tasks.debridement.pose.estimator import check_order
 
 FIELD_SD = np.array([0.04, 0.04, 0.007, 0.1, 0.1, 0.1])
@@ -19,7 +21,6 @@ CONSTANT, HYSTERESIS, NOISE = 3.0, 0.12, 0.08
 depends on the way there, and a detection's noise (.5 mm, .5 deg: see the benchmark of the eyes)."""
 LENGTH = np.array([0.30, 0.30, 0.07, 1.0, 1.0, 1.0])
 """Change of a joint over which the field changes, rad and m: 5 to 7 cm for the outer joints (assumed)."""
-ROTATING = np.array([True, True, False, True, True, True])
 FORGETS = 0.5
 """Way, in these lengths, over which what depends on the way changes."""
 APART, MOST = 0.2, 250
@@ -57,15 +58,14 @@ class ErrorField:
     def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
         """Follow the kinematics, and learn from a detection."""
         check_order(t_s, self._t_s)
-        q = self._joints(T_base_kinematic)
+        q = ik_near(self._arm, T_base_kinematic, self._arm.middle)
         place = q / LENGTH
         if self._t_s is not None:
             self._way += float(np.linalg.norm(place - self._last))
         self._t_s, self._last = t_s, place
         if T_base_detected is not None:
-            error = self._joints(T_base_detected) - q
-            error[ROTATING] -= TURN * np.round(error[ROTATING] / TURN)
-            self._learn(place, error / FIELD_SD)
+            with suppress(Unreachable):  # no gripper of this arm was seen there
+                self._learn(place, (ik_near(self._arm, T_base_detected, q) - q) / FIELD_SD)
 
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
         """Return the pose with the joints' believed errors put right."""
@@ -80,7 +80,7 @@ class ErrorField:
         """
         if self._factor is None:
             return T_base_kinematic
-        q = self._joints(T_base_kinematic)
+        q = ik_near(self._arm, T_base_kinematic, self._arm.middle)
         place = q / LENGTH
         way = self._way + float(np.linalg.norm(place - self._last))
         return fk(self._arm, q + FIELD_SD * (self._alike(place, way) @ self._weights))
@@ -109,12 +109,6 @@ class ErrorField:
     def _alike(self, place: NDArray[np.float64], way: float) -> NDArray[np.float64]:
         """Return the covariances (n,) of the errors at a place with those that were seen."""
         return _kernel(place[None], np.array([way]), self._places, self._ways)[0]
-
-    def _joints(self, T_base_tip: SE3) -> NDArray[np.float64]:
-        q = ik_unbounded(self._arm, T_base_tip)
-        if not np.isfinite(q).all():
-            raise Unreachable(f"no joints of {self._arm.name} have this pose of the tip; go elsewhere")
-        return q
 
 
 def _kernel(

@@ -77,7 +77,7 @@ def rated(rate: Mapping[str, Any]) -> str:
 
 
 def within(variant: str, mode: str, ours: Figures) -> str:
-    """Return whether our rate of a failure mode lies in the interval of the paper's: ``yes``, or on which side not.
+    """Return whether our rate of a failure mode lies in the interval of the paper's: ``yes``, ``below`` or ``above``.
 
     A dash where nothing was counted.
     """
@@ -85,14 +85,14 @@ def within(variant: str, mode: str, ours: Figures) -> str:
     if rate is None:
         return "-"
     low, high = TABLE_1[variant].interval(mode)
-    return "no, below" if rate < low else "no, above" if rate > high else "yes"
+    return "below" if rate < low else "above" if rate > high else "yes"
 
 
 def _failure_line(mode: str, ours: Mapping[str, Figures]) -> list[str]:
     line = [f"{MODES[mode]}, %", f"{PERSON.failures.get(mode, 0.0):.1f}"]
     for variant, figures in ours.items():
         low, high = TABLE_1[variant].interval(mode)
-        paper = f"{100 * TABLE_1[variant].rate(mode):.1f} [{100 * low:.0f}, {100 * high:.0f}]"
+        paper = f"{100 * TABLE_1[variant].rate(mode):.1f} [{100 * low:.1f}, {100 * high:.1f}]"
         line += [paper, rated(figures["failure_modes"][mode]), within(variant, mode, figures)]
     return line
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import Unreachable, fk, ik, reach_with_still_wrist
-from trocar.geometry import SE3
+from trocar.geometry import SE3, SO3
 from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
 from trocar.tasks.kit import ArmScript, Brief
 from trocar.tasks.peg_transfer.agents.table import Table
@@ -269,8 +269,13 @@ class Motions:
         return self.through([start, *above, goal])
 
     def gripped(self, q: Joints, T_board_block: SE3) -> SE3:
-        """Return the pose of a block in the jaws that have closed on it at these joints."""
-        return held_block(self.tip(q), T_board_block, self._table.block)
+        """Return the pose of a block in the jaws that have closed on it at these joints.
+
+        On the board it stands flat: its image says so within a degree, less surely than the board does.
+        """
+        upright = SO3.between(-T_board_block.matrix[:3, 2], [0.0, 0.0, 1.0]) @ T_board_block.rotation
+        flat = SE3.from_parts(upright, T_board_block.translation_m)
+        return held_block(self.tip(q), flat, self._table.block)
 
 
 def raised(T_board_tip: SE3, height_m: float) -> SE3:

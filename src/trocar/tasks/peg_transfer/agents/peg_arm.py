@@ -171,36 +171,40 @@ class PegArm:
             ready: how, if that was planned already; it is planned anew where it no longer fits.
             begun: told the motion when it begins.
         """
+        hangs_over_target = False
         for margin_m in self.margins_m():
-            if ready is None or not self._fits(ready, target):
+            if not hangs_over_target and (ready is None or not self._fits(ready, target)):
                 ready = await self.plan(lambda: self.motions.carriage(self.hand.q, T_tip_block, None, target))
             if ready is None:
                 return None
             try:
-                await self.move(
-                    ready.path.trajectory,
-                    begun=partial(begun, ready) if begun else None,
-                    margin_m=margin_m,
-                    leaving=ready.leaving,
-                )
+                if not hangs_over_target:
+                    await self.move(
+                        ready.path.trajectory,
+                        begun=partial(begun, ready) if begun else None,
+                        margin_m=margin_m,
+                        leaving=ready.leaving,
+                    )
+                    await self.hand.settle()
+                if not self.settings.looks_before_placing:
+                    return ready.T_board_placed
+                hangs_over_target = True
+                return await self._lower(T_tip_block, target, ready.leaving)
             except Blocked:
                 await self.give_way()
-                continue
-            await self.hand.settle()
-            if self.settings.looks_before_placing:
-                return await self._lower(T_tip_block, target)
-            return ready.T_board_placed
         raise Blocked
 
-    async def _lower(self, T_tip_block: SE3, target: int) -> SE3 | None:
-        """Look how a block hangs over its target, lower it, and return where it should lie now; None: out of reach."""
+    async def _lower(self, T_tip_block: SE3, target: int, planned: Leaving) -> SE3:
+        """Look how a block hangs over its target, lower it, and return where it should lie now.
+
+        Where the corrected pose is out of reach, it is lowered as was planned before the look.
+        """
         T_tip_block = await self.eyes.see_own(T_tip_block)
         for margin_m in self.margins_m():
             path = await self.plan(lambda: self.motions.lowering(self.hand.q, T_tip_block, target))
-            if path is None:
-                return None
+            motion = self.motions.prepared(planned.motion) if path is None else path.trajectory
             try:
-                await self.move(path.trajectory, margin_m=margin_m)
+                await self.move(motion, margin_m=margin_m)
             except Blocked:
                 await self.cell.clock.sleep(self.settings.pause_s)
                 continue

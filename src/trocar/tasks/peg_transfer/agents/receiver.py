@@ -81,6 +81,8 @@ class Receiver(Taker):
         elif not self.arm.holds:
             del self.table.blocks[target]
             meeting.fail(TransferOutcome.DROPPED)
+        else:
+            self.table.blocks[target] = place
         if meeting.outcome is not None:
             await self.arm.let_go()
             return

@@ -181,6 +181,7 @@ class OneArm:
             del self.table.blocks[goal.target]
             await self.seen.take()  # what was dropped may lie anywhere now
             return TransferOutcome.DROPPED
+        self.table.blocks[goal.target] = place
         await self.before_release(goal)
         await self.arm.open()
         return TransferOutcome.DONE

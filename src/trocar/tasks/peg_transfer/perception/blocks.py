@@ -196,7 +196,8 @@ def _fit_in_window(patch: Patch, T_camera_top: SE3, block: Block, others_m: NDAr
     )
     yaw, x, y = outline.yaw_rad, outline.x_m, outline.y_m
     pose = SE3.from_parts(
-        _upright(a, b) @ SO3.axis("z", yaw) @ SO3(np.diag([1.0, -1.0, -1.0])), [x, y, a * x + b * y + c]
+        SO3.between([0.0, 0.0, 1.0], [-a, -b, 1.0]) @ SO3.axis("z", yaw) @ SO3(np.diag([1.0, -1.0, -1.0])),
+        [x, y, a * x + b * y + c],
     )
     return BlockFit(found, reason, pose, rms, count, float(visible), outline.mismatch, tilt)
 
@@ -220,14 +221,6 @@ def fit_level_plane(points: NDArray[np.float64]) -> tuple[float, float, float] |
         a, b, height = np.linalg.lstsq(A, near[:, 2], rcond=None)[0]
         c = height - a * middle[0] - b * middle[1]
     return float(a), float(b), float(c)
-
-
-def _upright(a: float, b: float) -> SO3:
-    """Return the smallest rotation that takes z to the normal of z = a x + b y."""
-    normal = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
-    axis = np.cross([0.0, 0.0, 1.0], normal)
-    sine = np.linalg.norm(axis)
-    return SO3.exp(axis * (np.arcsin(sine) / sine if sine > 1e-12 else 1.0))
 
 
 def _nearest_here(xy: NDArray[np.float64], others_m: NDArray[np.float64]) -> NDArray[np.bool_]:

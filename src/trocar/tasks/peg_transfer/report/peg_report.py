@@ -109,12 +109,16 @@ def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
     round_the_wall = f"jaws round the wall on peg {score['source']}"
     if len(jaws) < 2 or not score["succeeded"]:
         return [(round_the_wall, motions[0].end_s)] if motions else []
-    carry = next(s for s in motions if s.start_s >= jaws[-2].end_s)
+    carrying = [s for s in motions if jaws[-2].end_s <= s.start_s < jaws[-1].start_s]
+    if not carrying:
+        return [(round_the_wall, jaws[-2].start_s), (f"released on peg {score['target']}", score["end_s"])]
+    carry = carrying[0]
     length = carry.end_s - carry.start_s
+    stops_over_target = len(carrying) > 1
     return [
         (round_the_wall, jaws[-2].start_s),
         ("lifted", carry.start_s + 0.35 * length),
-        ("over the target", carry.start_s + 0.65 * length),
+        ("over the target", carry.end_s if stops_over_target else carry.start_s + 0.65 * length),
         (f"released on peg {score['target']}", score["end_s"]),
     ]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.errors import TrocarError
-from trocar.sutures.drive import Segment, Suture, drive, ranges
+from trocar.sutures.drive import Segment, Suture, cut_short, drive, ranges
 from trocar.tasks.kit import ArmScript, Brief
 from trocar.tasks.suture.agents.watch import ENOUGH_M, NeedleWatch, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
@@ -121,21 +120,18 @@ class CircleSuturing:
         segments = await self.hand.compute("planning", self.settings.planning_budget_s, lambda: drive(here))
         if not await self._load():
             return _missed(number, "the jaws did not hold the needle that they were given")
-        way = [Stretch(segment) for segment in segments]
+        *way_in, withdraw, rise = segments
+        way = [Stretch(segment) for segment in way_in]
         if self.watch:
             self.watch.loaded(here.setup)
-            way = stretches(segments, here.setup)
+            way = stretches(way_in, here.setup)
         for stretch in way:
             segment = stretch.segment
-            if self.watch and segment.name == "withdraw":  # what was corrected for the needle's sake is so no more
-                await self._open()
-                await self._leave(number, segments[-2:])
-                break
             if stretch.first:
                 self.cell.log.event("step", suture=number, step=segment.name)
             if self.watch:
                 await self._look(stretch, self.watch)
-            if segment.regrasps or segment.name == "withdraw":
+            if segment.regrasps:
                 await self._open()
             if self.watch:
                 segment = self.watch.way(stretch)
@@ -146,11 +142,13 @@ class CircleSuturing:
                 await self.watch.look()
             if segment.regrasps and not await self._grip():
                 await self.hand.jaw(self.settings.jaw_open_rad)
-                await self._leave(number, segments[-2:])
+                await self._leave(number, withdraw, rise)
                 return _missed(number, f"the jaws closed on nothing after {segment.name}")
             if segment.regrasps and self.watch:
                 self.watch.gripped()
-        return SutureOutcome.DONE, ""
+        await self._open()
+        reason = await self._leave(number, withdraw, rise)
+        return (SutureOutcome.JOINT_LIMIT, reason) if reason else (SutureOutcome.DONE, "")
 
     async def _load(self) -> bool:
         """Have a person put the needle into the jaws; return whether they hold it."""
@@ -224,13 +222,20 @@ class CircleSuturing:
             f"[{limits.shown(lower)}, {limits.shown(upper)}]; stopped there"
         )
 
-    async def _leave(self, number: int, way_out: Sequence[Segment]) -> None:
-        """Go from where the jaws let go as it was planned from a suture's end: back along the jaws, then up."""
-        for segment in way_out:
+    async def _leave(self, number: int, *way_out: Segment) -> str:
+        """Go from where the jaws let go as it was planned from a suture's end; return a sentence if the arm does not.
+
+        Corrections that were made for the needle do not apply to empty jaws. Like the plan, the way is cut short where
+        it would leave the joints' ranges.
+        """
+        off = self.hand.q - next((segment.q[0] for segment in way_out if len(segment.q)), self.hand.q)
+        from_here = [replace(segment, q=segment.q + off) for segment in way_out]
+        for segment in cut_short(from_here, self.arm):
             self.cell.log.event("step", suture=number, step=segment.name)
-            if len(segment.q) > 1:
-                path = np.clip(self.hand.q + segment.q - segment.q[0], self.arm.lower, self.arm.upper)
-                await self.hand.move(along(path, segment.length_m / self.settings.travel_speed_m_s))
+            reason = await self._follow(number, segment) if len(segment.q) else ""
+            if reason:
+                return reason
+        return ""
 
     async def _grip(self) -> bool:
         """Close the jaws; return whether they stalled on a wire."""

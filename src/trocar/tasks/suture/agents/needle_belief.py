@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from trocar.geometry import SE3, SO3
 from trocar.perception.needle import NeedleSighting
@@ -29,13 +30,15 @@ STIRRED = np.outer(_ASIDE, _ASIDE) + np.diag(np.array([0.0, 0.1e-3, 0.1e-3, 0.00
 """What closing jaws do to a needle that the tissue holds: likewise."""
 FLAT = np.array([0, 5])
 FLAT_SD = np.array([0.15e-3, 0.027])
-"""Flat jaws put the wire into the plane in which they meet: its shift along their closing, and its turn about the axis
-across wire and closing, are then as agreed within this."""
+"""SDs with which flat jaws fix the wire, m and rad: its shift along their closing direction, and its turn about the
+normal of wire and closing direction."""
 STIRS = 0.5
 """Share of the variance of what changes on the way that a small correction adds: it turns cables round."""
+CAMERA = np.diag(np.repeat([0.1e-3, 0.0], 3) ** 2)
+"""Covariance of a camera's place in the arm's base, m: sightings err alike by that."""
 DOUBT = 4.0
 """After a sighting that was not believed all variances are so many times as large: if others say the same, they are."""
-UNLIKELY = 22.5
+UNLIKELY = float(chi2.ppf(0.999, 6))
 """Squared Mahalanobis distance that one sighting of a thousand exceeds by chance."""
 
 
@@ -51,6 +54,10 @@ class Believed:
     T_base_needle: SE3
     covariance: NDArray[np.float64]
 
+    def doubted(self) -> Believed:
+        """Return the same, less surely: something was seen that does not fit it."""
+        return Believed(self.T_base_needle, DOUBT * self.covariance)
+
     def after(self, T_base_camera: SE3, seen: NeedleSighting) -> Believed | None:
         """Return what is believed after a sighting that was fitted from here.
 
@@ -61,7 +68,8 @@ class Believed:
         known = np.linalg.inv(self.covariance)
         if away @ known @ away > UNLIKELY:
             return None
-        return Believed(T_base_needle, np.asarray(np.linalg.inv(known + seen.information), dtype=np.float64))
+        registered = seen.information @ np.linalg.inv(np.eye(6) + CAMERA @ seen.information)
+        return Believed(T_base_needle, np.asarray(np.linalg.inv(known + registered), dtype=np.float64))
 
 
 class NeedleBelief:

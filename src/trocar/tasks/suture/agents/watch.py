@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from trocar.arms import fk, ik_unbounded
 from trocar.cell import Cell
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3, TURN
+from trocar.geometry import SE3, SO3
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, RgbdImage, Window
 from trocar.perception.instrument.solids import InstrumentSolids
 from trocar.perception.needle import NeedleArc, NeedleSighting, search_starts, sight_needle
 from trocar.sutures import SutureSetup
 from trocar.sutures.drive import Segment
-from trocar.sutures.joints import ROLL
 from trocar.sutures.primitive import grasp_pose
 from trocar.tasks.kit import ArmScript
 from trocar.tasks.suture.agents.needle_belief import Believed, NeedleBelief
@@ -190,9 +189,7 @@ class NeedleWatch:
         else:
             planned = T_base_tip[0] @ self._grasp(self._grips)
             wanted = self._held.T_base_needle @ planned.inverse() @ T_base_tip
-        q = ik_unbounded(self._hand.model, self._asked(wanted))
-        q[:, ROLL] += TURN * np.rint((segment.q[:, ROLL] - q[:, ROLL]) / TURN)
-        return replace(segment, q=q)
+        return replace(segment, q=ik_unbounded(self._hand.model, self._asked(wanted), near=segment.q))
 
     def _asked(self, T_base_tip: SE3) -> SE3:
         """Return where the tip has to be asked to be, by what the way is corrected by, to get to poses of any batch."""
@@ -240,7 +237,7 @@ class NeedleWatch:
         if self._held is None:
             return self._belief.saw(self._T_base_tip, self._T_base_camera, seen)
         after = self._held.after(self._T_base_camera, seen)
-        self._held = after or self._held
+        self._held = after or self._held.doubted()
         return after is not None
 
     def off_m(self, q: NDArray[np.float64]) -> float:

@@ -1,0 +1,5 @@
+"""``python -m trocar`` is the command ``trocar``."""
+
+from trocar.cli import main
+
+main()

@@ -1,0 +1,60 @@
+"""What an arm was last told: a motion of the joints as they are believed, and the commands that were sent for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trio
+from numpy.typing import NDArray
+
+from trocar.cell import Execution
+from trocar.trajectory import Trajectory
+
+REST_STEP_S = 0.05
+"""What is left of a motion is taken over at moments this far apart."""
+LATE_S = 0.25
+"""Nothing is corrected any more so shortly before the end of a motion."""
+
+
+class Successor:
+    """What became of the commands that took over from others."""
+
+    def __init__(self) -> None:
+        self.ended = trio.Event()
+        self.execution: Execution | None = None
+
+
+@dataclass(eq=False)
+class Course:
+    """What an arm was last told.
+
+    Attributes:
+        desired: of the joints as they are believed.
+        commands: that were sent for it, on the same time.
+        stop_s: time of the motion at which whoever asked for it is going to stop it; None: at its end.
+        successor: the commands that took over, once corrected ones did.
+    """
+
+    desired: Trajectory
+    commands: Trajectory
+    stop_s: float | None = None
+    successor: Successor | None = None
+
+    def drift(self, path_s: float) -> NDArray[np.float64]:
+        """Return by how much (6,) believed joints less commands have changed since its start, at this time of it."""
+        first = self.commands.times_s[0]
+        return (self.desired(path_s) - self.commands(path_s)) - (self.desired(first) - self.commands(first))
+
+    def left(self, path_s: float, rate: float) -> Course | None:
+        """Return what is left at this time of it, where it runs so fast, on the clock's time; None near its end."""
+        if (float(self.desired.times_s[-1]) - path_s) / rate < LATE_S:
+            return None
+        stop_s = None if self.stop_s is None else (self.stop_s - path_s) / rate
+        return Course(_rest_of(self.desired, path_s, rate), _rest_of(self.commands, path_s, rate), stop_s)
+
+
+def _rest_of(motion: Trajectory, path_s: float, rate: float) -> Trajectory:
+    left_s = float(motion.times_s[-1]) - path_s
+    times = np.linspace(path_s, motion.times_s[-1], max(2, int(np.ceil(left_s / REST_STEP_S)) + 1))
+    return Trajectory.hermite((times - path_s) / rate, motion(times), rate * motion(times, 1))
