@@ -5,6 +5,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from synthetic import synthetic_trial
@@ -132,6 +133,36 @@ def test_of_arms_side_by_side_each_piece_has_the_spans_of_the_arm_that_had_it(tm
     mixed = drawn(draw_timechart(trial, tmp_path / "mixed.png"))
     apart = drawn(draw_timechart(replace(trial, events=noted), tmp_path / "apart.png"))
     assert apart.shape[0] < mixed.shape[0]  # three rows in place of four: psm1 ends its own, then does more
+
+
+def test_rows_are_numbered_as_the_goals_are_and_an_arm_that_hands_over_has_ended_before_the_goal_has(
+    monkeypatch, tmp_path
+):
+    """The second transfer ends first; of the first one, psm1 gives until 2 s while psm2 receives until 3 s."""
+    noted = [
+        {"name": "transfer", "time_s": 2.5, "goal": 1, "turns": {"psm1": [2.0, 2.5]}},
+        {"name": "transfer", "time_s": 3.0, "goal": 0, "turns": {"psm1": [0.0, 2.0], "psm2": [1.0, 3.0]}},
+    ]
+    spans = [Span("psm1", "move", at_s, at_s + 0.5) for at_s in (0.0, 1.5, 2.0)] + [Span("psm2", "move", 1.0, 3.0)]
+    trial = replace(trial_of(*spans, scores=SCORES), events=noted)
+    assert rows_of(monkeypatch, trial, tmp_path) == [
+        ("transfer 1, psm1", [(0.0, 0.5), (1.5, 2.0)]),
+        ("transfer 1, psm2", [(0.0, 2.0)]),
+        ("transfer 2, psm1", [(0.0, 0.5)]),
+    ]
+
+
+def test_the_legend_counts_what_overlaps_once_as_the_table_does(monkeypatch, tmp_path):
+    said = []
+    real = Figure.legend
+    monkeypatch.setattr(
+        Figure,
+        "legend",
+        lambda self, handles, **how: said.extend(h.get_label() for h in handles) or real(self, handles=handles, **how),
+    )
+    spans = [Span("psm1", "motion", 0.0, 2.0), Span("psm1", "capture", 0.5, 1.0), Span("psm1", "jaw", 1.5, 3.0)]
+    drawn(draw_timechart(trial_of(*spans), tmp_path / "chart.png"))
+    assert said == ["motion, 2.0 s", "capture, 0.0 s", "jaw, 1.0 s"]
 
 
 def test_the_storyboard_of_a_trial_shows_its_moments(tmp_path):

@@ -34,6 +34,13 @@ def test_each_arm_takes_the_blocks_of_its_side(clean):
     assert held == {"psm2": {LEFT.source}, "psm1": {RIGHT.source}}
 
 
+def test_the_log_says_which_arm_had_which_transfer(clean):
+    lab, _, scores = clean
+    noted = {event["goal"]: event["turns"] for event in named(lab, "transfer")}
+    assert {goal: list(turns) for goal, turns in noted.items()} == {0: ["psm2"], 1: ["psm1"]}
+    assert [noted[0]["psm2"], noted[1]["psm1"]] == [[score.start_s, score.end_s] for score in scores]
+
+
 def test_the_arms_keep_their_margin_and_the_guard_has_nothing_to_do(clean):
     lab, _, _ = clean
     assert distance_of_arms_m(lab) > SETTINGS.margin_m - 0.5e-3  # the drive lags behind its set-points

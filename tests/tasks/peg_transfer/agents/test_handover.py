@@ -27,6 +27,15 @@ def test_a_block_goes_there_and_back_through_both_arms_jaws(clean):
         assert (gives & takes).any() and not gives[-10:].any()
 
 
+def test_the_log_says_from_when_to_when_each_arm_had_its_part(clean):
+    lab, _, scores = clean
+    noted = {event["goal"]: event["turns"] for event in named(lab, "transfer")}
+    for number, (giver, receiver) in enumerate((("psm2", "psm1"), ("psm2", "psm1"), ("psm1", "psm2"))):
+        given, received = noted[number][giver], noted[number][receiver]
+        assert given[0] == scores[number].start_s and received[1] == scores[number].end_s
+        assert given[0] < given[1] < received[1] and received[0] < given[1], "they meet, and the receiver has it longer"
+
+
 def test_blocks_change_hands_over_the_pegs_and_upright(clean):
     lab, _, _ = clean
     truth = lab.truth()

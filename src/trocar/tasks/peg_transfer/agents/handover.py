@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from functools import partial
+from math import inf
 
 from trocar.tasks.kit import Brief
 from trocar.tasks.kit.together import together
@@ -38,6 +39,8 @@ class Handover(TwoArms):
             gives, ended = self._gives(arm, rounds[0].goal), rounds[-1]
             to_give = following[0] if following and self._gives(arm, following[0].goal) else None
             to_receive = following[0] if following and not to_give else None
+            turns, begin_s = rounds[0].turns, self.cell.clock.now_s()
+            turns[arm.name] = (begin_s, inf)
             for meeting in rounds:
                 if gives:
                     job = partial(giver.give, meeting, to_give)
@@ -50,9 +53,13 @@ class Handover(TwoArms):
                 if meeting.passed or meeting.outcome not in AGAIN:
                     ended = meeting
                     break
+            turns[arm.name] = (begin_s, self.cell.clock.now_s())
             if not gives:
                 outcome = ended.outcome or TransferOutcome.DONE
-                script.note(ended.goal, rounds[0].start_s, outcome, ended.reason)
+                until_now = {
+                    name: (start_s, min(end_s, turns[arm.name][1])) for name, (start_s, end_s) in turns.items()
+                }
+                script.note(ended.goal, rounds[0].start_s, outcome, ended.reason, until_now)
         await self.leave(arm)
 
     async def _done(self, arm: PegArm, job: Callable[[], Awaitable[None]], meeting: Appointment) -> bool:

@@ -50,6 +50,7 @@ class PegArm:
         motions: finds its motions.
         home: (6,) where the arm is out of the camera's view.
         name: of the arm.
+        goals: all transfers of the trial, of this arm and of others.
         hands_over: whether it grasps blocks so that another arm can take them.
         eyes: look at blocks for it.
         learner: of its cables; None: it does not learn.
@@ -57,7 +58,7 @@ class PegArm:
     """
 
     def __init__(self, brief: Brief, name: str, table: Table, traffic: Traffic):
-        self.cell, self.settings = brief.cell, brief.settings
+        self.cell, self.settings, self.goals = brief.cell, brief.settings, brief.goals
         self.table, self.traffic = table, traffic
         self.hand = ArmScript(brief.cell, name, brief.settings.limits, brief.settings.settle_s)
         traffic.join(self.hand)

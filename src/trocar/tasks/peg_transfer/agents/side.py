@@ -26,6 +26,7 @@ class Appointment:
     Attributes:
         goal: the transfer.
         start_s: when the giving arm began.
+        turns: when each arm began its part and ended it, of all meetings for this transfer in the first; inf: not yet.
         T_board_block: where the block is offered, as the giving arm's joints tell.
         T_board_giver: pose of the giving tip there.
         passed: whether the receiving arm has had the block.
@@ -41,6 +42,7 @@ class Appointment:
 
     goal: Transfer
     start_s: float = 0.0
+    turns: dict[str, tuple[float, float]] = field(default_factory=dict)
     T_board_block: SE3 | None = None
     T_board_giver: SE3 | None = None
     outcome: TransferOutcome | None = None

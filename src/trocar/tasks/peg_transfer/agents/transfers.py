@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -83,11 +83,29 @@ class OneArm:
                     self.note(goal, self.cell.clock.now_s(), TransferOutcome.ARM_STOPPED, reason)
                 return
 
-    def note(self, goal: Transfer, start_s: float, outcome: TransferOutcome, reason: str = "") -> None:
-        """Note how a transfer ended."""
+    def note(
+        self,
+        goal: Transfer,
+        start_s: float,
+        outcome: TransferOutcome,
+        reason: str = "",
+        turns: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        """Note how a transfer ended.
+
+        Args:
+            goal: the transfer.
+            start_s: when it began.
+            outcome: of it.
+            reason: a sentence, where there is one.
+            turns: when each arm began and ended its part of it; None: this arm did it alone.
+        """
         values = {"reason": reason} if reason else {}
+        turns = {self.arm.name: (start_s, self.cell.clock.now_s())} if turns is None else turns
         self.cell.log.event(
             "transfer",
+            goal=self.arm.goals.index(goal),
+            turns={name: [round(time_s, 6) for time_s in times] for name, times in turns.items()},
             source=goal.source,
             target=goal.target,
             start_s=round(start_s, 6),

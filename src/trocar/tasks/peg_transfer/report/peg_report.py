@@ -10,6 +10,7 @@ import numpy as np
 
 from trocar.geometry import SE3
 from trocar.replay import Viewpoint
+from trocar.report.turns import NEARLY_S, turns_of
 from trocar.tasks.kit import PaperRow, TaskReport
 from trocar.tasks.peg_transfer.goals import PegSet
 from trocar.tasks.peg_transfer.report.floor import floor_sentence, motion_floor_s
@@ -59,7 +60,7 @@ class PegReport(TaskReport):
         """Return the first transfer step by step, quarters of the trial, failures."""
         found: list[tuple[str, float]] = [("start", 0.0)]
         if trial.scores:
-            found += _first_transfer(trial) if len(trial.about["arms"]) == 1 else _first_handover(trial)
+            found += _first_handover(trial) if trial.about["variant"] == "handover" else _first_transfer(trial)
         for number, score in enumerate(trial.scores, start=1):
             if number % 3 == 0:
                 found.append((f"after {number} transfers", score["end_s"]))
@@ -72,12 +73,12 @@ class PegReport(TaskReport):
         trial = trials[0]
         arms = trial.about["arms"]
         T_board_world = SE3(trial.arrays["T_world_board"].astype(np.float64)).inverse()
-        index, pegs, drawn = _transfer_at(trial), PegSet().board.pegs_m, []
+        pegs, drawn = PegSet().board.pegs_m, []
         for arm in arms:
             tips = T_board_world.apply(trial.replay().tools[arm].p_world_driven_m)
             title = f"Path of {arm}'s tip over the board, {trial.about['method']}"
             path = folder / ("paths.png" if len(arms) == 1 else f"paths_{arm}.png")
-            drawn.append(draw_paths(trial.times_s, tips, index, pegs, path, title=title))
+            drawn.append(draw_paths(trial.times_s, tips, _transfer_at(trial, arm), pegs, path, title=title))
         return drawn
 
     def summary(self, trials: Sequence[Trial]) -> dict[str, Any]:
@@ -103,8 +104,10 @@ class PegReport(TaskReport):
 
 def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
     """Return the steps of the first transfer: its jaws close for the last time on the block, and open to release it."""
-    score = trial.scores[0]
-    inside = [s for s in trial.spans if score["start_s"] <= s.start_s and s.end_s <= score["end_s"]]
+    score, (turn, *_) = trial.scores[0], [turn for turn in turns_of(trial) if turn.goal == 0]
+    inside = [
+        s for s in trial.spans if turn.arm in (None, s.arm) and turn.start_s <= s.start_s and s.end_s <= turn.end_s
+    ]
     motions, jaws = ([s for s in inside if s.name == name] for name in ("motion", "jaw"))
     round_the_wall = f"jaws round the wall on peg {score['source']}"
     if len(jaws) < 2 or not score["succeeded"]:
@@ -130,11 +133,12 @@ def _first_handover(trial: Trial) -> list[tuple[str, float]]:
     return [(words, float(event["time_s"])) for words, event in noted if event is not None]
 
 
-def _transfer_at(trial: Trial) -> np.ndarray:
-    """Return the number of the transfer that runs at each time of a trial, -1 where none does."""
+def _transfer_at(trial: Trial, arm: str) -> np.ndarray:
+    """Return the number of the transfer that an arm is busy with at each time of a trial, -1 where with none."""
     index = np.full(len(trial.times_s), -1)
-    for number, score in enumerate(trial.scores):
-        index[(trial.times_s >= score["start_s"] - 1e-9) & (trial.times_s < score["end_s"] - 1e-9)] = number
+    for turn in turns_of(trial):
+        if turn.arm in (None, arm):
+            index[(trial.times_s >= turn.start_s - NEARLY_S) & (trial.times_s < turn.end_s - NEARLY_S)] = turn.goal
     return index
 
 
