@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from trocar.geometry import SE3
@@ -24,6 +28,13 @@ GOALS = PegTransfer().goals()
 def config(**options: object) -> RunConfig:
     """Return a run of peg transfers; options as ``RunConfig`` has them. It is quickly calibrated: without images."""
     return RunConfig(PegTransfer(), **{"calibration": "joints", "difficulty": "mild", **options})  # type: ignore[arg-type]
+
+
+def unmarked(path: Path) -> dict[str, Any]:
+    """Return what a JSON file of Trocar's says besides who made it."""
+    values = json.loads(path.read_text())
+    assert values.pop("made_by").startswith("made by Trocar: ")
+    return values
 
 
 def synthetic_trial(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.output import mark_zip, writing
 
 HEADER = "header.json"
 BLOBS = "files/"
@@ -30,14 +30,6 @@ KINDS = "biuf"
 
 UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError)
 """What zip, JSON and NumPy raise on files that are damaged or not ours."""
-
-
-def replace_text(path: Path, text: str) -> Path:
-    """Write a text file and return its path; an interrupted write leaves what was there before."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    draft.write_text(text, encoding="utf-8")
-    draft.replace(path)
-    return path
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +47,14 @@ class Archive:
     blobs: Mapping[str, bytes] = field(default_factory=dict)
 
     def save(self, path: str | Path) -> Path:
-        """Write the file; an interrupted write leaves what was there before, and no draft.
+        """Write the file, the same content the same bytes, and return its path.
 
         Raises:
-            TrocarError: it cannot be written.
+            TrocarError: there is something else already.
+            MachineError: it cannot be written.
         """
-        path = Path(path)
-        draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
+        path, kind = Path(path), str(self.header["format"])
+        with writing(path, kind) as draft:
             with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
                 text = json.dumps(self.header, sort_keys=True, allow_nan=False).encode()
                 file.writestr(_member(HEADER), text)
@@ -73,11 +65,7 @@ class Archive:
                     file.writestr(_member(f"{name}.npy"), buffer.getvalue())
                 for name, blob in sorted(self.blobs.items()):
                     file.writestr(_member(BLOBS + name, zipfile.ZIP_STORED), blob)
-            draft.replace(path)
-        except OSError as error:
-            raise TrocarError(f"cannot write {str(path)!r} ({error.strerror}); choose another folder") from None
-        finally:
-            draft.unlink(missing_ok=True)
+            mark_zip(draft, kind)
         return path
 
 

@@ -33,6 +33,7 @@ def changed(path, header=None, **arrays):
     """Rewrite a trial's file with another header, or with other arrays; None takes one out."""
     was = read_archive(path, module.FORMAT, module.VERSION)
     kept = {k: v for k, v in {**was.arrays, **arrays}.items() if v is not None}
+    path.unlink()  # what is no trial is not replaced by one, nor the other way round
     Archive(was.header if header is None else header, kept, was.blobs).save(path)
 
 

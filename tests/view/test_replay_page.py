@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from made_up_replay import made_up_replay, still_replay
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
+from trocar.output import mark_of
 from trocar.replay import ToolPath
 from trocar.view.film import STILL_M, STILL_RAD, shoot
 from trocar.view.replay import END_S, LARGEST_BYTES, write_replay
@@ -296,7 +297,7 @@ def test_it_does_not_disturb_a_server_that_runs_already(tmp_path):
 
 def test_a_page_that_is_there_is_replaced_and_one_that_cannot_be_written_is_told(tmp_path):
     path = tmp_path / "replay.html"
-    path.write_text("old")
+    path.write_text(f"an older one, {mark_of('replay')}")
     write_replay(made_up_replay(0.2), path)
     assert path.stat().st_size > 500_000
     assert [file.name for file in tmp_path.iterdir()] == ["replay.html"]

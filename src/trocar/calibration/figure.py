@@ -9,12 +9,11 @@ import numpy as np
 
 from trocar.calibration.evaluation import Evaluation
 from trocar.calibration.recording import JOINT_NAMES
-from trocar.errors import TrocarError
+from trocar.output import write_figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
-PICTURES = (".png", ".svg", ".pdf")
 JOINT_TITLES = ("q1 outer yaw", "q2 outer pitch", "q3 insertion", "q4 roll", "q5 wrist pitch", "q6 wrist yaw")
 COLOURS = {"commanded": "#8a8f98", "measured": "#1f6fb4", "predicted": "#d9541e"}
 LOOP_ROWS = 160
@@ -66,26 +65,4 @@ def draw_evaluation(evaluation: Evaluation, path: str | Path) -> Path:
     axes[2, 0].set_xlabel("time [s]")
     axes[2, 1].set_xlabel("commanded joint [rad]")
     figure.suptitle(f"{recording.name}: cable model '{evaluation.model}' on {evaluation.rows} rows")
-    return save_figure(figure, path)
-
-
-def picture_path(path: str | Path) -> Path:
-    """Return the path of a picture that is to be made, or raise TrocarError: ask before a long computation."""
-    path = Path(path)
-    if path.suffix.lower() not in PICTURES:
-        raise TrocarError(f"picture {str(path)!r} must end in .png, .svg or .pdf; choose such a name")
-    return path
-
-
-def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write a figure to a picture; return its path.
-
-    Raises:
-        TrocarError: the name is no picture's, or it cannot be written.
-    """
-    path = picture_path(path)
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise TrocarError(f"cannot write picture {str(path)!r} ({error.strerror}); choose another folder") from None
-    return path
+    return write_figure(path, figure)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 import zlib
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.output import mark_zip, writing
 
 JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
 """Outer yaw, outer pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad]."""
@@ -72,19 +72,15 @@ class Recording:
         """Write the recording to an ``.npz`` file; the same recording is the same bytes.
 
         Raises:
-            TrocarError: the name does not end in .npz, or the file cannot be written.
+            TrocarError: the name does not end in .npz, or there is something else already.
+            MachineError: it cannot be written.
         """
         path = Path(path)
         if path.suffix != ".npz":
             raise TrocarError(f"recording {str(path)!r} must end in .npz; choose such a name")
-        draft = path.with_name(f".{path.stem}.{os.getpid()}.part.npz")
-        try:
+        with writing(path, "recording") as draft:
             np.savez(draft, q_cmd=self.q_cmd, q_phy=self.q_phy, valid=self.valid, t_s=self.t_s)
-            draft.replace(path)
-        except OSError as error:
-            raise TrocarError(f"cannot write {str(path)!r} ({error.strerror}); choose another folder") from None
-        finally:
-            draft.unlink(missing_ok=True)
+            mark_zip(draft, "recording")
         return path
 
     def first(self, rows: int) -> Recording:

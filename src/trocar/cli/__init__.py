@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Annotated
+import traceback
+from contextlib import suppress
+from typing import Annotated, NoReturn
 
 import typer
 
 from trocar import __version__
-from trocar.errors import TrocarError
+from trocar.errors import MachineError, TrocarError
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before NumPy is imported: its threads cost more than they bring here
@@ -56,9 +58,31 @@ app.add_typer(study.app, name="study")
 
 
 def main() -> None:
-    """Run the command line; bad input is one sentence on stderr and exit code 2."""
+    """Run the command line. What goes wrong is one sentence on stderr, and tells by the exit code whose trouble it is.
+
+    2: the input's, 3: the machine's, 130: stopped by Ctrl-C. Anything else is a mistake in Trocar or in a plugin, the
+    only case in which a traceback is shown: 70.
+    """
     try:
         app()
+    except MachineError as error:
+        _end(3, str(error))
     except TrocarError as error:
-        sys.stderr.write(f"trocar: {error}\n")
-        raise SystemExit(2) from None
+        _end(2, str(error))
+    except MemoryError:
+        _end(3, "there is not enough memory for this; ask for less at once, or close other programs")
+    except OSError as error:
+        what = f"{error.filename!r}: {error.strerror}" if error.filename else error.strerror or str(error)
+        _end(3, f"the machine is in trouble ({what}); see to it and give the same command again")
+    except KeyboardInterrupt:
+        _end(130, "stopped")
+    except Exception:
+        traceback.print_exc()
+        _end(70, "that was a mistake in Trocar or in a plugin, not in what you typed; the lines above say where")
+
+
+def _end(code: int, sentence: str) -> NoReturn:
+    """Print a sentence and end; where nobody reads any more, as after ``| head``, end alone."""
+    with suppress(OSError):
+        sys.stderr.write(f"trocar: {sentence}\n")
+    raise SystemExit(code) from None

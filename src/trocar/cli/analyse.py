@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from rich.table import Table
 
 from trocar.cli.out_folder import check_out_folder
 from trocar.errors import TrocarError
+from trocar.output import PICTURE, make_folder, write_json, write_table
 
 if TYPE_CHECKING:
     from trocar.arms import ArmModel
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 JOINTS = ("q1", "q2", "q3", "q4", "q5", "q6")
 TIP = ("x", "y", "z")
+
+KIND = "analysis of a motion"
 
 
 def analyse(
@@ -55,7 +57,7 @@ def analyse(
     from trocar.motion.analysis import analyse as estimate  # noqa: PLC0415 (SciPy only when needed)
     from trocar.motion.analysis import analyse_joints  # noqa: PLC0415
 
-    check_out_folder(out, ("motion.csv", "motion.png", "summary.json"))
+    check_out_folder(out, {"motion.png": PICTURE, "summary.json": KIND}, [recording])
     for name, value in (("--rate", rate), ("--smoothness", smoothness)):
         if value is not None and not 0 < value < np.inf:
             raise TrocarError(f"{name} is {value}; give a number above 0")
@@ -154,8 +156,8 @@ def _print(summary: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
 def _save(out: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], summary: Mapping[str, Any]) -> None:
     from trocar.report.motion import draw_motion  # noqa: PLC0415 (matplotlib only when needed)
 
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
+    make_folder(out)
+    write_json(out / "summary.json", summary, KIND)
     header, columns = ["t_s"], [summary["step_s"] * np.arange(summary["samples"])]
     for part, (names, found) in parts.items():
         jerk = np.vstack([found.jerk, found.jerk[-1:]])  # of the step that follows a sample
@@ -163,8 +165,6 @@ def _save(out: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], s
             label = f"tip_{name}" if part == "tip" else name
             header += [label, f"{label}_velocity", f"{label}_acceleration", f"{label}_jerk"]
             columns += [found.position[:, k], found.velocity[:, k], found.acceleration[:, k], jerk[:, k]]
-    with (out / "motion.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
+    rows = ([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
+    write_table(out / "motion.csv", header, rows)
     draw_motion(parts, out / "motion.png")

@@ -16,6 +16,7 @@ from trocar.cli import collect, excite, fleet
 from trocar.cli.out_folder import check_npz
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
+from trocar.output import require_picture
 
 app = typer.Typer(
     help="Collect recordings of commanded and measured joints, fit cable models on them, and evaluate these.",
@@ -57,13 +58,14 @@ def fit(
     """Fit a cable model on a recording, by default on all of its rows; with a prior, a minute of it will do."""
     from trocar.calibration.fleet import fit_from_prior, load_prior  # noqa: PLC0415 (SciPy only when needed)
     from trocar.calibration.models import MODELS, save_model  # noqa: PLC0415
+    from trocar.calibration.models.model_file import FORMAT  # noqa: PLC0415
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
 
     del plugin  # loaded when it was parsed
     kind = MODELS.pick(model)
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
-    check_npz(out, "model")
+    check_npz(out, FORMAT, [recording])
     data = load_recording(recording)
     data = data.first(_rows(len(data), rows, fraction))
     prior = prior or ("fleet" if model == "play" else "none")
@@ -106,14 +108,13 @@ def evaluate(
 ) -> None:
     """Compare a model with a recording; its memory runs over all rows, errors count from row K."""
     from trocar.calibration.evaluation import evaluate as score  # noqa: PLC0415
-    from trocar.calibration.figure import picture_path  # noqa: PLC0415
     from trocar.calibration.models import load_model  # noqa: PLC0415
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
     from trocar.calibration.session import refit_ends, refit_offset  # noqa: PLC0415
 
     del plugin  # loaded when it was parsed
     if plot is not None:
-        picture_path(plot)
+        require_picture(plot)
     fitted, data = load_model(model), load_recording(recording)
     if refit < 0:
         raise TrocarError(f"a refit on {refit} rows is impossible; give 0 or more")

@@ -17,6 +17,7 @@ from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import COLUMNS
 from trocar.errors import TrocarError
+from trocar.output import make_folder, write_json, write_text
 
 if TYPE_CHECKING:
     from trocar.collect.collection import Collection
@@ -56,10 +57,7 @@ def collect(
 
     collections = _collections(station, arm, rows, seed, Difficulty.of(difficulty, flaw or ()))
     _check(model if fit else None, fraction, rows, seed)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TrocarError(f"--out {str(folder)!r} cannot be made ({error.strerror}); give another folder") from None
+    make_folder(folder)
     console = Console(stderr=True)
     try:
         summary, files = _chain(station, collections, folder, model if fit else None, fraction, seed, console)
@@ -154,9 +152,6 @@ def _chain(
                 files += [folder / f"cables_{arm}.npz", draw_evaluation(found.evaluation, folder / f"loops_{arm}.png")]
     summary = {"station": station, "seed": seed, "arms": figures}
     report, text = folder / "report.json", folder / "station.toml"
-    try:
-        report.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-        text.write_text(with_registered(station_text(station), bases), encoding="utf-8")
-    except OSError as error:
-        raise TrocarError(f"cannot write into {str(folder)!r} ({error.strerror}); give another folder") from None
+    write_json(report, summary, "report of a calibration")
+    write_text(text, with_registered(station_text(station), bases), "station")
     return summary, [*files, text, report]

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from trocar.errors import TrocarError
+from trocar.output import write_table
 
 COLUMNS = ("q1_rad", "q2_rad", "q3_m", "q4_rad", "q5_rad", "q6_rad")
 
@@ -43,11 +44,7 @@ def excite(
         raise TrocarError(f"file {str(out)!r} must end in .csv and lie in a folder that exists")
     model = there.arm(name).model
     q_cmd = slack_taken_up(model, wide_path(model, rows, box))
-    lines = [",".join(COLUMNS), *(",".join(f"{value:.6f}" for value in row) for row in q_cmd)]
-    try:
-        out.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise TrocarError(f"cannot write {str(out)!r} ({error.strerror}); choose another folder") from None
+    write_table(out, COLUMNS, ([f"{value:.6f}" for value in row] for row in q_cmd))
     if as_json:
         sys.stdout.write(json.dumps({"arm": name, "q_cmd": q_cmd.tolist(), "out": str(out)}) + "\n")
         return

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from trocar.cli.out_folder import check_npz
 from trocar.errors import TrocarError
+from trocar.output import require_picture
 
 if TYPE_CHECKING:
     from trocar.calibration.fleet.curve import Curve
@@ -38,9 +39,10 @@ def prior(
     Leave out the recordings of an instrument on which you want to try the prior.
     """
     from trocar.calibration.fleet import learn_prior  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.calibration.fleet.prior import FORMAT  # noqa: PLC0415
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
 
-    check_npz(out, "prior")
+    check_npz(out, FORMAT, recordings)
     with Console(stderr=True).status(f"learning from {len(recordings)} recordings"):
         learned = learn_prior([load_recording(path) for path in recordings])
     learned.save(out)
@@ -59,14 +61,13 @@ def curve(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Print how well a play model predicts the last fifth of a recording after so many of its first rows."""
-    from trocar.calibration.figure import picture_path  # noqa: PLC0415
     from trocar.calibration.fleet import load_prior  # noqa: PLC0415
     from trocar.calibration.fleet.curve import curve as found_curve  # noqa: PLC0415
     from trocar.calibration.fleet.curve import draw_curve  # noqa: PLC0415
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
 
     if plot is not None:
-        picture_path(plot)
+        require_picture(plot)
     if prior in (None, "none"):
         raise TrocarError("a curve compares fits with a prior and without; give --prior fleet or a file")
     known, data = load_prior(prior), load_recording(recording)

@@ -18,13 +18,16 @@ from trocar.cli import suture_options as options
 from trocar.cli.out_folder import check_out_folder
 from trocar.cli.suture_search import Search
 from trocar.errors import TrocarError
+from trocar.output import PICTURE, write_json
 from trocar.sutures import PRESETS, DexterityMap, Preset, SuturePlan, dexterity
 from trocar.sutures.parameters import RANGES, check_bounds, parameters_of, shown_parameter
 from trocar.sutures.rewards import Scales
 
 GROUPS = ("circle", "port", "grasp")
 POSITIONS = 360
-FILES = ("setup.json", "plan.png")
+KIND = "setup for sutures"
+FILES = {"setup.json": KIND, "plan.png": PICTURE}
+"""What is written, and of which kind it is."""
 
 
 def setup(
@@ -218,9 +221,8 @@ def _save(out: Path, best: DexterityMap, plan: SuturePlan, summary: dict[str, An
     """Write the setup and the picture of its plan; return their paths."""
     from trocar.report.sutures.circle import draw_plan  # noqa: PLC0415
 
-    out.mkdir(parents=True, exist_ok=True)
     names = [str(out / "setup.json"), str(draw_plan(best, plan, out / "plan.png"))]
-    (out / "setup.json").write_text(json.dumps({**summary, "files": names}, indent=2) + "\n", encoding="utf-8")
+    write_json(out / "setup.json", {**summary, "files": names}, KIND)
     return names
 
 

@@ -17,6 +17,7 @@ from trocar.cli.out_folder import check_out_folder
 from trocar.cli.suture_options import REWARD, SPACING, metre, option, rad
 from trocar.cli.suture_search import Search
 from trocar.errors import TrocarError
+from trocar.output import PICTURE, write_json
 from trocar.sutures import PRESETS, dexterity
 
 if TYPE_CHECKING:
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     from trocar.sutures.rewards import DexterityMap
 
 PAPER_PRESET = "paper-demo"
-FILES = ("plan.json", "plan.png", "reasons.png")
+KIND = "plan of sutures"
+FILES = {"plan.json": KIND, "plan.png": PICTURE, "reasons.png": PICTURE}
+"""What is written, and of which kind it is."""
 
 
 def suture(
@@ -188,10 +191,9 @@ def _save(out: Path, found: DexterityMap, plan: SuturePlan, summary: dict[str, A
     from trocar.report.sutures.circle import draw_plan  # noqa: PLC0415
     from trocar.report.sutures.panels import draw_reasons  # noqa: PLC0415
 
-    out.mkdir(parents=True, exist_ok=True)
     files = [draw_plan(found, plan, out / "plan.png"), draw_reasons(found, plan, out / "reasons.png")]
     names = [str(out / "plan.json"), *map(str, files)]
-    (out / "plan.json").write_text(json.dumps({**summary, "files": names}, indent=2) + "\n", encoding="utf-8")
+    write_json(out / "plan.json", {**summary, "files": names}, KIND)
     return names
 
 

@@ -17,11 +17,14 @@ from trocar.cli.out_folder import check_out_folder
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import COLUMNS
 from trocar.errors import TrocarError
+from trocar.output import PICTURE, make_folder, write_json, write_text
 
 if TYPE_CHECKING:
     from trocar.collect.checkerboard import CellRegistration
 
-FILES = ("station.toml", "report.json", "corners.png")
+STATION, REPORT = "station", "report of a registration"
+FILES = {"station.toml": STATION, "report.json": REPORT, "corners.png": PICTURE}
+"""What is written, and of which kind it is."""
 
 
 def cell(
@@ -40,7 +43,7 @@ def cell(
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
     folder = out or Path("out") / f"registration-{Path(station).stem}-{seed}"
-    check_out_folder(folder, FILES)
+    check_out_folder(folder, FILES, [station])
     began = time.perf_counter()
     found = _register(station, seed, Console(stderr=True))
     summary = {"station": station, "seed": seed, **found.summary()}
@@ -85,10 +88,7 @@ def _write(found: CellRegistration, station: str, summary: dict[str, Any], folde
     text, report, picture = (folder / name for name in FILES)
     cameras = {found.camera: (found.T_world_camera, found.calibration.rig)}
     written = with_registered(station_text(station), found.T_world_base, cameras)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        text.write_text(written, encoding="utf-8")
-        report.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise TrocarError(f"cannot write into {str(folder)!r} ({error.strerror}); give another folder") from None
+    make_folder(folder)
+    write_text(text, written, STATION)
+    write_json(report, summary, REPORT)
     return [text, report, draw_registration(found, picture)]

@@ -111,9 +111,11 @@ def run(
             _play_at_once(config, folder.absolute(), todo, jobs, console)
     except KeyboardInterrupt:
         interrupted = True
-    _finish(folder, as_json, console, interrupted)
+    all_succeeded = _finish(folder, as_json, console, interrupted)
     if interrupted:
         raise typer.Exit(130)
+    if not all_succeeded:
+        raise typer.Exit(1)
 
 
 class _Tasks(TaskGroup):
@@ -171,6 +173,7 @@ def _draw_video(folder: Path, console: Console) -> None:
 
 
 def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], console: Console) -> None:
+    from trocar.trials.folder import set_aside  # noqa: PLC0415
     from trocar.trials.run import prepare, run_trial  # noqa: PLC0415
     from trocar.trials.trial import trial_file  # noqa: PLC0415
 
@@ -196,7 +199,9 @@ def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], cons
                 if event["name"] == config.task.piece:
                     progress.update(bar, advance=1, description=f"{where}: a {config.task.piece} has ended")
 
-            run_trial(config, prepared, index, listen).save(trial_file(folder, session, index))
+            trial, path = run_trial(config, prepared, index, listen), trial_file(folder, session, index)
+            set_aside(path)
+            trial.save(path)
             progress.update(bar, completed=goals * (number + 1))
 
 
@@ -219,14 +224,17 @@ def _play_at_once(
                 console.print(void, soft_wrap=True)
 
 
-def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> None:
+def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> bool:
+    """Write and print what a folder's trials say; return whether every goal of all of them was reached."""
     from trocar.report.files import write_report  # noqa: PLC0415
     from trocar.trials import load_trials, trial_files  # noqa: PLC0415
+    from trocar.trials.folder import still_to_do  # noqa: PLC0415
 
     if interrupted and not trial_files(folder):
         console.print("stopped before the first trial was finished; the same command starts again")
-        return
+        return False
     trials, strange = load_trials(folder)
+    strange += still_to_do(folder, len(trials))
     task = trials[0].about["task"]
     if task not in TASKS:
         strange.append(
@@ -235,8 +243,9 @@ def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) ->
     summary, files = write_report(folder, trials, strange)
     if as_json:
         typer.echo(json.dumps(summary))
-        return
-    _show(summary, trials, strange, files, interrupted)
+    else:
+        _show(summary, trials, strange, files, interrupted)
+    return summary["succeeded"] == summary["attempted"]
 
 
 def _show(

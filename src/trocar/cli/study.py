@@ -14,11 +14,15 @@ from rich.table import Table
 
 from trocar.cli import study_robustness, study_suture
 from trocar.cli.open_group import OpenGroup
+from trocar.cli.out_folder import check_out_folder
 from trocar.errors import TrocarError
+from trocar.output import PICTURE, make_folder, write_json
 
 if TYPE_CHECKING:
     from trocar.calibration.evaluation import Evaluation
     from trocar.calibration.study import SessionChange
+
+KIND = "study of calibration"
 
 app = typer.Typer(
     cls=OpenGroup,
@@ -53,8 +57,8 @@ def calibration(
     from trocar.calibration import study  # noqa: PLC0415 (SciPy only when needed)
 
     recordings = study.load_study_recordings(data, [*study.RECORDINGS, study.SESSION_RECORDING])
-    if out is not None and out.exists() and not out.is_dir():
-        raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
+    pictures = {f"{name}_play.png": PICTURE for name in recordings}
+    check_out_folder(out, {"summary.json": KIND, **pictures}, [data])
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
     names = ["offset", "ridge", *(["lstm"] if lstm else []), "play"]
@@ -105,10 +109,10 @@ def _summary(
 def _save(out: Path, summary: dict[str, Any], results: dict[str, dict[str, Evaluation]]) -> None:
     from trocar.calibration.figure import draw_evaluation  # noqa: PLC0415
 
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     for name, row in results.items():
         draw_evaluation(row["play"], out / f"{name}_play.png")
-    (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_json(out / "summary.json", summary, KIND)
 
 
 def errors_table(tables: dict[str, dict[str, Any]], paper: dict[str, dict[str, tuple[float, ...]]]) -> Table:

@@ -15,10 +15,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from trocar.cli import suture_options as options
 from trocar.cli.out_folder import check_out_folder
 from trocar.errors import TrocarError
+from trocar.output import PICTURE, write_json
 from trocar.report.statistics import wilson_interval
 from trocar.sutures import PRESETS
 
-FILES = ("summary.json", "figures.png", "table_1.png", *(f"figure_{number}.png" for number in range(3, 8)))
+KIND = "study of sutures"
+DRAWN = ("figures", "table_1", *(f"figure_{number}" for number in range(3, 8)))
+FILES = {"summary.json": KIND, **{f"{name}.png": PICTURE for name in DRAWN}}
+"""What is written, and of which kind it is."""
 
 if TYPE_CHECKING:
     from trocar.sutures.random_setups import SetupStatistics
@@ -67,9 +71,8 @@ def suture(
     if out is not None:
         from trocar.report.sutures.panels import draw_study  # noqa: PLC0415
 
-        out.mkdir(parents=True, exist_ok=True)
         summary["files"] = [str(out / "summary.json"), *map(str, draw_study(found, out, recorded))]
-        (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        write_json(out / "summary.json", summary, KIND)
     if as_json:
         typer.echo(json.dumps(summary))
     else:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from trocar.collect.checkerboard import CellRegistration, checkerboard_of
-from trocar.errors import TrocarError
+from trocar.output import write_figure
 
 BRIGHTEST = 230
 """Grey level that the brightest pixels of a picture get."""
@@ -37,11 +37,7 @@ def draw_registration(found: CellRegistration, path: Path) -> Path:
         f"{found.station.name}: lenses from {len(found.hand_px)} of {found.shown} views by hand, "
         f"{found.calibration.rms_px:.2f} px RMS"
     )
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise TrocarError(f"cannot write picture {str(path)!r} ({error.strerror}); choose another folder") from None
-    return path
+    return write_figure(path, figure)
 
 
 def _draw_corners(

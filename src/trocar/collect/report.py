@@ -14,7 +14,7 @@ from rich.table import Table
 
 from trocar.calibration.recording import JOINT_NAMES
 from trocar.collect.chain import Calibrated
-from trocar.errors import TrocarError
+from trocar.output import write_figure
 from trocar.perception.depth import project
 
 DISTANCE_TARGET_MM, JOINT_TARGET_RAD = 0.35, 0.01
@@ -33,11 +33,7 @@ def draw_calibration(found: Calibrated, path: Path) -> Path:
     figure.suptitle(
         f"{found.collection.arm}: {int(found.recording.valid.sum())} of {len(found.recording)} rows are good"
     )
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise TrocarError(f"cannot write picture {str(path)!r} ({error.strerror}); choose another folder") from None
-    return path
+    return write_figure(path, figure)
 
 
 def _draw_image(axes: Axes, found: Calibrated) -> None:

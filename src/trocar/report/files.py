@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from trocar.archive import replace_text
 from trocar.errors import TrocarError
 from trocar.extras import how_to_install
+from trocar.output import write_json
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
 from trocar.report.page import write_page
@@ -46,7 +45,7 @@ def write_report(
     folder = Path(folder)
     report = report_of(trials[0])
     summary = summarise(trials, report)
-    path = replace_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
+    path = write_json(folder / "summary.json", summary, "summary of a run")
     pictures = _pictures(folder, trials, report)
     files = [path, *pictures]
     if find_spec("viser") is not None:

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from trocar.output import write_text
+
 STYLE = """
 :root{color-scheme:light dark}
 body{font:16px/1.5 system-ui,sans-serif;max-width:62em;margin:2em auto;padding:0 1em}
@@ -41,8 +43,7 @@ def write_page(path: Path, summary: Mapping[str, Any], pictures: Sequence[Path],
         _table([(what, how) for what, how in summary["flaws"].items()]),
         "</html>\n",
     ]
-    path.write_text("".join(parts), encoding="utf-8")
-    return path
+    return write_text(path, "".join(parts), "report")
 
 
 def _headline(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -108,8 +109,7 @@ def study_page(
         "<h2>Noted</h2><ul>" + "".join(f"<li>{html.escape(note)}</li>" for note in notes) + "</ul>",
         f"<h2>Runs</h2><ul>{links}</ul></html>\n",
     ]
-    path.write_text("".join(text), encoding="utf-8")
-    return path
+    return write_text(path, "".join(text), "report")
 
 
 def pictured(pictures: Sequence[Path], captions: Mapping[str, str]) -> list[str]:

@@ -10,6 +10,9 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from trocar.output import PICTURE, make_folder, mark_of, write_figure, writing
 
 # Okabe and Ito 2008: told apart with every common colour blindness
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
@@ -45,8 +48,10 @@ def figure(width_in: float, height_in: float, path: Path) -> Iterator[Figure]:
     with mpl.rc_context(RC):
         drawn = Figure(figsize=(width_in, height_in), layout="constrained")
         yield drawn
-        path.parent.mkdir(parents=True, exist_ok=True)
-        drawn.savefig(path, dpi=DPI)
+        make_folder(path.parent)
+        write_figure(path, drawn, dpi=DPI)
     if path.stat().st_size > LARGEST_BYTES:  # camera pictures: 256 colours look the same and weigh a third
-        with Image.open(path) as full:
-            full.convert("RGB").quantize(256).save(path, optimize=True)
+        with writing(path, PICTURE) as draft, Image.open(path) as full:
+            mark = PngInfo()
+            mark.add_text("Software", mark_of(PICTURE))
+            full.convert("RGB").quantize(256).save(draft, optimize=True, pnginfo=mark)

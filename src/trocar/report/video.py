@@ -11,6 +11,7 @@ from PIL import Image
 
 from trocar.errors import TrocarError
 from trocar.extras import how_to_install
+from trocar.output import PICTURE, mark_of, writing
 from trocar.tasks.kit import TaskReport
 from trocar.trials.trial import Trial
 
@@ -49,13 +50,15 @@ def draw_video(
     for number, time_s in enumerate(times.tolist()):
         frames.append(Image.fromarray(photographer.picture(time_s)))
         tick(number + 1, len(times))
-    frames[0].save(
-        path,
-        save_all=True,
-        append_images=frames[1:],
-        duration=round(1e3 / FRAMES_PER_S),
-        loop=0,
-        quality=QUALITY,
-        method=4,
-    )
+    with writing(path, PICTURE) as draft:
+        frames[0].save(
+            draft,
+            xmp=mark_of(PICTURE).encode(),
+            save_all=True,
+            append_images=frames[1:],
+            duration=round(1e3 / FRAMES_PER_S),
+            loop=0,
+            quality=QUALITY,
+            method=4,
+        )
     return path

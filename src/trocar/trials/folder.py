@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, overload
 
 from trocar.errors import TrocarError
+from trocar.output import write_json
 from trocar.trials.config import RunConfig
 from trocar.trials.trial import Trial, trial_about, trial_file, trial_files
 
@@ -32,11 +32,9 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
             if any(folder.glob("session_*")):  # else nothing was computed that could be mixed up
                 _require_same(found, about, folder)
         text = {**about, "fingerprint": config.fingerprint, "sessions": config.sessions, "trials": config.trials}
-        draft = record.with_name(f".{record.name}.{os.getpid()}.part")
-        draft.write_text(json.dumps(text, indent=1) + "\n")
-        draft.replace(record)
     except OSError as error:
         raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
+    write_json(record, text, "run")
     wanted = [(session, index) for session in range(config.sessions) for index in range(config.trials)]
     return [place for place in wanted if not is_done(folder, place, config.fingerprint)]
 
@@ -106,6 +104,18 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     return KeptTrials(usable), strange
 
 
+def still_to_do(folder: Path, done: int) -> list[str]:
+    """Return a sentence where a run has fewer trials than it was asked for, so that nobody takes it for the whole."""
+    try:
+        found = json.loads((folder / RECORD).read_text())
+        asked = int(found["sessions"]) * int(found["trials"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return [f"{str(folder / RECORD)!r} cannot be read: nobody knows how many trials the run has"]
+    if done >= asked:
+        return []
+    return [f"{done} of the run's {asked} trials are there; the command that began it does the others"]
+
+
 def _place(about: dict[str, Any]) -> tuple[int, int]:
     """Return session and index of a trial."""
     return about["session"], about["index"]
@@ -131,6 +141,12 @@ def is_done(folder: Path, place: tuple[int, int], fingerprint: str) -> bool:
     if about["fingerprint"] != fingerprint:
         raise TrocarError(f"{str(path)!r} is a trial of another run; move it away, or choose another folder with --out")
     return _place(about) == place and _readable(path)
+
+
+def set_aside(path: Path) -> None:
+    """Give what lies in the place of a trial that is still to be run another name: nothing is thrown away."""
+    if path.is_file():
+        path.replace(path.with_name(f"{path.name}.aside"))
 
 
 def _readable(path: Path) -> bool:

@@ -10,7 +10,7 @@ from trocar.calibration.models import load_model, save_model
 from trocar.errors import TrocarError
 from trocar.sim.world import PhysicsError
 from trocar.trials.config import RunConfig
-from trocar.trials.folder import RECORD, is_done
+from trocar.trials.folder import RECORD, is_done, set_aside
 from trocar.trials.prepare import Prepared, cable_file, calibration_key, prepare
 from trocar.trials.run import run_trial
 from trocar.trials.trial import trial_file
@@ -74,7 +74,9 @@ def play(order: TrialOrder) -> str:
     if is_done(order.folder, (order.session, order.index), order.config.fingerprint):
         return ""
     try:
-        run_trial(order.config, _prepared(order), order.index).save(order.path)
+        trial = run_trial(order.config, _prepared(order), order.index)
+        set_aside(order.path)
+        trial.save(order.path)
     except PhysicsError as error:
         return f"{order.path} is void: {error}"
     return ""

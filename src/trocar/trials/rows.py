@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from trocar.archive import replace_text
+from trocar.output import MADE_BY, write_json
 from trocar.trials.trial import Trial
 
 
@@ -52,11 +52,12 @@ def kept_row(
     path = row_file(trial)
     try:
         values = json.loads(path.read_text())
+        values.pop(MADE_BY, None)
         if values.pop("version") == version and values["fingerprint"] == fingerprint:
             return kind(**values)
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         pass
     row = made(Trial.load(trial))
     values: dict[str, Any] = {"version": version, **asdict(row)}  # type: ignore[call-overload]
-    replace_text(path, json.dumps(values))
+    write_json(path, values, "row of a trial")
     return row

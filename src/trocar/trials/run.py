@@ -70,7 +70,11 @@ def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Liste
         settings=settings,
     )
     solids, fixed = solids_of(laboratory.world), fixed_poses(laboratory.world)
-    ended, reason = _play(laboratory, method.made(brief), task.budget_s)
+    try:
+        ended, reason = _play(laboratory, method.made(brief), task.budget_s)
+    except Exception as error:
+        error.add_note(f"in session {prepared.number}, trial {index} of seed {config.seed}, method {config.method!r}")
+        raise
     wall_s = time.perf_counter() - began
     if ended != DONE:
         laboratory.log.event("stopped", outcome=ended, reason=reason)
@@ -130,6 +134,8 @@ def _play(laboratory: SimLaboratory, agent: Agent, budget_s: float) -> tuple[str
         raise
     except (TrocarError, OSError) as error:  # refused by the guard, or a device that does not answer
         return FAULT, str(error)
+    except SystemExit as error:
+        return FAULT, f"the script wanted to end the program (exit code {error.code})"
     return (DONE, "") if in_time else (OUT_OF_TIME, f"the script was not done after {budget_s:g} s")
 
 

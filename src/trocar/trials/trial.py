@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trocar.archive import Archive, read_archive, read_header
 from trocar.errors import TrocarError
 from trocar.log import Computation, Span
+from trocar.output import write_json
 from trocar.replay import Replay
 from trocar.trials.scenery import Scenery
 
@@ -125,12 +126,7 @@ class Trial:
             "scenery": self.scenery.values(),
         }
         timing = {"wall_s": self.wall_s, "computations": [asdict(c) for c in self.computations]}
-        try:
-            timing_file(path).write_text(json.dumps(timing))
-        except OSError as error:
-            raise TrocarError(
-                f"cannot write {str(timing_file(path))!r} ({error.strerror}); choose another folder"
-            ) from None
+        write_json(timing_file(path), timing, "record of real times")
         return Archive(header, self.arrays, self.images).save(path)
 
     @staticmethod

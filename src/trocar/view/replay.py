@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trocar.errors import TrocarError
+from trocar.output import write_text
 from trocar.replay import Replay
 from trocar.view.film import FRAME_RATES, Film, shoot
 from trocar.view.overlay import with_overlay
@@ -44,15 +43,7 @@ def write_replay(replay: Replay, path: str | Path) -> Path:
         TrocarError: viser is not installed, the replay does not fit together, or the file cannot be written.
     """
     page = _page(replay)
-    path = Path(path)
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        draft.write_text(page, encoding="utf-8")
-        draft.replace(path)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise TrocarError(f"cannot write {str(path)!r} ({error.strerror}); choose another folder") from None
-    return path
+    return write_text(path, page, "replay")
 
 
 def _page(replay: Replay) -> str:

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.figure import COLOURS, JOINT_TITLES, save_figure
+from trocar.calibration.figure import COLOURS, JOINT_TITLES
 from trocar.calibration.fleet.fit import fit_from_prior
 from trocar.calibration.fleet.prior import FleetPrior
 from trocar.calibration.models.base import MIN_ROWS
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
+from trocar.output import write_figure
 
 TAIL_SHARE = 0.2
 """Errors count on this last share of a recording."""
@@ -85,4 +86,4 @@ def draw_curve(found: Curve, path: str | Path) -> Path:
     figure.axes[0].set_ylabel("RMSE on the last fifth [rad]")
     figure.axes[0].legend()
     figure.suptitle(f"{found.recording}: error by length of the recording")
-    return save_figure(figure, path)
+    return write_figure(path, figure)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from trocar.archive import replace_text
+from trocar.output import write_json
 from trocar.report.robustness.curves import draw_curves
 from trocar.report.robustness.results import Result
 
@@ -26,5 +25,5 @@ def write_study(
     rows = [result.summary() for result in results]
     summary = {"study": "robustness", "task": task, "conditions": rows, "notes": [*NOTES, *missing]}
     path = folder / "summary.json"
-    replace_text(path, json.dumps(summary, indent=2) + "\n")
+    write_json(path, summary, "summary of a study")
     return summary, [path, draw_curves(rows, folder / "robustness.png")]

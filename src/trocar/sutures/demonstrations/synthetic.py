@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ik_unbounded
 from trocar.geometry import SE3, SO3, TURN
+from trocar.output import make_folder, write_table, write_text
 from trocar.sutures.demonstrations.demonstrations import Demonstrations
 from trocar.sutures.demonstrations.manifest import NAME, load_demonstrations
 from trocar.sutures.presets import PRESETS
@@ -63,17 +64,17 @@ def synthetic_suture(theta_rad: float, rng: np.random.Generator) -> NDArray[np.f
 
 def write_synthetic(folder: Path, rng: np.random.Generator) -> None:
     """Write the manifest and one CSV file per suture to a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     names = [joint.name for joint in SETUP.arm.joints]
-    header = ",".join(f"{arm}_{name}" for arm in ("psm1", "psm2") for name in names)
+    columns = [f"{arm}_{name}" for arm in ("psm1", "psm2") for name in names]
     lines = [f'source = "{SOURCE}"', f'arms = ["{SETUP.arm.name}", "{SETUP.arm.name}"]']
     for theta in np.arange(PLACES) * (TURN / PLACES):
         for take in range(1, TAKES + 1):
             name = f"synthetic_{degrees(theta):03.0f}_{take}.csv"
             values = synthetic_suture(float(theta), rng).reshape(ROWS, 12)
-            np.savetxt(folder / name, values, fmt="%.4f", delimiter=",", header=header, comments="")
+            write_table(folder / name, columns, ([f"{value:.4f}" for value in row] for row in values))
             lines += ["", "[[sutures]]", f'file = "{name}"', f"theta_deg = {degrees(theta):.0f}"]
-    (folder / NAME).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(folder / NAME, "\n".join(lines) + "\n", "manifest of demonstrations")
 
 
 def _preferred(theta_rad: float) -> tuple[int, int]:

@@ -64,7 +64,10 @@ class PegTransfer(Task):
     piece = "transfer"
     station = "peg-transfer"
     methods: ClassVar = {
-        "calibrated": Method("cables compensated by a model that was fitted in this session", **_AGENT),
+        "calibrated": Method(
+            "cables compensated by a model that was fitted in this session",
+            **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:compensated")},
+        ),
         "uncalibrated": Method("encoder readings taken for the joints", calibrated=False, **_AGENT),
         "adaptive": Method(
             "no recording: cables are learned from looks at the wrist, before the first transfer and at each one",

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import html
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from trocar.archive import replace_text
+from trocar.output import write_json
 from trocar.report.page import listed, pictured, study_page
 from trocar.report.tables import figure
 from trocar.tasks.debridement.report.debridement_report import ASSUMED
@@ -88,7 +87,7 @@ def write_study(folder: Path, results: Sequence[Result], notes: Sequence[str]) -
         notes: sentences on what is missing.
     """
     summary = summary_of(results)
-    path = replace_text(folder / "summary.json", json.dumps(summary, indent=1, allow_nan=False) + "\n")
+    path = write_json(folder / "summary.json", summary, "summary of a study")
     ours = [(cell["variant"], cell["method"], cell) for cell in summary["cells"]]
     pictures = [draw_times(ours, folder / "times.png"), draw_failures(ours, folder / "failures.png")]
     parts = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from functools import partial
 from math import inf
 
@@ -22,7 +23,9 @@ class Handover(TwoArms):
     """Both arms have a list of jobs: give, or receive. The next block is picked while this one is placed."""
 
     def __init__(self, brief: Brief):
-        super().__init__(brief)
+        settings = brief.settings
+        still = settings.still_wrist and settings.looks_before_placing
+        super().__init__(replace(brief, settings=replace(settings, still_wrist=still)))
         rounds = range(self.settings.rounds)
         self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
         self.appointments = [[Appointment(goal) for _ in rounds] for goal in self.goals]

@@ -65,7 +65,8 @@ class Settings:
         rounds: how often a transfer is tried that could not be done because of the other arm.
         pause_s: and how long it waits where it cannot go home.
         still_wrist: keep the wrist's joints as they are while the tip goes straight down or up, so that what their
-            cables do to them stays as it was; else the tool does not turn.
+            cables do to them stays as it was; else the tool does not turn. From hand to hand only arms that look
+            before placing do so: who took a block over holds it at any angle, and turning it further costs clearance.
         looks_before_placing: stop over the target, look how the block hangs in the jaws, and lower it by that.
         looks: how often one looks for a block that the other arm may hide.
         teaching_looks: at its own wrist, before the first transfer, of an arm that learns its cables; 0: it does not.
@@ -110,9 +111,14 @@ class Settings:
     fit_budget_s: float = 0.6
 
 
+def compensated() -> Settings:
+    """Return the settings of arms whose cables are compensated: what is left is mostly what a turning wrist brings."""
+    return Settings(still_wrist=True)
+
+
 def patient() -> Settings:
     """Return the settings for the paper's SQP, which takes .3 s a motion and .4 s at times (``bench_planning.py``)."""
-    return Settings(planning_budget_s=0.4)
+    return Settings(planning_budget_s=0.4, still_wrist=True)
 
 
 def quick() -> Settings:
@@ -120,7 +126,7 @@ def quick() -> Settings:
 
     A run says where a machine needs longer (``missed_budgets``).
     """
-    return Settings(perception_budget_s=0.085, planning_budget_s=0.06)
+    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, still_wrist=True)
 
 
 def learning() -> Settings:

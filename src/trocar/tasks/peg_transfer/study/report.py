@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from trocar.archive import replace_text
+from trocar.output import write_json
 from trocar.tasks.peg_transfer.study.figures import draw_motion, draw_paths, draw_performance
 from trocar.tasks.peg_transfer.study.hypotheses import NOTES, Finding, findings
 from trocar.tasks.peg_transfer.study.page import write_page
@@ -41,7 +40,7 @@ def write_study(
     """Write summary, figures and page of a study; return the summary, what it says of H1 to H4, and the files."""
     found = findings(results)
     summary = summary_of(results, found)
-    path = replace_text(folder / "summary.json", json.dumps(summary, indent=1, allow_nan=False) + "\n")
+    path = write_json(folder / "summary.json", summary, "summary of a study")
     pictures = [
         draw_performance(results, folder / "performance.png"),
         draw_motion(results, folder / "motion.png"),

@@ -1,0 +1,14 @@
+"""A method to compare with: calibrated arms that hold the tool's angle where others keep the wrist still.
+
+    trocar run --plugin benchmarks/turning_wrist.py peg-transfer --method turning-wrist --calibration joints \
+        --sessions 12 --trials 3 --seed 92 --out out/turning
+    trocar run peg-transfer --calibration joints --sessions 12 --trials 3 --seed 92 --out out/still
+"""
+
+from dataclasses import replace
+
+from trocar.tasks.kit import METHODS
+from trocar.tasks.peg_transfer.agents.settings import Settings
+from trocar.tasks.peg_transfer.task import PegTransfer
+
+METHODS.register("peg-transfer/turning-wrist", replace(PegTransfer.methods["calibrated"], settings=Settings))
