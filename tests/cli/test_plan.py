@@ -181,3 +181,42 @@ def test_a_bad_plugin_is_one_sentence_and_code_2(run, tmp_path, text, words):
     code, out, err = run(tmp_path / "four.npy", "--plugin", tmp_path / "bad.py")
     assert code == 2 and out == ""
     assert err.count("\n") == 1 and words in err and "bad.py" in err
+
+
+def test_motions_are_saved_sample_by_sample_in_three_forms(run, tmp_path):
+    np.savez(tmp_path / "two.npz", waypoints=np.stack([FOUR, FOUR[::-1]]))
+    for suffix in (".csv", ".json", ".npz"):
+        code, out, err = run(tmp_path / "two.npz", "--out", tmp_path / f"motions{suffix}", "--step-ms", "5", "--json")
+        assert code == 0, err
+    durations = [motion["duration_s"] for motion in json.loads(out)["motions"]]
+    told = json.loads((tmp_path / "motions.json").read_text())
+    first, second = told["motions"]
+    for motion, four, lasts_s in ((first, FOUR, durations[0]), (second, FOUR[::-1], durations[1])):
+        times, q, v = (np.array(motion[key]) for key in ("t_s", "position", "velocity"))
+        assert times[0] == 0.0 and times[-1] == pytest.approx(lasts_s) and np.diff(times)[:-1] == pytest.approx(5e-3)
+        np.testing.assert_allclose(q[[0, -1]], four[[0, -1]], atol=1e-9)
+        np.testing.assert_allclose(v[[0, -1]], 0.0, atol=1e-9)
+        np.testing.assert_allclose(np.gradient(q, times, axis=0)[5:-5], v[5:-5], atol=0.02)
+    names, *rows = (line.split(",") for line in (tmp_path / "motions.csv").read_text().splitlines())
+    table = np.array(rows, dtype=float)
+    assert names[:5] == ["motion", "t_s", "yaw_position", "yaw_velocity", "yaw_acceleration"]
+    with np.load(tmp_path / "motions.npz") as arrays:
+        assert np.array_equal(arrays["motion"], table[:, 0])
+        np.testing.assert_allclose(arrays["position"], table[:, 2::3], rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(arrays["position"][: len(first["t_s"])], first["position"])
+        np.testing.assert_allclose(arrays["acceleration"], table[:, 4::3], rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--out", "motions.txt"], "must end in .csv, .json, .npz"),
+        (["--out", "{path}"], "is read"),
+        (["--step-ms", "0"], "is outside"),
+        (["--step-ms", "nan"], "is outside"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_told_before_anything_is_planned(run, tmp_path, words, said):
+    np.savez(tmp_path / "one.npz", waypoints=FOUR)
+    code, out, err = run(tmp_path / "one.npz", *(word.format(path=tmp_path / "one.npz") for word in words))
+    assert (code, out) == (2, "") and said in err

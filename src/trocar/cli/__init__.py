@@ -20,7 +20,6 @@ app = typer.Typer(
     name="trocar",
     help="Autonomous surgical sub-tasks on cable-driven robots: see, calibrate, plan, act, score.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -63,6 +62,8 @@ def main() -> None:
     2: the input's, 3: the machine's, 130: stopped by Ctrl-C. Anything else is a mistake in Trocar or in a plugin, the
     only case in which a traceback is shown: 70.
     """
+    if "" in sys.argv[1:] or any(word.startswith("--") and word.endswith("=") for word in sys.argv[1:]):
+        _end(2, "a word of the command is empty, as where a shell's variable has no value; fill it in or leave it out")
     try:
         app()
     except MachineError as error:

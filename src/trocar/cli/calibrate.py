@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from trocar.cli import collect, excite, fleet
+from trocar.cli import apply, collect, excite, fleet
 from trocar.cli.out_folder import check_npz
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
@@ -28,6 +28,7 @@ app.command("collect", epilog="Example: trocar calibrate collect peg-transfer --
     collect.collect
 )
 
+app.command("apply", epilog="Example: trocar calibrate apply psm1_play.npz path.csv --out commands.csv")(apply.apply)
 app.command("excite", epilog="Example: trocar calibrate excite peg-transfer --arm psm1 --out minute.csv")(excite.excite)
 app.command("prior", epilog="Example: trocar calibrate prior psm1.npz psm2.npz --out mine.npz")(fleet.prior)
 app.command("curve", epilog="Example: trocar calibrate curve psm3.npz --prior mine.npz --plot curve.png")(fleet.curve)

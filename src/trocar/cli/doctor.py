@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from typing import Annotated
 
 import typer
 
@@ -21,8 +23,15 @@ PURPOSE = {
 }
 
 
-def doctor() -> None:
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
     """Say what is installed, what is optional and missing, and what to type next."""
+    if as_json:
+        extras = {extra: {name: _installed(name) for name in modules} for extra, modules in EXTRAS.items()}
+        said = {"trocar": __version__, "python": platform.python_version(), "platform": platform.platform()}
+        typer.echo(json.dumps({**said, "extras": extras}))
+        return
     typer.echo(f"trocar {__version__}, Python {platform.python_version()} on {platform.platform(terse=True)}")
     typer.echo("core: kinematics, calibration, motion - ready")
     ready = {}
@@ -34,6 +43,11 @@ def doctor() -> None:
         typer.echo(f"{extra}: {PURPOSE[extra]} - {state}" + (f" ({found})" if found else ""))
     example = "trocar run peg-transfer --trials 1 --out out/first" if ready["sim"] else "trocar calibrate --help"
     typer.echo(f"next: {example}")
+
+
+def _installed(module: str) -> str | None:
+    """Return the version of a module; None if it is not there."""
+    return None if find_spec(module) is None else _version(module)
 
 
 def _version(module: str) -> str:

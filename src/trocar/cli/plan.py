@@ -19,6 +19,7 @@ from rich.table import Table
 from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.cli import plan_setup, plan_suture
 from trocar.cli.grouped import GroupedCommand
+from trocar.cli.motion_file import require_motion_file, write_motions
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
@@ -35,6 +36,8 @@ T = TypeVar("T")
 
 UPRIGHT = (True, False, True)
 """The pieces of a transfer that are straight: the first lifts, the last lowers."""
+
+MIN_STEP_MS = 0.1
 
 RANGE_SLACK = 0.02
 """Share of its range by which a joint of the given waypoints may leave it: the transfers recorded on a
@@ -63,6 +66,10 @@ def transfer(
     clearance_deg: Annotated[
         float, typer.Option(help="How far it may be turned there; 'relaxed' needs both to gain anything.")
     ] = 0.0,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Save the motions, sample by sample: .csv, .json or .npz.")
+    ] = None,
+    step_ms: Annotated[float, typer.Option(help="Between samples in that file.")] = 10.0,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
@@ -76,7 +83,12 @@ def transfer(
     model, motion_limits = _choice(ARMS, arm, "arm"), _choice(MOTION_LIMITS, limits, "set of limits")
     PLANNERS.pick(planner)
     near = _tolerances(clearance_mm, clearance_deg)
-    motions = []
+    if not MIN_STEP_MS <= step_ms < np.inf:
+        raise TrocarError(f"--step-ms {step_ms} is outside {MIN_STEP_MS}..inf; give the time between two samples")
+    joints = [joint.name for joint in model.joints]
+    if out is not None:
+        require_motion_file(out, joints, [waypoints])
+    motions, found = [], []
     for index, four in enumerate(_load(waypoints)):
         try:
             asked = ArmMotion(model, four, motion_limits, up=np.array(up), straight=UPRIGHT if near else ())
@@ -84,6 +96,7 @@ def transfer(
         except TrocarError as error:
             raise TrocarError(f"{waypoints}, motion {index}: {error}") from None
         motions.append(_record(asked, plan))
+        found += [path.trajectory for path in plan.paths.values() if plan.found]
     summary = {
         "planner": planner,
         "arm": arm,
@@ -92,6 +105,8 @@ def transfer(
         "mean_bound_s": _mean(motions, "bound_s"),
         "motions": motions,
     }
+    if out is not None and found:
+        summary["out"] = str(write_motions(out, found, joints, 1e-3 * step_ms))
     if as_json:
         typer.echo(json.dumps(summary))
     else:
@@ -205,6 +220,8 @@ def _print(summary: dict[str, Any]) -> None:
         "Velocity and acceleration: largest share of the limits, checked at 1 kHz and at all knots. "
         "Bound: no motion through the same waypoints is shorter."
     )
+    if "out" in summary:
+        console.print(f"saved {summary['out']}: the motions that were found, in order", soft_wrap=True)
 
 
 def _cell(value: float | None, scale: float, style: str) -> str:

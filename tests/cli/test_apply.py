@@ -1,0 +1,89 @@
+"""``trocar calibrate apply``: commands for somebody else's controller."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from trocar.arms import PSM_CLASSIC
+from trocar.calibration.compensation import Compensator
+from trocar.calibration.excitation import random_smooth_path
+from trocar.calibration.models import load_model
+from trocar.calibration.plant import PSM1_GREY
+from trocar.calibration.recording import JOINT_NAMES, Recording
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A model file and a path as a CSV file, and the path."""
+    folder = tmp_path_factory.mktemp("apply")
+    q_cmd = random_smooth_path(PSM_CLASSIC, np.random.default_rng(0), 400)
+    recording = Recording(q_cmd, PSM1_GREY.run(q_cmd), np.ones(400, dtype=bool), np.arange(400.0))
+    wanted = random_smooth_path(PSM_CLASSIC, np.random.default_rng(1), 60)
+    rows = np.column_stack([0.1 * np.arange(60), wanted])
+    header = "t_s," + ",".join(JOINT_NAMES)
+    np.savetxt(folder / "path.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
+    return recording.save(folder / "recording.npz"), folder / "path.csv", wanted
+
+
+def model_of(trocar, files, folder, kind):
+    path = folder / f"{kind}.npz"
+    assert trocar("calibrate", "fit", files[0], "--model", kind, "--out", path)[0] == 0
+    return path
+
+
+def table_of(path):
+    with path.open(newline="") as file:
+        names, *rows = csv.reader(file)
+    return names, np.array(rows, dtype=float)
+
+
+def test_the_commands_bring_the_joints_nearer_to_the_path(trocar, files, tmp_path):
+    model = model_of(trocar, files, tmp_path, "play")
+    code, out, err = trocar("calibrate", "apply", model, files[1], "--out", tmp_path / "commands.csv", "--json")
+    assert code == 0, err
+    names, rows = table_of(tmp_path / "commands.csv")
+    assert names == ["t_s", *JOINT_NAMES]
+    np.testing.assert_allclose(rows[:, 0], 0.1 * np.arange(60), atol=1e-9)
+    left, before = (PSM1_GREY.run(q)[20:, 3:] - files[2][20:, 3:] for q in (rows[:, 1:], files[2]))
+    assert np.all(np.sqrt(np.mean(left**2, 0)) < 0.5 * np.sqrt(np.mean(before**2, 0)))
+    said = json.loads(out)
+    assert (said["rows"], said["model"]) == (60, "play")
+    np.testing.assert_allclose(said["largest_correction"], np.abs(rows[:, 1:] - files[2]).max(axis=0), atol=1e-7)
+
+
+def test_a_model_with_a_window_gets_rows_as_dense_as_it_was_fitted_on(trocar, files, tmp_path):
+    model = model_of(trocar, files, tmp_path, "ridge")
+    assert trocar("calibrate", "apply", model, files[1], "--out", tmp_path / "commands.csv")[0] == 0
+    _, rows = table_of(tmp_path / "commands.csv")
+    assert len(rows) > 60 and np.all(np.diff(rows[:, 0]) > 0) and rows[-1, 0] == pytest.approx(5.9)
+    fitted = load_model(model)
+    assert Compensator(fitted).method == "algorithm1"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["{model}", "{path}", "--out", "{path}"], "is read"),
+        (["{model}", "{path}", "--out", "commands.txt"], "must end in .csv"),
+        (["{model}", "{path}", "--out", "{folder}/c.csv", "--columns", "q1,q2"], "names 2 different columns"),
+        (["{model}", "{path}", "--out", "{folder}/c.csv", "--columns", "a,b,c,d,e,f"], "has no column 'a'"),
+        (["{model}", "{path}", "--out", "{folder}/c.csv", "--rate", "nan"], "is no rate"),
+        (["{model}", "{holes}", "--out", "{folder}/c.csv"], "row 4 of"),
+        (["{path}", "{path}", "--out", "{folder}/c.csv"], "no readable trocar cable model"),
+        (["{model}", "{path}", "--out", "{folder}/theirs.csv"], "not replaced"),
+        (["{model}", "{path}", "--out", "{folder}/gone/c.csv"], "cannot write"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_nothing_is_written(trocar, files, tmp_path, words, said):
+    model = model_of(trocar, files, tmp_path, "play")
+    lines = files[1].read_text().splitlines()
+    (tmp_path / "holes.csv").write_text("\n".join([*lines[:3], ",".join(["0.2", *[""] * 6]), *lines[4:]]) + "\n")
+    (tmp_path / "theirs.csv").write_text("mine,alone\n")
+    given = {"model": model, "path": files[1], "holes": tmp_path / "holes.csv", "folder": tmp_path}
+    before = files[1].read_bytes()
+    code, out, err = trocar("calibrate", "apply", *(word.format(**given) for word in words))
+    assert (code, out) == (2, "") and said in err and err.count("\n") == 1
+    assert files[1].read_bytes() == before and not (tmp_path / "c.csv").exists()
+    assert (tmp_path / "theirs.csv").read_text() == "mine,alone\n"
