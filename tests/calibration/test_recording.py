@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from trocar.calibration.recording import Recording, load_recording, sampling_interval
+from trocar.calibration.models.base import TrainingMotion
+from trocar.calibration.recording import Recording, load_recording, require_motion, sampling_interval, why_invalid
 from trocar.errors import TrocarError
 
 N = 50
@@ -90,3 +91,46 @@ def test_malformed_files_are_one_sentence(tmp_path, arrays):
         with pytest.raises(TrocarError) as error:
             load_recording(tmp_path / name)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [
+        (np.degrees([1, 1, np.pi / 180, 1, 1, 1]), "q4 is commanded to 30.0, which looks like degrees"),
+        ([1, 1, 1e3, 1, 1, 1], "q3 is commanded to 200.0, which looks like millimetres"),
+    ],
+)
+def test_other_units_are_recognised(tmp_path, arrays, scale, said):
+    arrays["q_cmd"] = np.clip(arrays["q_cmd"], -0.2, 0.2)
+    arrays["q_cmd"][0] = [0.1, 0.1, 0.2, np.radians(30.0), 0.1, 0.1]
+    np.savez(tmp_path / "good.npz", **arrays)
+    load_recording(tmp_path / "good.npz")
+    scaled = {key: arrays[key] * scale for key in ("q_cmd", "q_phy")}
+    np.savez(tmp_path / "other.npz", **(arrays | scaled))
+    with pytest.raises(TrocarError, match=said):
+        load_recording(tmp_path / "other.npz")
+
+
+def test_a_wrist_that_rests_says_nothing_of_its_cables(arrays):
+    recording = Recording(**arrays)
+    require_motion(recording)
+    for joint, name in ((3, "q4"), (5, "q6")):
+        q_cmd = arrays["q_cmd"].copy()
+        q_cmd[arrays["valid"], joint] = 0.25  # what it does in bad rows says nothing either
+        with pytest.raises(TrocarError, match=f"{name} rests at 0.2500 rad in all"):
+            require_motion(Recording(**(arrays | {"q_cmd": q_cmd, "q_phy": q_cmd})))
+
+
+def test_rows_that_do_not_count_are_counted_by_the_rule_that_says_so(arrays):
+    arrays["valid"] = np.arange(N) >= 5
+    arrays["q_phy"][10:20, 1] = np.nan
+    arrays["q_phy"][20:27, 4] += 1.0
+    recording = Recording(**arrays)
+    assert recording.valid.sum() == N - 22
+    assert why_invalid(recording) == (
+        "10 have a measurement that is no number, 7 are misdetected, a wrist angle 1 rad or more from its command, "
+        "5 are marked as not valid"
+    )
+    assert why_invalid(Recording(arrays["q_cmd"], arrays["q_cmd"], np.ones(N, bool), arrays["t_s"])) == ""
+    with pytest.raises(TrocarError, match=r"28 valid rows of 50 \(10 have .* 7 are .* 5 are .*\); a fit needs 30"):
+        TrainingMotion.of(recording)

@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from synthetic import unmarked
+
 
 def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path):
     words = (
@@ -21,9 +23,10 @@ def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path):
         tmp_path,
     )
     code, out, _ = trocar(*words, "--json")
-    assert code == 0 and out.count("\n") == 1
+    assert out.count("\n") == 1
     summary = json.loads(out)
-    assert summary == json.loads((tmp_path / "summary.json").read_text())
+    assert code == (summary["succeeded"] < summary["attempted"])
+    assert summary == unmarked(tmp_path / "summary.json")
     assert (summary["task"], summary["attempted"]) == ("suture", 1)
     assert set(summary["joint_error_deg"]) == {"yaw", "pitch", "roll", "wrist_pitch", "wrist_yaw"}
     for picture in ("storyboard", "joints", "needle", "timechart"):
@@ -51,8 +54,8 @@ def test_any_plan_is_driven_and_kept_with_its_run(trocar, planned, tmp_path):
     path, run = planned("plan", "--circle-radius-mm", 28, "--count", 1), tmp_path / "run"
     words = ("--method", "uncalibrated", "--out", run)
     code, printed, _ = trocar("run", "suture", "--plan", path, *words, "--json")
-    assert code == 0
     summary, saved = json.loads(printed), json.loads(path.read_text())
+    assert (code, summary["succeeded"]) == (1, 0), "an uncalibrated arm misses it"
     assert summary["attempted"] == 1
     (driven,) = summary["sutures"]
     assert [driven["theta_deg"]] == pytest.approx(saved["positions_deg"])
@@ -63,7 +66,7 @@ def test_any_plan_is_driven_and_kept_with_its_run(trocar, planned, tmp_path):
 
     path.rename(tmp_path / "moved.json")
     code, _, err = trocar("run", "suture", "--plan", tmp_path / "moved.json", *words)
-    assert code == 0 and "nothing to run" in " ".join(err.split())
+    assert code == 1 and "nothing to run" in " ".join(err.split())
     other = planned("other", "--circle-radius-mm", 29, "--count", 1)
     code, _, err = trocar("run", "suture", "--plan", other, *words)
     assert code == 2 and "holds another run (radius_m 0.028" in err and err.count("\n") == 1

@@ -19,8 +19,17 @@ JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
 FOLDER_FILES = (("q_cmd.npy", "q_phy.npy"), ("q_des.npy", "q_act.npy"))
 """Pairs of files (commanded, measured) that a folder may contain."""
 
+NO_MOTION_RAD = 1e-6
+
 MISDETECTION_RAD = 1.0
 """Cable errors of the wrist stay below .6 rad; a measurement this far from its command is a misdetected pose."""
+
+
+LARGEST_RAD = 2 * np.pi
+"""No joint of these arms turns further; what does is given in degrees."""
+
+LARGEST_M = 1.0
+"""No instrument goes in further; what does is given in millimetres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,20 +118,62 @@ def load_recording(path: str | Path) -> Recording:
     is more than 1 rad from its command (a misdetection).
 
     Raises:
-        TrocarError: the file is missing, empty, truncated, or not of this form.
+        TrocarError: the file is missing, empty, truncated, not of this form, or in other units than rad and m.
     """
     path = Path(path)
     if not path.exists():
         raise TrocarError(f"recording {str(path)!r} does not exist; give an .npz file or a folder of .npy files")
     arrays = _folder_arrays(path) if path.is_dir() else _npz_arrays(path)
     n = len(arrays["q_cmd"]) if arrays["q_cmd"].ndim else 0
-    return Recording(
+    recording = Recording(
         q_cmd=arrays["q_cmd"],
         q_phy=arrays["q_phy"],
         valid=arrays.get("valid", np.ones(n, dtype=bool)),
         t_s=arrays.get("t_s", np.arange(n, dtype=np.float64)),
         name=path.stem,
     )
+    _require_units(recording)
+    return recording
+
+
+def require_motion(recording: Recording) -> None:
+    """Raise TrocarError if a joint of the wrist rests in all valid rows: nothing can be learned of its cable."""
+    for joint in (3, 4, 5):
+        commanded = recording.q_cmd[recording.valid, joint]
+        if len(commanded) and np.ptp(commanded) < NO_MOTION_RAD:
+            raise TrocarError(
+                f"{recording.name}: {JOINT_NAMES[joint]} rests at {commanded[0]:.4f} rad in all {len(commanded)} valid "
+                "rows, and says nothing of its cable; give a recording in which all joints of the wrist move"
+            )
+
+
+def why_invalid(recording: Recording) -> str:
+    """Return how many rows do not count and by which rule; empty where all do."""
+    finite = np.isfinite(recording.q_phy).all(axis=1)
+    plausible = _plausible(recording.q_cmd, recording.q_phy)
+    reasons = {
+        "have a measurement that is no number": ~finite,
+        f"are misdetected, a wrist angle {MISDETECTION_RAD:g} rad or more from its command": finite & ~plausible,
+        "are marked as not valid": plausible & ~recording.valid,
+    }
+    return ", ".join(f"{rows.sum()} {words}" for words, rows in reasons.items() if rows.any())
+
+
+def _require_units(recording: Recording) -> None:
+    """Raise TrocarError where commands are as large as only degrees and millimetres are."""
+    largest = np.abs(recording.q_cmd).max(axis=0)
+    angles = np.delete(np.arange(6), 2)
+    joint = angles[largest[angles].argmax()]
+    if largest[joint] > LARGEST_RAD:
+        raise TrocarError(
+            f"{recording.name}: {JOINT_NAMES[joint]} is commanded to {largest[joint]:.1f}, which looks like degrees; "
+            "give angles in rad"
+        )
+    if largest[2] > LARGEST_M:
+        raise TrocarError(
+            f"{recording.name}: q3 is commanded to {largest[2]:.1f}, which looks like millimetres; give "
+            "it in m, and the joints in the order q1 to q6"
+        )
 
 
 def sampling_interval(q: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import CableModel
 from trocar.calibration.recording import Recording, load_recording
 from trocar.calibration.session import REFIT_ROWS, refit_ends, refit_offset
+from trocar.errors import TrocarError
 
 TABLE_1_ROWS = 1000
 """Number of valid rows of a recording on which Table I is computed."""
@@ -107,6 +108,12 @@ def load_study_recordings(data: Path, names: Sequence[str]) -> dict[str, Recordi
     """Return recordings by name from a folder of ``.npz`` files, or from its subfolder ``dvrk/trajectories``."""
     inner = data / "dvrk" / "trajectories"
     data = inner if inner.is_dir() else data
+    missing = [name for name in names if not (data / f"{name}.npz").is_file()]
+    if missing:
+        raise TrocarError(
+            f"folder {str(data)!r} lacks {', '.join(f'{name}.npz' for name in missing)}; give the folder of these "
+            "recordings with --data or TROCAR_DATA (docs/calibration.md, Recordings)"
+        )
     return {name: load_recording(data / f"{name}.npz") for name in names}
 
 

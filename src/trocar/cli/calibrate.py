@@ -60,7 +60,7 @@ def fit(
     from trocar.calibration.fleet import fit_from_prior, load_prior  # noqa: PLC0415 (SciPy only when needed)
     from trocar.calibration.models import MODELS, save_model  # noqa: PLC0415
     from trocar.calibration.models.model_file import FORMAT  # noqa: PLC0415
-    from trocar.calibration.recording import load_recording  # noqa: PLC0415
+    from trocar.calibration.recording import load_recording, require_motion  # noqa: PLC0415
 
     del plugin  # loaded when it was parsed
     kind = MODELS.pick(model)
@@ -69,6 +69,7 @@ def fit(
     check_npz(out, FORMAT, [recording])
     data = load_recording(recording)
     data = data.first(_rows(len(data), rows, fraction))
+    require_motion(data)
     prior = prior or ("fleet" if model == "play" else "none")
     if prior != "none" and model != "play":
         raise TrocarError(f"cable model {model!r} starts from no prior; leave --prior out, or fit 'play'")

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.calibration.recording import Recording, sampling_interval
+from trocar.calibration.recording import Recording, sampling_interval, why_invalid
 from trocar.errors import TrocarError
 
 MAX_VALUE = 1e6
@@ -42,8 +42,9 @@ class TrainingMotion:
         """Return the statistics of a recording, or raise TrocarError if it is too short for a fit."""
         rows = int(recording.valid.sum())
         if rows < MIN_ROWS:
+            why = f" ({reasons})" if (reasons := why_invalid(recording)) else ""
             raise TrocarError(
-                f"{recording.name} has {rows} valid rows; a fit needs {MIN_ROWS} or more, use a longer recording"
+                f"{recording.name} has {rows} valid rows of {len(recording)}{why}; a fit needs {MIN_ROWS} or more"
             )
         q = recording.q_cmd[: int(np.flatnonzero(recording.valid)[-1]) + 1]
         return TrainingMotion(sampling_interval(q), q.min(axis=0), q.max(axis=0), rows)
