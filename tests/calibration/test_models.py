@@ -144,6 +144,7 @@ def rewritten(path, header=None, **arrays):
     """Rewrite a model's file with other values in its header, or other arrays; None takes one out."""
     was = read_archive(path, FORMAT, VERSION)
     kept = {key: value for key, value in {**was.arrays, **arrays}.items() if value is not None}
+    path.unlink()  # what is no model is not replaced by one, nor the other way round
     return Archive(was.header | (header or {}), kept).save(path)
 
 

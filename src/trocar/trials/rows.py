@@ -59,5 +59,6 @@ def kept_row(
         pass
     row = made(Trial.load(trial))
     values: dict[str, Any] = {"version": version, **asdict(row)}  # type: ignore[call-overload]
+    path.unlink(missing_ok=True)  # a copy of what the trial says: nothing is lost where it does not fit
     write_json(path, values, "row of a trial")
     return row

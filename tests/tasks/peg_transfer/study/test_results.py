@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from made_up_study import rows_of, saved
+from synthetic import unmarked
 from trocar.arms import fk
 from trocar.errors import TrocarError
 from trocar.tasks.peg_transfer.study import figures, row
@@ -76,7 +77,7 @@ def test_the_summary_counts_sessions(made, tmp_path):
     results, missing = results_of(made)
     summary, _, files = write_study(tmp_path, results, missing)
     assert missing == []
-    assert json.loads((tmp_path / "summary.json").read_text()) == summary
+    assert unmarked(tmp_path / "summary.json") == summary
     calibrated, uncalibrated = summary["cells"]
     assert (calibrated["succeeded"], calibrated["attempted"], calibrated["sessions"]) == (72, 72, 6)
     assert (uncalibrated["succeeded"], uncalibrated["failures"]) == (36, {"DROPPED": 36})
