@@ -47,8 +47,8 @@ DARK = 0.12
 """Pixels that have less than this share of the floor's light are in a shadow and show no colour."""
 SPACING_M = 0.4e-3
 """At which rays are followed."""
-POINT_SD_M, RAY_SD_M = 0.35e-3, 0.07e-3
-"""Of a point's distance from the wire; of how far a ray goes beside it, or through it (a quarter of a pixel)."""
+POINT_SD_M, RAY_SD_PX = 0.35e-3, 0.25
+"""Of a point's distance from the wire; of how far a ray goes beside it, or through it."""
 ROBUST = 1.5
 """A residual of more SDs counts less (Cauchy)."""
 TOGETHER = 4.0
@@ -93,11 +93,13 @@ class _Evidence:
         points: (n, 3) on the wire.
         through: (m, k, 3) places along rays that meet it.
         past: (l, k, 3) places along rays that pass it.
+        pixel_m: distance of neighbouring rays there.
     """
 
     points: NDArray[np.float64]
     through: NDArray[np.float64]
     past: NDArray[np.float64]
+    pixel_m: float
 
 
 def sight_needle(
@@ -212,7 +214,8 @@ def _gather(
         return None
     past = ours & ~shows_steel & (shows_floor | (depth[0] > z_near + BEHIND_M))
     places = rays[:, None] * (z_near[:, None] + np.arange(-4, 5) * SPACING_M)[..., None]
-    return _Evidence(points[on], places[through], places[past])
+    pixel_m = float(T_camera_needle.translation_m[2]) / images[0].intrinsics.fx
+    return _Evidence(points[on], places[through], places[past], pixel_m)
 
 
 def _clear(elsewhere: Elsewhere, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -245,12 +248,13 @@ def _normal_equations(
     entered, by_entered = _closest(evidence.past, T, arc)
     left = float(1.48 * np.median(np.abs(behind))) if len(behind) else np.inf
     missed, entered = np.maximum(missed, 0.0), np.minimum(entered, 0.0)
-    residual = np.concatenate([behind / POINT_SD_M, missed / RAY_SD_M, entered / RAY_SD_M])
+    ray_sd_m = RAY_SD_PX * evidence.pixel_m
+    residual = np.concatenate([behind / POINT_SD_M, missed / ray_sd_m, entered / ray_sd_m])
     slopes = np.concatenate(
         [
             by_behind / POINT_SD_M,
-            np.where(missed[:, None] > 0.0, by_missed, 0.0) / RAY_SD_M,
-            np.where(entered[:, None] < 0.0, by_entered, 0.0) / RAY_SD_M,
+            np.where(missed[:, None] > 0.0, by_missed, 0.0) / ray_sd_m,
+            np.where(entered[:, None] < 0.0, by_entered, 0.0) / ray_sd_m,
         ]
     )
     weighed = slopes.T / (1.0 + (residual / ROBUST) ** 2) / TOGETHER
@@ -261,7 +265,7 @@ def _missed_by(evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc) -> flo
     """Return how badly a pose explains which rays meet the wire and which pass it, comparable for one evidence."""
     T = T_camera_needle.inverse()
     missed, entered = np.maximum(_closest(evidence.through, T, arc)[0], 0.0), _closest(evidence.past, T, arc)[0]
-    off = np.concatenate([missed, np.minimum(entered, 0.0)]) / RAY_SD_M
+    off = np.concatenate([missed, np.minimum(entered, 0.0)]) / (RAY_SD_PX * evidence.pixel_m)
     return float(np.log1p((off / ROBUST) ** 2).sum())
 
 
