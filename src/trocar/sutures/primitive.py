@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.geometry import SE3, SO3
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
-
 BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
 """An arm that drives the needle does not let go of it within these turns before and after its tip comes out."""
 
