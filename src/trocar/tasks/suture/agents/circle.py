@@ -167,9 +167,11 @@ class CircleSuturing:
     async def _look(self, stretch: Stretch, watch: NeedleWatch) -> None:
         """Look at the needle before a stretch, and where it may be looked at again, go to where it should be."""
         for number in range(stretch.looks):
-            await watch.look()
+            doubted = await watch.look()
             if stretch.looks == 1:
                 return
+            if doubted:
+                continue
             watch.aim(stretch)
             start = watch.corrected(stretch.segment).q[:1].ravel()
             off_m = watch.off_m(start) if len(start) and np.isfinite(start).all() else 0.0

@@ -230,7 +230,7 @@ class NeedleWatch:
         return SE3.from_parts(R, T_base_tip.translation_m - self._off[:3])
 
     async def look(self) -> bool:
-        """Look at the needle, in the jaws or in the tissue; return whether what was seen is believed."""
+        """Look at the needle, in the jaws or in the tissue; return whether it was seen and that is not believed."""
         await self._hand.settle()
         with self._cell.log.span(self._hand.name, "looking"):
             before = self._needle
@@ -251,7 +251,7 @@ class NeedleWatch:
             off_deg=np.degrees(off[3:]).round(2).tolist(),
             tip_mm=(1e3 * self._tip_in_circle(self._needle)).round(3).tolist(),
         )
-        return believed
+        return seen is not None and not believed
 
     def _tip_in_circle(self, needle: Believed) -> NDArray[np.float64]:
         """Return where (3,) the tip of a needle is believed to be in the circle's frame, m."""
