@@ -13,7 +13,7 @@ from trocar.arms import ARMS, fk, wrist_depth_m
 from trocar.errors import TrocarError
 from trocar.sutures import DIRECTIONS, PRESETS, Insertion, suture_joints
 from trocar.sutures.drive import ROOM_RAD, Suture, drive, ranges
-from trocar.sutures.primitive import bite_m, grasp_pose, steps
+from trocar.sutures.primitive import bite_m, grasp_pose, places, steps
 
 SETUP = PRESETS["default"].setup
 ANGLES = st.floats(0.0, 2 * math.pi)
@@ -21,7 +21,8 @@ ANGLES = st.floats(0.0, 2 * math.pi)
 
 @given(ANGLES, st.sampled_from(DIRECTIONS))
 @settings(max_examples=40, deadline=None)
-def test_the_pieces_join_and_end_at_the_primitives_stations(theta, direction):
+def test_the_pieces_join_and_pass_the_primitives_stations(theta, direction):
+    """All are met but where the jaws take the needle again: there the arm goes further back, to let go later."""
     pieces = drive(Suture(SETUP, theta, direction))
     assert [p.name for p in pieces] == ["lower", "approach", *(step.name for step in steps(SETUP)), "withdraw", "rise"]
     inner = [p for p in pieces if len(p.q)]
@@ -30,8 +31,11 @@ def test_the_pieces_join_and_end_at_the_primitives_stations(theta, direction):
     planned = suture_joints(SETUP, [theta])
     row = DIRECTIONS.index(direction)
     primitive = np.concatenate([p.q for p in pieces[2:-2]])
-    for q in planned.q[row, 0][planned.station]:
-        assert np.abs(primitive - q).max(axis=1).min() < 1e-6
+    nearest = [np.abs(primitive - q).max(axis=1).min() for q in planned.q[row, 0][planned.station]]
+    again = SETUP.insertion.rotation_rad - SETUP.insertion.regrasp_rad
+    met = np.abs(places(SETUP).jaws_rad[planned.station] - again) > 1e-9
+    np.testing.assert_array_less(np.where(met, nearest, 0.0), 1e-6)
+    assert sum(~met) == 1 and max(nearest) < 0.04
 
 
 @given(ANGLES, st.sampled_from(DIRECTIONS))

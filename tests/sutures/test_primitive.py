@@ -11,6 +11,7 @@ from trocar.geometry import SE3
 from trocar.sutures import PRESETS, Insertion, SutureSetup
 from trocar.sutures.primitive import (
     bite_m,
+    driven_steps,
     exit_turn_rad,
     grasp_pose,
     needle_poses,
@@ -70,8 +71,9 @@ def test_theta_in_the_middle_centres_the_bite():
     np.testing.assert_allclose((ends[0] + ends[1]) / 2, [[0.03, 0, 0]] * 2, atol=1e-15)
 
 
-def test_the_steps_follow_on_and_the_needle_moves_only_with_the_jaws():
-    path = steps(SETUP)
+@pytest.mark.parametrize("order", [steps, driven_steps])
+def test_the_steps_follow_on_and_the_needle_moves_only_with_the_jaws(order):
+    path = order(SETUP)
     assert [step.name for step in path] == ["penetrate", "rotate", "regrasp 1", "push 1", "regrasp 2", "push 2"]
     for before, after in pairwise(path):
         for name in ("advance_m", "jaws_rad", "needle_rad"):
@@ -81,6 +83,31 @@ def test_the_steps_follow_on_and_the_needle_moves_only_with_the_jaws():
         jaws = step.jaws_rad[1] - step.jaws_rad[0]
         assert needle == pytest.approx(jaws if step.holds else 0.0)
     assert math.degrees(path[-1].needle_rad[1]) == pytest.approx(140.0)
+
+
+def lets_go_deg(setup, order):
+    """Return the needle's rotations at which the jaws let go of it, against that at which its tip comes out."""
+    return [
+        math.degrees(step.needle_rad[0] - exit_turn_rad(setup)) for step in order(setup) if step.name.startswith("reg")
+    ]
+
+
+@given(rotation=st.floats(40.0, 110.0), regrasp=st.floats(10.0, 35.0), pushes=st.integers(0, 2))
+def test_an_arm_holds_the_needle_while_its_tip_comes_out(rotation, regrasp, pushes):
+    turns = {"rotation_rad": math.radians(rotation), "regrasp_rad": math.radians(regrasp), "pushes": pushes}
+    setup = replace(SETUP, insertion=Insertion(**turns))
+    driven = driven_steps(setup)
+    assert driven[-1].needle_rad[1] == pytest.approx(steps(setup)[-1].needle_rad[1])
+    for step in driven:
+        assert -1e-9 <= min(step.jaws_rad) <= max(step.jaws_rad) <= setup.insertion.rotation_rad + 1e-9
+        assert step.needle_rad[1] >= step.needle_rad[0] - 1e-9
+    if regrasp > 20.0:  # else there is no room between one grip and the next
+        assert all(not -12.0 + 1e-6 < away < 8.0 - 1e-6 for away in lets_go_deg(setup, driven_steps))
+
+
+def test_the_default_suture_lets_go_past_its_exit_and_not_right_at_it():
+    np.testing.assert_allclose(lets_go_deg(SETUP, steps), [-34.7, 0.3], atol=0.05)
+    np.testing.assert_allclose(lets_go_deg(SETUP, driven_steps), [-34.7, 8.0], atol=0.05)
 
 
 def test_the_jaws_hold_the_wire_where_the_grasp_says():

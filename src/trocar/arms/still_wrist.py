@@ -19,8 +19,12 @@ MAX_STEP = np.array([0.5, 0.5, 0.1])
 """Of yaw, pitch (rad) and insertion (m) at a time: farther away the arm's geometry is another."""
 
 
-def reach_with_still_wrist(arm: ArmModel, q: ArrayLike, p_base_tip_m: ArrayLike) -> NDArray[np.float64]:
-    """Return the joints (6,) near ``q`` (6,) with the same wrist whose tip is at ``p_base_tip_m`` (3,).
+def reach_with_still_wrist(
+    arm: ArmModel, q: ArrayLike, p_base_m: ArrayLike, p_tip_m: ArrayLike = (0.0, 0.0, 0.0)
+) -> NDArray[np.float64]:
+    """Return the joints (6,) near ``q`` (6,) with the same wrist that bring a point of the tip to ``p_base_m`` (3,).
+
+    The point, ``p_tip_m`` (3,) in the tip's frame, is the tip itself, or of something that the jaws hold.
 
     The tip turns with the shaft: by .05 rad a centimetre, 200 mm from the remote centre. Cables that drive the wrist
     are not moved, so that what friction and play make of it stays what it was.
@@ -29,13 +33,16 @@ def reach_with_still_wrist(arm: ArmModel, q: ArrayLike, p_base_tip_m: ArrayLike)
         Unreachable: the place cannot be reached so within the joints' ranges.
         TrocarError: joints or place have another shape, or are not finite.
     """
-    goal, found = _place(arm, p_base_tip_m), arm.configurations(q).copy()
+    goal, held, found = _place(arm, p_base_m), _place(arm, p_tip_m), arm.configurations(q).copy()
     for _ in range(STEPS):
-        missing_m = goal - fk(arm, found).translation_m
+        T_base_tip = fk(arm, found)
+        missing_m = goal - T_base_tip.apply(held)
         if np.abs(missing_m).max() < REACHED_M:
             break
         try:
-            step = np.linalg.solve(jacobian(arm, found)[:OUTER, :OUTER], missing_m)
+            shifts, turns = np.split(jacobian(arm, found)[:, :OUTER], 2)
+            of_point = shifts + np.cross(turns.T, T_base_tip.rotation.apply(held)).T
+            step = np.linalg.solve(of_point, missing_m)
         except np.linalg.LinAlgError:
             raise Unreachable(f"{arm.name} is singular on the way; turn its wrist") from None
         found[:OUTER] += np.clip(step, -MAX_STEP, MAX_STEP)
@@ -46,11 +53,11 @@ def reach_with_still_wrist(arm: ArmModel, q: ArrayLike, p_base_tip_m: ArrayLike)
     return found
 
 
-def _place(arm: ArmModel, p_base_tip_m: ArrayLike) -> NDArray[np.float64]:
+def _place(arm: ArmModel, p_m: ArrayLike) -> NDArray[np.float64]:
     try:
-        place = np.asarray(p_base_tip_m, dtype=np.float64)
+        place = np.asarray(p_m, dtype=np.float64)
     except (TypeError, ValueError):
         place = np.empty(0)
     if place.shape != (3,) or not np.isfinite(place).all():
-        raise TrocarError(f"{arm.name} needs three finite numbers as the tip's place in its base, got {p_base_tip_m!r}")
+        raise TrocarError(f"{arm.name} needs three finite numbers as a place, got {p_m!r}")
     return place

@@ -94,6 +94,10 @@ class Patch:
         """Return the points (m, n, 3) in the camera frame, NaN where there is no depth."""
         return self.rays * self.depth_m[..., None]
 
+    def thinned(self, every: int) -> Patch:
+        """Return one of ``every`` rows and columns."""
+        return Patch(*(values[::every, ::every] for values in self))
+
     def __iter__(self) -> Iterator[NDArray]:
         return iter((self.rays, self.depth_m, self.color))
 

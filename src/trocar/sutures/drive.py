@@ -13,7 +13,7 @@ from trocar.arms import ArmModel, ik_unbounded
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, TURN
 from trocar.sutures.joints import INSERTION, LIMIT_TOLERANCE, ROLL
-from trocar.sutures.primitive import exit_turn_rad, needle_poses, steps, tip_poses, turned_to
+from trocar.sutures.primitive import driven_steps, exit_turn_rad, needle_poses, tip_poses, turned_to
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
 SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
@@ -144,7 +144,7 @@ def drive(
     above = _shifted(into[0], UP, lift_m, 0.0)
     names, lengths = ["lower", "approach"], [lift_m, approach_m]
     poses = [above.matrix, into.matrix]
-    for step in steps(setup):
+    for step in driven_steps(setup):
         count = max(len(_spread(*step.advance_m, SPACING_M)), len(_spread(*step.jaws_rad, SPACING_RAD)))
         advance, jaws = np.linspace(*step.advance_m, count), np.linspace(*step.jaws_rad, count)
         names.append(step.name)

@@ -9,13 +9,18 @@ wire and push it on, as often as the insertion says. A suture at theta is the on
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.geometry import SE3, SO3
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
+
+BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
+"""An arm that drives the needle does not let go of it within these turns before and after its tip comes out."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,11 @@ class Step:
     needle_rad: tuple[float, float]
 
     @property
+    def back_rad(self) -> float:
+        """Return how far back along the wire the jaws hold it, against where they took it first."""
+        return self.needle_rad[0] - self.jaws_rad[0]
+
+    @property
     def holds(self) -> bool:
         """Return whether the jaws hold the needle, so that both move together."""
         return not self.name.startswith("regrasp")
@@ -42,18 +52,49 @@ class Step:
 
 def steps(setup: SutureSetup) -> tuple[Step, ...]:
     """Return the movements of the primitive in order."""
+    return _steps(setup, _holds_rad(setup))
+
+
+def driven_steps(setup: SutureSetup) -> tuple[Step, ...]:
+    """Return the movements as an arm makes them: it holds the needle while its tip comes out of the tissue.
+
+    Where the primitive lets go of the needle from ``BEFORE_EXIT_RAD`` before to ``PAST_EXIT_RAD`` after that, jaws that
+    open and close decide where the tip comes out. So it lets go later, if the jaws can go back far enough before that,
+    or else earlier. The jaws' poses are among those of :func:`steps`, whose rotation starts at 0.
+    """
+    insertion, exit_rad = setup.insertion, exit_turn_rad(setup)
+    ends = _holds_rad(setup)
+    for k, end in enumerate(ends[:-1]):
+        if exit_rad - BEFORE_EXIT_RAD < end < exit_rad + PAST_EXIT_RAD:
+            start = ends[k - 1] if k else 0.0
+            later, earlier = exit_rad + PAST_EXIT_RAD, exit_rad - BEFORE_EXIT_RAD
+            if later - start <= insertion.rotation_rad and later < ends[k + 1]:
+                ends[k] = later
+            elif earlier > start and ends[k + 1] - earlier <= insertion.rotation_rad:
+                ends[k] = earlier
+    return _steps(setup, ends)
+
+
+def _holds_rad(setup: SutureSetup) -> list[float]:
+    """Return the needle's rotation at the end of each time that the jaws turn it."""
     insertion = setup.insertion
-    straight, turn, back = insertion.straight_m, insertion.rotation_rad, insertion.regrasp_rad
+    return [insertion.rotation_rad + k * insertion.regrasp_rad for k in range(insertion.pushes + 1)]
+
+
+def _steps(setup: SutureSetup, ends: Sequence[float]) -> tuple[Step, ...]:
+    """Return the movements in which the jaws hold the needle up to these rotations of it, one after the other."""
+    straight = setup.insertion.straight_m
+    still, top, turned = (straight, straight), setup.insertion.rotation_rad, ends[0]
     found = [
         Step("penetrate", (0.0, straight), (0.0, 0.0), (0.0, 0.0)),
-        Step("rotate", (straight, straight), (0.0, turn), (0.0, turn)),
+        Step("rotate", still, (0.0, turned), (0.0, turned)),
     ]
-    needle = turn
-    for number in range(1, insertion.pushes + 1):
-        still = (straight, straight)
-        found.append(Step(f"regrasp {number}", still, (turn, turn - back), (needle, needle)))
-        found.append(Step(f"push {number}", still, (turn - back, turn), (needle, needle + back)))
-        needle += back
+    jaws = turned
+    for number, (needle, end) in enumerate(pairwise(ends), 1):
+        again = top - (end - needle)
+        found.append(Step(f"regrasp {number}", still, (jaws, again), (needle, needle)))
+        found.append(Step(f"push {number}", still, (again, top), (needle, end)))
+        jaws = top
     return tuple(found)
 
 

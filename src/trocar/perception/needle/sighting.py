@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
@@ -37,18 +38,22 @@ APART_M = 1.0e-3
 """What is this near to something else that is known to be there may be on that."""
 IN_FRONT_M = 1.5e-3
 """What is seen so much nearer than the wire can be hides it."""
-BEFORE_M = np.arange(-0.08, 0.004, 1.5e-3)
-"""Where along a ray, against where it is nearest to the wire, something else would hide the wire or be taken for it."""
+STEP_M, COARSE = 1.5e-3, 5
+BEFORE_M = np.arange(-0.08, 0.004, STEP_M)
+"""Where along a ray, against where it is nearest to the wire, something else would hide it or be taken for it. One
+of so many places is tried first."""
 UNLIKE = 0.05
 """Colours whose shares of red, green and blue differ by more are not the same."""
 GREY = 0.25
 """Steel has less saturation."""
 DARK = 0.12
 """Pixels that have less than this share of the floor's light are in a shadow and show no colour."""
-SPACING_M = 0.4e-3
-"""At which rays are followed."""
-POINT_SD_M, RAY_SD_M = 0.35e-3, 0.07e-3
-"""Of a point's distance from the wire; of how far a ray goes beside it, or through it (a quarter of a pixel)."""
+SEARCH_PIXEL_M = 0.25e-3
+"""Pixels that lie nearer to each other on the needle are left out while it is searched for."""
+SPACING_M, WIRE_SPACING_M = 0.4e-3, 0.1e-3
+"""At which rays and the wire are followed."""
+POINT_SD_M, RAY_SD_PX = 0.35e-3, 0.25
+"""Of a point's distance from the wire; of how far a ray goes beside it, or through it."""
 ROBUST = 1.5
 """A residual of more SDs counts less (Cauchy)."""
 TOGETHER = 4.0
@@ -93,11 +98,13 @@ class _Evidence:
         points: (n, 3) on the wire.
         through: (m, k, 3) places along rays that meet it.
         past: (l, k, 3) places along rays that pass it.
+        pixel_m: distance of neighbouring rays there.
     """
 
     points: NDArray[np.float64]
     through: NDArray[np.float64]
     past: NDArray[np.float64]
+    pixel_m: float
 
 
 def sight_needle(
@@ -125,9 +132,11 @@ def sight_needle(
     if not images:
         raise TrocarError("a needle is looked for in 0 images; give one or more")
     home = np.linalg.inv(covariance)
+    pixel_m = float(T_camera_needle.translation_m[2]) / images[0].intrinsics.fx
+    sparsely = max(1, round(SEARCH_PIXEL_M / pixel_m)) if pixel_m > 0.0 else 1
 
-    def gathered(at: SE3, near_m: float) -> _Evidence | None:
-        return _gather(images, at, arc, near_m, T_camera_floor, elsewhere)
+    def gathered(at: SE3, near_m: float, every: int = 1) -> _Evidence | None:
+        return _gather(images, at, arc, near_m, T_camera_floor, elsewhere, every)
 
     def fitted(evidence: _Evidence, at: SE3) -> tuple[SE3, NDArray[np.float64], float]:
         information, left = np.zeros((6, 6)), 0.0
@@ -142,9 +151,9 @@ def sight_needle(
         return at, information, left
 
     starts = search_starts(T_camera_needle, covariance, arc)
-    near = [(start, found) for start in starts if (found := gathered(start, FIRST_M)) is not None]
+    near = [(start, found) for start in starts if (found := gathered(start, FIRST_M, sparsely)) is not None]
     first = [fitted(found, start)[0] for start, found in near]
-    if len(starts) > 1 and (wide := gathered(T_camera_needle, WIDE_M)) is not None:
+    if len(starts) > 1 and (wide := gathered(T_camera_needle, WIDE_M, sparsely)) is not None:
         first.sort(key=lambda at: _missed_by(wide, at, arc))
     evidence = gathered(first[0], THEN_M) if first else None
     if evidence is None:
@@ -181,24 +190,27 @@ def _gather(
     near_m: float,
     T_camera_floor: SE3,
     elsewhere: Elsewhere | None,
+    every: int,
 ) -> _Evidence | None:
     """Return what in images speaks of a needle that is about here; None if there is too little.
 
-    Colours are those of the first image: the others have the same.
+    Colours are those of the first image: the others have the same. Of rows and columns one of ``every`` is read.
     """
     half = np.array([arc.radius_m, arc.radius_m, 0.0]) + 0.5 * arc.wire_m + max(near_m, FIRST_M)
-    patches = [patch for image in images if (patch := patch_around(image, T_camera_needle, -half, half)) is not None]
+    patches = [
+        patch.thinned(every)
+        for image in images
+        if (patch := patch_around(image, T_camera_needle, -half, half)) is not None
+    ]
     if not patches:
         return None
     T_needle, T_floor = T_camera_needle.inverse(), T_camera_floor.inverse()
     rays = patches[0].rays.reshape(-1, 3)
-    reach_m = float(np.linalg.norm(half))
-    z = float(T_camera_needle.translation_m[2]) + np.arange(-reach_m, reach_m, SPACING_M)
-    distance = arc.distance_m(T_needle.apply(rays[:, None] * z[:, None]).reshape(-1, 3)).reshape(len(rays), len(z))
-    z_near, beside = z[distance.argmin(axis=1)], distance.min(axis=1)
-    ours = (beside < near_m) & (T_floor.apply(rays * z_near[:, None])[:, 2] > OVER_FLOOR_M)
+    z_near, beside = _along_rays(rays, T_camera_needle, arc, near_m)
+    ours = beside < near_m
+    ours[ours] = T_floor.apply(rays[ours] * z_near[ours, None])[:, 2] > OVER_FLOOR_M
     depth = np.array([patch.depth_m.ravel() for patch in patches])
-    ours &= ~(np.nan_to_num(depth, nan=np.inf).min(axis=0) < z_near - near_m - IN_FRONT_M)
+    ours &= np.nan_to_num(depth, nan=np.inf).min(axis=0) >= z_near - near_m - IN_FRONT_M
     if elsewhere is not None:
         ours[ours] = _clear(elsewhere, rays[ours], z_near[ours])
     shows_floor, shows_steel = _colors(patches[0], T_floor)
@@ -212,13 +224,38 @@ def _gather(
         return None
     past = ours & ~shows_steel & (shows_floor | (depth[0] > z_near + BEHIND_M))
     places = rays[:, None] * (z_near[:, None] + np.arange(-4, 5) * SPACING_M)[..., None]
-    return _Evidence(points[on], places[through], places[past])
+    pixel_m = every * float(T_camera_needle.translation_m[2]) / images[0].intrinsics.fx
+    return _Evidence(points[on], places[through], places[past], pixel_m)
+
+
+def _along_rays(
+    rays: NDArray[np.float64], T_camera_needle: SE3, arc: NeedleArc, near_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how deep (n,) the wire lies where rays (n, 3) are nearest to it, and how far (n,) from it they stay.
+
+    Rays that pass it further away than ``near_m`` have an infinite distance.
+    """
+    count = 2 + int(arc.radius_m * arc.arc_rad / WIRE_SPACING_M)
+    wire = T_camera_needle.apply(arc.point_m(np.linspace(0.0, arc.arc_rad, count)))
+    farthest = (near_m + 0.5 * arc.wire_m) / wire[:, 2].min()
+    apart, place = cKDTree(wire[:, :2] / wire[:, 2:]).query(rays[:, :2], distance_upper_bound=farthest)
+    depth = wire[np.minimum(place, count - 1), 2]
+    return depth, depth * apart - 0.5 * arc.wire_m
 
 
 def _clear(elsewhere: Elsewhere, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which rays (n, 3) come to these depths (n,) and a little further without meeting something else."""
-    along = rays[:, None] * (z_near[:, None] + BEFORE_M)[..., None]
-    return elsewhere(along.reshape(-1, 3)).reshape(along.shape[:2]).min(axis=1) > APART_M
+
+    def least(which: NDArray[np.intp], before_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        along = rays[which, None] * (z_near[which, None] + before_m)[..., None]
+        return elsewhere(along.reshape(-1, 3)).reshape(along.shape[:2]).min(axis=1)
+
+    roughly = least(np.arange(len(rays)), BEFORE_M[::COARSE])
+    clear = roughly > APART_M
+    # A distance changes by no more than the way along the ray: only near something the places between have to be tried.
+    unsure = np.flatnonzero(clear & (roughly < APART_M + COARSE * STEP_M))
+    clear[unsure] = least(unsure, BEFORE_M) > APART_M
+    return clear
 
 
 def _colors(patch: Patch, T_floor_camera: SE3) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -245,12 +282,13 @@ def _normal_equations(
     entered, by_entered = _closest(evidence.past, T, arc)
     left = float(1.48 * np.median(np.abs(behind))) if len(behind) else np.inf
     missed, entered = np.maximum(missed, 0.0), np.minimum(entered, 0.0)
-    residual = np.concatenate([behind / POINT_SD_M, missed / RAY_SD_M, entered / RAY_SD_M])
+    ray_sd_m = RAY_SD_PX * evidence.pixel_m
+    residual = np.concatenate([behind / POINT_SD_M, missed / ray_sd_m, entered / ray_sd_m])
     slopes = np.concatenate(
         [
             by_behind / POINT_SD_M,
-            np.where(missed[:, None] > 0.0, by_missed, 0.0) / RAY_SD_M,
-            np.where(entered[:, None] < 0.0, by_entered, 0.0) / RAY_SD_M,
+            np.where(missed[:, None] > 0.0, by_missed, 0.0) / ray_sd_m,
+            np.where(entered[:, None] < 0.0, by_entered, 0.0) / ray_sd_m,
         ]
     )
     weighed = slopes.T / (1.0 + (residual / ROBUST) ** 2) / TOGETHER
@@ -261,7 +299,7 @@ def _missed_by(evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc) -> flo
     """Return how badly a pose explains which rays meet the wire and which pass it, comparable for one evidence."""
     T = T_camera_needle.inverse()
     missed, entered = np.maximum(_closest(evidence.through, T, arc)[0], 0.0), _closest(evidence.past, T, arc)[0]
-    off = np.concatenate([missed, np.minimum(entered, 0.0)]) / RAY_SD_M
+    off = np.concatenate([missed, np.minimum(entered, 0.0)]) / (RAY_SD_PX * evidence.pixel_m)
     return float(np.log1p((off / ROBUST) ** 2).sum())
 
 

@@ -60,22 +60,21 @@ def test_the_way_is_cut_where_the_needle_is_looked_at_and_stays_the_same():
     segments = drive(GOALS[0])
     found = stretches(segments, TASK.setup)
     assert [stretch.segment.name for stretch in found if stretch.first] == [segment.name for segment in segments]
-    for segment in segments:
-        parts = [stretch.segment for stretch in found if stretch.segment.name == segment.name]
-        joined = np.concatenate([parts[0].q, *(part.q[1:] for part in parts[1:])])
-        np.testing.assert_array_equal(joined, segment.q)
-        assert sum(part.length_m for part in parts) == pytest.approx(segment.length_m)
+    whole, cut = (
+        np.concatenate([parts[0].q, *(part.q[1:] for part in parts[1:])])
+        for parts in (segments, [stretch.segment for stretch in found])
+    )
+    np.testing.assert_array_equal(whole, cut)
+    assert sum(stretch.segment.length_m for stretch in found) == pytest.approx(sum(s.length_m for s in segments))
 
 
-def test_the_last_looks_come_just_before_the_needle_goes_in_and_comes_out():
+def test_after_the_last_looks_the_needle_goes_through_the_surface_without_a_stop():
     setup, segments = TASK.setup, drive(GOALS[0])
     entry, leaving = (stretch for stretch in stretches(segments, setup) if stretch.aim is Aim.TIP)
-    assert (entry.segment.name, leaving.segment.name) == ("approach", "push 1")
-    assert entry.segment.length_m == pytest.approx(2e-3, abs=0.3e-3)
-    left = leaving.segment.length_m / setup.needle.radius_m
-    turned = setup.insertion.rotation_rad + setup.insertion.regrasp_rad - left
-    exit_rad = setup.insertion.exit_turn_rad(setup.needle.radius_m)
-    assert np.degrees(exit_rad - turned) == pytest.approx(8.0, abs=1.5)
+    assert (entry.segment.name, leaving.segment.name) == ("penetrate", "push 1")
+    assert entry.segment.length_m == pytest.approx(setup.insertion.straight_m + 2e-3, abs=0.3e-3)
+    turned = np.degrees(leaving.segment.length_m / setup.needle.radius_m)
+    assert turned == pytest.approx(8.0 + 8.0, abs=1.5)  # from so far before the exit to so far past it
 
 
 def test_the_camera_nearest_to_the_circle_is_used_and_a_cell_without_one_is_refused():
@@ -92,13 +91,16 @@ def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_a
     watch, arm = agent.watch, TASK.setup.arm
     watch.loaded(TASK.setup)
     entry = next(stretch for stretch in stretches(drive(GOALS[0]), TASK.setup) if stretch.aim is Aim.TIP)
-    watch.aim(replace(entry, aim=Aim.POSE))
     watch._belief._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 3)
     watch.aim(entry)
-    there = watch._belief.needle(fk(arm, watch.corrected(entry.segment).q[0])).T_base_needle
-    planned = fk(arm, entry.segment.q[0]) @ grasp_pose(TASK.setup).inverse()
+    corrected = watch.corrected(entry.segment).q
     tip = [0.0, -TASK.setup.needle.radius_m, 0.0]
-    np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=1e-7)
+    for place in (0, -1):
+        there = watch._belief.needle(fk(arm, corrected[place])).T_base_needle
+        planned = fk(arm, entry.segment.q[place]) @ grasp_pose(TASK.setup).inverse()
+        np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=1e-6)
+    wrist = corrected[:, 3:] - entry.segment.q[:, 3:]
+    np.testing.assert_allclose(wrist, np.broadcast_to(agent.hand.q[3:] - entry.segment.q[0, 3:], wrist.shape))
 
 
 def test_without_a_look_the_way_is_the_planned_one():

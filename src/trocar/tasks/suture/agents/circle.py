@@ -13,7 +13,7 @@ from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.errors import TrocarError
 from trocar.sutures.drive import Segment, Suture, cut_short, drive, ranges
 from trocar.tasks.kit import ArmScript, Brief
-from trocar.tasks.suture.agents.watch import ENOUGH_M, NeedleWatch, Stretch, stretches
+from trocar.tasks.suture.agents.watch import ENOUGH_M, Aim, NeedleWatch, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.trajectory import Trajectory
 
@@ -44,7 +44,9 @@ class Settings:
     Attributes:
         planning_budget_s: declared for the joint paths of a suture.
         settle_s: rest after a motion before the jaws act.
-        driving_speed_m_s: mean speed of the jaws along the primitive, m/s.
+        driving_speed_m_s: mean speed of the jaws along the primitive, m/s; cables that have time to take up their play
+            end where the needle's next movement needs no other.
+        crossing_speed_m_s: the same through the surface, after the last looks.
         travel_speed_m_s: mean speed on the way in and out, m/s.
         jaw_open_rad: opening that clears the wire.
         jaw_closed_rad: target that lets the drive press.
@@ -58,7 +60,8 @@ class Settings:
 
     planning_budget_s: float = 0.05
     settle_s: float = 0.1
-    driving_speed_m_s: float = 0.008
+    driving_speed_m_s: float = 0.004
+    crossing_speed_m_s: float = 0.002
     travel_speed_m_s: float = 0.020
     jaw_open_rad: float = 0.40
     jaw_closed_rad: float = -0.17
@@ -135,7 +138,8 @@ class CircleSuturing:
                 await self._open()
             if self.watch:
                 segment = self.watch.way(stretch)
-            reason = await self._follow(number, segment)
+            crosses = stretch.aim is Aim.TIP
+            reason = await self._follow(number, segment, self.settings.crossing_speed_m_s if crosses else None)
             if reason:
                 return SutureOutcome.JOINT_LIMIT, reason
             if stretch.looks and segment.regrasps and self.watch:
@@ -163,9 +167,11 @@ class CircleSuturing:
     async def _look(self, stretch: Stretch, watch: NeedleWatch) -> None:
         """Look at the needle before a stretch, and where it may be looked at again, go to where it should be."""
         for number in range(stretch.looks):
-            await watch.look()
+            doubted = await watch.look()
             if stretch.looks == 1:
                 return
+            if doubted:
+                continue
             watch.aim(stretch)
             start = watch.corrected(stretch.segment).q[:1].ravel()
             off_m = watch.off_m(start) if len(start) and np.isfinite(start).all() else 0.0
@@ -189,13 +195,13 @@ class CircleSuturing:
         base = self.cell.T_world_base_registered[self.name]
         return replace(suture, setup=replace(setup, arm=self.arm, T_world_base=base, circle=circle))
 
-    async def _follow(self, number: int, segment: Segment) -> str:
+    async def _follow(self, number: int, segment: Segment, speed_m_s: float | None = None) -> str:
         """Move along a segment, as far as the joints' ranges allow; return a sentence where they do not."""
         outside = segment.first_outside(self.arm)
         q = segment.q if outside is None else segment.q[: outside[0]]
         reason = "" if outside is None else self._limit(number, segment, *outside)
-        travels = segment.name in TRAVELS
-        speed = self.settings.travel_speed_m_s if travels else self.settings.driving_speed_m_s
+        usual = self.settings.travel_speed_m_s if segment.name in TRAVELS else self.settings.driving_speed_m_s
+        speed = usual if speed_m_s is None else speed_m_s
         seconds = segment.length_m / speed * len(q) / max(1, len(segment.q))
         try:
             if len(q) and np.abs(q[0] - self.hand.q).max() > JOINED:

@@ -37,7 +37,9 @@ STIRS = 0.5
 CAMERA = np.diag(np.repeat([0.1e-3, 0.0], 3) ** 2)
 """Covariance of a camera's place in the arm's base, m: sightings err alike by that."""
 DOUBT = 4.0
-"""After a sighting that was not believed all variances are so many times as large: if others say the same, they are."""
+"""After a sighting that was not believed all variances are so many times as large."""
+DOUBTS = 2
+"""After so many in a row nothing is believed any more that was seen before: what was believed first was wrong."""
 UNLIKELY = float(chi2.ppf(0.999, 6))
 """Squared Mahalanobis distance that one sighting of a thousand exceeds by chance."""
 
@@ -80,9 +82,14 @@ class NeedleBelief:
     """
 
     def __init__(self) -> None:
+        self._T_tip_needle = SE3.identity()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Know nothing but how large errors are."""
+        self._doubts = 0
         self._mean = np.zeros(18)
         self._covariance = np.diag(np.concatenate([ALWAYS_SD, NOW_SD, np.zeros(6)]) ** 2)
-        self._T_tip_needle = SE3.identity()
 
     @property
     def tip_off(self) -> NDArray[np.float64]:
@@ -156,7 +163,12 @@ class NeedleBelief:
         after = before.after(T_base_camera, seen)
         if after is None:
             self._covariance *= DOUBT
+            self._doubts += 1
+            if self._doubts == DOUBTS:
+                self._begin()
+                self._closed(LOADED)
             return False
+        self._doubts = 0
         away = (before.T_base_needle.inverse() @ after.T_base_needle).log()
         gain = self._covariance @ self._of_needle(T_base_tip).T @ np.linalg.inv(before.covariance)
         self._mean = self._mean + gain @ away

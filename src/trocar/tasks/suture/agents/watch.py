@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
@@ -10,7 +11,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import fk, ik_unbounded
+from trocar.arms import Unreachable, fk, ik_unbounded, reach_with_still_wrist
+from trocar.arms.still_wrist import OUTER
 from trocar.cell import Cell
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
@@ -20,7 +22,7 @@ from trocar.perception.instrument.solids import InstrumentSolids
 from trocar.perception.needle import NeedleArc, NeedleSighting, search_starts, sight_needle
 from trocar.sutures import SutureSetup
 from trocar.sutures.drive import Segment
-from trocar.sutures.primitive import grasp_pose
+from trocar.sutures.primitive import driven_steps, grasp_pose
 from trocar.tasks.kit import ArmScript
 from trocar.tasks.suture.agents.needle_belief import Believed, NeedleBelief
 
@@ -34,7 +36,7 @@ ENOUGH_M = 0.2e-3
 """A needle's tip that is believed this near to where it should be is not moved and looked at again; times the number of
 looks there, for each move stirs the cables anew, by some .6 mm."""
 
-ROUND_PX = 16
+ROUND_PX = 32
 """So much round the needle is read out of the camera."""
 
 
@@ -42,8 +44,7 @@ class Aim(Enum):
     """What of the way is corrected before a stretch of it."""
 
     POSE = "place and attitude"
-    TIP = "the place of the needle's tip alone: turning the wrist again would stir its cables"
-    KEPT = "nothing anew"
+    TIP = "the place of the needle's tip alone, by the outer joints: turning the wrist again would stir its cables"
 
 
 @dataclass(frozen=True)
@@ -65,25 +66,28 @@ class Stretch:
 
 
 def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
-    """Return the way cut where the needle is looked at: above and before its entry, in each grip, before its exit."""
-    insertion, found = setup.insertion, []
-    exit_rad = insertion.exit_turn_rad(setup.needle.radius_m)
-    turned = 0.0
+    """Return the way cut where the needle is looked at: above and before its entry, in each grip, before its exit.
+
+    The arm does not stop at the surface, neither on the way in nor on the way out: where it starts anew, cables that
+    were turned round take up their play, and the needle's tip would be just where that counts.
+    """
+    exit_rad = setup.insertion.exit_turn_rad(setup.needle.radius_m)
+    steps = {step.name: step for step in driven_steps(setup)}
+    found: list[Stretch] = []
     for segment in segments:
+        step = steps.get(segment.name)
         if segment.name == "approach":
             share = 1.0 - BEFORE_ENTRY_M / max(segment.length_m, BEFORE_ENTRY_M)
             found += _cut(Stretch(segment, looks=HIGH_LOOKS), share, ENTRY_LOOKS)
-        elif segment.name == "penetrate":
-            found.append(Stretch(segment, aim=Aim.KEPT))
-        elif segment.name == "rotate" or segment.name.startswith("push"):
-            turns = segment.name == "rotate"
-            angle = insertion.rotation_rad if turns else insertion.regrasp_rad
-            whole = Stretch(segment, looks=0 if turns or turned > exit_rad else 1)
-            found += _cut(whole, (exit_rad - BEFORE_EXIT_RAD - turned) / angle, EXIT_LOOKS)
-            turned += angle
+        elif step is None or segment.name == "penetrate":
+            found.append(Stretch(segment))
+        elif step.holds:
+            start, end = step.needle_rad
+            whole = Stretch(segment, looks=0 if segment.name == "rotate" or start > exit_rad else 1)
+            found += _cut(whole, (exit_rad - BEFORE_EXIT_RAD - start) / (end - start), EXIT_LOOKS)
         else:
-            found.append(Stretch(segment, looks=1 if segment.regrasps and turned < exit_rad else 0))
-    return found
+            found.append(Stretch(segment, looks=1 if step.needle_rad[0] < exit_rad else 0))
+    return _through_the_surface(found)
 
 
 def _cut(whole: Stretch, share: float, looks: int) -> list[Stretch]:
@@ -96,6 +100,20 @@ def _cut(whole: Stretch, share: float, looks: int) -> list[Stretch]:
     before = replace(segment, q=segment.q[: place + 1], length_m=segment.length_m * place / steps)
     after = replace(segment, q=segment.q[place:], length_m=segment.length_m - before.length_m)
     return [replace(whole, segment=before), Stretch(after, first=False, looks=looks, aim=Aim.TIP)]
+
+
+def _through_the_surface(found: Sequence[Stretch]) -> list[Stretch]:
+    """Return the stretches with what is left of the approach after the last looks and the penetration as one."""
+    joined: list[Stretch] = []
+    for stretch in found:
+        last = joined[-1] if joined else stretch
+        if stretch.segment.name == "penetrate" and last.aim is Aim.TIP:
+            q = np.concatenate([last.segment.q, stretch.segment.q[1:]])
+            way = replace(stretch.segment, q=q, length_m=last.segment.length_m + stretch.segment.length_m)
+            joined[-1] = replace(last, segment=way, first=True)
+        else:
+            joined.append(stretch)
+    return joined
 
 
 class NeedleWatch:
@@ -132,6 +150,8 @@ class NeedleWatch:
     def loaded(self, setup: SutureSetup) -> None:
         """A person has loaded the needle for a suture of this setup."""
         self._setup, self._grips, self._held = setup, 0, None
+        holds = [step for step in driven_steps(setup) if step.holds]
+        self._back_rad = [step.back_rad for step in holds if step.name != "penetrate"]
         needle = setup.needle
         self._arc = NeedleArc(needle.radius_m, needle.arc_rad, needle.wire_m)
         self._belief.loaded(self._grasp(0))
@@ -157,13 +177,8 @@ class NeedleWatch:
 
     def aim(self, stretch: Stretch) -> None:
         """Correct the way from now on by what is believed of arm and needle."""
-        if stretch.aim is Aim.POSE:
-            self._off, self._in_jaws = self._belief.tip_off, self._belief.in_jaws()
-        elif stretch.aim is Aim.TIP:
-            planned = self._fk(stretch.segment.q[0]) @ self._grasp(self._grips)
-            expected = self._belief.needle(self._asked(planned @ self._in_jaws.inverse())).T_base_needle
-            tip = self._arc.point_m(np.zeros(1))[0]
-            self._off[:3] += expected.apply(tip) - planned.apply(tip)
+        self._off, self._in_jaws = self._belief.tip_off, self._belief.in_jaws()
+        self._wrist_still = stretch.aim is Aim.TIP
 
     def way(self, stretch: Stretch) -> Segment:
         """Return how a stretch is followed: corrected, from where the arm is to where it should be at the end."""
@@ -184,6 +199,9 @@ class NeedleWatch:
         if not len(segment.q):
             return segment
         T_base_tip = fk(self._hand.model, segment.q)
+        if self._held is None and self._wrist_still:
+            with suppress(Unreachable):
+                return replace(segment, q=self._with_still_wrist(segment.q))
         if self._held is None:
             wanted = T_base_tip @ self._grasp(self._grips) @ self._in_jaws.inverse()
         else:
@@ -191,13 +209,28 @@ class NeedleWatch:
             wanted = self._held.T_base_needle @ planned.inverse() @ T_base_tip
         return replace(segment, q=ik_unbounded(self._hand.model, self._asked(wanted), near=segment.q))
 
+    def _with_still_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return joints (k, 6) that take the needle's tip along its way, the wrist turning no more than was planned.
+
+        The needle keeps the attitude error that it has.
+        """
+        p_needle_tip = self._arc.point_m(np.zeros(1))[0]
+        wanted_m = (self._fk(planned) @ self._grasp(self._grips)).apply(p_needle_tip) - self._off[:3]
+        q = planned + np.concatenate([np.zeros(OUTER), self._hand.q[OUTER:] - planned[0, OUTER:]])
+        for _ in range(2):  # where the jaws' turn is wrong by what it is hangs on the attitude that is found
+            R = self._fk(q).rotation
+            held_m = (R.inverse() @ SO3.exp(self._off[3:]) @ R).apply(self._in_jaws.apply(p_needle_tip))
+            places = zip(q, wanted_m, held_m, strict=True)
+            q = np.array([reach_with_still_wrist(self._hand.model, *place) for place in places])
+        return q
+
     def _asked(self, T_base_tip: SE3) -> SE3:
         """Return where the tip has to be asked to be, by what the way is corrected by, to get to poses of any batch."""
         R = SO3.exp(-self._off[3:]) @ T_base_tip.rotation
         return SE3.from_parts(R, T_base_tip.translation_m - self._off[:3])
 
     async def look(self) -> bool:
-        """Look at the needle, in the jaws or in the tissue; return whether what was seen is believed."""
+        """Look at the needle, in the jaws or in the tissue; return whether it was seen and that is not believed."""
         await self._hand.settle()
         with self._cell.log.span(self._hand.name, "looking"):
             before = self._needle
@@ -216,8 +249,13 @@ class NeedleWatch:
             pixels=0 if seen is None else seen.pixels,
             off_mm=(1e3 * off[:3]).round(3).tolist(),
             off_deg=np.degrees(off[3:]).round(2).tolist(),
+            tip_mm=(1e3 * self._tip_in_circle(self._needle)).round(3).tolist(),
         )
-        return believed
+        return seen is not None and not believed
+
+    def _tip_in_circle(self, needle: Believed) -> NDArray[np.float64]:
+        """Return where (3,) the tip of a needle is believed to be in the circle's frame, m."""
+        return (self._setup.T_base_circle.inverse() @ needle.T_base_needle).apply(self._arc.point_m(np.zeros(1))[0])
 
     def _window(self, expected: Believed) -> Window:
         """Return the rectangle of pixels round the needle."""
@@ -268,5 +306,5 @@ class NeedleWatch:
 
     def _grasp(self, grips: int) -> SE3:
         """Return how the needle should lie in the jaws after so many regrasps."""
-        back = SE3.from_parts(SO3.axis("z", -grips * self._setup.insertion.regrasp_rad))
+        back = SE3.from_parts(SO3.axis("z", -self._back_rad[grips]))
         return (back @ grasp_pose(self._setup)).inverse()
