@@ -26,7 +26,7 @@ SKEWED = 0.2
 """A matrix that differs by more than this from the nearest rotation, in the largest entry, is not a rotation."""
 
 
-def read_jigsaws(path: Path, convention: Convention, episode: int | None = None) -> SE3:
+def read_jigsaws(path: str | Path, convention: Convention, episode: int | None = None) -> SE3:
     """Return the poses (n, 2) of the slaves' tips, left and right, in the frame of the recording.
 
     Recorded rotations are rounded; each is replaced by the nearest rotation.
