@@ -68,7 +68,7 @@ def read_jigsaws(path: str | Path, convention: Convention, episode: int | None =
     return SE3.from_parts(rotations, places_m)
 
 
-def _check_spread(places_m: NDArray[np.float64], convention: Convention, path: Path) -> None:
+def _check_spread(places_m: NDArray[np.float64], convention: Convention, path: str | Path) -> None:
     """Raise if positions (n, 2, 3) of the tips exceed an arm's reach, or spread so little that mm must be m."""
     spread_m = np.linalg.norm(np.ptp(places_m, axis=0), axis=-1)
     reach_m = 2 * np.array([arm.upper[SLIDE] + arm.tip_length_m for arm in convention.arms])
