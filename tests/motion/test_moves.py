@@ -58,9 +58,9 @@ def test_straight_is_straight_for_the_tip_between_knots(seed, length_m):
 def test_straight_refuses_what_it_cannot_reach():
     with pytest.raises(TrocarError, match="out of its range"):
         straight(PSM, OVER_THE_BOARD, [0, 0, -0.15], LIMITS)
-    with pytest.raises(TrocarError, match="three finite numbers"):
+    with pytest.raises(TrocarError, match="displacement of a straight move must be finite"):
         straight(PSM, OVER_THE_BOARD, [0, 0, np.nan], LIMITS)
-    with pytest.raises(TrocarError, match="finite joint values"):
+    with pytest.raises(TrocarError, match="end of a move must be finite"):
         rest_to_rest(PSM.middle, [0, 0, np.nan, 0, 0, 0], LIMITS)
 
 
