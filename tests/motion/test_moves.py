@@ -140,5 +140,5 @@ def test_a_joint_that_waits_for_others_passes_its_goal_only_if_it_must(distance,
 def test_a_move_from_under_way_refuses_what_is_no_motion():
     with pytest.raises(TrocarError, match="breaks the limits"):
         move_to(PSM.middle, 2 * LIMITS.velocity, PSM.middle, LIMITS)
-    with pytest.raises(TrocarError, match="velocity at the start of a move needs 6 finite"):
+    with pytest.raises(TrocarError, match="velocity at the start of a move must be finite"):
         move_to(PSM.middle, [np.nan] * 6, PSM.middle, LIMITS)
