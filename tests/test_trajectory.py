@@ -65,3 +65,26 @@ def test_trajectories_over_different_times_do_not_add():
     one, other = (Trajectory(np.array([0.0, end]), np.ones((1, 1, 1))) for end in (1.0, 2.0))
     with pytest.raises(TrocarError, match="do not add"):
         one.plus(other)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Trajectory([0.0, np.inf], np.zeros((1, 1, 6))), "times of a trajectory must be finite"),
+        (lambda: Trajectory("now", np.zeros((1, 1, 6))), "times of a trajectory must be numbers"),
+        (lambda: Trajectory([0.0, 2.0, 1.0], np.zeros((1, 2, 6))), r"strictly increasing times, got \.\.\., 2, 1 s"),
+        (lambda: Trajectory([0.0, 1.0], np.zeros((1, 2, 6))), r"must have shape \(k, 1, joints\), got \(1, 2, 6\)"),
+        (lambda: Trajectory([0.0, 1.0], np.zeros((0, 1, 6))), "at least one power and one joint"),
+        (lambda: Trajectory.hermite([0.0, 1.0], np.full((2, 6), np.nan), np.zeros((2, 6))), "positions must be finite"),
+        (lambda: Trajectory([0.0, 1.0], np.zeros((1, 1, 6))).stretched(np.inf), "finite factor above 0"),
+        (lambda: Trajectory([0.0, 1.0], np.zeros((1, 1, 6))).sample(1e-12), "give a longer step"),
+    ],
+)
+def test_what_is_no_trajectory_is_refused_in_one_sentence(make, words):
+    with pytest.raises(TrocarError, match=words) as refused:
+        make()
+    assert "\n" not in str(refused.value)
+
+
+def test_a_trajectory_says_how_long_it_is():
+    assert repr(Trajectory([0.0, 0.5, 1.25], np.zeros((1, 2, 6)))) == "<Trajectory of 6 joints: 1.250 s in 2 pieces>"

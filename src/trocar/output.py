@@ -63,9 +63,9 @@ def make_folder(path: str | Path) -> Path:
     return Path(path)
 
 
-def bears(path: Path, mark: str) -> bool:
+def bears(path: str | Path, mark: str) -> bool:
     """Return whether a file bears a mark; an empty one, as a full disk leaves it, is anybody's."""
-    with path.open("rb") as file:
+    with Path(path).open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(0)
         begin = file.read(SEARCHED_BYTES)
@@ -187,7 +187,7 @@ def write_figure(path: str | Path, figure: Figure, **options: Any) -> Path:
     return path
 
 
-def mark_zip(path: Path, kind: str) -> None:
+def mark_zip(path: str | Path, kind: str) -> None:
     """Put the mark into a zip's comment."""
     with zipfile.ZipFile(path, "a") as file:
         file.comment = mark_of(kind).encode()

@@ -95,6 +95,9 @@ class CameraImage:
     camera: str
     encoded: bytes
 
+    def __repr__(self) -> str:
+        return f"<CameraImage of {self.camera} at {self.time_s:.2f} s, {len(self.encoded)} bytes>"
+
 
 @dataclass(frozen=True, eq=False)
 class Replay:
@@ -126,3 +129,7 @@ class Replay:
     joints: Mapping[str, Mapping[str, NDArray[np.float64]]] = field(default_factory=dict)
     joint_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     images: tuple[CameraImage, ...] = ()
+
+    def __repr__(self) -> str:
+        lasts_s = self.times_s[-1] if len(self.times_s) else 0.0
+        return f"<Replay {self.title!r}: {lasts_s:.1f} s, {len(self.solids)} solids, {len(self.images)} images>"

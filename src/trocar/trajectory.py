@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb, factorial
+from math import comb, factorial, inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PPoly
 
 from trocar.errors import TrocarError
+from trocar.geometry.arrays import finite
+
+MAX_SAMPLES = 10_000_000
+"""More than a day at 100 Hz; whoever asks for more has mistaken the unit of the step."""
 
 SAME_KNOT_S = 1e-7
 """Knots of two trajectories that are this near are one knot of their sum."""
@@ -30,17 +34,13 @@ class Trajectory:
     coefficients: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        times = np.asarray(self.times_s, dtype=np.float64)
-        coefficients = np.asarray(self.coefficients, dtype=np.float64)
-        if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
-            raise TrocarError(f"a trajectory needs two or more strictly increasing times, got {times}")
-        if coefficients.ndim != 3 or coefficients.shape[1] != len(times) - 1:
-            raise TrocarError(
-                f"a trajectory of {len(times)} times needs coefficients of shape (k, {len(times) - 1}, joints), "
-                f"got {coefficients.shape}"
-            )
-        if not np.all(np.isfinite(coefficients)):
-            raise TrocarError("a trajectory needs finite coefficients, got NaN or infinity")
+        times = finite("the times of a trajectory", self.times_s, "n")
+        if len(times) < 2 or not np.all(np.diff(times) > 0):
+            raise TrocarError(f"a trajectory needs two or more strictly increasing times, got {_few(times)}")
+        what = f"the coefficients of a trajectory of {len(times)} times"
+        coefficients = finite(what, self.coefficients, "k", len(times) - 1, "joints")
+        if not coefficients.size:
+            raise TrocarError(f"{what} need at least one power and one joint, got shape {coefficients.shape}")
         object.__setattr__(self, "times_s", times)
         object.__setattr__(self, "coefficients", coefficients)
         object.__setattr__(self, "_poly", PPoly(coefficients, times))
@@ -48,7 +48,8 @@ class Trajectory:
     @staticmethod
     def hermite(times_s: ArrayLike, q: ArrayLike, v: ArrayLike) -> Trajectory:
         """Return the cubic spline through positions ``q`` (n, joints) with velocities ``v`` at ``times_s``."""
-        t, q, v = (np.asarray(x, dtype=np.float64) for x in (times_s, q, v))
+        t = finite("the times of a trajectory", times_s, "n")
+        q, v = finite("its positions", q, "n", "joints"), finite("its velocities", v, "n", "joints")
         if q.shape != v.shape or q.shape[:1] != t.shape:
             raise TrocarError(f"times {t.shape}, q {q.shape} and v {v.shape} do not fit (n,), (n, joints) twice")
         h = np.diff(t)[:, None]
@@ -56,6 +57,10 @@ class Trajectory:
         a = (v1 + v0) / h**2 - 2 * dq / h**3
         b = (v1 - v0) / (2 * h) - 1.5 * a * h
         return Trajectory(t, np.stack([a, b, v0, q[:-1]]))
+
+    def __repr__(self) -> str:
+        pieces, joints = self.coefficients.shape[1:]
+        return f"<Trajectory of {joints} joints: {self.duration_s:.3f} s in {pieces} pieces>"
 
     @property
     def duration_s(self) -> float:
@@ -80,14 +85,19 @@ class Trajectory:
         """Return times from the first knot to the last in equal steps of at most ``step_s``, and positions there."""
         if not step_s > 0:
             raise TrocarError(f"the sampling step is {step_s} s; give a step above 0")
+        if self.duration_s / step_s > MAX_SAMPLES:
+            raise TrocarError(
+                f"{self.duration_s:g} s in steps of {step_s:g} s are more than {MAX_SAMPLES} samples; give a longer "
+                "step"
+            )
         count = max(1, int(np.ceil(self.duration_s / step_s - 1e-9)))
         times = np.linspace(self.times_s[0], self.times_s[-1], count + 1)
         return times, self(times)
 
     def stretched(self, factor: float) -> Trajectory:
         """Return the same path taking ``factor`` times as long."""
-        if not factor > 0:
-            raise TrocarError(f"a trajectory cannot be stretched by {factor}; give a factor above 0")
+        if not 0 < factor < inf:
+            raise TrocarError(f"a trajectory cannot be stretched by {factor}; give a finite factor above 0")
         powers = np.arange(len(self.coefficients) - 1, -1, -1)[:, None, None]
         start = self.times_s[0]
         return Trajectory(start + factor * (self.times_s - start), self.coefficients / factor**powers)
@@ -117,3 +127,11 @@ class Trajectory:
         parts = [np.pad(c, ((k - len(c), 0), (0, 0), (0, 0))) for c in (self.coefficients, other.coefficients)]
         times = np.concatenate([self.times_s, self.times_s[-1] + other.times_s[1:] - other.times_s[0]])
         return Trajectory(times, np.concatenate(parts, axis=1))
+
+
+def _few(times: NDArray[np.float64]) -> str:
+    """Return some times as text; the first that does not increase is among them."""
+    stuck = np.flatnonzero(np.diff(times) <= 0)
+    first = int(stuck[0]) if len(stuck) else 0
+    more = ", ..." if first + 2 < len(times) else ""
+    return f"{'..., ' * (first > 0)}{', '.join(f'{t:g}' for t in times[first : first + 2])}{more} s"

@@ -25,6 +25,6 @@ def test_single_disks_move_the_joints_they_are_wound_to():
 def test_bad_angles_and_unknown_couplings_are_refused():
     with pytest.raises(TrocarError, match="raven2-left"):
         joints_from_actuators(RAVEN2_LEFT, np.zeros(4))
-    for bad in (np.zeros(3), np.full(4, np.nan)):
-        with pytest.raises(TrocarError, match="shape"):
+    for bad, words in ((np.zeros(3), "must have shape"), (np.full(4, np.nan), "must be finite")):
+        with pytest.raises(TrocarError, match=words):
             actuators_from_joints(PSM_CLASSIC, bad)

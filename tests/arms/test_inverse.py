@@ -196,9 +196,9 @@ def test_bad_poses_and_references_are_refused(arm):
     T = fk(arm, arm.middle)
     broken = T.matrix.copy()
     broken[0, 3] = np.nan
-    for bad in (SE3(broken), SE3(broken[None])):
+    for bad in (SE3.unchecked(broken), SE3.unchecked(broken[None])):
         with pytest.raises(TrocarError, match="NaN"):
-            ik(arm, bad)
+            ik(arm, bad, unreachable="nan")  # what is no pose is not one that is out of reach
     for reference in (np.zeros(5), np.full(6, np.nan), "near"):
         with pytest.raises(TrocarError):
             ik(arm, T, reference)
@@ -231,3 +231,32 @@ def test_the_printed_formulas_fail_and_the_mended_ones_agree():
         printed = printed_ik(R, t, mended=False)
         wrong += np.abs(fk(PSM_SI, printed).matrix - T.matrix).max() > 0.01
     assert wrong == 200
+
+
+@arms
+def test_matrices_are_poses(arm):
+    q = sample(arm, 4, (3,))
+    T = fk(arm, q)
+    np.testing.assert_array_equal(ik(arm, T.matrix, q), ik(arm, T, q))
+    np.testing.assert_array_equal(ik(arm, T.matrix[0].tolist(), q[0]), ik(arm, T[0], q[0]))
+    for wrong, words in ((np.eye(3), "shape"), (2 * np.eye(4), "length 1"), ("there", "numbers")):
+        with pytest.raises(TrocarError, match=words):
+            ik(arm, wrong)
+
+
+@arms
+def test_poses_out_of_reach_are_marked_and_cost_the_others_nothing(arm):
+    q = sample(arm, 9, (5,))
+    T = fk(arm, q).matrix.copy()
+    T[[1, 3], 2, 3] += 2.0
+    found = ik(arm, T, q, unreachable="nan")
+    assert np.isnan(found).all(axis=1).tolist() == [False, True, False, True, False]
+    np.testing.assert_array_equal(found[::2], ik(arm, T[::2], q[::2]))
+    assert np.isnan(ik(arm, T[1], unreachable="nan")).all()
+    with pytest.raises(Unreachable, match="pose 1"):
+        ik(arm, T, q)
+
+
+def test_what_becomes_of_unreachable_poses_is_one_of_two_things():
+    with pytest.raises(TrocarError, match="choose 'raise' or 'nan'"):
+        ik(PSM_CLASSIC, fk(PSM_CLASSIC, PSM_CLASSIC.middle), unreachable="skip")

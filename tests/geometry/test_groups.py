@@ -111,17 +111,57 @@ def test_coordinate_axes_turn_the_right_way(axis):
 
 
 @pytest.mark.parametrize(
-    "make",
+    ("make", "words"),
     [
-        lambda: SO3(np.eye(4)),
-        lambda: SE3(np.eye(3)),
-        lambda: SO3.axis("w", 1.0),
-        lambda: SO3.exp(np.zeros(2)),
-        lambda: SE3.exp(np.zeros(3)),
-        lambda: SO3.from_quaternion(np.zeros(4)),
-        lambda: SE3.from_parts(translation_m=np.zeros(2)),
+        (lambda: SO3(np.eye(4)), r"shape \(\.\.\., 3, 3\), got \(4, 4\)"),
+        (lambda: SE3(np.eye(3)), r"shape \(\.\.\., 4, 4\), got \(3, 3\)"),
+        (lambda: SE3("here"), "numbers of shape .* got 'here'"),
+        (lambda: SE3([[1.0], [2.0, 3.0]]), "numbers of shape"),
+        (lambda: SE3(1j * np.eye(4)), "numbers of shape"),
+        (lambda: SE3(np.full((4, 4), np.nan)), r"must be finite, got nan at \[0, 0\]"),
+        (lambda: SO3(np.diag([1.0, 1.0, np.inf])), r"must be finite, got inf at \[2, 2\]"),
+        (lambda: SE3(2 * np.eye(4)), "length 1 at right angles .* off by 3"),
+        (lambda: SE3(1e300 * np.eye(4)), "length 1 at right angles .* off by inf"),
+        (lambda: SO3(np.stack([np.eye(3), np.tri(3)])), r"off by 2, first at \[1\]"),
+        (lambda: SO3(np.diag([1.0, 1.0, -1.0])), "reflection"),
+        (lambda: SE3(np.diag([1.0, -1.0, 1.0, 1.0])), "reflection"),
+        (lambda: SE3(np.eye(4) + np.outer([0, 0, 0, 1], [0.1, 0, 0, 0])), "last row"),
+        (lambda: SO3.axis("w", 1.0), "'w' is not one of"),
+        (lambda: SO3.axis("x", np.nan), "must be finite"),
+        (lambda: SO3.exp(np.zeros(2)), "shape"),
+        (lambda: SE3.exp(np.zeros(3)), "shape"),
+        (lambda: SO3.from_quaternion(np.zeros(4)), "length above 0"),
+        (lambda: SO3.from_quaternion([1.0, np.nan, 0.0, 0.0]), "finite"),
+        (lambda: SE3.from_parts(translation_m=np.zeros(2)), "shape"),
+        (lambda: SE3.from_parts(translation_m=[0.0, 0.0, np.inf]), "finite"),
+        (lambda: SO3.nearest(np.diag([1.0, 1.0, -1.0])), "near no rotation"),
+        (lambda: SE3.identity()[0], "index 0 cuts poses apart"),
+        (lambda: SO3.identity((2,))[0, 1], "cuts rotations apart"),
     ],
 )
-def test_bad_shapes_are_refused(make):
-    with pytest.raises(TrocarError):
+def test_what_is_no_rotation_or_pose_is_refused_in_one_sentence(make, words):
+    with pytest.raises(TrocarError, match=words) as refused:
         make()
+    assert "\n" not in str(refused.value)
+
+
+def test_rounded_matrices_are_mended_by_the_nearest_rotation():
+    R = SO3.exp([0.3, -0.5, 0.2])
+    rounded = R.matrix.round(3)
+    with pytest.raises(TrocarError, match=r"SO3\.nearest"):
+        SO3(rounded)
+    np.testing.assert_allclose((SO3.nearest(rounded).inverse() @ R).angle(), 0.0, atol=1e-3)
+    np.testing.assert_array_equal(SO3(R.matrix.astype(np.float32)).matrix, R.matrix.astype(np.float32))
+
+
+def test_poses_say_what_they_are_in_millimetres_and_degrees():
+    T = SE3.from_parts(SO3.axis("z", np.pi / 6), (0.0106, -0.034, -1e-9))
+    assert repr(T) == "<SE3 (10.6, -34.0, 0.0) mm, 30.0 deg about (0.00, 0.00, 1.00)>"
+    assert repr(T.rotation) == "<SO3 30.0 deg about (0.00, 0.00, 1.00)>"
+    assert repr(SE3.identity()) == "<SE3 (0.0, 0.0, 0.0) mm, not turned>"
+    two = SE3(np.stack([T.matrix, np.eye(4)]))
+    assert repr(two) == "<SE3 (2,): within (0.0, -34.0, 0.0) to (10.6, 0.0, 0.0) mm>"
+    assert repr(two.rotation) == "<SO3 (2,): turned by up to 30.0 deg>"
+    assert repr(two[:0]) == "<SE3 (0,): none>"
+    assert repr(two[:0].rotation) == "<SO3 (0,): none>"
+    assert "nan" in repr(SE3.unchecked(np.full((4, 4), np.nan)))

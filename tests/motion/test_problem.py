@@ -6,11 +6,27 @@ import pytest
 from trocar.arms import MotionLimits, fk
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.motion import ArmMotion, Capsule, HalfSpace, MotionProblem, MovingArm, plan_motion
+from trocar.motion import (
+    ArmMotion,
+    Capsule,
+    Facing,
+    HalfSpace,
+    MotionProblem,
+    MovingArm,
+    TimedPath,
+    limit_use,
+    open_box,
+    plan_motion,
+    rest_to_rest,
+    straight,
+    wall,
+)
 from trocar.motion.obstacles import stacked
+from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, transfer
 
 ONE = ArmMotion(PSM, FOUR, PAPER)
+HOLD = Trajectory([0.0, 1.0], FOUR[:1][None])
 
 
 def five_joints():
@@ -26,8 +42,13 @@ def five_joints():
         ({"waypoints": FOUR[[0, 1, 1, 3]]}, "waypoints 1 and 2 coincide; remove one"),
         ({"limits": five_joints()}, "limits of 6 joints, got 5"),
         ({"up": np.zeros(3)}, "upward direction needs three finite numbers"),
+        ({"up": "z"}, "upward direction must be numbers of shape"),
+        ({"waypoints": [["a"] * 6] * 2}, r"waypoints of psm-classic must be numbers of shape \(n, 6\)"),
+        ({"limits": 2.0}, r"MotionLimits\(velocity, acceleration\), got float"),
+        ({"T_world_base": 2 * np.eye(4)}, "length 1 at right angles"),
+        ({"T_world_base": SE3.identity((2,))}, r"T_world_base of psm-classic needs one pose \(4, 4\), got \(2, 4, 4\)"),
         ({"straight": (True, False)}, "have 3 pieces between them, but 2 times"),
-        ({"start_velocity": np.full(6, np.inf)}, "start velocity needs 6 finite numbers"),
+        ({"start_velocity": np.full(6, np.inf)}, "start velocity of psm-classic must be finite, got inf"),
         ({"start_velocity": np.array([0, 0, 0.5, 0, 0, 0])}, "joint 'insertion' starts with 0.5000 m/s, beyond .* 0.4"),
         ({"jaw_rad": np.nan}, "jaws of psm-classic open nan rad"),
         ({"T_base_goals": SE3.identity()}, r"goals are poses \(m, 4, 4\)"),
@@ -43,6 +64,8 @@ def test_what_is_asked_of_an_arm_is_checked(change, words):
     ("asked", "words"),
     [
         ({"arms": {}}, "at least one arm"),
+        ({"arms": {"psm1": FOUR}}, "arms of a motion problem are .*; give ArmMotion by name"),
+        ({"obstacles": {"peg": [0, 0, 0]}}, "give Capsule or HalfSpace by name"),
         ({"min_distance_m": -1e-3}, "min_distance_m of a motion problem is -0.001; give a finite number of at least 0"),
         ({"range_slack": np.nan}, "range_slack of a motion problem is nan"),
         ({"obstacles": {"psm1": Capsule([0, 0, 0])}}, "two things are called psm1"),
@@ -69,8 +92,8 @@ def test_one_of_several_arms_that_is_asked_too_much_is_named():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Capsule([0, 0]), "start of a capsule needs three finite numbers"),
-        (lambda: Capsule([0, 0, 0], [0, 0, np.nan]), "end of a capsule needs three"),
+        (lambda: Capsule([0, 0]), r"start of a capsule must have shape \(3,\), got \(2,\)"),
+        (lambda: Capsule([0, 0, 0], [0, 0, np.nan]), r"end of a capsule must be finite, got nan at \[2\]"),
         (lambda: Capsule([0, 0, 0], radius_m=-1), "radius of a capsule is -1 m"),
         (lambda: HalfSpace([0, 0, 0], [0, 0, 0]), "normal of a half-space is 0"),
         (lambda: MovingArm.resting(PSM, FOUR[0], jaw_rad=np.inf), "jaws at inf rad"),
@@ -79,6 +102,32 @@ def test_one_of_several_arms_that_is_asked_too_much_is_named():
 def test_what_is_in_the_way_is_checked(make, words):
     with pytest.raises(TrocarError, match=words):
         make()
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: MovingArm(PSM, HOLD, SE3.identity((2,))), "needs one pose"),
+        (lambda: MovingArm(PSM, HOLD, np.zeros((4, 4))), "length 1 at right angles"),
+        (lambda: TimedPath(FOUR, [0.0, 1.0]), "needs a Trajectory, got ndarray"),
+        (lambda: TimedPath(HOLD, [0.0, np.nan]), "times must be finite"),
+        (lambda: Facing("z", [0, 0, 1], 1.0), "'axis' of what a tip faces must be numbers"),
+        (lambda: wall("fence", [0, 0], [1, 0], 0.02, 0.002), "foot of wall 'fence' must have shape"),
+        (lambda: wall("fence", [0, 0, 0], [1, 0, 0], np.inf, 0.002), "cannot be inf m high"),
+        (lambda: open_box("tray", SE3.identity(), (0.1, np.nan), 0.02, 0.002), "inside of box 'tray' must be finite"),
+        (lambda: open_box("tray", SE3.identity(), (0.1, -0.1), 0.02, 0.002), "give two lengths above 0"),
+        (lambda: rest_to_rest(np.zeros(6), np.zeros(5), PAPER), r"the end of a move must have shape \(6,\)"),
+        (lambda: straight(PSM, FOUR[0], "up", PAPER), "displacement of a straight move must be numbers"),
+        (
+            lambda: limit_use(PSM, HOLD, MotionLimits(np.ones(5), np.ones(5))),
+            "6 joints, its trajectory 6 and the limits 5",
+        ),
+    ],
+)
+def test_parts_of_a_motion_are_checked(make, words):
+    with pytest.raises(TrocarError, match=words) as refused:
+        make()
+    assert "\n" not in str(refused.value)
 
 
 def test_ranges_may_be_left_as_far_as_is_said():

@@ -37,5 +37,5 @@ def test_what_is_inside_is_free():
 
 
 def test_a_wall_thicker_than_high_is_refused():
-    with pytest.raises(TrocarError, match=r"cannot be 0\.004 m thick"):
+    with pytest.raises(TrocarError, match=r"cannot be 0\.003 m high and 0\.004 m thick"):
         wall("slab", [0, 0, 0], [1, 0, 0], height_m=3e-3, radius_m=2e-3)

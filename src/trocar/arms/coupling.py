@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.model import ArmModel
 from trocar.errors import TrocarError
+from trocar.geometry.arrays import finite
 
 
 def joints_from_actuators(arm: ArmModel, actuators_rad: ArrayLike) -> NDArray[np.float64]:
@@ -34,7 +35,4 @@ def _matrix(arm: ArmModel) -> NDArray[np.float64]:
 
 
 def _four(arm: ArmModel, values: ArrayLike, what: str) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape[-1:] != (4,) or not np.isfinite(array).all():
-        raise TrocarError(f"arm '{arm.name}' needs finite {what} of shape (..., 4), got shape {array.shape}")
-    return array
+    return finite(f"{what} of arm '{arm.name}'", values, ..., 4)

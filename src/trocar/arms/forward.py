@@ -27,11 +27,11 @@ def fk(arm: ArmModel, q: ArrayLike) -> SE3:
     """
     q = arm.configurations(q)
     if q.ndim == 1:
-        return SE3(np.array(_tip(arm, q.tolist(), cos, sin)).reshape(4, 4))
+        return SE3.unchecked(np.array(_tip(arm, q.tolist(), cos, sin)).reshape(4, 4))
     matrix = np.empty((*q.shape[:-1], 16))
     for i, entry in enumerate(_tip(arm, np.moveaxis(q, -1, 0), np.cos, np.sin)):
         matrix[..., i] = entry
-    return SE3(matrix.reshape(*q.shape[:-1], 4, 4))
+    return SE3.unchecked(matrix.reshape(*q.shape[:-1], 4, 4))
 
 
 def frames(arm: ArmModel, q: ArrayLike) -> SE3:
@@ -45,7 +45,7 @@ def frames(arm: ArmModel, q: ArrayLike) -> SE3:
     for i in range(len(arm.joints)):
         poses.append(poses[-1] @ steps[..., i, :, :])
     tip = np.array([[-1.0, 0, 0, 0], [0, 0, -1, arm.tip_length_m], [0, -1, 0, 0], [0, 0, 0, 1]])
-    return SE3(np.stack([*poses, poses[-1] @ tip], -3))
+    return SE3.unchecked(np.stack([*poses, poses[-1] @ tip], -3))
 
 
 def _steps(arm: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:

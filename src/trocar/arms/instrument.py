@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.geometry import shown
+from trocar.geometry.arrays import finite
 
 SLEEVE_M, SLEEVE_SHARE = (3e-3, 18e-3), 0.95
 """The shaft's end, from the wrist pitch axis back, is a steel sleeve; its radius, of the shaft's."""
@@ -81,6 +85,22 @@ class Instrument:
     finger_width_m: float
     tip_chamfer_m: float
     marks: FingerMarks | None = None
+
+    def __post_init__(self) -> None:
+        sizes = {f.name: getattr(self, f.name) for f in fields(self) if f.name.endswith("_m")}
+        finite(f"instrument {self.name!r}", list(sizes.values()), len(sizes))
+        small = [name for name, size in sizes.items() if not size > 0]
+        if small:
+            raise TrocarError(f"{small[0]} of instrument {self.name!r} is {sizes[small[0]]}; give a length above 0")
+        if not self.tip_chamfer_m < self.finger_length_m:
+            raise TrocarError(
+                f"the fingers of instrument {self.name!r} are {self.finger_length_m} m long, and the chamfer at their "
+                f"end {self.tip_chamfer_m} m; give a shorter one"
+            )
+
+    def __repr__(self) -> str:
+        shaft, fingers = shown(2 * self.shaft_radius_m, "m", "g"), shown(self.finger_length_m, "m", "g")
+        return f"<Instrument {self.name!r}: shaft {shaft} thick, fingers {fingers} long>"
 
     def finger_m(self, side: int) -> NDArray[np.float64]:
         """Return the corner points (10, 3) of one finger, closed jaws, in its joint's frame.

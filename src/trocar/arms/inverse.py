@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,17 +37,30 @@ class Unreachable(TrocarError):
     """No configuration within the joint limits reaches a pose."""
 
 
-def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> NDArray[np.float64]:
+def ik(
+    arm: ArmModel,
+    T_base_tip: SE3 | ArrayLike,
+    reference: ArrayLike | None = None,
+    *,
+    unreachable: Literal["raise", "nan"] = "raise",
+) -> NDArray[np.float64]:
     """Return the configuration(s) (..., 6) within the limits whose tip is at ``T_base_tip``.
 
     Of several solutions, the one nearest to ``reference`` (..., 6) is returned; all joints have equal weight, in rad
     and m. The default reference is the middle of the ranges. If the wrist or the jaw axis lies on the remote centre
     (within rounding), a wrist joint is free, and either one of many solutions is found or none.
 
+    Args:
+        arm: the robot type.
+        T_base_tip: pose(s) of the tip, or their matrices (..., 4, 4).
+        reference: (..., 6) joints that solutions are to be near.
+        unreachable: what a pose without a solution gives: an error, or six times NaN, so that one pose of a batch
+            does not lose the others.
+
     Raises:
         Unreachable: a pose has no solution within the limits; names the joint and by how much it is outside, on the
-            branch with the smallest violation.
-        TrocarError: a pose or the reference is not finite, or the reference has the wrong shape.
+            branch with the smallest violation. Not with ``unreachable="nan"``.
+        TrocarError: a pose or the reference is not finite, a matrix is no pose, or the reference has the wrong shape.
 
     Example:
         >>> import numpy as np
@@ -55,10 +68,20 @@ def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> ND
         >>> q = np.array([0.1, 0.2, 0.15, 0.5, 0.3, -0.2])
         >>> bool(np.allclose(ik(PSM_CLASSIC, fk(PSM_CLASSIC, q), reference=q), q))
         True
+        >>> T = np.stack([fk(PSM_CLASSIC, q).matrix, np.eye(4)])  # the second one is at the remote centre
+        >>> np.isfinite(ik(PSM_CLASSIC, T, unreachable="nan")).all(axis=1).tolist()
+        [True, False]
     """
-    matrix = T_base_tip.matrix
+    if unreachable not in ("raise", "nan"):
+        raise TrocarError(f"unreachable is {unreachable!r:.40}; choose 'raise' or 'nan'")
+    matrix = SE3.of(T_base_tip).matrix
     if matrix.ndim == 2 and (one := _six_floats(arm, reference)):
-        return np.array(_solve_one(arm, matrix.tolist(), one))
+        try:
+            return np.array(_solve_one(arm, matrix.tolist(), one))
+        except Unreachable:
+            if unreachable == "raise":
+                raise
+            return np.full(6, np.nan)
     near = arm.middle if reference is None else arm.configurations(reference)
     batch = np.broadcast_shapes(matrix.shape[:-2], near.shape[:-1])
     poses = np.broadcast_to(matrix, (*batch, 4, 4)).reshape(-1, 16)
@@ -69,7 +92,12 @@ def ik(arm: ArmModel, T_base_tip: SE3, reference: ArrayLike | None = None) -> ND
         with np.errstate(divide="ignore", invalid="ignore"):
             _solve_chunks(arm, poses, None if reference is None else near, q, good)
     for k in np.flatnonzero(~good):
-        q[k] = _search(arm, poses[k], near[k], f"pose {k}")
+        try:
+            q[k] = _search(arm, poses[k], near[k], f"pose {k}")
+        except Unreachable:
+            if unreachable == "raise":
+                raise
+            q[k] = np.nan
     return q.reshape(*batch, 6)
 
 
@@ -200,7 +228,7 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     """Return the solution of one pose (16,), on any branch within the limits, that is nearest to ``near``."""
     if not np.isfinite(pose).all():
         raise TrocarError(f"{name} for arm '{arm.name}' holds NaN or infinity; check what it was computed from")
-    T = SE3(pose.reshape(4, 4))
+    T = SE3.unchecked(pose.reshape(4, 4))
     place = "({:.4f}, {:.4f}, {:.4f}) m".format(*T.translation_m)
     q, real = ik_branches(arm, T)
     if not np.isfinite(q).all(-1).any():

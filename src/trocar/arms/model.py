@@ -13,6 +13,8 @@ from trocar.arms.branch import Branch, SolverConstants
 from trocar.arms.instrument import Instrument
 from trocar.errors import TrocarError
 from trocar.geometry import TURN, shown, shown_scale
+from trocar.geometry.arrays import finite
+from trocar.notebook import table
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Joint:
     prismatic: bool = False
 
     def __post_init__(self) -> None:
+        finite(f"joint '{self.name}'", (self.lower, self.upper, self.max_speed, self.max_acceleration), 4)
         if not self.lower < self.upper:
             raise TrocarError(
                 f"joint '{self.name}' has limits {self.lower} to {self.upper} {self.unit}; give lower < upper"
@@ -82,7 +85,7 @@ class MotionLimits:
 
     def __post_init__(self) -> None:
         given = {"velocity": self.velocity, "acceleration": self.acceleration, "jerk": self.jerk}
-        bounds = {name: np.asarray(value, dtype=np.float64) for name, value in given.items() if value is not None}
+        bounds = {n: finite(f"{n} of motion limits", value, ...) for n, value in given.items() if value is not None}
         shapes = {name: value.shape for name, value in bounds.items()}
         if bounds["velocity"].ndim != 1 or len(set(shapes.values())) > 1:
             raise TrocarError(f"motion limits need one number per joint of each, got shapes {shapes}")
@@ -141,12 +144,38 @@ class ArmModel:
             raise TrocarError(
                 f"arm '{self.name}' needs 6 joints and offsets, got {len(self.joints)} and {len(self.offsets)}"
             )
+        finite(f"twists_rad of arm '{self.name}'", self.twists_rad, 3)
+        finite(f"offsets of arm '{self.name}'", self.offsets, 6)
+        lengths = finite(f"arm '{self.name}'", (self.wrist_length_m, self.tip_length_m, self.safe_depth_m), 3)
+        if lengths.min() < 0:
+            raise TrocarError(
+                f"arm '{self.name}' has wrist, tip and safe depth {lengths.tolist()} m; none may be below 0"
+            )
+        if self.coupling is not None:
+            finite(f"the coupling of arm '{self.name}'", self.coupling, 4, 4)
         if [joint.prismatic for joint in self.joints] != [False, False, True, False, False, False]:
             raise TrocarError(f"arm '{self.name}' needs exactly its third joint to be prismatic")
         if self.wrist_sign not in (-1, 1):
             raise TrocarError(f"arm '{self.name}' has wrist_sign {self.wrist_sign}; choose -1 or 1")
         if abs(math.sin(self.twists_rad[1]) * math.sin(self.twists_rad[2])) < 1e-6:
             raise TrocarError(f"arm '{self.name}' has parallel axes: twists {self.twists_rad} rad")
+
+    def __repr__(self) -> str:
+        names = ", ".join(joint.name for joint in self.joints)
+        return f"<ArmModel {self.name!r}: joints {names}; tip {shown(self.tip_length_m, 'm')} beyond the jaws' axis>"
+
+    def _repr_html_(self) -> str:
+        rows = (
+            (
+                j.name,
+                j.shown(j.lower),
+                j.shown(j.upper),
+                f"{j.shown(j.max_speed)}/s",
+                f"{j.shown(j.max_acceleration)}/s²",
+            )
+            for j in (*self.joints, self.jaw)
+        )
+        return table(self, ("joint", "from", "to", "speed up to", "acceleration up to"), rows)
 
     def widened(self, rad: float, m: float) -> ArmModel:
         """Return the arm with ranges that go so much further at both ends: by an angle, or a length if prismatic."""
@@ -275,15 +304,7 @@ class ArmModel:
         Raises:
             TrocarError: the last axis is not six long, or a value is not finite.
         """
-        try:
-            q = np.asarray(q, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise TrocarError(f"arm '{self.name}' needs joint values (..., 6), got {q!r}") from None
-        if q.shape[-1:] != (6,):
-            raise TrocarError(f"arm '{self.name}' needs joint values of shape (..., 6), got {q.shape}")
-        if not np.isfinite(q).all():
-            raise TrocarError(f"arm '{self.name}' needs finite joint values, got NaN or infinity")
-        return q
+        return finite(f"a configuration of arm '{self.name}'", q, ..., 6)
 
 
 def _frozen(values: list[float]) -> NDArray[np.float64]:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from trocar.calibration.compensation import Compensator
 from trocar.calibration.models.base import CableModel
 from trocar.calibration.recording import JOINT_NAMES, Recording
+from trocar.geometry import shown
+from trocar.notebook import table
 
 TIMED_POINTS = 100
 
@@ -30,6 +32,19 @@ class Evaluation:
     recording: Recording
     predicted: NDArray[np.float64]
     compensation_ms: float
+
+    def __repr__(self) -> str:
+        errors = [float(np.degrees(np.linalg.norm(rmse[3:]))) for rmse in (self.rmse_before, self.rmse_after)]
+        wrist = f"RMSE of the wrist {errors[0]:.2f} deg without it, {errors[1]:.2f} deg with it"
+        return f"<Evaluation of model {self.model!r} on {self.rows} rows of {self.recording.name!r}: {wrist}>"
+
+    def _repr_html_(self) -> str:
+        units = ["m" if j == 2 else "rad" for j in range(6)]
+        rows = [
+            (name, shown(before, unit, ".3f"), shown(after, unit, ".3f"))
+            for name, unit, before, after in zip(JOINT_NAMES, units, self.rmse_before, self.rmse_after, strict=True)
+        ]
+        return table(self, ("joint", "RMSE without model", "with model"), rows)
 
     @property
     def rows(self) -> int:

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.geometry import shown
+from trocar.notebook import table
 from trocar.output import mark_zip, writing
 
 JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
@@ -76,6 +78,21 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.q_cmd)
+
+    def __repr__(self) -> str:
+        lasts_s, valid = self.t_s[-1] - self.t_s[0], int(self.valid.sum())
+        return f"<Recording {self.name!r}: {len(self)} rows over {lasts_s:.1f} s, {valid} valid>"
+
+    def _repr_html_(self) -> str:
+        error = (self.q_phy - self.q_cmd)[self.valid]
+        rows = []
+        for j, name in enumerate(JOINT_NAMES):
+            unit = "m" if j == 2 else "rad"
+            ends = [shown(value, unit) for value in (self.q_cmd[:, j].min(), self.q_cmd[:, j].max())]
+            off = [shown(v, unit, ".2f") for v in (error[:, j].mean(), error[:, j].std())] if len(error) else ["", ""]
+            rows.append((name, *ends, *off))
+        columns = ("joint", "commanded from", "to", "measured minus commanded, mean", "its standard deviation")
+        return table(self, columns, rows)
 
     def save(self, path: str | Path) -> Path:
         """Write the recording to an ``.npz`` file; the same recording is the same bytes.

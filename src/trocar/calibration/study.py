@@ -104,8 +104,9 @@ def session_change(model: CableModel, recording: Recording, rows: int = REFIT_RO
     return SessionChange(before.rmse_before[3:], before.rmse_after[3:], after.rmse_after[3:], rows, before.rows)
 
 
-def load_study_recordings(data: Path, names: Sequence[str]) -> dict[str, Recording]:
+def load_study_recordings(data: str | Path, names: Sequence[str]) -> dict[str, Recording]:
     """Return recordings by name from a folder of ``.npz`` files, or from its subfolder ``dvrk/trajectories``."""
+    data = Path(data)
     inner = data / "dvrk" / "trajectories"
     data = inner if inner.is_dir() else data
     missing = [name for name in names if not (data / f"{name}.npz").is_file()]

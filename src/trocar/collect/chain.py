@@ -87,7 +87,7 @@ class Calibrated:
 
 def calibrate(
     collection: Collection,
-    folder: Path,
+    folder: str | Path,
     *,
     model: str | None = "play",
     fraction: float = 0.8,
@@ -104,6 +104,7 @@ def calibrate(
         rng: of the fit.
         listener: called after each row.
     """
+    folder = Path(folder)
     arm = collection.arm
     measured = collection.measured(collection.run(folder / f"spheres_{arm}.npz", listener))
     recording = collection.recording(measured)

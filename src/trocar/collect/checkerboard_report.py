@@ -21,7 +21,7 @@ MARGIN_PX = 90
 """Round the corners in a picture."""
 
 
-def draw_registration(found: CellRegistration, path: Path) -> Path:
+def draw_registration(found: CellRegistration, path: str | Path) -> Path:
     """Draw the board on each bracket in both eyes with the corners found, and where the hand showed it."""
     figure = Figure(figsize=(14, 4.6 * (len(found.views) + 1)), layout="constrained", dpi=90)
     grid = figure.add_gridspec(len(found.views) + 1, 2)

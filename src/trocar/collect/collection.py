@@ -142,7 +142,7 @@ class Collection:
         size = np.clip(np.ceil(upper), first + 2, whole).astype(int) - first
         return (int(first[0]), int(first[1])), (int(size[0]), int(size[1]))
 
-    def run(self, path: Path | None = None, listener: Listener | None = None) -> NDArray[np.float64]:
+    def run(self, path: str | Path | None = None, listener: Listener | None = None) -> NDArray[np.float64]:
         """Return the centres (n, k, 3) of all rows; go on where a file of an interrupted collection ends.
 
         Args:
@@ -152,6 +152,7 @@ class Collection:
         Raises:
             TrocarError: the file is of another collection, damaged, or cannot be written.
         """
+        path = None if path is None else Path(path)
         found = [] if path is None else list(self._kept(path))
         todo = range(len(found), len(self.q_cmd))
         for row in todo:
@@ -171,7 +172,10 @@ class Collection:
         if archive.header.get("collection") != self.digest:
             raise TrocarError(f"{str(path)!r} is of another collection; move it away, or choose another folder")
         if centers.shape[1:] != nothing.shape[1:] or len(centers) > len(self.q_cmd):
-            raise TrocarError(f"{str(path)!r} is damaged: its centres have shape {centers.shape}; remove it")
+            raise TrocarError(
+                f"{str(path)!r} is damaged: its centres have shape {centers.shape}; move it away, or choose another "
+                "folder"
+            )
         return np.asarray(centers, dtype=np.float64)
 
     def _keep(self, centers: NDArray[np.float64], path: Path) -> None:

@@ -22,7 +22,7 @@ DISTANCE_TARGET_MM, JOINT_TARGET_RAD = 0.35, 0.01
 BRIGHTER = 1.6
 
 
-def draw_calibration(found: Calibrated, path: Path) -> Path:
+def draw_calibration(found: Calibrated, path: str | Path) -> Path:
     """Draw an image with the spheres found, distances between spheres, and the joints' errors over time."""
     figure = Figure(figsize=(14, 8), layout="constrained", dpi=110)
     grid = figure.add_gridspec(2, 3)

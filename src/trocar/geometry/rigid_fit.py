@@ -31,6 +31,10 @@ class RigidFit:
     rms_m: float
     inliers: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        used = f"{self.inliers.sum()} of {len(self.inliers)} points"
+        return f"<RigidFit of {used}: rms {1e3 * self.rms_m:.3g} mm, T_target_source {self.T_target_source!r}>"
+
 
 def fit_rigid(
     source_m: ArrayLike,
@@ -103,7 +107,7 @@ def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
                 f"the {what} points lie on one line, so the rotation about it is unknown; add points off it"
             )
     u, _, vt = np.linalg.svd(from_t.T @ (weight[:, None] * from_s))
-    R = SO3(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
+    R = SO3.unchecked(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
     return SE3.from_parts(R, center_t - R.apply(center_s))
 
 

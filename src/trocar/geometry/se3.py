@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import TrocarError
-from trocar.geometry.so3 import SO3, exp_coefficients, skew
+from trocar.geometry.arrays import finite
+from trocar.geometry.so3 import RIGID, SO3, exp_coefficients, picked, require_rotation, skew
+
+LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,6 +20,10 @@ class SE3:
 
     Attributes:
         matrix: (..., 4, 4) homogeneous; leading axes are the batch.
+
+    Raises:
+        TrocarError: a matrix is no rigid transform: of another shape, not finite, or its first three rows and columns
+            no rotation.
 
     Example:
         >>> from math import pi
@@ -32,35 +39,44 @@ class SE3:
     matrix: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        matrix = np.asarray(self.matrix, dtype=np.float64)
-        if matrix.shape[-2:] != (4, 4):
-            raise TrocarError(f"a pose needs shape (..., 4, 4), got {matrix.shape}")
+        matrix = finite("a pose", self.matrix, ..., 4, 4)
+        require_rotation("the rotation of a pose", matrix[..., :3, :3])
+        if np.abs(matrix[..., 3, :] - LAST_ROW).max(initial=0.0) > RIGID:
+            raise TrocarError("the last row of a pose is not 0, 0, 0, 1; give T[:3, :3] a rotation, T[:3, 3] metres")
         object.__setattr__(self, "matrix", matrix)
+
+    @staticmethod
+    def unchecked(matrix: NDArray[np.float64]) -> SE3:
+        """Return the pose(s) of matrices (..., 4, 4) that are known to be some, as where they were computed."""
+        made = object.__new__(SE3)
+        object.__setattr__(made, "matrix", matrix)
+        return made
+
+    @staticmethod
+    def of(pose: SE3 | ArrayLike) -> SE3:
+        """Return a pose as it is, or the pose(s) of matrices (..., 4, 4), checked."""
+        return pose if isinstance(pose, SE3) else SE3(pose)  # type: ignore[arg-type]
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SE3:
         """Return the identity, repeated over ``batch``."""
-        return SE3(np.broadcast_to(np.eye(4), (*batch, 4, 4)))
+        return SE3.unchecked(np.broadcast_to(np.eye(4), (*batch, 4, 4)))
 
     @staticmethod
     def from_parts(rotation: SO3 | None = None, translation_m: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
         """Return the pose with this rotation (default: identity) and translation (..., 3); batches broadcast."""
         R = (rotation or SO3.identity()).matrix
-        p = np.asarray(translation_m, dtype=np.float64)
-        if p.shape[-1:] != (3,):
-            raise TrocarError(f"a translation needs shape (..., 3), got {p.shape}")
+        p = finite("a translation", translation_m, ..., 3)
         matrix = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
         matrix[..., :3, :3] = R
         matrix[..., :3, 3] = p
         matrix[..., 3, 3] = 1.0
-        return SE3(matrix)
+        return SE3.unchecked(matrix)
 
     @staticmethod
     def exp(twist: ArrayLike) -> SE3:
         """Return the pose reached in unit time by the twist(s) (..., 6) = (translation m, rotation rad)."""
-        xi = np.asarray(twist, dtype=np.float64)
-        if xi.shape[-1:] != (6,):
-            raise TrocarError(f"a twist needs shape (..., 6), got {xi.shape}")
+        xi = finite("a twist", twist, ..., 6)
         v, w = xi[..., :3], xi[..., 3:]
         angle2 = np.sum(w * w, -1)[..., None, None]
         W = skew(w)
@@ -81,7 +97,7 @@ class SE3:
     @property
     def rotation(self) -> SO3:
         """Return the rotation part."""
-        return SO3(self.matrix[..., :3, :3])
+        return SO3.unchecked(self.matrix[..., :3, :3])
 
     @property
     def translation_m(self) -> NDArray[np.float64]:
@@ -90,8 +106,12 @@ class SE3:
 
     def inverse(self) -> SE3:
         """Return ``T_b_a``."""
-        R_inverse = self.rotation.inverse()
-        return SE3.from_parts(R_inverse, -R_inverse.apply(self.translation_m))
+        R_inverse = np.swapaxes(self.matrix[..., :3, :3], -1, -2)
+        matrix = np.zeros(self.matrix.shape)
+        matrix[..., :3, :3] = R_inverse
+        matrix[..., :3, 3] = -np.einsum("...ij,...j->...i", R_inverse, self.translation_m)
+        matrix[..., 3, 3] = 1.0
+        return SE3.unchecked(matrix)
 
     def apply(self, points_m: ArrayLike) -> NDArray[np.float64]:
         """Return points (..., 3), given in frame b, in frame a; the batch broadcasts."""
@@ -107,7 +127,32 @@ class SE3:
         return matrix
 
     def __matmul__(self, other: SE3) -> SE3:
-        return SE3(self.matrix @ other.matrix)
+        return SE3.unchecked(self.matrix @ other.matrix)
 
     def __getitem__(self, index: object) -> SE3:
-        return SE3(self.matrix[index])  # type: ignore[index]
+        return SE3.unchecked(picked("poses", self.matrix, index))
+
+    def __repr__(self) -> str:
+        places = 1e3 * self.translation_m.reshape(-1, 3)
+        if self.matrix.ndim == 2:
+            return f"<SE3 {_shown(places[0])} mm, {self.rotation.about()}>"
+        if not len(places):
+            return f"<SE3 {self.matrix.shape[:-2]}: none>"
+        return f"<SE3 {self.matrix.shape[:-2]}: within {_shown(places.min(0))} to {_shown(places.max(0))} mm>"
+
+
+def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
+    """Return a pose, or that of a matrix (4, 4).
+
+    Raises:
+        TrocarError: it is none, or there are several.
+    """
+    T = SE3.of(pose)
+    if T.matrix.ndim != 2:
+        raise TrocarError(f"{what} needs one pose (4, 4), got {T.matrix.shape}; pick one with [k]")
+    return T
+
+
+def _shown(place_mm: NDArray[np.float64]) -> str:
+    """Return a place in words; no zero has a sign."""
+    return f"({', '.join(f'{x:.1f}' for x in place_mm.round(1) + 0.0)})"

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import TrocarError
+from trocar.geometry.arrays import finite
+
+RIGID = 1e-6
+"""Columns of a rotation that are off unit length or right angles by so much are rounding errors, of float32 too."""
 
 SMALL_ANGLE_RAD = 1e-4
 """Below this angle the closed forms divide by almost 0; series to order four are exact to 1e-17 there."""
@@ -27,39 +33,60 @@ class SO3:
 
     Attributes:
         matrix: (..., 3, 3) orthonormal with determinant +1; leading axes are the batch.
+
+    Raises:
+        TrocarError: a matrix is no rotation: of another shape, not finite, not orthonormal, or a reflection.
     """
 
     matrix: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        matrix = np.asarray(self.matrix, dtype=np.float64)
-        if matrix.shape[-2:] != (3, 3):
-            raise TrocarError(f"a rotation needs shape (..., 3, 3), got {matrix.shape}")
+        matrix = finite("a rotation", self.matrix, ..., 3, 3)
+        require_rotation("a rotation", matrix)
         object.__setattr__(self, "matrix", matrix)
+
+    @staticmethod
+    def unchecked(matrix: NDArray[np.float64]) -> SO3:
+        """Return the rotation(s) of matrices (..., 3, 3) that are known to be some, as where they were computed."""
+        made = object.__new__(SO3)
+        object.__setattr__(made, "matrix", matrix)
+        return made
+
+    @staticmethod
+    def nearest(matrix: ArrayLike) -> SO3:
+        """Return the rotation(s) nearest to matrices (..., 3, 3), such as rotations that were rounded in a file.
+
+        Raises:
+            TrocarError: a matrix is nearer to no rotation than to others: its columns span no space, or mirror it.
+        """
+        given = finite("a matrix", matrix, ..., 3, 3)
+        u, sizes, vt = np.linalg.svd(given)
+        if np.any(np.linalg.det(given) <= 0) or np.any(sizes[..., -1] <= RIGID * sizes[..., 0]):
+            raise TrocarError("a matrix whose determinant is not above 0 is near no rotation; check its columns")
+        return SO3.unchecked(u @ vt)
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SO3:
         """Return the identity, repeated over ``batch``."""
-        return SO3(np.broadcast_to(np.eye(3), (*batch, 3, 3)))
+        return SO3.unchecked(np.broadcast_to(np.eye(3), (*batch, 3, 3)))
 
     @staticmethod
     def exp(rotvec_rad: ArrayLike) -> SO3:
         """Return the rotation about the axis ``rotvec_rad`` (..., 3) by its length (Rodrigues' formula)."""
-        w = np.asarray(rotvec_rad, dtype=np.float64)
-        if w.shape[-1:] != (3,):
-            raise TrocarError(f"a rotation vector needs shape (..., 3), got {w.shape}")
+        w = finite("a rotation vector", rotvec_rad, ..., 3)
         angle2 = np.sum(w * w, -1)[..., None, None]
         W = skew(w)
         a, b, _ = exp_coefficients(angle2)
-        return SO3(np.eye(3) + a * W + b * (W @ W))
+        return SO3.unchecked(np.eye(3) + a * W + b * (W @ W))
 
     @staticmethod
     def axis(axis: str, angle_rad: ArrayLike) -> SO3:
         """Return the rotation about the coordinate axis ``'x'``, ``'y'`` or ``'z'`` by ``angle_rad`` (...,)."""
         if axis not in ("x", "y", "z"):
             raise TrocarError(f"axis {axis!r} is not one of 'x', 'y', 'z'")
-        rotvec = np.zeros((*np.shape(angle_rad), 3))
-        rotvec[..., "xyz".index(axis)] = angle_rad
+        angle = finite(f"an angle about {axis}", angle_rad, ...)
+        rotvec = np.zeros((*angle.shape, 3))
+        rotvec[..., "xyz".index(axis)] = angle
         return SO3.exp(rotvec)
 
     @staticmethod
@@ -87,14 +114,14 @@ class SO3:
     @staticmethod
     def from_quaternion(wxyz: ArrayLike) -> SO3:
         """Return the rotation of the quaternion(s) ``wxyz`` (..., 4), which need not be normalised."""
-        q = np.asarray(wxyz, dtype=np.float64)
+        q = finite("a quaternion", wxyz, ..., 4)
         norm = np.linalg.norm(q, axis=-1, keepdims=True)
-        if q.shape[-1:] != (4,) or not np.all(norm > 0):
-            raise TrocarError(f"a quaternion needs shape (..., 4) and a length above 0, got shape {q.shape}")
+        if not np.all(norm > 0):
+            raise TrocarError("a quaternion of four zeros turns nowhere; give one with a length above 0")
         q = q / norm
         w, v = q[..., :1, None], q[..., 1:]
         V = skew(v)
-        return SO3(np.eye(3) + 2 * w * V + 2 * V @ V)
+        return SO3.unchecked(np.eye(3) + 2 * w * V + 2 * V @ V)
 
     def as_quaternion(self) -> NDArray[np.float64]:
         """Return the quaternion(s) wxyz (..., 4) with w >= 0 (Shepperd's method)."""
@@ -123,7 +150,7 @@ class SO3:
 
     def inverse(self) -> SO3:
         """Return ``R_b_a``."""
-        return SO3(np.swapaxes(self.matrix, -1, -2))
+        return SO3.unchecked(np.swapaxes(self.matrix, -1, -2))
 
     def apply(self, points: ArrayLike) -> NDArray[np.float64]:
         """Rotate points (..., 3); the batch broadcasts against their leading axes."""
@@ -134,10 +161,61 @@ class SO3:
         return np.linalg.norm(self.log(), axis=-1)
 
     def __matmul__(self, other: SO3) -> SO3:
-        return SO3(self.matrix @ other.matrix)
+        return SO3.unchecked(self.matrix @ other.matrix)
 
     def __getitem__(self, index: object) -> SO3:
-        return SO3(self.matrix[index])  # type: ignore[index]
+        return SO3.unchecked(picked("rotations", self.matrix, index))
+
+    def __repr__(self) -> str:
+        if self.matrix.ndim > 2:
+            return f"<SO3 {self.matrix.shape[:-2]}: {_most(np.degrees(self.angle()))}>"
+        return f"<SO3 {self.about()}>"
+
+    def about(self) -> str:
+        """Return one rotation in words: angle and axis, such as ``90.0 deg about (0.00, 0.00, 1.00)``."""
+        rotvec = self.log()
+        angle = float(np.linalg.norm(rotvec))
+        if math.degrees(angle) < 0.05:
+            return "not turned"
+        return f"{math.degrees(angle):.1f} deg about ({', '.join(f'{x:.2f}' for x in rotvec / angle)})"
+
+
+def _most(degrees: NDArray[np.float64]) -> str:
+    """Return in words by how much a batch is turned."""
+    return f"turned by up to {degrees.max():.1f} deg" if degrees.size else "none"
+
+
+def require_rotation(what: str, matrix: NDArray[np.float64]) -> None:
+    """Raise TrocarError unless all of finite matrices (..., 3, 3) are rotations, to :data:`RIGID`."""
+    with np.errstate(over="ignore", invalid="ignore"):  # of huge numbers
+        off = np.nan_to_num(np.abs(np.swapaxes(matrix, -1, -2) @ matrix - np.eye(3)), nan=np.inf, posinf=np.inf).max(
+            (-2, -1)
+        )
+    if np.any(off > RIGID):
+        raise TrocarError(
+            f"{what} needs columns of length 1 at right angles to each other, but these are off by {off.max():.2g}"
+            f"{_which(off > RIGID)}; mend what was rounded with SO3.nearest(R), and take scale out"
+        )
+    mirrored = np.linalg.det(matrix) < 0
+    if np.any(mirrored):
+        raise TrocarError(
+            f"{what} has determinant -1{_which(mirrored)}: it is a reflection; one axis has the wrong sign, or two are "
+            "swapped"
+        )
+
+
+def _which(wrong: NDArray[np.bool_]) -> str:
+    """Return which of a batch is wrong first; nothing where there is one only."""
+    return f", first at {np.argwhere(wrong)[0].tolist()}" if wrong.ndim else ""
+
+
+def picked(what: str, matrix: NDArray[np.float64], index: Any) -> NDArray[np.float64]:
+    """Return some of a batch (..., n, n) of matrices; rows and columns stay whole."""
+    batch = matrix.shape[:-2]
+    chosen = matrix[index]
+    if chosen.shape[-2:] != matrix.shape[-2:]:
+        raise TrocarError(f"index {index!r:.60} cuts {what} apart; a batch of shape {batch} has {len(batch)} axes")
+    return chosen
 
 
 def exp_coefficients(angle2: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray]:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, MotionLimits, Unreachable, ik
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.geometry.arrays import finite, numbers
+from trocar.geometry.se3 import one_pose
 from trocar.motion.facing import Facing
 from trocar.motion.limits import KEPT
 
@@ -70,12 +72,20 @@ class ArmMotion:
     facing: Facing | None = None
 
     def __post_init__(self) -> None:
+        if self.T_base_goals is not None:
+            object.__setattr__(self, "T_base_goals", SE3.of(self.T_base_goals))
+        object.__setattr__(self, "T_world_base", one_pose(f"T_world_base of {self.model.name}", self.T_world_base))
         goals = 0 if self.T_base_goals is None else _count(self.T_base_goals)
-        points = np.asarray(self.waypoints, dtype=np.float64)
+        points = numbers(f"the waypoints of {self.model.name}", self.waypoints, "n", JOINTS)
         if points.ndim != 2 or points.shape[1] != JOINTS or len(points) < 1 or len(points) + goals < 2:
             raise TrocarError(
                 f"{self.model.name} needs waypoints of shape (n, {JOINTS}) with n of 2 or more, or of 1 and goals, "
                 f"got {points.shape} and {goals} goals"
+            )
+        if not isinstance(self.limits, MotionLimits):
+            raise TrocarError(
+                f"{self.model.name} needs its limits as MotionLimits(velocity, acceleration), got "
+                f"{type(self.limits).__name__}"
             )
         if self.limits.velocity.shape != (JOINTS,):
             raise TrocarError(f"{self.model.name} needs limits of {JOINTS} joints, got {self.limits.velocity.size}")
@@ -94,6 +104,10 @@ class ArmMotion:
             raise TrocarError(f"the jaws of {self.model.name} open {self.jaw_rad} rad; give a finite number")
         if not self.max_tip_m_s > 0:
             raise TrocarError(f"the tip of {self.model.name} may move at {self.max_tip_m_s} m/s; give a speed above 0")
+
+    def __repr__(self) -> str:
+        goals = "" if self.T_base_goals is None else f" and {_count(self.T_base_goals)} goals"
+        return f"<ArmMotion of {self.model.name} through {len(self.waypoints)} waypoints{goals}>"
 
     @property
     def moves(self) -> bool:
@@ -128,9 +142,7 @@ class ArmMotion:
                     )
 
     def _checked_velocity(self) -> NDArray[np.float64]:
-        velocity = np.asarray(self.start_velocity, dtype=np.float64)
-        if velocity.shape != (JOINTS,) or not np.isfinite(velocity).all():
-            raise TrocarError(f"the start velocity needs {JOINTS} finite numbers, got {velocity.tolist()}")
+        velocity = finite(f"the start velocity of {self.model.name}", self.start_velocity, JOINTS)
         for joint, value, most in zip(self.model.joints, velocity, self.limits.velocity, strict=True):
             if abs(value) > KEPT * most:
                 raise TrocarError(
@@ -162,7 +174,7 @@ def _count(T_base_goals: SE3) -> int:
 
 def _unit(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the direction as a unit vector (3,)."""
-    direction = np.asarray(up, dtype=np.float64)
-    if direction.shape != (3,) or not np.isfinite(direction).all() or not np.linalg.norm(direction) > 0:
+    direction = finite("the upward direction", up, 3)
+    if not np.linalg.norm(direction) > 0:
         raise TrocarError(f"the upward direction needs three finite numbers that are not all 0, got {up}")
     return direction / np.linalg.norm(direction)

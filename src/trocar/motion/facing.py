@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.geometry.arrays import finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +31,7 @@ class Facing:
 
     def __post_init__(self) -> None:
         for name in ("axis", "towards_m"):
-            value = np.asarray(getattr(self, name), dtype=np.float64)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise TrocarError(f"'{name}' of what a tip faces needs three finite numbers, got {value.tolist()}")
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, finite(f"'{name}' of what a tip faces", getattr(self, name), 3))
         if not self.axis.any():
             raise TrocarError("the axis that faces a point is 0 in all directions; give the direction of the marks")
         if not 0 < self.max_rad <= pi:

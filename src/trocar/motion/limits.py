@@ -68,7 +68,12 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
         trajectory: of the arm's joints.
         limits: bounds of velocity and acceleration, and of jerk where it has one.
     """
-    times = trajectory.times_s
+    times, joints = trajectory.times_s, trajectory.coefficients.shape[2]
+    if not joints == len(arm.joints) == len(limits.velocity):
+        raise TrocarError(
+            f"{arm.name} has {len(arm.joints)} joints, its trajectory {joints} and the limits {len(limits.velocity)}; "
+            "give what belongs together"
+        )
     pieces = np.arange(len(times) - 1)
     orders = (0, 1, 2) if limits.jerk is None else (0, 1, 2, 3)
     # every sample says which piece it belongs to: a knot belongs to the piece before it and to the one after it
@@ -94,8 +99,8 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
 
 def require_range(arm: ArmModel, trajectory: Trajectory, slack: float = 0.0) -> None:
     """Raise if a joint leaves its range, widened by the share ``slack``, anywhere on the trajectory."""
-    unlimited = MotionLimits(np.full(len(arm.joints), np.inf), np.full(len(arm.joints), np.inf))
-    use = limit_use(arm, trajectory, unlimited)
+    any_limits = MotionLimits(np.ones(len(arm.joints)), np.ones(len(arm.joints)))
+    use = limit_use(arm, trajectory, any_limits)
     for joint, excess in zip(arm.joints, use.range_excess, strict=True):
         if excess > slack * (joint.upper - joint.lower):
             raise TrocarError(

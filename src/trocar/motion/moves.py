@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, MotionLimits, fk, jacobian
 from trocar.errors import TrocarError
+from trocar.geometry.arrays import finite
 from trocar.motion.bound import shortest_rest_to_rest_s, shortest_to_rest_s
 from trocar.motion.limits import KEPT, limit_use, require_range
 from trocar.motion.phases import NO_WAY, STILL, joined, phases_to_rest
@@ -87,11 +88,7 @@ def move_to(q: ArrayLike, velocity: ArrayLike, q_goal: ArrayLike, limits: Motion
 
 def _joint_values(name: str, values: ArrayLike, limits: MotionLimits) -> NDArray[np.float64]:
     """Return one finite number per joint, or raise."""
-    joints = np.shape(limits.velocity)
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != joints or not np.isfinite(array).all():
-        raise TrocarError(f"the {name} of a move needs {joints[0]} finite joint values, got {array.tolist()}")
-    return array
+    return finite(f"the {name} of a move", values, len(limits.velocity))
 
 
 def _step(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -121,12 +118,8 @@ def straight(arm: ArmModel, q: ArrayLike, displacement_m: ArrayLike, limits: Mot
     Raises:
         TrocarError: the line leaves the arm's reach or a joint's range, or is not three finite numbers.
     """
-    start = np.asarray(q, dtype=np.float64)
-    line = np.asarray(displacement_m, dtype=np.float64)
-    if start.shape != (len(arm.joints),) or not np.isfinite(start).all():
-        raise TrocarError(f"a straight move needs {len(arm.joints)} finite joint values, got {start.tolist()}")
-    if line.shape != (3,) or not np.isfinite(line).all():
-        raise TrocarError(f"a straight move needs three finite numbers as displacement, got {line.tolist()}")
+    start = finite("the start of a straight move", q, len(arm.joints))
+    line = finite("the displacement of a straight move", displacement_m, 3)
     if not line.any():
         return Trajectory(np.array([0.0, HOLD_S]), start[None, None])
     dense = _along_line(arm, start, np.linspace(0, 1, KNOTS)[:, None] * line)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms import ArmModel, capsules
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.geometry.se3 import one_pose
 from trocar.trajectory import Trajectory
 
 
@@ -36,11 +37,18 @@ class MovingArm:
     jaw_rad: float = 0.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "T_world_base", one_pose(f"T_world_base of {self.model.name}", self.T_world_base))
         joints = self.trajectory.coefficients.shape[2]
         if joints != len(self.model.joints):
             raise TrocarError(f"{self.model.name} has {len(self.model.joints)} joints, its trajectory {joints}")
         if not (np.isfinite(self.start_s) and np.isfinite(self.jaw_rad)):
-            raise TrocarError(f"a motion of {self.model.name} starts at {self.start_s} s, jaws at {self.jaw_rad} rad")
+            raise TrocarError(
+                f"a motion of {self.model.name} starts at {self.start_s} s, jaws at {self.jaw_rad} rad; "
+                "give finite numbers"
+            )
+
+    def __repr__(self) -> str:
+        return f"<MovingArm {self.model.name} from {self.start_s:.3f} s to {self.end_s:.3f} s>"
 
     @classmethod
     def resting(cls, model: ArmModel, q: ArrayLike, T_world_base: SE3 | None = None, jaw_rad: float = 0.0) -> MovingArm:

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.geometry.arrays import finite
 from trocar.geometry.capsules import Capsules
 
 BALL_RADIUS_M = 1e7
@@ -37,8 +38,8 @@ class Capsule:
 
     def __post_init__(self) -> None:
         end = self.start_m if self.end_m is None else self.end_m
-        object.__setattr__(self, "start_m", _point("start of a capsule", self.start_m))
-        object.__setattr__(self, "end_m", _point("end of a capsule", end))
+        object.__setattr__(self, "start_m", finite("the start of a capsule", self.start_m, 3))
+        object.__setattr__(self, "end_m", finite("the end of a capsule", end, 3))
         if not (np.isfinite(self.radius_m) and self.radius_m >= 0):
             raise TrocarError(f"the radius of a capsule is {self.radius_m} m; give a finite radius of at least 0")
 
@@ -62,10 +63,10 @@ class HalfSpace:
     normal: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        normal = _point("normal of a half-space", self.normal)
+        normal = finite("the normal of a half-space", self.normal, 3)
         if not normal.any():
             raise TrocarError("the normal of a half-space is 0 in all directions; give the direction out of it")
-        object.__setattr__(self, "point_m", _point("point of a half-space", self.point_m))
+        object.__setattr__(self, "point_m", finite("the point of a half-space", self.point_m, 3))
         object.__setattr__(self, "normal", normal / np.linalg.norm(normal))
 
     def as_capsule(self) -> Capsule:
@@ -84,11 +85,3 @@ def stacked(obstacles: Mapping[str, Obstacle]) -> Capsules:
     capsules = [obstacle.as_capsule() for obstacle in obstacles.values()]
     ends = np.array([[capsule.start_m, capsule.end_m] for capsule in capsules], dtype=np.float64)
     return Capsules(ends.reshape(-1, 2, 3), np.array([capsule.radius_m for capsule in capsules], dtype=np.float64))
-
-
-def _point(what: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return three finite numbers, or raise."""
-    point = np.asarray(values, dtype=np.float64)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise TrocarError(f"the {what} needs three finite numbers, got {values}")
-    return point

@@ -9,6 +9,8 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.errors import TrocarError
+from trocar.geometry.arrays import finite
 from trocar.trajectory import Trajectory
 
 
@@ -25,7 +27,12 @@ class TimedPath:
     waypoint_times_s: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "waypoint_times_s", np.asarray(self.waypoint_times_s, dtype=np.float64))
+        if not isinstance(self.trajectory, Trajectory):
+            raise TrocarError(f"a timed path needs a Trajectory, got {type(self.trajectory).__name__}")
+        object.__setattr__(self, "waypoint_times_s", finite("the waypoints' times", self.waypoint_times_s, "n"))
+
+    def __repr__(self) -> str:
+        return f"<TimedPath through {len(self.waypoint_times_s)} waypoints: {self.trajectory.duration_s:.3f} s>"
 
     @classmethod
     def joined(cls, moves: Sequence[Trajectory]) -> TimedPath:

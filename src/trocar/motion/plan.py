@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, MotionLimits, Unreachable
 from trocar.errors import TrocarError
+from trocar.geometry.arrays import finite, numbers
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.bound import duration_bound_s
 from trocar.motion.check import Violation, check
@@ -21,6 +22,7 @@ from trocar.motion.path import TimedPath
 from trocar.motion.planners import PLANNERS, Demand, Planner, ignored
 from trocar.motion.problem import MotionProblem
 from trocar.motion.tolerances import joint_strays
+from trocar.notebook import table
 from trocar.trajectory import Trajectory
 
 UP = (0.0, 0.0, 1.0)
@@ -56,6 +58,15 @@ class MotionPlan:
         if not self.found:
             return f"<no MotionPlan: {self.reason}>"
         return f"<MotionPlan of {', '.join(self.paths)} by '{self.planner}': {self.duration_s:.3f} s>"
+
+    def _repr_html_(self) -> str:
+        columns = ("arm", "time, s", "waypoints", "share of velocity limits", "share of acceleration limits")
+        return table(self, columns, (self._row(name, path) for name, path in self.paths.items()))
+
+    def _row(self, name: str, path: TimedPath) -> tuple[object, ...]:
+        use = self.use.get(name)
+        shares = ("", "") if use is None else (f"{use.velocity_ratio:.2f}", f"{use.acceleration_ratio:.2f}")
+        return name, f"{path.trajectory.duration_s:.3f}", len(path.waypoint_times_s), *shares
 
     @property
     def found(self) -> bool:
@@ -166,9 +177,9 @@ def plan_through(
         planner: name in ``PLANNERS``, or a planner.
         range_slack: share of each joint's range by which it may be left.
     """
-    points, velocity = np.asarray(waypoints, dtype=np.float64), start_velocity
-    start = np.zeros(len(model.joints)) if velocity is None else np.asarray(velocity, dtype=np.float64)
-    upwards = np.asarray(up, dtype=np.float64)
+    points = numbers("the waypoints", waypoints, "n", len(model.joints))
+    start = finite("the start velocity", np.zeros(6) if start_velocity is None else start_velocity, 6)
+    upwards = finite("the upward direction", up, 3)
     motion = ArmMotion(model, points, limits, up=upwards, still_wrist=still_wrist, start_velocity=start)
     return plan_motion(MotionProblem({model.name: motion}, range_slack=range_slack), planner)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from trocar.arms import Unreachable
 from trocar.errors import TrocarError
+from trocar.geometry import shown
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.moving_arm import MovingArm
 from trocar.motion.obstacles import Obstacle
@@ -62,6 +63,14 @@ class MotionProblem:
     def __post_init__(self) -> None:
         if not self.arms:
             raise TrocarError("a motion problem needs at least one arm; give what each is asked by its name")
+        for what, things, kind in (
+            ("arms", self.arms, ArmMotion),
+            ("others", self.others, MovingArm),
+            ("obstacles", self.obstacles, Obstacle),
+        ):
+            if not (isinstance(things, Mapping) and all(isinstance(thing, kind) for thing in things.values())):
+                wanted = getattr(kind, "__name__", "Capsule or HalfSpace")
+                raise TrocarError(f"{what} of a motion problem are {things!r:.60}; give {wanted} by name")
         for name in SETTINGS:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
@@ -76,6 +85,13 @@ class MotionProblem:
             except TrocarError as error:
                 raise TrocarError(str(error) if len(self.arms) == 1 else f"arm '{name}': {error}") from None
         self._require_bases_apart()
+
+    def __repr__(self) -> str:
+        parts = [f"{name}: {arm!r}" for name, arm in self.arms.items()]
+        around = [*self.others, *self.obstacles]
+        if around:
+            parts.append(f"{shown(self.min_distance_m, 'm', 'g')} from {', '.join(around)}")
+        return f"<MotionProblem {'; '.join(parts)}>"
 
     def _require_bases_apart(self) -> None:
         centers = {name: arm.T_world_base.translation_m for name, arm in (*self.arms.items(), *self.others.items())}

@@ -9,10 +9,12 @@ from numpy.typing import ArrayLike
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.geometry.arrays import finite
 from trocar.motion.obstacles import Capsule
 
 GAP_M = 1.5e-3
 """Greatest gap between two rows of a wall: nothing that is 2 mm thick passes."""
+HIGHEST_M = 10.0
 
 
 def wall(name: str, start_m: ArrayLike, end_m: ArrayLike, height_m: float, radius_m: float) -> dict[str, Capsule]:
@@ -28,10 +30,13 @@ def wall(name: str, start_m: ArrayLike, end_m: ArrayLike, height_m: float, radiu
         height_m: from the foot to the top, along z of the world.
         radius_m: half its thickness.
     """
-    if not (0 < 2 * radius_m <= height_m):
-        raise TrocarError(f"a wall {height_m} m high cannot be {2 * radius_m} m thick; give at least that height")
+    if not (0 < 2 * radius_m <= height_m <= HIGHEST_M):
+        raise TrocarError(
+            f"a wall cannot be {height_m} m high and {2 * radius_m} m thick; give a thickness above 0, and a height of "
+            f"at least that and at most {HIGHEST_M} m"
+        )
     rows = ceil((height_m - 2 * radius_m) / (2 * radius_m + GAP_M) - 1e-9) + 1
-    ends = np.array([start_m, end_m], dtype=np.float64)
+    ends = finite(f"the foot of wall {name!r}", [start_m, end_m], 2, 3)  # type: ignore[list-item]
     up = np.array([0.0, 0.0, 1.0])
     heights_m = np.linspace(radius_m, height_m - radius_m, rows) if rows > 1 else [radius_m]
     return {
@@ -53,6 +58,8 @@ def open_box(
         height_m: of the walls.
         radius_m: half the walls' thickness, outside of what is inside.
     """
+    if not min(finite(f"the inside of box {name!r}", inside_m, 2)) > 0:
+        raise TrocarError(f"box {name!r} is {inside_m} m wide inside; give two lengths above 0")
     x, y = (length / 2 + radius_m for length in inside_m)
     corners = T_world_box.apply(np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]]))
     walls: dict[str, Capsule] = {}

@@ -14,7 +14,7 @@ from trocar.errors import TrocarError
 UNITS_M = {"mm": 1e-3, "m": 1.0}
 
 
-def load_capture(path: Path, unit: str | None = None) -> NDArray[np.float64]:
+def load_capture(path: str | Path, unit: str | None = None) -> NDArray[np.float64]:
     """Return the points (n, 3) in m of an .npz (``points_mm``, ``points_m``, or its only array) or .npy file.
 
     Args:
@@ -24,6 +24,7 @@ def load_capture(path: Path, unit: str | None = None) -> NDArray[np.float64]:
     Raises:
         TrocarError: the file is missing, broken or of another shape, or its unit is unknown or contradictory.
     """
+    path = Path(path)
     if unit is not None and unit not in UNITS_M:
         raise TrocarError(f"unit {unit!r} is not one of {', '.join(UNITS_M)}")
     if not path.is_file():

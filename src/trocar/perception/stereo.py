@@ -77,7 +77,7 @@ def rectify(image: StereoImage) -> tuple[StereoImage, SO3]:
     if length < 1e-6 or np.linalg.norm(z) < 0.1:
         raise TrocarError("the eyes of the pair do not stand side by side: it cannot be rectified; check T_left_right")
     z /= np.linalg.norm(z)
-    R_left_new = SO3(np.column_stack([x, np.cross(z, x), z]))
+    R_left_new = SO3.unchecked(np.column_stack([x, np.cross(z, x), z]))
     focal = min(rig.left.fx, rig.left.fy, rig.right.fx, rig.right.fy)
     eyes = [
         (image.left, rig.left, R_left_new),

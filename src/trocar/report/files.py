@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from trocar.errors import TrocarError
 from trocar.extras import how_to_install
@@ -15,7 +14,7 @@ from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
 from trocar.report.page import write_page
 from trocar.report.storyboard import draw_storyboard
-from trocar.report.summary import summarise
+from trocar.report.summary import Summary, summarise
 from trocar.report.timechart import draw_timechart
 from trocar.tasks import TASKS
 from trocar.tasks.kit import TaskReport
@@ -34,7 +33,7 @@ def report_of(trial: Trial) -> TaskReport:
 
 def write_report(
     folder: str | Path, trials: Sequence[Trial], strange: Sequence[str] = ()
-) -> tuple[dict[str, Any], list[Path]]:
+) -> tuple[Summary, list[Path]]:
     """Write summary, pictures, replay and page; return the summary and the files' paths.
 
     Args:
@@ -80,7 +79,7 @@ def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> list
     return files
 
 
-def draw_trial(trial: Trial, path: Path, title: str = "", report: TaskReport | None = None) -> Path:
+def draw_trial(trial: Trial, path: str | Path, title: str = "", report: TaskReport | None = None) -> Path:
     """Draw what is worth a picture in a trial as a storyboard, and return its path.
 
     Raises:

@@ -14,13 +14,14 @@ COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE,
 KINDS = (("position", ""), ("velocity", "/s"), ("acceleration", "/s²"), ("jerk", "/s³"))
 
 
-def draw_motion(parts: Mapping[str, tuple[Sequence[str], Derivatives]], path: Path) -> Path:
+def draw_motion(parts: Mapping[str, tuple[Sequence[str], Derivatives]], path: str | Path) -> Path:
     """Draw each part (joints, tip) as a column of four charts, and return the path.
 
     Args:
         parts: name to the signals' names and their motion.
         path: of the picture.
     """
+    path = Path(path)
     with style.figure(5.2 * len(parts), 7.6, path) as figure:
         grid = figure.subplots(len(KINDS), len(parts), sharex=True, squeeze=False)
         for column, (part, (names, found)) in enumerate(parts.items()):

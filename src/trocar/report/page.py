@@ -20,7 +20,9 @@ iframe{width:100%;height:34em;border:1px solid #8884;border-radius:4px}
 """
 
 
-def write_page(path: Path, summary: Mapping[str, Any], pictures: Sequence[Path], notes: Sequence[str]) -> Path:
+def write_page(
+    path: str | Path, summary: Mapping[str, Any], pictures: Sequence[str | Path], notes: Sequence[str]
+) -> Path:
     """Write the page and return its path.
 
     Args:
@@ -29,6 +31,7 @@ def write_page(path: Path, summary: Mapping[str, Any], pictures: Sequence[Path],
         pictures: in order.
         notes: sentences that a reader must know.
     """
+    path = Path(path)
     title = ", ".join(str(summary[key]) for key in ("task", "variant", "method") if summary[key])
     replay = path.with_name("replay.html").is_file()
     parts = [
@@ -37,7 +40,7 @@ def write_page(path: Path, summary: Mapping[str, Any], pictures: Sequence[Path],
         f"<h1>{html.escape(title)}</h1><p class=sub>Simulated. Research use only, not a medical device.</p>",
         _table(_headline(summary)),
         "<h2>Replay</h2><iframe src=replay.html title=replay></iframe>" if replay else "",
-        "".join(f'<p><img src="{p.name}" alt="{p.stem}"></p>' for p in pictures),
+        "".join(f'<p><img src="{p.name}" alt="{p.stem}"></p>' for p in map(Path, pictures)),
         "<h2>Time</h2>" + _table([(name, f"{s:.2f} s") for name, s in summary["parts_s"].items()]),
         "<h2>Assumed and noted</h2><ul>" + "".join(f"<li>{html.escape(note)}</li>" for note in notes) + "</ul>",
         _table([(what, how) for what, how in summary["flaws"].items()]),
@@ -83,7 +86,7 @@ def listed(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def study_page(
-    path: Path, title: str, sub: str, parts: Sequence[str], notes: Sequence[str], folders: Sequence[str]
+    path: str | Path, title: str, sub: str, parts: Sequence[str], notes: Sequence[str], folders: Sequence[str]
 ) -> Path:
     """Write the page of a study of several runs and return its path.
 
@@ -95,6 +98,7 @@ def study_page(
         notes: sentences that a reader must know.
         folders: of the runs, beside the page.
     """
+    path = Path(path)
     links = "".join(
         f'<li><a href="{html.escape(name)}">{html.escape(name)}</a>: a folder for <code>trocar report</code> and '
         "<code>trocar view</code></li>"
@@ -112,9 +116,9 @@ def study_page(
     return write_text(path, "".join(text), "report")
 
 
-def pictured(pictures: Sequence[Path], captions: Mapping[str, str]) -> list[str]:
+def pictured(pictures: Sequence[str | Path], captions: Mapping[str, str]) -> list[str]:
     """Return pictures that lie beside the page, with captions by the files' names, as HTML."""
     return [
         f'<p><img src="{picture.name}" alt="{picture.stem}"><br>{html.escape(captions.get(picture.name, ""))}</p>'
-        for picture in pictures
+        for picture in map(Path, pictures)
     ]

@@ -16,7 +16,7 @@ LARGEST_PX = 400  # a picture is thinned to at most this width
 
 
 def draw_storyboard(
-    frames: Sequence[tuple[str, NDArray[np.uint8]]], path: Path, title: str = "Storyboard", columns: int = 4
+    frames: Sequence[tuple[str, NDArray[np.uint8]]], path: str | Path, title: str = "Storyboard", columns: int = 4
 ) -> Path:
     """Draw the captioned pictures in a grid, in order, and return the path.
 
@@ -26,6 +26,7 @@ def draw_storyboard(
         title: above the grid.
         columns: pictures in a row.
     """
+    path = Path(path)
     if not frames:
         raise TrocarError("a storyboard needs at least one picture; the trial kept none")
     for caption, image in frames:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -42,9 +43,29 @@ RC: dict[Any, Any] = {
 }
 
 
+class Picture(Figure):
+    """A figure that a notebook shows by itself, whether or not it has been told how to show figures."""
+
+    def _repr_png_(self) -> bytes:
+        image = BytesIO()
+        with mpl.rc_context(RC):
+            self.savefig(image, format="png", dpi=DPI)
+        return image.getvalue()
+
+
+def picture(draw: Callable[[Figure], None]) -> Picture:
+    """Return what ``draw`` puts on a figure, in this look; nothing is written."""
+    with mpl.rc_context(RC):
+        drawn = Picture(layout="constrained")
+        draw(drawn)
+        drawn.draw_without_rendering()  # ticks take their colours when they are first laid out
+    return drawn
+
+
 @contextmanager
-def figure(width_in: float, height_in: float, path: Path) -> Iterator[Figure]:
+def figure(width_in: float, height_in: float, path: str | Path) -> Iterator[Figure]:
     """Yield a figure of this size and save it to ``path`` when the block ends without an error."""
+    path = Path(path)
     with mpl.rc_context(RC):
         drawn = Figure(figsize=(width_in, height_in), layout="constrained")
         yield drawn

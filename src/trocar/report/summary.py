@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from trocar.errors import TrocarError
+from trocar.notebook import table
 from trocar.report.parts import OTHER, parts_of
 from trocar.report.statistics import Spread, session_interval
 from trocar.tasks.kit import TaskReport
@@ -18,7 +19,26 @@ MISSED_WARNING = 0.01
 """A run says so when more than this share of computations took longer than the trial's clock counted."""
 
 
-def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> dict[str, Any]:
+class Summary(dict[str, Any]):
+    """What ``summary.json`` holds; a dict that a notebook shows in a line and a table."""
+
+    def __repr__(self) -> str:
+        what = " ".join(str(self[key]) for key in ("task", "variant", "method") if self[key])
+        low, high = self["success_ci95"]
+        each = "" if self["mean_time_s"] is None else f", {self['mean_time_s']:.2f} s each"
+        return (
+            f"<Summary of {what}: {self['succeeded']} of {self['attempted']} {self['piece']}s "
+            f"(95 % interval {100 * low:.0f} to {100 * high:.0f} %){each}; {self['trials']} trials in "
+            f"{self['sessions']} sessions>"
+        )
+
+    def _repr_html_(self) -> str:
+        plain = ((key, value) for key, value in self.items() if not isinstance(value, Mapping | list))
+        rows = ((key, f"{value:.4g}" if isinstance(value, float) else value) for key, value in plain)
+        return table(self, ("key", "value"), rows)
+
+
+def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summary:
     """Return the content of ``summary.json`` (keys: docs, "Files of a run"); times of an empty run are None.
 
     ``mean_time_s`` is the completion time over the number of goals, as in the paper's tables; ``parts_s`` adds up to
@@ -41,7 +61,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> dict
     wall_s = sum(trial.wall_s for trial in trials)
     compute, missed = _compute(trials)
     durations = Spread.of([trial.duration_s for trial in trials])
-    return {
+    values = {
         **{key: about[key] for key in ("task", "variant", "station", "method", "model", "planner", "seed")},
         "piece": about["piece"],
         "sessions": len({trial.about["session"] for trial in trials}),
@@ -65,6 +85,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> dict
         "fingerprint": about["fingerprint"],
         **added,
     }
+    return Summary(values)
 
 
 def _by_session(trials: Sequence[Trial]) -> tuple[list[int], list[int]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from trocar.errors import TrocarError
@@ -26,18 +27,33 @@ COLOURS = {
 START, BETWEEN, END = -1, sys.maxsize - 1, sys.maxsize
 """In the place of a goal: what an arm does before its first one, between two of its own, and after its last."""
 NO_GOAL = {START: "start", BETWEEN: "between", END: "end"}
+SIZE_IN, ROW_IN = (9.0, 1.3), 0.24
+"""Width, height without rows, and height of a row."""
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 
-def draw_timechart(trial: Trial, path: Path, title: str = "Time chart") -> Path:
-    """Draw one row per goal and arm, coloured by what was done, and return the path.
+def draw_timechart(trial: Trial, path: str | Path, title: str = "Time chart") -> Path:
+    """Draw :func:`chart` of a trial and return the path.
+
+    Args:
+        trial: whose spans and scores.
+        path: of the picture.
+        title: above the chart.
+    """
+    with style.figure(*SIZE_IN, path) as figure:
+        chart(figure, trial, title)
+    return Path(path)
+
+
+def chart(figure: Figure, trial: Trial, title: str = "Time chart") -> None:
+    """Draw one row per goal and arm, coloured by what was done; the figure grows with the rows.
 
     What belongs to no goal is "start" before an arm's first one, "end" after its last one, and "between" them, where
     pauses are left out. The legend counts every moment of an arm once, as tables do (``parts_of``); bars may overlap.
 
     Args:
+        figure: empty.
         trial: whose spans and scores.
-        path: of the picture.
         title: above the chart.
     """
     spans, turns, piece = sorted(trial.spans, key=lambda span: span.start_s), turns_of(trial), trial.piece
@@ -51,42 +67,42 @@ def draw_timechart(trial: Trial, path: Path, title: str = "Time chart") -> Path:
         spans_of.setdefault((_goal_of(span, turns), span.arm), []).append(span)
     rows = {key: row for row, key in enumerate(sorted(spans_of))}
     several = len({arm for _, arm in rows}) > 1
-    with style.figure(9.0, 1.3 + 0.24 * len(rows), path) as figure:
-        axes = figure.subplots()
-        for key, row in rows.items():
-            end = 0.0
-            for span in spans_of[key]:
-                lasted = span.end_s - span.start_s
-                left = end if key[0] == BETWEEN else span.start_s - spans_of[key][0].start_s
-                axes.barh(
-                    row,
-                    lasted,
-                    left=left,
-                    height=0.72,
-                    color=colours[span.name],
-                    edgecolor="white",
-                    linewidth=0.4,
-                )
-                end = max(end, left + lasted)
-            axes.text(end, row, f"  {end:.1f} s", va="center", fontsize=8, color=style.QUIET)
-        labels = [NO_GOAL.get(goal, f"{piece} {goal + 1}") + (f", {arm}" if several else "") for goal, arm in rows]
-        axes.set_yticks(range(len(rows)), labels)
-        axes.invert_yaxis()
-        axes.grid(axis="y", visible=False)
-        axes.set_xlabel("time since the row began, s")
-        axes.margins(x=0.08)
-        axes.set_xlim(left=0)
-        axes.set_title(title)
-        parts = [parts_of(spans, arm, trial.duration_s) for arm in dict.fromkeys(span.arm for span in spans)]
-        totals = {name: sum(of_arm.get(name, 0.0) for of_arm in parts) for name in names}
-        figure.legend(
-            handles=[Patch(color=colours[name], label=f"{name}, {totals[name]:.1f} s") for name in names],
-            loc="outside lower center",
-            ncols=min(6, len(names)),
-            title="in all, each moment of an arm counted once",
-            title_fontsize=8,
-        )
-    return path
+    width, height = SIZE_IN
+    figure.set_size_inches(width, height + ROW_IN * len(rows))
+    axes = figure.subplots()
+    for key, row in rows.items():
+        end = 0.0
+        for span in spans_of[key]:
+            lasted = span.end_s - span.start_s
+            left = end if key[0] == BETWEEN else span.start_s - spans_of[key][0].start_s
+            axes.barh(
+                row,
+                lasted,
+                left=left,
+                height=0.72,
+                color=colours[span.name],
+                edgecolor="white",
+                linewidth=0.4,
+            )
+            end = max(end, left + lasted)
+        axes.text(end, row, f"  {end:.1f} s", va="center", fontsize=8, color=style.QUIET)
+    labels = [NO_GOAL.get(goal, f"{piece} {goal + 1}") + (f", {arm}" if several else "") for goal, arm in rows]
+    axes.set_yticks(range(len(rows)), labels)
+    axes.invert_yaxis()
+    axes.grid(axis="y", visible=False)
+    axes.set_xlabel("time since the row began, s")
+    axes.margins(x=0.08)
+    axes.set_xlim(left=0)
+    axes.set_title(title)
+    parts = [parts_of(spans, arm, trial.duration_s) for arm in dict.fromkeys(span.arm for span in spans)]
+    totals = {name: sum(of_arm.get(name, 0.0) for of_arm in parts) for name in names}
+    figure.legend(
+        handles=[Patch(color=colours[name], label=f"{name}, {totals[name]:.1f} s") for name in names],
+        loc="outside lower center",
+        ncols=min(6, len(names)),
+        title="in all, each moment of an arm counted once",
+        title_fontsize=8,
+    )
 
 
 def _goal_of(span: Span, turns: list[Turn]) -> int:

@@ -26,7 +26,10 @@ QUALITY = 60
 
 
 def draw_video(
-    trial: Trial, path: Path, report: TaskReport | None = None, tick: Callable[[int, int], None] = lambda k, n: None
+    trial: Trial,
+    path: str | Path,
+    report: TaskReport | None = None,
+    tick: Callable[[int, int], None] = lambda k, n: None,
 ) -> Path:
     """Write an animated WebP of a trial, four times as fast as it was, and return its path.
 
@@ -39,6 +42,7 @@ def draw_video(
     Raises:
         TrocarError: there is no simulator here, whose rays draw the pictures.
     """
+    path = Path(path)
     if find_spec("mujoco") is None:
         raise TrocarError(f"a video of a trial needs mujoco; {how_to_install('sim')}")
     from trocar.sim.photograph import Photographer  # noqa: PLC0415 (an extra)

@@ -74,7 +74,7 @@ def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64]) -> SE3:
     z = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
     x = np.cross(z, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)
-    return SE3.from_parts(SO3(np.column_stack([x, np.cross(z, x), z])), eye_m)
+    return SE3.from_parts(SO3.unchecked(np.column_stack([x, np.cross(z, x), z])), eye_m)
 
 
 def overview(replay: Replay) -> Viewpoint:

@@ -127,7 +127,7 @@ class World:
     def pose(self, body: str) -> SE3:
         """Return the true pose of a body in the world, as of the last step."""
         index = self.model.body(body).id
-        return SE3.from_parts(SO3(self.data.xmat[index].reshape(3, 3)), self.data.xpos[index])
+        return SE3.from_parts(SO3.unchecked(self.data.xmat[index].reshape(3, 3)), self.data.xpos[index])
 
     def free_pose(self, body: str) -> SE3:
         """Return the true pose of a free body in the world, now."""

@@ -12,6 +12,7 @@ from trocar.arms import ArmModel, MotionLimits, ik, wrist_depth_m
 from trocar.calibration.excitation import MotionBox
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.notebook import table
 from trocar.perception.image import CameraModel, Intrinsics, StereoRig
 from trocar.station.difficulty import DEFAULT, FLAWS, Difficulty
 from trocar.station.registration import CheckerboardRegistration, Registration
@@ -50,6 +51,9 @@ class StationArm:
     workspace_m: NDArray[np.float64] | None = None
     calibration: MotionBox | None = None
     T_world_base_registered: SE3 | None = None
+
+    def __repr__(self) -> str:
+        return f"<StationArm {self.model.name}, transmission {self.transmission_name!r}, base at {self.T_world_base!r}>"
 
     def park_q(self) -> NDArray[np.float64]:
         """Return the joints (6,) in which it rests before a script.
@@ -94,6 +98,10 @@ class StationCamera:
     T_world_camera_registered: SE3 | None = None
     rig_registered: StereoRig | None = None
 
+    def __repr__(self) -> str:
+        kind = "stereo pair" if isinstance(self.model, StereoRig) else "RGBD camera"
+        return f"<StationCamera: {kind}, at {self.T_world_camera!r}>"
+
     @property
     def model_registered(self) -> CameraModel:
         """Return lens or lenses as whoever looks through them knows them."""
@@ -127,6 +135,22 @@ class Station:
     def __post_init__(self) -> None:
         if not self.arms:
             raise TrocarError(f"station {self.name!r} has no arm; give one or more under [arms.NAME]")
+
+    def __repr__(self) -> str:
+        arms = ", ".join(f"{name} ({arm.model.name})" for name, arm in self.arms.items())
+        seen = f"; cameras {', '.join(self.cameras)}" if self.cameras else ""
+        return f"<Station {self.name!r}: arms {arms}{seen}; flaws {self.difficulty.level}>"
+
+    def _repr_html_(self) -> str:
+        arms = (("arm", name, arm.model.name, arm.T_world_base) for name, arm in self.arms.items())
+        kinds = {True: "stereo pair", False: "RGBD camera"}
+        cameras = (
+            ("camera", name, kinds[isinstance(camera.model, StereoRig)], camera.T_world_camera)
+            for name, camera in self.cameras.items()
+        )
+        fixtures = (("fixture", name, "", T) for name, T in self.T_world_fixture.items())
+        caption = f"{self!r} {self.about}"
+        return table(caption, ("what", "name", "kind", "pose in the world"), (*arms, *cameras, *fixtures))
 
     def arm(self, name: str) -> StationArm:
         """Return the arm of this name."""

@@ -132,7 +132,7 @@ def pose(table: Table) -> SE3:
         if np.abs(given @ given.T - np.eye(3)).max() > RIGID or np.linalg.det(given) < 0:
             raise TrocarError(f"{table.where}.rotation is no rotation; give three orthonormal rows, determinant +1")
         u, _, vt = np.linalg.svd(given)
-        turn = SO3(u @ vt)
+        turn = SO3.unchecked(u @ vt)
     else:
         roll, pitch, yaw = np.radians(table.numbers("rpy_deg", 3, -360.0, 360.0, default=np.zeros(3)))
         turn = SO3.axis("z", yaw) @ SO3.axis("y", pitch) @ SO3.axis("x", roll)

@@ -150,14 +150,14 @@ def drive(
         names.append(step.name)
         lengths.append(float(abs(advance[-1] - advance[0]) + setup.needle.radius_m * abs(jaws[-1] - jaws[0])))
         poses.append(suture.turned(tip_poses(setup, advance, jaws)).matrix)
-    last = SE3(poses[-1][-1])
+    last = SE3.unchecked(poses[-1][-1])
     back = _shifted(last, last.matrix[:3, 2], 0.0, withdraw_m)
     out = _shifted(back[-1], UP, 0.0, lift_m)
     names += ["withdraw", "rise"]
     lengths += [withdraw_m, lift_m]
     poses += [back.matrix, out.matrix]
     ends = np.cumsum([len(matrices) for matrices in poses])
-    q = ik_unbounded(setup.arm, setup.T_base_circle @ SE3(np.concatenate(poses)))
+    q = ik_unbounded(setup.arm, setup.T_base_circle @ SE3.unchecked(np.concatenate(poses)))
     q[:, ROLL] = _unwound(q[:, ROLL], slice(int(ends[1]), int(ends[-3])), setup.arm.middle_floats[ROLL])
     found = [Segment(*parts) for parts in zip(names, np.split(q, ends[:-1]), lengths, strict=True)]
     approach, lower = cut_short(found[1::-1], setup.arm, -1)

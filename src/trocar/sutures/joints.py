@@ -66,7 +66,7 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
     turns = np.stack([np.ones_like(thetas), np.cos(thetas), np.sin(thetas)], -1)
     poses = turns @ np.moveaxis(harmonics.reshape(*harmonics.shape[:3], 16), 0, 2).swapaxes(0, 1)
     # places are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
-    q = np.moveaxis(ik_unbounded(setup.arm, SE3(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
+    q = np.moveaxis(ik_unbounded(setup.arm, SE3.unchecked(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
     return SutureJoints(setup.arm, thetas, q, along.station)
 

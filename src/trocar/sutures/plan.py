@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import TURN, shown
+from trocar.notebook import table
 from trocar.sutures.rewards import DexterityMap
-from trocar.sutures.setup import DIRECTIONS
+from trocar.sutures.setup import DIRECTION_NAMES, DIRECTIONS
 
 MAX_SUTURES = 360
 
@@ -39,6 +40,20 @@ class SuturePlan:
     bound: float
     certified: str
     tension_cost: float = 0.0
+
+    def __repr__(self) -> str:
+        kept = "within the limits" if self.feasible else "BEYOND the limits"
+        count = len(self.positions_rad)
+        return f"<SuturePlan of {count} sutures: reward {self.reward:.4f}, bound {self.bound:.4f}, {kept}>"
+
+    def _repr_html_(self) -> str:
+        rows = (
+            (number + 1, shown(theta, "rad"), DIRECTION_NAMES[int(direction)], f"{reward:.4f}")
+            for number, (theta, direction, reward) in enumerate(
+                zip(self.positions_rad, self.directions, self.rewards, strict=True)
+            )
+        )
+        return table(self, ("suture", "position", "direction", "dexterity"), rows)
 
     @property
     def reward(self) -> float:

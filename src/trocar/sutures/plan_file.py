@@ -56,6 +56,9 @@ class PlannedSutures:
         object.__setattr__(self, "positions_rad", thetas)
         object.__setattr__(self, "directions", directions.astype(np.intp))
 
+    def __repr__(self) -> str:
+        return f"<PlannedSutures: {len(self.positions_rad)}, in order at {_degrees(self.positions_rad)} deg>"
+
     @cached_property
     def sutures(self) -> tuple[Suture, ...]:
         """Return the sutures one by one."""
@@ -71,12 +74,13 @@ class PlannedSutures:
         }
 
 
-def load_plan(path: Path) -> PlannedSutures:
+def load_plan(path: str | Path) -> PlannedSutures:
     """Return the sutures of a ``plan.json`` that ``trocar plan suture`` saved.
 
     Raises:
         TrocarError: the file does not exist, or holds no such plan.
     """
+    path = Path(path)
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -193,6 +197,11 @@ def _number(value: object, where: str) -> float:
         if math.isfinite(number):
             return number
     raise TrocarError(f"{where} is {_short(value)}; give finite numbers")
+
+
+def _degrees(angles: NDArray[np.float64]) -> str:
+    text = [f"{angle:.0f}" for angle in np.degrees(angles[:12])]
+    return ", ".join(text + ["..."] * (len(angles) > 12))
 
 
 def _short(value: object) -> str:

@@ -152,9 +152,9 @@ def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) 
         u = math.sin(down) * heading + math.cos(down) * normal
         entry = np.array([setup.circle.radius_m, 0.0, 0.0]) - back * heading
         centers = entry + setup.needle.radius_m * u + advance[:, None] * t
-        attitude = SO3(np.column_stack([t, u, np.cross(t, u)])) @ SO3.axis("z", turn)
+        attitude = SO3.unchecked(np.column_stack([t, u, np.cross(t, u)])) @ SO3.axis("z", turn)
         rows.append(SE3.from_parts(attitude, centers).matrix)
-    return SE3(np.stack(rows))
+    return SE3.unchecked(np.stack(rows))
 
 
 def grasp_pose(setup: SutureSetup) -> SE3:
@@ -172,7 +172,7 @@ def tip_poses(setup: SutureSetup, advance_m: ArrayLike, jaws_rad: ArrayLike) -> 
 def turned_to(T_circle: SE3, thetas_rad: ArrayLike) -> SE3:
     """Return poses (2, k) given at theta = 0 for every theta (n,): (2, n, k)."""
     turn = SE3.from_parts(SO3.axis("z", np.asarray(thetas_rad, float)))
-    return SE3(turn.matrix[:, None] @ T_circle.matrix[:, None])
+    return SE3.unchecked(turn.matrix[:, None] @ T_circle.matrix[:, None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,6 +144,14 @@ class DexterityMap:
     scales: Scales
     manipulability_at: ManipulabilityAt | None = None
 
+    def __repr__(self) -> str:
+        low, high = float(self.values.min()), float(self.values.max())
+        feasible = int(self.joints.feasible.any(axis=0).sum())
+        return (
+            f"<DexterityMap of {len(self.thetas_rad)} positions: dexterity {low:.3f} to {high:.3f}, "
+            f"{feasible} positions within the limits>"
+        )
+
     def at(self, thetas_rad: ArrayLike) -> DexterityMap:
         """Return the dexterity of sutures at other positions (n,), scaled like this map."""
         joints = suture_joints(self.setup, thetas_rad)

@@ -107,7 +107,7 @@ def maps(nominal: DexterityMap, scenarios: Scenarios) -> Iterator[DexterityMap]:
     """Yield the map of the sutures in each scenario, scaled as without errors."""
     setup = nominal.setup
     for error, T_planned_circle in zip(scenarios.joints_rad, scenarios.T_planned_circle.matrix, strict=True):
-        circle = replace(setup.circle, T_world_circle=setup.circle.T_world_circle @ SE3(T_planned_circle))
+        circle = replace(setup.circle, T_world_circle=setup.circle.T_world_circle @ SE3.unchecked(T_planned_circle))
         there = replace(setup, circle=circle)
         joints = suture_joints(there, nominal.thetas_rad)
         joints = replace(joints, q=joints.q + np.concatenate([np.zeros(3), error]))

@@ -185,6 +185,12 @@ class SutureSetup:
                 "be the entry, shorten the straight path or lower the entry angle"
             )
 
+    def __repr__(self) -> str:
+        return (
+            f"<SutureSetup: circle of radius {shown(self.circle.radius_m, 'm')}, needle of radius "
+            f"{shown(self.needle.radius_m, 'm')}, {self.arm.name} at {self.T_world_base!r}>"
+        )
+
     @property
     def T_base_circle(self) -> SE3:
         """Return the circle's pose in the arm's base."""

@@ -186,7 +186,7 @@ def mirrored(setup: SutureSetup) -> SutureSetup:
     flip = np.diag([-1.0, 1.0, 1.0, 1.0])
     T_circle_base = setup.T_base_circle.inverse().matrix
     grasp = replace(setup.grasp, approach_rad=-setup.grasp.approach_rad, skew_rad=-setup.grasp.skew_rad)
-    base = setup.circle.T_world_circle @ SE3(flip @ T_circle_base @ flip)
+    base = setup.circle.T_world_circle @ SE3.unchecked(flip @ T_circle_base @ flip)
     return replace(setup, T_world_base=base, grasp=grasp)
 
 

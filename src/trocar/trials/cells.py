@@ -32,9 +32,9 @@ class Cell:
         return [(s, k) for s in range(self.config.sessions) for k in range(self.config.trials)]
 
 
-def cell_of(study: Path, variant: str, config: RunConfig) -> Cell:
+def cell_of(study: str | Path, variant: str, config: RunConfig) -> Cell:
     """Return the cell of a run, whose folder is ``VARIANT-METHOD`` in the study's."""
-    return Cell(variant, config.method, config, (study / f"{variant}-{config.method}").absolute())
+    return Cell(variant, config.method, config, (Path(study) / f"{variant}-{config.method}").absolute())
 
 
 def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:

@@ -46,8 +46,8 @@ class KeptTrials(Sequence[Trial]):
         paths: of the files, in order.
     """
 
-    def __init__(self, paths: Sequence[Path]):
-        self.paths = tuple(paths)
+    def __init__(self, paths: Sequence[str | Path]):
+        self.paths = tuple(map(Path, paths))
         self._last: tuple[Path, Trial] | None = None
 
     def __len__(self) -> int:
@@ -104,8 +104,9 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     return KeptTrials(usable), strange
 
 
-def still_to_do(folder: Path, done: int) -> list[str]:
+def still_to_do(folder: str | Path, done: int) -> list[str]:
     """Return a sentence where a run has fewer trials than it was asked for, so that nobody takes it for the whole."""
+    folder = Path(folder)
     try:
         found = json.loads((folder / RECORD).read_text())
         asked = int(found["sessions"]) * int(found["trials"])
@@ -129,7 +130,7 @@ def _recorded_fingerprint(folder: Path) -> str:
         return ""
 
 
-def is_done(folder: Path, place: tuple[int, int], fingerprint: str) -> bool:
+def is_done(folder: str | Path, place: tuple[int, int], fingerprint: str) -> bool:
     """Return whether a trial of this run is there; refuse one of another run."""
     path = trial_file(folder, *place)
     if not path.is_file():
@@ -143,8 +144,9 @@ def is_done(folder: Path, place: tuple[int, int], fingerprint: str) -> bool:
     return _place(about) == place and _readable(path)
 
 
-def set_aside(path: Path) -> None:
+def set_aside(path: str | Path) -> None:
     """Give what lies in the place of a trial that is still to be run another name: nothing is thrown away."""
+    path = Path(path)
     if path.is_file():
         path.replace(path.with_name(f"{path.name}.aside"))
 

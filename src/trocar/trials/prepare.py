@@ -51,7 +51,12 @@ class Prepared:
 
 
 def prepare(
-    config: RunConfig, number: int, folder: Path, *, spheres: Path | None = None, listener: Listener | None = None
+    config: RunConfig,
+    number: int,
+    folder: str | Path,
+    *,
+    spheres: str | Path | None = None,
+    listener: Listener | None = None,
 ) -> Prepared:
     """Return one session of a run, calibrated where the method wants that.
 
@@ -66,6 +71,7 @@ def prepare(
             session's own.
         listener: called after each image of a calibration.
     """
+    folder = Path(folder)
     session = draw_session(config.laboratory, config.rng(number, SESSION))
     home = session_folder(folder, number)
     home.mkdir(parents=True, exist_ok=True)
@@ -77,7 +83,7 @@ def prepare(
         for place, arm in enumerate(config.arms):
             path = cable_file(folder, number, arm)
             if not path.is_file():
-                kept = (spheres or home) / f"spheres_{arm}.npz"
+                kept = Path(spheres or home) / f"spheres_{arm}.npz"
                 wide = config.prior != NO_PRIOR
                 rows = WIDE_ROWS if wide else IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
                 stream = (number, CALIBRATION, place)
@@ -126,7 +132,7 @@ def _recording(
     return collection.recording(collection.measured(collection.run(path, listener)))
 
 
-def cable_file(folder: Path, number: int, arm: str) -> Path:
+def cable_file(folder: str | Path, number: int, arm: str) -> Path:
     """Return where the cable model of an arm in a session of a run lies."""
     return session_folder(folder, number) / f"cables_{arm}.npz"
 

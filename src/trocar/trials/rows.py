@@ -29,13 +29,13 @@ class Row(Protocol):
 AnyRow = TypeVar("AnyRow", bound=Row)
 
 
-def row_file(trial: Path) -> Path:
+def row_file(trial: str | Path) -> Path:
     """Return where the row of a trial lies."""
-    return trial.with_suffix(".row.json")
+    return Path(trial).with_suffix(".row.json")
 
 
 def kept_row(
-    trial: Path, fingerprint: str, kind: Callable[..., AnyRow], version: int, made: Callable[[Trial], AnyRow]
+    trial: str | Path, fingerprint: str, kind: Callable[..., AnyRow], version: int, made: Callable[[Trial], AnyRow]
 ) -> AnyRow:
     """Return the row of a trial's file; it is made, and kept, where there is none that fits.
 

@@ -40,6 +40,9 @@ class Scenery:
     cameras: Mapping[str, list[tuple[float, str]]]
     tick_s: float
 
+    def __repr__(self) -> str:
+        return f"<Scenery of {len(self.solids)} solids, arms {', '.join(self.arms)}>"
+
     def values(self) -> dict[str, Any]:
         """Return all of it as JSON's values."""
         return {

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trocar.archive import Archive, read_archive, read_header
 from trocar.errors import TrocarError
 from trocar.log import Computation, Span
+from trocar.notebook import table
 from trocar.output import write_json
 from trocar.replay import Replay
 from trocar.trials.scenery import Scenery
@@ -77,6 +78,29 @@ class Trial:
     images: Mapping[str, bytes] = field(default_factory=dict)
     computations: list[Computation] = field(default_factory=list)
     wall_s: float = 0.0
+
+    def __repr__(self) -> str:
+        about, done = self.about, sum(bool(score["succeeded"]) for score in self.scores)
+        what = " ".join(str(about[key]) for key in ("task", "variant", "method") if about[key])
+        where = f"session {about['session']}, trial {about['index']} of seed {about['seed']}"
+        ended = "" if self.finished else f", ended by {self.ended}"
+        return (
+            f"<Trial {what}, {where}: {done} of {len(self.scores)} {self.piece}s in {self.duration_s:.1f} s{ended}, "
+            f"{len(self.collisions)} collisions>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = (
+            (
+                f"{self.piece} {number + 1}",
+                "done" if score["succeeded"] else score["failure"] or "not attempted",
+                f"{score['start_s']:.1f}",
+                f"{score['end_s']:.1f}",
+                score["reason"],
+            )
+            for number, score in enumerate(self.scores)
+        )
+        return table(self, (self.piece, "result", "from, s", "to, s", "reason"), rows)
 
     @property
     def finished(self) -> bool:
@@ -171,24 +195,24 @@ def trial_about(path: str | Path) -> dict[str, Any]:
         raise TrocarError(f"{str(path)!r} is no readable {FORMAT}; run that trial again") from None
 
 
-def timing_file(path: Path) -> Path:
+def timing_file(path: str | Path) -> Path:
     """Return where the real times of a trial lie."""
-    return path.with_suffix(".timing.json")
+    return Path(path).with_suffix(".timing.json")
 
 
-def trial_file(folder: Path, session: int, index: int) -> Path:
+def trial_file(folder: str | Path, session: int, index: int) -> Path:
     """Return where a trial of a session of a run lies."""
     return session_folder(folder, session) / f"trial_{index:03d}.npz"
 
 
-def session_folder(folder: Path, session: int) -> Path:
+def session_folder(folder: str | Path, session: int) -> Path:
     """Return where the files of one session of a run lie."""
-    return folder / f"session_{session:02d}"
+    return Path(folder) / f"session_{session:02d}"
 
 
-def trial_files(folder: Path) -> list[Path]:
+def trial_files(folder: str | Path) -> list[Path]:
     """Return the trials in a run's folder, in order."""
-    return sorted(folder.glob("session_*/trial_*.npz"))
+    return sorted(Path(folder).glob("session_*/trial_*.npz"))
 
 
 def _timing(path: Path) -> tuple[list[Computation], float]:

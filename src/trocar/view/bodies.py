@@ -33,7 +33,7 @@ class Bodies:
         for body in parts:
             if body not in film.bodies:
                 self._draw(body, parts[body], replay.T_world_body[body])
-        first = {body: SE3(replay.T_world_body[body].matrix[film.ticks[0]]) for body in film.bodies}
+        first = {body: SE3.unchecked(replay.T_world_body[body].matrix[film.ticks[0]]) for body in film.bodies}
         self._nodes = [self._draw(body, parts[body], first[body]) for body in film.bodies]
 
     def moved(self, frame: int) -> Iterator[tuple[str, NDArray[np.float32], NDArray[np.float32]]]:

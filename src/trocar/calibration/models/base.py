@@ -37,6 +37,11 @@ class TrainingMotion:
     upper: NDArray[np.float64]
     rows: int
 
+    def __repr__(self) -> str:
+        ends = zip(np.degrees(self.lower[3:]), np.degrees(self.upper[3:]), strict=True)
+        ranges = ", ".join(f"{low:.0f} to {high:.0f}" for low, high in ends)
+        return f"<TrainingMotion of {self.rows} rows: q4 q5 q6 from {ranges} deg>"
+
     @staticmethod
     def of(recording: Recording) -> TrainingMotion:
         """Return the statistics of a recording, or raise TrocarError if it is too short for a fit."""
@@ -95,6 +100,11 @@ class CableModel(Protocol):
     def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
         """Return the model that :meth:`arrays` described."""
         ...
+
+
+def in_words(model: CableModel, more: str = "") -> str:
+    """Return a model in one line, for its ``repr``: name, how much it was fitted on, and what else it tells."""
+    return f"<cable model {model.name!r}, fitted on {model.training.rows} rows{f': {more}' if more else ''}>"
 
 
 def commands(q_cmd: ArrayLike) -> NDArray[np.float64]:

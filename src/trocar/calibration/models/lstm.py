@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands, shaped
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
 from trocar.calibration.models.window import advance, resting_window, windows
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
@@ -61,6 +61,9 @@ class LstmModel:
     error_scale: NDArray[np.float64]
     offset: NDArray[np.float64]
     training: TrainingMotion
+
+    def __repr__(self) -> str:
+        return in_words(self)
 
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands, shaped
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
 from trocar.calibration.recording import Recording
 
 
@@ -25,6 +25,10 @@ class OffsetModel:
     rate_independent: ClassVar[bool] = True
     offset: NDArray[np.float64]
     training: TrainingMotion
+
+    def __repr__(self) -> str:
+        offsets = ", ".join(f"{x:.2f}" for x in np.degrees(self.offset[3:]))
+        return in_words(self, f"offsets of q4 q5 q6 {offsets} deg")
 
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:

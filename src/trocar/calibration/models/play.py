@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands, shaped
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
 from trocar.calibration.models.play_map import PlayMap, fit_linear, fit_map
 from trocar.calibration.plant import WRIST, fit_plant, play_slacks
 from trocar.calibration.play import play_operator
@@ -76,6 +76,10 @@ class PlayModel:
     outer: NDArray[np.float64]
     map: PlayMap
     training: TrainingMotion
+
+    def __repr__(self) -> str:
+        widths = ", ".join(f"{2 * radius:.1f}" for radius in np.degrees(self.radii[:, 0]))
+        return in_words(self, f"backlash of q4 q5 q6 {widths} deg, coupling {self.a:.2f} and {self.b:.2f}")
 
     @cached_property
     def mix(self) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands, shaped
+from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
 from trocar.calibration.models.window import PRIOR_COMMANDS, advance, resting_window, windows
 from trocar.calibration.recording import Recording
 
@@ -31,6 +31,9 @@ class RidgeModel:
     weights: NDArray[np.float64]
     offset: NDArray[np.float64]
     training: TrainingMotion
+
+    def __repr__(self) -> str:
+        return in_words(self)
 
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:

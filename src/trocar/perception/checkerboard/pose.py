@@ -61,9 +61,8 @@ def board_pose(
     _, turns, shifts, *_ = cv2.solvePnPGeneric(
         corners, left_px, rig.left.matrix, np.array(rig.left.distortion), flags=cv2.SOLVEPNP_IPPE
     )
-    guesses = [
-        SE3.from_parts(SO3.exp(np.ravel(turn)), np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)
-    ]
+    found = (np.concatenate([np.ravel(shift), np.ravel(turn)]) for turn, shift in zip(turns, shifts, strict=True))
+    guesses = [SE3.from_parts(SO3.exp(f[3:]), f[:3]) for f in found if np.isfinite(f).all()]
     guesses = [guess for guess in guesses if np.isfinite(off_px(guess)).all()]
     if not guesses:
         raise TrocarError("no pose before both eyes explains the corners of the board; check that each is in its place")

@@ -46,7 +46,7 @@ class Condition:
 
 
 def conditions_of(
-    folder: Path, task: Task, *, methods: str = "", flaws: str = "", scales: str = "", difficulty: str, **run: Any
+    folder: str | Path, task: Task, *, methods: str = "", flaws: str = "", scales: str = "", difficulty: str, **run: Any
 ) -> list[Condition]:
     """Return the conditions of a study, in the order of its figures.
 
@@ -62,6 +62,7 @@ def conditions_of(
     Raises:
         TrocarError: a name is unknown, or a size is none.
     """
+    folder = Path(folder)
     picked = chosen(methods, list(methods_of(type(task))), "methods")
     first = RunConfig(task=task, method=picked[0], difficulty=difficulty, **run)
     varied = chosen(flaws, first.laboratory.flaws_felt, "flaws")

@@ -12,13 +12,14 @@ COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE,
 WIDTH_IN, HEIGHT_IN = 2.7, 4.4
 
 
-def draw_curves(summaries: Sequence[Mapping[str, Any]], path: Path) -> Path:
+def draw_curves(summaries: Sequence[Mapping[str, Any]], path: str | Path) -> Path:
     """Draw a column for each flaw, success above collisions, a curve for each method; return the path.
 
     Args:
         summaries: of the conditions.
         path: of the picture.
     """
+    path = Path(path)
     flaws, methods = (list(dict.fromkeys(row[key] for row in summaries)) for key in ("flaw", "method"))
     with style.figure(1.0 + WIDTH_IN * len(flaws), HEIGHT_IN, path) as figure:
         grid = figure.subplots(2, len(flaws), squeeze=False, sharex="col", sharey="row")

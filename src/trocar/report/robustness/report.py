@@ -19,9 +19,10 @@ NOTES = (
 
 
 def write_study(
-    folder: Path, task: str, results: Sequence[Result], missing: Sequence[str]
+    folder: str | Path, task: str, results: Sequence[Result], missing: Sequence[str]
 ) -> tuple[dict[str, Any], list[Path]]:
     """Write ``summary.json`` and ``robustness.png``; return the summary and the files."""
+    folder = Path(folder)
     rows = [result.summary() for result in results]
     summary = {"study": "robustness", "task": task, "conditions": rows, "notes": [*NOTES, *missing]}
     path = folder / "summary.json"

@@ -35,7 +35,7 @@ class Row:
     duration_s: float
 
 
-def read_row(trial: Path, fingerprint: str) -> Row:
+def read_row(trial: str | Path, fingerprint: str) -> Row:
     """Return the row of a trial's file; it is made, and kept, where there is none that fits.
 
     Raises:

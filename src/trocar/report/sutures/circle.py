@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Patch, Wedge
 from numpy.typing import NDArray
 
@@ -24,15 +25,12 @@ from trocar.sutures.setup import CLOCKWISE, DIRECTION_NAMES, DIRECTIONS, SutureS
 MESH, BLOCKED = "#F7F5EF", "#D9D9D9"
 RING, GAP = 0.17, 0.03  # width of a ring, and gap between the two, as shares of the rings' inner radius
 
+SIZE_IN = (7.4, 6.6)
 LABEL_RAD = math.radians(25.0)  # labels this far apart do not overlap
 
 
-def draw_plan(map: DexterityMap, plan: SuturePlan, path: Path, title: str = "") -> Path:
-    """Draw a plan as seen from above the tissue, in mm, and return the path.
-
-    The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise sutures;
-    grey hatching marks positions out of reach in that direction. Arrows are the sutures from entry to exit, or to where
-    the tip stops in the tissue.
+def draw_plan(map: DexterityMap, plan: SuturePlan, path: str | Path, title: str = "") -> Path:
+    """Draw :func:`circle` with a plan and return the path.
 
     Args:
         map: dexterity of all sutures.
@@ -40,27 +38,46 @@ def draw_plan(map: DexterityMap, plan: SuturePlan, path: Path, title: str = "") 
         path: file of the picture.
         title: title; default: number of sutures and reward.
     """
+    with style.figure(*SIZE_IN, path) as figure:
+        circle(figure, map, plan, title)
+    return Path(path)
+
+
+def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, title: str = "") -> None:
+    """Draw the circle as seen from above the tissue, in mm, and the sutures of a plan.
+
+    The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise sutures;
+    grey hatching marks positions out of reach in that direction. Arrows are the sutures from entry to exit, or to where
+    the tip stops in the tissue.
+
+    Args:
+        figure: empty.
+        map: dexterity of all sutures.
+        plan: None: rings only.
+        title: title; default: number of sutures and reward.
+    """
     setup = map.setup
     inner = _rings_from(setup)
-    norm = Normalize(*map.span(plan.rewards))
-    with style.figure(7.4, 6.6, path) as figure:
-        axes = figure.add_subplot()
-        axes.set_aspect("equal")
-        axes.axis("off")
-        _draw_tissue(axes, setup)
-        for row, radius in ((0, inner * (1 + RING + GAP)), (1, inner)):
-            _draw_ring(axes, map, row, radius, inner * RING, norm)
-        outer = inner * (1 + 2 * RING + GAP)
-        _draw_angles(axes, outer)
-        _draw_base(axes, setup, outer)
+    norm = Normalize(*map.span(np.empty(0) if plan is None else plan.rewards))
+    figure.set_size_inches(*SIZE_IN)
+    axes = figure.add_subplot()
+    axes.set_aspect("equal")
+    axes.axis("off")
+    _draw_tissue(axes, setup)
+    for row, radius in ((0, inner * (1 + RING + GAP)), (1, inner)):
+        _draw_ring(axes, map, row, radius, inner * RING, norm)
+    outer = inner * (1 + 2 * RING + GAP)
+    _draw_angles(axes, outer)
+    _draw_base(axes, setup, outer)
+    if plan is not None:
         _draw_sutures(axes, setup, plan, inner, norm)
-        colours = ScalarMappable(norm, style.PATHS)
-        figure.colorbar(colours, ax=axes, shrink=0.62, pad=0.02, aspect=28).set_label("reward of a suture")
-        hatched = Patch(facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////", linewidth=0, label="beyond the limits")
-        axes.legend(handles=[hatched], loc="lower right", borderaxespad=0)
-        figure.suptitle(f"{title or _title(plan)}\n", x=0.01, ha="left", fontsize=10, fontweight="bold")
         figure.text(0.01, 0.955, plan.certified, color=style.QUIET, fontsize=8, va="top")
-    return path
+    colours = ScalarMappable(norm, style.PATHS)
+    figure.colorbar(colours, ax=axes, shrink=0.62, pad=0.02, aspect=28).set_label("reward of a suture")
+    hatched = Patch(facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////", linewidth=0, label="beyond the limits")
+    axes.legend(handles=[hatched], loc="lower right", borderaxespad=0)
+    default = "Dexterity: outer ring clockwise, inner ring counterclockwise" if plan is None else _title(plan)
+    figure.suptitle(f"{title or default}\n", x=0.01, ha="left", fontsize=10, fontweight="bold")
 
 
 def _title(plan: SuturePlan) -> str:

@@ -38,7 +38,7 @@ MARGIN_UNITS = {
 }
 
 
-def draw_reasons(map: DexterityMap, plan: SuturePlan, path: Path) -> Path:
+def draw_reasons(map: DexterityMap, plan: SuturePlan, path: str | Path) -> Path:
     """Draw the reasons for a plan round the circle: reward, margin, joints, manipulability; return the path.
 
     Args:
@@ -46,6 +46,7 @@ def draw_reasons(map: DexterityMap, plan: SuturePlan, path: Path) -> Path:
         plan: the plan, marked in the first panel.
         path: file of the picture.
     """
+    path = Path(path)
     with style.figure(8.2, 8.6, path) as figure:
         axes = figure.subplots(4, 1, sharex=True, height_ratios=[1.3, 1, 1, 0.8])
         _reward(axes[0], map, plan)
@@ -59,7 +60,7 @@ def draw_reasons(map: DexterityMap, plan: SuturePlan, path: Path) -> Path:
     return path
 
 
-def draw_study(study: SutureStudy, folder: Path, recorded: Demonstrations | None = None) -> list[Path]:
+def draw_study(study: SutureStudy, folder: str | Path, recorded: Demonstrations | None = None) -> list[Path]:
     """Draw the paper's Figs. 3 to 7 and Table I for a setup, separately and together; return the paths.
 
     Args:
@@ -67,6 +68,7 @@ def draw_study(study: SutureStudy, folder: Path, recorded: Demonstrations | None
         folder: folder of the pictures.
         recorded: demonstrations that the study's manipulability comes from; Fig. 6 then shows their arms.
     """
+    folder = Path(folder)
     found = study.dexterity
     arms, by_arm = ("arm 1", "arm 2 (assumed)"), study.manipulability
     if recorded is not None:

@@ -16,7 +16,7 @@ from trocar.sutures.demonstrations.convention import Convention
 NAMES = ("q", "joints")
 
 
-def read_array(path: Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64]:
+def read_array(path: str | Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64]:
     """Return the joint values (n, 6 arms) of a .npy file, or of ``q``, ``joints`` or the only array of an .npz file.
 
     Raises:
@@ -47,7 +47,7 @@ def pick_columns(values: NDArray[np.float64], convention: Convention, where: str
     return values[:, numbers]
 
 
-def _load(path: Path) -> NDArray:
+def _load(path: str | Path) -> NDArray:
     try:
         content: Any = np.load(path, allow_pickle=False)
         if not isinstance(content, np.lib.npyio.NpzFile):

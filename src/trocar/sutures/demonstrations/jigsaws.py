@@ -26,7 +26,7 @@ SKEWED = 0.2
 """A matrix that differs by more than this from the nearest rotation, in the largest entry, is not a rotation."""
 
 
-def read_jigsaws(path: Path, convention: Convention, episode: int | None = None) -> SE3:
+def read_jigsaws(path: str | Path, convention: Convention, episode: int | None = None) -> SE3:
     """Return the poses (n, 2) of the slaves' tips, left and right, in the frame of the recording.
 
     Recorded rotations are rounded; each is replaced by the nearest rotation.
@@ -68,7 +68,7 @@ def read_jigsaws(path: Path, convention: Convention, episode: int | None = None)
     return SE3.from_parts(rotations, places_m)
 
 
-def _check_spread(places_m: NDArray[np.float64], convention: Convention, path: Path) -> None:
+def _check_spread(places_m: NDArray[np.float64], convention: Convention, path: str | Path) -> None:
     """Raise if positions (n, 2, 3) of the tips exceed an arm's reach, or spread so little that mm must be m."""
     spread_m = np.linalg.norm(np.ptp(places_m, axis=0), axis=-1)
     reach_m = 2 * np.array([arm.upper[SLIDE] + arm.tip_length_m for arm in convention.arms])

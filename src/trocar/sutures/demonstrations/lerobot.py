@@ -16,7 +16,7 @@ from trocar.sutures.demonstrations.convention import Convention
 EPISODE = "episode_index"
 
 
-def read_parquet(path: Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64]:
+def read_parquet(path: str | Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64]:
     """Return the joint values (n, 6 arms) of one episode.
 
     The column named by ``convention.state`` holds one list of numbers per row; ``convention.columns`` numbers those
@@ -25,6 +25,7 @@ def read_parquet(path: Path, convention: Convention, episode: int | None = None)
     Raises:
         TrocarError: pyarrow is missing, the file is broken, or it has no such column or episode.
     """
+    path = Path(path)
     table = _load(path)
     if convention.state not in table.column_names:
         raise TrocarError(

@@ -30,12 +30,13 @@ READERS: dict[str, Reader] = {
 """Readers by file extension."""
 
 
-def read_recording(path: Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64] | SE3:
+def read_recording(path: str | Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64] | SE3:
     """Return the content of a file, read by the reader for its extension.
 
     Raises:
         TrocarError: the file is missing, empty or broken, or its extension or content is unknown.
     """
+    path = Path(path)
     if path.suffix not in READERS:
         raise TrocarError(f"{str(path)!r} ends in {path.suffix!r}; recordings end in one of {', '.join(READERS)}")
     if not path.is_file():

@@ -62,8 +62,9 @@ def synthetic_suture(theta_rad: float, rng: np.random.Generator) -> NDArray[np.f
     return np.stack(q, 1)
 
 
-def write_synthetic(folder: Path, rng: np.random.Generator) -> None:
+def write_synthetic(folder: str | Path, rng: np.random.Generator) -> None:
     """Write the manifest and one CSV file per suture to a folder."""
+    folder = Path(folder)
     make_folder(folder)
     names = [joint.name for joint in SETUP.arm.joints]
     columns = [f"{arm}_{name}" for arm in ("psm1", "psm2") for name in names]

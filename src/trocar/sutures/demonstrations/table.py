@@ -12,7 +12,7 @@ from trocar.errors import TrocarError
 from trocar.sutures.demonstrations.convention import Convention
 
 
-def read_table(path: Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64]:
+def read_table(path: str | Path, convention: Convention, episode: int | None = None) -> NDArray[np.float64]:
     """Return the joint values (n, 6 arms) of a CSV file with a header.
 
     Unless the manifest names or numbers them, the columns are ``q1`` to ``q6`` or the arm's joint names (``yaw``,
@@ -22,6 +22,7 @@ def read_table(path: Path, convention: Convention, episode: int | None = None) -
     Raises:
         TrocarError: the file is not such a table.
     """
+    path = Path(path)
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]

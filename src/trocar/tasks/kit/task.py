@@ -53,6 +53,11 @@ class Score:
     start_s: float
     end_s: float
 
+    def __repr__(self) -> str:
+        result = "done" if self.succeeded else self.failure or ("failed" if self.attempted else "not attempted")
+        why = f": {self.reason}" if self.reason else ""
+        return f"<Score {result}, {self.start_s:.1f} to {self.end_s:.1f} s{why}>"
+
 
 class Task:
     """What is to be done, apart from how it is done. A task is a frozen dataclass whose fields are its options.

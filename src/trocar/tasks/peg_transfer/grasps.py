@@ -170,7 +170,7 @@ def _neighbours(T_board_block: SE3, others: SE3 | None) -> list[SE3]:
         return []
     away = others.translation_m[:, :2] - T_board_block.translation_m[:2]
     distance = np.linalg.norm(away, axis=-1)
-    return [SE3(m) for m, d in zip(others.matrix, distance, strict=True) if SELF_M < d < REACH_M]
+    return [SE3.unchecked(m) for m, d in zip(others.matrix, distance, strict=True) if SELF_M < d < REACH_M]
 
 
 def vertical_grasps(T_board_block: SE3, depth_m: float) -> list[SE3]:
@@ -180,7 +180,7 @@ def vertical_grasps(T_board_block: SE3, depth_m: float) -> list[SE3]:
         x = np.array([matrix[0, 0], matrix[1, 0], 0.0])
         x /= np.linalg.norm(x)
         z = np.array([0.0, 0.0, 1.0])
-        poses.append(SE3.from_parts(SO3(np.column_stack([x, np.cross(z, x), z])), matrix[:3, 3]))
+        poses.append(SE3.from_parts(SO3.unchecked(np.column_stack([x, np.cross(z, x), z])), matrix[:3, 3]))
     return poses
 
 

@@ -46,7 +46,7 @@ def held_block(T_board_tip: SE3, T_board_block: SE3, block: Block) -> SE3:
     matrix = (T_board_tip.inverse() @ T_board_block).matrix.copy()
     middle_m = 0.5 * (block.side_m + float(block.hole_radius_m(np.radians(90.0 + GRASP_OFF_MIDDLE_DEG))))
     matrix[0, 3] = np.sign(matrix[0, 3]) * middle_m
-    return SE3(matrix)
+    return SE3.unchecked(matrix)
 
 
 def choose_place(

@@ -135,7 +135,7 @@ class PegTransfer(Task):
             while any(block.gap_m(pose, other) < MIN_GAP_M for other in poses):
                 pose = _lay(block, peg, shift_m, rng)
             poses.append(pose)
-        T_board_blocks = SE3(np.stack([pose.matrix for pose in poses]))
+        T_board_blocks = SE3.unchecked(np.stack([pose.matrix for pose in poses]))
         return PegScene(T_world_board, T_world_board @ T_board_blocks, board, block)
 
     def world(self, scene: PegScene) -> TaskWorld:

@@ -107,7 +107,7 @@ class Problems:
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
         q = self.robot.setpoint(name).q
         through = () if asked.T_world_through is None else (asked.T_world_through,)
-        T_world_goals = SE3(np.stack([T.matrix for T in (*through, asked.T_world_goal)]))
+        T_world_goals = SE3.unchecked(np.stack([T.matrix for T in (*through, asked.T_world_goal)]))
         T_world_camera = self.cell.T_world_camera_registered[CAMERA]
         facing = Facing(np.array(JAW_AXIS), T_world_camera.translation_m, float(MAX_FACING_RAD))
         within = all(

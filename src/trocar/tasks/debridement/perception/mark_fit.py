@@ -77,7 +77,7 @@ def rough_fit(named: Mapping[int, MarkPair], marks: FingerMarks, tip_length_m: f
     if rms[best] > MAX_ROUGH_M:
         return None
     place = seen.mean(0) - turns[best] @ middles[best, 0]
-    return Fit(SE3.from_parts(SO3(turns[best]), place), float(JAW_GUESSES[best]))
+    return Fit(SE3.from_parts(SO3.unchecked(turns[best]), place), float(JAW_GUESSES[best]))
 
 
 def fit_marks(spots: Sequence[Spot], rig: StereoRig, marks: FingerMarks, tip_length_m: float, guess: Fit) -> Fit:
@@ -111,7 +111,7 @@ def fit_marks(spots: Sequence[Spot], rig: StereoRig, marks: FingerMarks, tip_len
     rms = float(np.sqrt(np.mean(residual**2)))
     covariance = np.linalg.pinv(full.T @ full) * (SPOT_SD_PX / rig.left.fx) ** 2
     sd_m, sd_rad = (float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (covariance[:3, :3], covariance[3:6, 3:6]))
-    return Fit(SE3.from_parts(SO3(R), t), jaw, rms * rig.left.fx, sd_m, sd_rad, len(set(mark.tolist())))
+    return Fit(SE3.from_parts(SO3.unchecked(R), t), jaw, rms * rig.left.fx, sd_m, sd_rad, len(set(mark.tolist())))
 
 
 def _model(marks: FingerMarks, tip_length_m: float, jaw_rad: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -89,7 +89,7 @@ class DebridementWorld(TaskWorld):
         poses = [record.T_world_body[f"fragment{k}"].matrix for k in range(len(fragments))]
         return DebridementTruth(
             times_s=record.times_s,
-            T_world_fragments=SE3(np.stack(poses, axis=1)),
+            T_world_fragments=SE3.unchecked(np.stack(poses, axis=1)),
             fragments_m=tuple(fragment.vertices_m for fragment in fragments),
             held_by=self._by_arm(self._held),
             touched_by=self._by_arm(self._touched),

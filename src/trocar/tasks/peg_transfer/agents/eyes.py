@@ -50,7 +50,7 @@ class Eyes:
             return fit.reason, TransferOutcome.NO_BLOCK
         table.blocks[source] = fit.T_board_block
         others = [pose.matrix for peg, pose in table.blocks.items() if peg != source]
-        neighbours = SE3(np.array(others)) if others else None
+        neighbours = SE3.unchecked(np.array(others)) if others else None
         refusal = ""
         own_side = self.arm.motions.T_base_board.inverse().translation_m[:2]
         for outer, min_gap_m, max_roll_rad in OUTER_RULES if self.arm.hands_over else GRASP_RULES:

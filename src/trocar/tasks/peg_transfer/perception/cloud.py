@@ -99,7 +99,7 @@ def _face_plane(points: NDArray[np.float64]) -> tuple[SE3, NDArray[np.bool_]]:
     z = normal if normal @ middle >= 0 else -normal
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)
-    return SE3.from_parts(SO3(np.column_stack([x, np.cross(z, x), z])), middle), near
+    return SE3.from_parts(SO3.unchecked(np.column_stack([x, np.cross(z, x), z])), middle), near
 
 
 def _thin(xy: NDArray[np.float64], count: int) -> NDArray[np.float64]:

@@ -66,7 +66,7 @@ def _add_blocks(world: Element, assets: Element, scene: PegScene) -> None:
     for index, piece in enumerate(pieces):
         add(assets, "mesh", name=f"block_piece{index}", vertex=text(piece))
     for number, pose in enumerate(scene.T_world_blocks.matrix):
-        body = add(world, "body", name=f"block{number}", **placed(SE3(pose)))
+        body = add(world, "body", name=f"block{number}", **placed(SE3.unchecked(pose)))
         add(body, "freejoint", name=f"block{number}")
         for index, corner in enumerate(scene.block.corners_m()):
             add(

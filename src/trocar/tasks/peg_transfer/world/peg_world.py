@@ -82,7 +82,7 @@ class PegWorld(TaskWorld):
         poses = [record.T_world_body[f"block{k}"].matrix for k in range(self._count)]
         return PegTruth(
             times_s=record.times_s,
-            T_board_blocks=T_board_world @ SE3(np.stack(poses, axis=1)),
+            T_board_blocks=T_board_world @ SE3.unchecked(np.stack(poses, axis=1)),
             held=np.any(list(held_by.values()), axis=0),
             p_board_tips={name: T_board_world.apply(T.translation_m) for name, T in record.T_world_tip.items()},
             board=self._scene.board,

@@ -210,4 +210,4 @@ class NeedleBelief:
         along -= closing * (closing @ along)
         along /= np.linalg.norm(along)
         R = np.column_stack([closing, along, np.cross(closing, along)])
-        return SE3.from_parts(SO3(R), T_needle_tip.translation_m)
+        return SE3.from_parts(SO3.unchecked(R), T_needle_tip.translation_m)

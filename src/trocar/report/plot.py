@@ -1,0 +1,89 @@
+"""One verb for pictures on the screen: ``plot(thing)`` draws whatever has a picture."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from typing import Any
+
+from trocar.calibration.evaluation import Evaluation
+from trocar.calibration.figure import wrist
+from trocar.calibration.recording import Recording
+from trocar.errors import TrocarError
+from trocar.motion import MotionPlan, TimedPath
+from trocar.report.courses import course
+from trocar.report.style import Picture, picture
+from trocar.report.sutures.circle import circle
+from trocar.report.timechart import chart
+from trocar.sutures import DexterityMap, SuturePlan
+from trocar.trajectory import Trajectory
+from trocar.trials.trial import Trial
+
+
+@singledispatch
+def plot(thing: Any, **options: Any) -> Picture:
+    """Return a picture of a value as a Matplotlib figure, which a notebook shows; nothing is written.
+
+    >>> from trocar.report.plot import plot
+    >>> plot(plan_through(arm, waypoints, limits))
+    >>> plot(map, plan=plan).savefig("plan.png")
+
+    | of a | is drawn | options |
+    |---|---|---|
+    | ``Trajectory``, ``TimedPath``, ``MotionPlan`` | position, velocity, acceleration over time | ``joints``: names |
+    | ``Recording`` | commanded and measured wrist over time, and its hysteresis | |
+    | ``Evaluation`` | the same, with what the cable model predicted | |
+    | ``Trial`` | the time chart of its arms | ``title`` |
+    | ``DexterityMap`` | dexterity round the circle | ``plan``: the ``SuturePlan`` to draw on it; ``title`` |
+    | ``SuturePlan`` | its sutures on the circle | ``map``: the ``DexterityMap`` that it was made from; ``title`` |
+
+    A package of yours adds a kind with ``plot.register``.
+
+    Args:
+        thing: what is to be seen.
+        options: as the table says.
+
+    Raises:
+        TrocarError: it has no picture.
+    """
+    kinds = ", ".join(sorted(kind.__name__ for kind in plot.registry if kind is not object))
+    raise TrocarError(f"{type(thing).__name__} has no picture; plot one of {kinds}")
+
+
+@plot.register(Trajectory)
+@plot.register(TimedPath)
+def _path(thing: Trajectory | TimedPath, joints: tuple[str, ...] = ()) -> Picture:
+    return picture(lambda figure: course(figure, {"": thing}, joints))
+
+
+@plot.register(MotionPlan)
+def _motion(thing: MotionPlan, joints: tuple[str, ...] = ()) -> Picture:
+    if not thing.paths:
+        raise TrocarError(f"there is no motion to plot: {thing.reason}")
+    return picture(lambda figure: course(figure, thing.paths, joints))
+
+
+@plot.register(Recording)
+def _recording(thing: Recording) -> Picture:
+    return picture(lambda figure: wrist(figure, thing))
+
+
+@plot.register(Evaluation)
+def _evaluation(thing: Evaluation) -> Picture:
+    return picture(lambda figure: wrist(figure, thing.recording, thing))
+
+
+@plot.register(Trial)
+def _trial(thing: Trial, title: str = "Time chart") -> Picture:
+    return picture(lambda figure: chart(figure, thing, title))
+
+
+@plot.register(DexterityMap)
+def _dexterity(thing: DexterityMap, plan: SuturePlan | None = None, title: str = "") -> Picture:
+    return picture(lambda figure: circle(figure, thing, plan, title))
+
+
+@plot.register(SuturePlan)
+def _sutures(thing: SuturePlan, map: DexterityMap | None = None, title: str = "") -> Picture:
+    if map is None:
+        raise TrocarError("a plan of sutures is drawn on its dexterity map; give plot(plan, map=map)")
+    return _dexterity(map, thing, title)
