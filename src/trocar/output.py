@@ -6,11 +6,14 @@ its own kind; whatever else has its name stays, and the user is told.
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import StringIO
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -147,13 +150,17 @@ def write_json(path: str | Path, values: Mapping[str, Any], kind: str) -> Path:
 
 
 def write_table(path: str | Path, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Path:
-    """Write a CSV file and return its path; raises as ``writing`` does.
+    """Write a CSV file, cells quoted where they must be, and return its path; raises as ``writing`` does.
 
     It has no place for a mark: one with the same columns is of its kind.
     """
-    path, head = Path(path), ",".join(columns) + "\n"
-    with writing(path, "table with these columns", mark=head) as draft:
-        draft.write_text(head + "".join(",".join(row) + "\n" for row in rows), encoding="utf-8")
+    path, head = Path(path), StringIO()
+    csv.writer(head, lineterminator="\n").writerow(columns)
+    with (
+        writing(path, "table with these columns", mark=head.getvalue()) as draft,
+        draft.open("w", newline="", encoding="utf-8") as file,
+    ):
+        csv.writer(file, lineterminator="\n").writerows(chain([columns], rows))
     return path
 
 
