@@ -34,6 +34,8 @@ SEARCHED_BYTES = 64 << 10
 COMMENTS: dict[str, Callable[[str], str]] = {
     ".html": "<!-- {} -->\n".format,
     ".toml": "# {}\n".format,
+    ".urdf": "<!-- {} -->\n".format,
+    ".xml": "<!-- {} -->\n".format,
 }
 """How a text says it in a comment, at its end."""
 
@@ -133,7 +135,7 @@ def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str, kind: str) -> Path:
-    """Write an HTML or TOML file, its mark in a comment, and return its path; raises as ``writing`` does."""
+    """Write an HTML, XML or TOML file, its mark in a comment, and return its path; raises as ``writing`` does."""
     path = Path(path)
     with writing(path, kind) as draft:
         draft.write_text(text + COMMENTS[path.suffix](mark_of(kind)), encoding="utf-8")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element, indent, tostring
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, frames
 from trocar.arms.instrument import Instrument
@@ -83,6 +84,7 @@ class CellModel:
         servo: how the joints are driven.
         surface: contact parameters.
         worn: spheres for calibration, by the arm whose instrument wears them.
+        q_start: joints (6,) in which an arm stands where MuJoCo's state is as it was loaded; zero where it has none.
     """
 
     arms: Mapping[str, ArmModel]
@@ -91,10 +93,18 @@ class CellModel:
     servo: Servo = field(default_factory=Servo)
     surface: Surface = field(default_factory=Surface)
     worn: Mapping[str, Fixture] = field(default_factory=dict)
+    q_start: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 def build_mjcf(cell: CellModel) -> str:
-    """Return the cell as MJCF text: the task's bodies, and arms on position servos."""
+    """Return the cell as MJCF text."""
+    root = cell_element(cell)
+    indent(root)
+    return tostring(root, encoding="unicode")
+
+
+def cell_element(cell: CellModel) -> Element:
+    """Return the cell as MJCF: the task's bodies, and arms on position servos."""
     root = Element("mujoco", model="trocar")
     add(root, "compiler", angle="radian", autolimits="true")
     option = add(
@@ -125,8 +135,7 @@ def build_mjcf(cell: CellModel) -> str:
     sections = {name: add(root, name) for name in ("equality", "actuator")}
     for index, (name, arm) in enumerate(cell.arms.items()):
         _add_arm(world, assets, sections, cell, name, arm, arm_bits(index))
-    indent(root)
-    return tostring(root, encoding="unicode")
+    return root
 
 
 def _add_arm(
@@ -139,11 +148,12 @@ def _add_arm(
     bits: Mapping[str, str],
 ) -> None:
     servo = cell.servo
-    at_zero = frames(arm, np.zeros(6))
+    q_start = cell.q_start.get(name, np.zeros(6))
+    at_start = frames(arm, q_start)
     body = add(world, "body", name=f"{name}_base", gravcomp="1", **placed(cell.T_world_base[name]))
     links = []
     for index, joint in enumerate(arm.joints):
-        pose = at_zero[index].inverse() @ at_zero[index + 1]
+        pose = at_start[index].inverse() @ at_start[index + 1]
         body = add(body, "body", name=f"{name}_link{index + 1}", gravcomp="1", **placed(pose))
         add(body, "inertial", pos="0 0 0", mass="0.01", diaginertia="1e-6 1e-6 1e-6")
         add(
@@ -153,6 +163,7 @@ def _add_arm(
             type="slide" if joint.prismatic else "hinge",
             axis="0 0 1",
             range=text((joint.lower, joint.upper)),
+            ref=text(q_start[index]),
             armature=text(servo.inertia[index]),
         )
         links.append(body)
