@@ -26,6 +26,10 @@ def short_trial(index=0, session=0, **changes):
     """A trial of which only the first ticks were kept, its base registered a centimetre beside the true one."""
     trial = synthetic_trial(RUN, index, {3: "DROPPED"}, session=session)
     arrays = {name: array[:TICKS] if len(array) > TICKS else array for name, array in trial.arrays.items()}
+    arrays["true_psm1"] = arrays["true_psm1"].copy()
+    arrays["true_psm1"][:, 3] = np.linspace(
+        -4.0, 4.0, TICKS
+    )  # more than a turn, on which a quaternion changes its sign
     beside = {name: SE3.from_parts(translation_m=[0.01, 0, 0]) @ T for name, T in trial.scenery.T_world_base.items()}
     return replace(trial, arrays=arrays, scenery=replace(trial.scenery, T_world_base_registered=beside), **changes)
 
