@@ -33,6 +33,8 @@ def recording():
 WRITERS = {
     "plan.json": lambda path: write_json(path, {"a": 1}, KIND),
     "page.html": lambda path: write_text(path, "<p>hello</p>", "report"),
+    "cell.xml": lambda path: write_text(path, "<mujoco/>\n", "MJCF of a station"),
+    "arm.urdf": lambda path: write_text(path, "<robot/>\n", "URDF of an arm"),
     "station.toml": lambda path: write_text(path, "[arms]\n", "station"),
     "table.csv": lambda path: write_table(path, ["a", "b"], [["1", "2"]]),
     "figure.png": lambda path: write_figure(path, Figure((2, 2))),

@@ -6,11 +6,14 @@ its own kind; whatever else has its name stays, and the user is told.
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import StringIO
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +34,8 @@ SEARCHED_BYTES = 64 << 10
 COMMENTS: dict[str, Callable[[str], str]] = {
     ".html": "<!-- {} -->\n".format,
     ".toml": "# {}\n".format,
+    ".urdf": "<!-- {} -->\n".format,
+    ".xml": "<!-- {} -->\n".format,
 }
 """How a text says it in a comment, at its end."""
 
@@ -130,7 +135,7 @@ def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str, kind: str) -> Path:
-    """Write an HTML or TOML file, its mark in a comment, and return its path; raises as ``writing`` does."""
+    """Write an HTML, XML or TOML file, its mark in a comment, and return its path; raises as ``writing`` does."""
     path = Path(path)
     with writing(path, kind) as draft:
         draft.write_text(text + COMMENTS[path.suffix](mark_of(kind)), encoding="utf-8")
@@ -147,13 +152,17 @@ def write_json(path: str | Path, values: Mapping[str, Any], kind: str) -> Path:
 
 
 def write_table(path: str | Path, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Path:
-    """Write a CSV file and return its path; raises as ``writing`` does.
+    """Write a CSV file, cells quoted where they must be, and return its path; raises as ``writing`` does.
 
     It has no place for a mark: one with the same columns is of its kind.
     """
-    path, head = Path(path), ",".join(columns) + "\n"
-    with writing(path, "table with these columns", mark=head) as draft:
-        draft.write_text(head + "".join(",".join(row) + "\n" for row in rows), encoding="utf-8")
+    path, head = Path(path), StringIO()
+    csv.writer(head, lineterminator="\n").writerow(columns)
+    with (
+        writing(path, "table with these columns", mark=head.getvalue()) as draft,
+        draft.open("w", newline="", encoding="utf-8") as file,
+    ):
+        csv.writer(file, lineterminator="\n").writerows(chain([columns], rows))
     return path
 
 

@@ -170,6 +170,8 @@ BAD = [
     "calibrate evaluate model.npz recording.npz --plot folder",
     "calibrate evaluate model.npz recording.npz --plot loops.xyz",
     "study calibration --data missing",
+    *(f"export {name} --out tables" for name in ("missing", "folder", "badtrial", "recording.npz", "empty.npz")),
+    "export recording.npz --out recording.npz",
     "study calibration --data folder",
     "study calibration --data recording.npz",
     *(f"register points {name}.npy points.npy" for name in (*BAD_ARRAYS, "fewer", "nan", "one", "objects")),
@@ -252,6 +254,7 @@ USAGE = [
     "register points points.npy",
     "register block capture.npz --unit",
     "study magic",
+    "export recording.npz",
 ]
 
 

@@ -14,6 +14,7 @@ from trocar.arms import PSM_CLASSIC
 from trocar.calibration import study
 from trocar.calibration.excitation import PSM2_BOX, wide_path
 from trocar.calibration.plant import PSM1_GREY
+from trocar.calibration.recording_table import COMMANDED, MEASURED
 from trocar.cli import main
 from trocar.cli.study import errors_table, models_table
 
@@ -173,3 +174,20 @@ def test_a_minutes_commands_are_written_for_a_robot(trocar, tmp_path):
 def test_commands_that_cannot_be_written_are_refused(trocar, tmp_path, more, what):
     code, _, error = trocar("calibrate", "excite", "--out", tmp_path / "minute.csv", *more)
     assert code == 2 and what in error
+
+
+def test_a_recording_may_be_a_csv_file_and_is_never_written_over(monkeypatch, capsys, recording, tmp_path):
+    with np.load(recording) as arrays:
+        values = np.column_stack([arrays["t_s"], arrays["q_cmd"], arrays["q_phy"], arrays["valid"]])
+    header = ",".join(["time_s", *COMMANDED, *MEASURED, "valid"])
+    np.savetxt(tmp_path / "r.csv", values, delimiter=",", header=header, comments="", fmt="%.17g")
+    said = {}
+    for kind in ("npz", "csv"):
+        path, model = tmp_path / f"r.{kind}", tmp_path / f"m_{kind}.npz"
+        assert run(monkeypatch, capsys, "calibrate", "fit", path, "--model", "ridge", "--out", model)[0] == 0
+        code, stdout, _ = run(monkeypatch, capsys, "calibrate", "evaluate", model, path, "--json")
+        assert code == 0
+        said[kind] = json.loads(stdout)
+    assert said["csv"]["rmse_after"] == said["npz"]["rmse_after"]
+    code, _, stderr = run(monkeypatch, capsys, "calibrate", "fit", tmp_path / "r.csv", "--out", tmp_path / "r.csv")
+    assert code == 2 and "must end in .npz" in stderr

@@ -126,3 +126,42 @@ def test_a_transmission_of_ones_own_comes_with_a_plugin(trocar, mine, tmp_path):
     assert trocar("station", "check", path, "--plugin", plugin)[0] == 0
     code, out, _ = trocar("station", "show", path, "--plugin", plugin, "--json")
     assert code == 0 and json.loads(out)["arms"]["psm1"]["transmission"] == "ropes-of-mine"
+
+
+def test_a_station_is_exported_for_mujoco_and_its_arms_as_urdf(trocar, tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    mjcf, urdf = tmp_path / "pair.xml", tmp_path / "urdf"
+    words = ("station", "export", "raven-pair", "--mjcf", mjcf, "--urdf", urdf, "--json")
+    assert trocar(*words)[0] == 0
+    code, out, err = trocar(*words)  # its own files are written again
+    assert code == 0, err
+    assert json.loads(out)["files"] == [str(mjcf), str(urdf / "raven2-left.urdf"), str(urdf / "raven2-right.urdf")]
+    assert mujoco.MjModel.from_xml_path(str(mjcf)).nu == 14
+    assert mujoco.MjModel.from_xml_path(str(urdf / "raven2-left.urdf")).njnt == 9
+    code, out, _ = trocar("station", "export", "peg-transfer", "--mjcf", tmp_path / "p.xml", "--task", "peg-transfer")
+    assert code == 0 and f"python -m mujoco.viewer --mjcf={tmp_path / 'p.xml'}" in out
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "p.xml")).body("block5").id > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["peg-transfer"], "nothing to write; give --mjcf FILE.xml, --urdf FOLDER, or both"),
+        (["peg-transfer", "--mjcf", "a.txt"], "'a.txt' must end in .xml"),
+        (["peg-transfer", "--mjcf", "nowhere/a.xml"], "lie in a folder that exists"),
+        (["kitchen", "--urdf", "urdf"], "station 'kitchen' is unknown"),
+        (["peg-transfer", "--urdf", "urdf", "--task", "peg-transfer"], "--task is for the whole station"),
+        (["peg-transfer", "--mjcf", "a.xml", "--task", "cooking"], "'cooking' is unknown; choose one of"),
+        (["suture", "--mjcf", "a.xml", "--task", "peg-transfer"], "no fixture 'board'"),
+        (["peg-transfer", "--mjcf", "a.xml", "--seed", "-1"], "seed -1 is negative"),
+        (["peg-transfer", "--mjcf", "theirs.xml"], "theirs.xml' is there already"),
+        (["peg-transfer", "--urdf", "theirs.xml"], "is a file where a folder is to be"),
+    ],
+)
+def test_what_cannot_be_exported_is_one_sentence_and_writes_nothing(trocar, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "theirs.xml").write_text("<mine/>")
+    code, out, err = trocar("station", "export", *words)
+    assert (code, out) == (2, "") and said in err and err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["theirs.xml"]
+    assert (tmp_path / "theirs.xml").read_text() == "<mine/>"

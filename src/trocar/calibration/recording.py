@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.calibration.recording_table import read_recording_table
 from trocar.errors import TrocarError
 from trocar.geometry import shown
 from trocar.notebook import table
@@ -128,19 +129,22 @@ class Recording:
 
 
 def load_recording(path: str | Path) -> Recording:
-    """Return the recording in an ``.npz`` file (q_cmd, q_phy, optional valid, t_s) or a folder of ``.npy`` files.
+    """Return the recording in an ``.npz`` file (q_cmd, q_phy, optional valid, t_s), a CSV file, or a folder.
 
-    A folder contains ``q_cmd.npy`` and ``q_phy.npy``, or ``q_des.npy`` (commanded) and ``q_act.npy`` (measured), and
-    optionally ``valid.npy`` and ``t_s.npy``. A row also counts as bad if the measurement is not finite or a wrist angle
-    is more than 1 rad from its command (a misdetection).
+    The columns of a CSV file are named in :mod:`trocar.calibration.recording_table`. A folder contains ``q_cmd.npy``
+    and ``q_phy.npy``, or ``q_des.npy`` (commanded) and ``q_act.npy`` (measured), and optionally ``valid.npy`` and
+    ``t_s.npy``. A row also counts as bad if the measurement is not finite or a wrist angle is more than 1 rad from its
+    command (a misdetection).
 
     Raises:
         TrocarError: the file is missing, empty, truncated, not of this form, or in other units than rad and m.
     """
     path = Path(path)
     if not path.exists():
-        raise TrocarError(f"recording {str(path)!r} does not exist; give an .npz file or a folder of .npy files")
-    arrays = _folder_arrays(path) if path.is_dir() else _npz_arrays(path)
+        raise TrocarError(
+            f"recording {str(path)!r} does not exist; give an .npz or .csv file, or a folder of .npy files"
+        )
+    arrays = _arrays(path)
     n = len(arrays["q_cmd"]) if arrays["q_cmd"].ndim else 0
     recording = Recording(
         q_cmd=arrays["q_cmd"],
@@ -200,9 +204,18 @@ def sampling_interval(q: NDArray[np.float64]) -> NDArray[np.float64]:
     return moving.mean(axis=0) if len(moving) else np.zeros(q.shape[1])
 
 
+def _arrays(path: Path) -> dict[str, NDArray]:
+    """Return what a file or a folder holds; its ending says of which kind it is."""
+    if path.is_dir():
+        return _folder_arrays(path)
+    if path.suffix == ".csv":
+        return read_recording_table(path)
+    if path.suffix == ".npz":
+        return _npz_arrays(path)
+    raise TrocarError(f"recording {str(path)!r} is no .npz or .csv file and no folder; convert it to one of these")
+
+
 def _npz_arrays(path: Path) -> dict[str, NDArray]:
-    if path.suffix != ".npz":
-        raise TrocarError(f"recording {str(path)!r} is neither an .npz file nor a folder; convert it to one of these")
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: np.asarray(data[key]) for key in data.files}
@@ -224,7 +237,7 @@ def _folder_arrays(folder: Path) -> dict[str, NDArray]:
             extra = {key: folder / f"{key}.npy" for key in ("valid", "t_s")}
             return arrays | {key: _load_npy(file) for key, file in extra.items() if file.exists()}
     pairs = " or ".join(f"{commanded} and {measured}" for commanded, measured in FOLDER_FILES)
-    raise TrocarError(f"folder {str(folder)!r} does not hold {pairs}; give another folder or an .npz file")
+    raise TrocarError(f"folder {str(folder)!r} does not hold {pairs}; give another folder, or an .npz or .csv file")
 
 
 def _load_npy(path: Path) -> NDArray:

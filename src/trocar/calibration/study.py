@@ -105,17 +105,22 @@ def session_change(model: CableModel, recording: Recording, rows: int = REFIT_RO
 
 
 def load_study_recordings(data: str | Path, names: Sequence[str]) -> dict[str, Recording]:
-    """Return recordings by name from a folder of ``.npz`` files, or from its subfolder ``dvrk/trajectories``."""
+    """Return recordings by name from a folder of ``.npz`` or ``.csv`` files, or from its ``dvrk/trajectories``.
+
+    Raises:
+        TrocarError: the folder lacks one of them, or one cannot be read.
+    """
     data = Path(data)
     inner = data / "dvrk" / "trajectories"
     data = inner if inner.is_dir() else data
-    missing = [name for name in names if not (data / f"{name}.npz").is_file()]
+    files = {name: [path for path in (data / f"{name}.npz", data / f"{name}.csv") if path.is_file()] for name in names}
+    missing = [name for name, found in files.items() if not found]
     if missing:
         raise TrocarError(
-            f"folder {str(data)!r} lacks {', '.join(f'{name}.npz' for name in missing)}; give the folder of these "
-            "recordings with --data or TROCAR_DATA (docs/calibration.md, Recordings)"
+            f"folder {str(data)!r} lacks the recordings {', '.join(missing)} (.npz or .csv); give their folder with "
+            "--data or TROCAR_DATA (docs/calibration.md, 'Public recordings': where they are and how to convert them)"
         )
-    return {name: load_recording(data / f"{name}.npz") for name in names}
+    return {name: load_recording(found[0]) for name, found in files.items()}
 
 
 def run_models(

@@ -42,11 +42,12 @@ def _common(
     del version
 
 
-from trocar.cli import analyse, calibrate, doctor, plan, register, run, station, study, view  # noqa: E402
+from trocar.cli import analyse, calibrate, doctor, export, plan, register, run, station, study, view  # noqa: E402
 
 app.command(epilog="Example: trocar doctor")(doctor.doctor)
 app.command(epilog="Example: trocar report out/ten")(run.report)
 app.command(epilog="Example: trocar view out/ten --trial 3")(view.view)
+app.command(epilog="Example: trocar export out/ten --out out/tables --format parquet")(export.export)
 app.command(epilog="Example: trocar analyse joints.csv --rate 100 --out out/motion")(analyse.analyse)
 app.add_typer(run.app, name="run")
 app.add_typer(calibrate.app, name="calibrate")

@@ -37,8 +37,8 @@ RecordingPath = Annotated[
     Path,
     typer.Argument(
         metavar="RECORDING",
-        help=".npz with q_cmd, q_phy (optional: valid, t_s), or a folder of q_cmd.npy, q_phy.npy "
-        "(or q_des.npy, q_act.npy)",
+        help=".npz with q_cmd, q_phy (optional: valid, t_s); .csv with q1_commanded_rad to q6_measured_rad (q3 in m; "
+        "optional: time_s, valid); or a folder of q_cmd.npy, q_phy.npy (or q_des.npy, q_act.npy)",
     ),
 ]
 

@@ -53,7 +53,7 @@ def prior(
 
 
 def curve(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help=".npz or folder, as for `fit`.")],
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help=".npz, .csv or folder, as for `fit`.")],
     *,
     prior: PriorName = "fleet",
     rows: Annotated[str, typer.Option(metavar="N,N,...", help="Numbers of first rows; default: the usual ones.")] = "",

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from trocar.cli import station_export
 from trocar.cli.open_group import OpenGroup
 from trocar.cli.plugin import Plugins
 
@@ -21,6 +22,10 @@ app = typer.Typer(
     help="What a laboratory is: arms, instruments, cameras, what is fixed on the table.",
     no_args_is_help=True,
     rich_markup_mode=None,
+)
+
+app.command("export", epilog="Example: trocar station export peg-transfer --mjcf pegs.xml --urdf out/urdf")(
+    station_export.export
 )
 
 Name = Annotated[str, typer.Argument(metavar="STATION", help="Name of a built-in station, or a TOML file.")]

@@ -46,7 +46,7 @@ def calibration(
     *,
     data: Annotated[
         Path,
-        typer.Option(envvar="TROCAR_DATA", help="Folder with dvrk/trajectories/*.npz, or of the .npz files."),
+        typer.Option(envvar="TROCAR_DATA", help="Folder with dvrk/trajectories, or of the recordings (.npz, .csv)."),
     ] = Path("../shared/data"),
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save summary.json and pictures here.")] = None,
     lstm: Annotated[bool, typer.Option(help="Train the paper's network too (a minute or two).")] = True,

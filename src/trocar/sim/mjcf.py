@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element, indent, tostring
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, frames
-from trocar.arms.instrument import CLEVIS_SHARE, KNUCKLE_SHARE, SLEEVE_M, SLEEVE_SHARE, Instrument
+from trocar.arms.instrument import Instrument
+from trocar.arms.parts import STEEL, Part, parts_of
 from trocar.geometry import SE3, SO3
 from trocar.perception.fiducials.fixture import Fixture
 from trocar.sim.elements import add, arm_bits, placed, text
@@ -17,12 +19,6 @@ from trocar.sim.task_world import TaskWorld
 from trocar.sim.worn import add_fixture
 
 TIMESTEP_S = 1e-3
-
-STEEL = (0.62, 0.63, 0.66)
-CARBON = (0.10, 0.11, 0.13)
-HOUSING = (0.55, 0.56, 0.60)
-DRIVE_M = (0.06, 0.09, 0.08)
-"""Size of the drive unit behind the shaft (assumed)."""
 
 MIN_CLOSED_RAD, MAX_OPEN_BEYOND_RAD = 0.0, 0.1
 """Stops of one finger: the other one, and so far beyond the arm's widest opening. They are stiff: under the drive's
@@ -88,6 +84,7 @@ class CellModel:
         servo: how the joints are driven.
         surface: contact parameters.
         worn: spheres for calibration, by the arm whose instrument wears them.
+        q_start: joints (6,) in which an arm stands where MuJoCo's state is as it was loaded; zero where it has none.
     """
 
     arms: Mapping[str, ArmModel]
@@ -96,10 +93,18 @@ class CellModel:
     servo: Servo = field(default_factory=Servo)
     surface: Surface = field(default_factory=Surface)
     worn: Mapping[str, Fixture] = field(default_factory=dict)
+    q_start: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 def build_mjcf(cell: CellModel) -> str:
-    """Return the cell as MJCF text: the task's bodies, and arms on position servos."""
+    """Return the cell as MJCF text."""
+    root = cell_element(cell)
+    indent(root)
+    return tostring(root, encoding="unicode")
+
+
+def cell_element(cell: CellModel) -> Element:
+    """Return the cell as MJCF: the task's bodies, and arms on position servos."""
     root = Element("mujoco", model="trocar")
     add(root, "compiler", angle="radian", autolimits="true")
     option = add(
@@ -130,8 +135,7 @@ def build_mjcf(cell: CellModel) -> str:
     sections = {name: add(root, name) for name in ("equality", "actuator")}
     for index, (name, arm) in enumerate(cell.arms.items()):
         _add_arm(world, assets, sections, cell, name, arm, arm_bits(index))
-    indent(root)
-    return tostring(root, encoding="unicode")
+    return root
 
 
 def _add_arm(
@@ -143,12 +147,13 @@ def _add_arm(
     arm: ArmModel,
     bits: Mapping[str, str],
 ) -> None:
-    shape, servo = arm.instrument, cell.servo
-    at_zero = frames(arm, np.zeros(6))
+    servo = cell.servo
+    q_start = cell.q_start.get(name, np.zeros(6))
+    at_start = frames(arm, q_start)
     body = add(world, "body", name=f"{name}_base", gravcomp="1", **placed(cell.T_world_base[name]))
     links = []
     for index, joint in enumerate(arm.joints):
-        pose = at_zero[index].inverse() @ at_zero[index + 1]
+        pose = at_start[index].inverse() @ at_start[index + 1]
         body = add(body, "body", name=f"{name}_link{index + 1}", gravcomp="1", **placed(pose))
         add(body, "inertial", pos="0 0 0", mass="0.01", diaginertia="1e-6 1e-6 1e-6")
         add(
@@ -158,64 +163,25 @@ def _add_arm(
             type="slide" if joint.prismatic else "hinge",
             axis="0 0 1",
             range=text((joint.lower, joint.upper)),
+            ref=text(q_start[index]),
             armature=text(servo.inertia[index]),
         )
         links.append(body)
-    _add_shaft(links[3], name, arm, bits)
-    wrist = (at_zero[5].inverse() @ at_zero[6]).translation_m
-    add(
-        links[4],
-        "geom",
-        name=f"{name}_wrist",
-        type="capsule",
-        size=text(shape.wrist_radius_m),
-        fromto=text((0, 0, 0, *(CLEVIS_SHARE * wrist))),
-        rgba=text((*STEEL, 1)),
-        **bits,
-    )
-    add(
-        links[5],
-        "geom",
-        name=f"{name}_knuckle",
-        type="cylinder",
-        size=text((shape.knuckle_radius_m, 0.5 * KNUCKLE_SHARE * shape.finger_width_m)),
-        rgba=text((*STEEL, 1)),
-        **bits,
-    )
+    for part in parts_of(arm):
+        _add_part(links[part.link - 1], name, part, bits)
     _add_fingers(links[5], assets, cell, name, arm, bits)
     if name in cell.worn:
         add_fixture(links[3], links[5], name, arm, cell.worn[name], bits)
     _add_drives(sections, servo, name, arm)
 
 
-def _add_shaft(roll: Element, name: str, arm: ArmModel, bits: Mapping[str, str]) -> None:
-    """Hang the shaft on the roll link, whose origin is on the pitch axis and whose z runs along the shaft."""
-    shape, back = arm.instrument, float(arm.wrist_sign)  # from the wrist towards the remote centre
-    for part, radius, start, end, colour in (
-        ("sleeve", shape.shaft_radius_m * SLEEVE_SHARE, *SLEEVE_M, STEEL),
-        ("shaft", shape.shaft_radius_m, SLEEVE_M[1] + 1e-3, shape.shaft_length_m, CARBON),
-    ):
-        add(
-            roll,
-            "geom",
-            name=f"{name}_{part}",
-            type="cylinder",
-            size=text(radius),
-            fromto=text((0, 0, back * start, 0, 0, back * end)),
-            rgba=text((*colour, 1)),
-            **bits,
-        )
-    half = 0.5 * np.array(DRIVE_M)
-    add(
-        roll,
-        "geom",
-        name=f"{name}_drive",
-        type="box",
-        size=text(half),
-        pos=text((0, 0, back * (shape.shaft_length_m + half[2]))),
-        rgba=text((*HOUSING, 1)),
-        **bits,
-    )
+def _add_part(link: Element, name: str, part: Part, bits: Mapping[str, str]) -> None:
+    """Hang one solid of an instrument on its link."""
+    geom = {"name": f"{name}_{part.name}", "type": part.shape, "rgba": text((*part.rgb, 1)), **bits}
+    if part.shape == "box":
+        add(link, "geom", **geom, size=text(0.5 * np.array(part.size_m)), pos=text(part.at_m))
+    else:
+        add(link, "geom", **geom, size=text(part.size_m), fromto=text(part.at_m))
 
 
 def _add_fingers(

@@ -104,6 +104,24 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     return KeptTrials(usable), strange
 
 
+def load_trial(path: str | Path) -> Trial:
+    """Return the trial in a file; where it lies in a run's folder, only if it is that run's.
+
+    Raises:
+        TrocarError: there is no such file, it is no trial, or it is another one than its place says.
+    """
+    path = Path(path)
+    trial = Trial.load(path)
+    folder = path.absolute().parent.parent
+    run = _recorded_fingerprint(folder)
+    if run and trial.about["fingerprint"] != run:
+        raise TrocarError(f"{str(path)!r} is of another run than the folder in which it lies; give one of that run")
+    if run and trial_file(folder, *_place(trial.about)) != path.absolute():
+        session, index = _place(trial.about)
+        raise TrocarError(f"{str(path)!r} is session {session}, trial {index} under another name; give one of its own")
+    return trial
+
+
 def still_to_do(folder: str | Path, done: int) -> list[str]:
     """Return a sentence where a run has fewer trials than it was asked for, so that nobody takes it for the whole."""
     folder = Path(folder)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.csv_file import TIMES, read_csv
 from trocar.errors import TrocarError
 from trocar.motion.analysis.huber import SHORTEST
 
-TIMES = ("t_s", "time_s", "t", "time")
-"""Names that a column of times in seconds may have."""
 OFF_GRID = 0.3
 """A step may differ by this share of the usual one; where it is a multiple of that, samples are missing."""
 
@@ -57,7 +55,7 @@ def read_joint_table(path: str | Path, rate_hz: float | None = None) -> JointTab
     Raises:
         TrocarError: there is no such file, a cell is no number, or the times are not even.
     """
-    names, rows = _rows(Path(path))
+    names, rows = read_csv(path, "t_s,q1,q2,q3,q4,q5,q6")
     if len(rows) < SHORTEST:
         raise TrocarError(f"{str(path)!r} has {len(rows)} rows of numbers; {SHORTEST} are needed at least")
     time_name = next((name for name in TIMES if name in names), None)
@@ -71,44 +69,6 @@ def read_joint_table(path: str | Path, rate_hz: float | None = None) -> JointTab
         return JointTable(kept, rows[:, signals], 1.0 / rate_hz)
     times_s = rows[:, names.index(time_name)]
     return JointTable(kept, *_on_grid(times_s, rows[:, signals], path))
-
-
-def _rows(path: Path) -> tuple[list[str], NDArray[np.float64]]:
-    """Return the names of the columns and all numbers."""
-    if not path.is_file():
-        raise TrocarError(f"recording {str(path)!r} does not exist; give a CSV file")
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in csv.reader(file) if line]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TrocarError(f"{str(path)!r} cannot be read as CSV ({error}); give a text file with commas") from None
-    if not lines:
-        raise TrocarError(f"{str(path)!r} is empty; its first line must name the columns, such as t_s,q1,q2")
-    names = [name.strip() for name in lines[0]]
-    if any(_number(name) is not None for name in names) or len(set(names)) < len(names):
-        raise TrocarError(
-            f"the first line of {str(path)!r} does not name its columns; write e.g. t_s,q1,q2,q3,q4,q5,q6"
-        )
-    numbers = np.empty((len(lines) - 1, len(names)))
-    for row, line in enumerate(lines[1:]):
-        if len(line) != len(names):
-            raise TrocarError(f"row {row + 2} of {str(path)!r} has {len(line)} cells, not {len(names)}; mend the file")
-        for column, cell in enumerate(line):
-            value = np.nan if not cell.strip() else _number(cell)
-            if value is None or np.isinf(value):
-                raise TrocarError(
-                    f"row {row + 2} of {str(path)!r} holds {cell.strip()[:20]!r} under {names[column]!r}; give a "
-                    "number, or nothing where there is no measurement"
-                )
-            numbers[row, column] = value
-    return names, numbers
-
-
-def _number(cell: str) -> float | None:
-    try:
-        return float(cell)
-    except ValueError:
-        return None
 
 
 def _on_grid(

@@ -1,0 +1,183 @@
+"""An arm's type as URDF, for ROS and for simulators that read it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.arms.forward import frames
+from trocar.arms.model import ArmModel, Joint
+from trocar.arms.parts import CARBON, HOUSING, STEEL, Part, parts_of
+from trocar.arms.psm import PSM_CLASSIC
+from trocar.geometry import SE3, SO3
+
+DVRK = {joint.name: f"outer_{joint.name}" for joint in PSM_CLASSIC.joints}
+"""Names of the PSM's joints in the dVRK's own models."""
+BASE, TIP = "base_link", "tool_tip_link"
+MATERIALS = {STEEL: "steel", CARBON: "carbon", HOUSING: "housing"}
+EFFORT = 100.0
+"""N m or N; no source gives the limits, and URDF wants some."""
+NOTHING = 1e-15
+"""What is smaller is written as 0."""
+DENSITY_KG_M3 = 1000.0
+"""Of all solids (assumed; as in the simulator)."""
+OUTER_KG, OUTER_KG_M2 = 1.0, 1e-2
+"""Mass and inertia of the links without solids, those of the arm outside (assumed)."""
+SMALL_KG, SMALL_KG_M2 = 1e-2, 1e-6
+"""What is lighter counts as much, about its middle, or simulators become unstable (assumed; as in Trocar's own)."""
+
+
+def joint_names(arm: ArmModel) -> tuple[str, ...]:
+    """Return what the six joints are called in URDF: a PSM's as in the dVRK's models, others as in ``arm``."""
+    names = tuple(joint.name for joint in arm.joints)
+    return tuple(DVRK[name] for name in names) if names == tuple(DVRK) else names
+
+
+def arm_urdf(arm: ArmModel) -> str:
+    """Return an arm as URDF text that stands alone: no meshes, no other files.
+
+    ``base_link`` is the remote centre, frame 0 of :func:`trocar.arms.frames`, and each joint ``NAME`` moves the link
+    ``NAME_link``, whose frame is that joint's, z along its axis: a serial chain through the remote centre, without the
+    parallelogram or the drives outside that make a real arm move so. ``jaw`` is the opening of the jaws, which both
+    fingers mimic by half; ``tool_tip_link`` is the controlled point.
+    """
+    robot = Element("robot", name=arm.name.replace("-", "_"))
+    for rgb, name in MATERIALS.items():
+        SubElement(SubElement(robot, "material", name=name), "color", rgba=_text((*rgb, 1)))
+    _add_link(robot, BASE, (), None)
+    at_zero, parent = frames(arm, np.zeros(6)), BASE
+    for index, (joint, name) in enumerate(zip(arm.joints, joint_names(arm), strict=True)):
+        parts = [part for part in parts_of(arm) if part.link == index + 1]
+        _add_link(robot, f"{name}_link", parts, _inertial(parts))
+        _add_joint(robot, name, joint, parent, at_zero[index].inverse() @ at_zero[index + 1])
+        parent = f"{name}_link"
+    _add_link(robot, TIP, (), None)
+    fixed = SubElement(robot, "joint", name="tool_tip", type="fixed")
+    _connect(fixed, parent, TIP, at_zero[6].inverse() @ at_zero[7])
+    _add_jaws(robot, arm, parent)
+    indent(robot)
+    return tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _add_jaws(robot: Element, arm: ArmModel, parent: str) -> None:
+    """Add the opening of the jaws as a joint, and the fingers, each a box of its mean thickness, which mimic it."""
+    shape, along_y = arm.instrument, SE3.from_parts(SO3.axis("z", np.pi / 2))  # a finger's x is y of frame 6
+    _add_link(robot, "jaw_link", (), (SMALL_KG, np.zeros(3), SMALL_KG_M2 * np.eye(3)))
+    _add_joint(robot, "jaw", arm.jaw, parent, along_y)
+    thick = 0.5 * (shape.finger_base_m + shape.finger_tip_m)
+    for name, side in (("jaw_left", 1), ("jaw_right", -1)):
+        middle = np.array([[0.5 * shape.finger_length_m, 0.5 * side * thick, 0.0]])
+        finger = Part(name, 6, "box", middle, (shape.finger_length_m, thick, shape.finger_width_m), STEEL)
+        _add_link(robot, f"{name}_link", (finger,), _inertial((finger,)))
+        lower, upper = sorted((0.5 * side * arm.jaw.lower, 0.5 * side * arm.jaw.upper))
+        half = Joint(name, lower, upper, 0.5 * arm.jaw.max_speed, 0.5 * arm.jaw.max_acceleration)
+        joint = _add_joint(robot, name, half, parent, along_y)
+        SubElement(joint, "mimic", joint="jaw", multiplier=_text(0.5 * side), offset="0")
+
+
+def _add_link(
+    robot: Element, name: str, parts: Iterable[Part], inertial: tuple[float, NDArray, NDArray] | None
+) -> None:
+    """Add a link: its solids, which are seen as they collide, and its mass, middle of mass (3,) and inertia (3, 3)."""
+    link = SubElement(robot, "link", name=name)
+    if inertial is not None:
+        mass, middle, tensor = inertial
+        of_link = SubElement(link, "inertial")
+        _add_origin(of_link, SE3.from_parts(translation_m=middle))
+        SubElement(of_link, "mass", value=_text(mass))
+        entries = {f"i{'xyz'[i]}{'xyz'[j]}": _text(tensor[i, j]) for i in range(3) for j in range(i, 3)}
+        SubElement(of_link, "inertia", entries)
+    for part in parts:
+        for number, (tag, sizes, T) in enumerate(_primitives(part)):
+            for use in ("visual", "collision"):
+                solid = SubElement(link, use, name=f"{part.name}_{number}_{use}")
+                _add_origin(solid, T)
+                SubElement(SubElement(solid, "geometry"), tag, sizes)
+                if use == "visual":
+                    SubElement(solid, "material", name=MATERIALS[part.rgb])
+
+
+def _primitives(part: Part) -> list[tuple[str, dict[str, str], SE3]]:
+    """Return what URDF makes a solid of: tag, sizes, pose in the link. It has no capsules: a cylinder, two spheres."""
+    if part.shape == "box":
+        return [("box", {"size": _text(part.size_m)}, SE3.from_parts(translation_m=part.at_m[0]))]
+    start, end = part.at_m
+    radius = {"radius": _text(part.size_m[0])}
+    found = [("cylinder", {**radius, "length": _text(np.linalg.norm(end - start))}, _along(part))]
+    if part.shape == "capsule":
+        found += [("sphere", radius, SE3.from_parts(translation_m=at)) for at in (start, end)]
+    return found
+
+
+def _along(part: Part) -> SE3:
+    """Return the pose of a round solid: its middle, z along its axis."""
+    start, end = part.at_m
+    turn = SO3.between(np.array([0.0, 0.0, 1.0]), (end - start) / np.linalg.norm(end - start))
+    return SE3.from_parts(turn, 0.5 * (start + end))
+
+
+def _inertial(parts: Iterable[Part]) -> tuple[float, NDArray, NDArray]:
+    """Return mass, middle of mass (3,) and inertia about it (3, 3) of a link's solids, in its frame."""
+    found = []
+    for part in parts:
+        if part.shape == "box":
+            x, y, z = part.size_m
+            mass, turn, middle = DENSITY_KG_M3 * x * y * z, np.eye(3), part.at_m[0]
+            moments = mass / 12 * np.array([y * y + z * z, x * x + z * z, x * x + y * y])
+        else:
+            length, radius, pose = float(np.linalg.norm(part.at_m[1] - part.at_m[0])), part.size_m[0], _along(part)
+            mass, turn, middle = DENSITY_KG_M3 * np.pi * radius**2 * length, pose.rotation.matrix, pose.translation_m
+            across = mass * (3 * radius**2 + length**2) / 12
+            moments = np.array([across, across, 0.5 * mass * radius**2])
+        found.append((mass, middle, turn @ np.diag(moments) @ turn.T))
+    if not found:
+        return OUTER_KG, np.zeros(3), OUTER_KG_M2 * np.eye(3)
+    masses = np.array([mass for mass, _, _ in found])
+    total = float(masses.sum())
+    center = masses @ np.array([middle for _, middle, _ in found]) / total
+    if total < SMALL_KG:
+        return SMALL_KG, center, SMALL_KG_M2 * np.eye(3)
+    tensor = np.zeros((3, 3))
+    for mass, middle, own in found:
+        off = middle - center
+        tensor += own + mass * (off @ off * np.eye(3) - np.outer(off, off))
+    return total, center, tensor
+
+
+def _add_joint(robot: Element, name: str, joint: Joint, parent: str, T_parent_joint: SE3) -> Element:
+    """Add a joint about, or along, z of its own frame."""
+    added = SubElement(robot, "joint", name=name, type="prismatic" if joint.prismatic else "revolute")
+    _connect(added, parent, f"{name}_link", T_parent_joint)
+    SubElement(added, "axis", xyz="0 0 1")
+    limits = {"lower": joint.lower, "upper": joint.upper, "velocity": joint.max_speed, "effort": EFFORT}
+    SubElement(added, "limit", {key: _text(value) for key, value in limits.items()})
+    return added
+
+
+def _connect(joint: Element, parent: str, child: str, T_parent_child: SE3) -> None:
+    _add_origin(joint, T_parent_child)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+
+
+def _add_origin(element: Element, T: SE3) -> None:
+    SubElement(element, "origin", xyz=_text(T.translation_m), rpy=_text(roll_pitch_yaw(T.rotation)))
+
+
+def roll_pitch_yaw(rotation: SO3) -> NDArray[np.float64]:
+    """Return the angles (3,) with ``Rz(yaw) Ry(pitch) Rx(roll)`` = rotation; roll is 0 where pitch is 90 deg."""
+    R = rotation.matrix
+    level = float(np.hypot(R[0, 0], R[1, 0]))
+    pitch = np.arctan2(-R[2, 0], level)
+    if level < 1e-9:
+        return np.array([0.0, pitch, np.arctan2(-R[0, 1], R[1, 1])])
+    return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
+
+
+def _text(values: ArrayLike) -> str:
+    """Return numbers as an attribute, to twelve digits."""
+    flat = np.atleast_1d(np.asarray(values, dtype=np.float64)).ravel()
+    return " ".join(f"{value:.12g}" for value in np.where(np.abs(flat) < NOTHING, 0.0, flat))

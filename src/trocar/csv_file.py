@@ -1,0 +1,59 @@
+"""CSV files of numbers whose first line names the columns."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+
+TIMES = ("t_s", "time_s", "t", "time")
+"""Names that a column of times in seconds may have."""
+
+
+def read_csv(path: str | Path, example: str) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the names of the columns and all numbers (n, columns); NaN where a cell is empty.
+
+    Args:
+        path: of the file.
+        example: a first line as it may be, for the sentence if there is none.
+
+    Raises:
+        TrocarError: there is no such file, it is no table, its first line names no columns, or a cell is no number.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise TrocarError(f"recording {str(path)!r} does not exist; give a CSV file")
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [line for line in csv.reader(file) if line]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise TrocarError(f"{str(path)!r} cannot be read as CSV ({error}); give a text file with commas") from None
+    if not lines:
+        raise TrocarError(f"{str(path)!r} is empty; its first line must name the columns, such as {example}")
+    names = [name.strip() for name in lines[0]]
+    if any(_number(name) is not None for name in names) or len(set(names)) < len(names):
+        raise TrocarError(f"the first line of {str(path)!r} does not name its columns; write e.g. {example}")
+    numbers = np.empty((len(lines) - 1, len(names)))
+    for row, line in enumerate(lines[1:]):
+        if len(line) != len(names):
+            raise TrocarError(f"row {row + 2} of {str(path)!r} has {len(line)} cells, not {len(names)}; mend the file")
+        for column, cell in enumerate(line):
+            value = np.nan if not cell.strip() else _number(cell)
+            if value is None or np.isinf(value):
+                raise TrocarError(
+                    f"row {row + 2} of {str(path)!r} holds {cell.strip()[:20]!r} under {names[column]!r}; give a "
+                    "number, or nothing where there is no measurement"
+                )
+            numbers[row, column] = value
+    return names, numbers
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None

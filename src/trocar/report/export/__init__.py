@@ -1,0 +1,5 @@
+"""Trials as flat tables, for whatever reads CSV or Parquet."""
+
+from trocar.report.export.export import FORMATS, Written, export_trials
+
+__all__ = ["FORMATS", "Written", "export_trials"]

@@ -1,0 +1,173 @@
+"""What trials say of themselves, goal by goal, span by span, event by event, as flat tables."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from trocar.report.export.table import Column, FlatTable, kind_of
+from trocar.report.turns import turn_at, turns_of
+from trocar.trials.trial import Trial
+
+PLACE = (
+    Column("session", "number of the session, from 0 on", "integer"),
+    Column("trial", "number of the trial in its session, from 0 on", "integer"),
+)
+START, END = (
+    Column("start_s", "when it began, on the trial's clock", "number", "s"),
+    Column("end_s", "when it ended, on the trial's clock", "number", "s"),
+)
+DURATION = Column("duration_s", "how long it took on the trial's clock", "number", "s")
+GOAL = Column("goal", "number of the goal among those of the task, from 0 on", "integer")
+OF_RUN = {
+    "task": "what was to be done",
+    "variant": "which variant of it",
+    "method": "how it was done",
+    "model": "cable model of methods that compensate",
+    "planner": "of the motions",
+    "station": "where",
+}
+"""What a trial's ``about`` says of its run, and what it means."""
+
+TRIALS = (
+    *PLACE,
+    *(Column(name, about) for name, about in OF_RUN.items()),
+    Column("seed", "of everything random", "integer"),
+    Column("fingerprint", "of the run's configuration"),
+    Column("arms", "that work, with blanks between them"),
+    Column("ended", "done, or what stopped the script"),
+    Column("reason", "why, where it was stopped"),
+    DURATION,
+    Column("attempted", "goals that count", "integer"),
+    Column("succeeded", "goals that were reached", "integer"),
+    Column("collisions", "that the referee saw", "integer"),
+)
+GOALS = (
+    *PLACE,
+    GOAL,
+    Column("arms", "that worked on it, in order, with blanks between them"),
+    Column("attempted", "whether it counts in the denominator", "truth"),
+    Column("succeeded", "whether it was reached, as the referee saw it", "truth"),
+    Column("outcome", "DONE, or the name of what went wrong"),
+    Column("reason", "a sentence, where there is one"),
+    START,
+    END,
+    DURATION,
+)
+SPANS = (
+    *PLACE,
+    Column("arm", "whose time"),
+    Column("span", "what it did: capture, perception, planning, motion, jaw, settling, ..."),
+    Column("goal", "number of the goal that the arm was busy with when it began, if any", "integer"),
+    START,
+    END,
+    DURATION,
+)
+EVENTS = (
+    *PLACE,
+    Column("time_s", "on the trial's clock", "number", "s"),
+    Column("event", "what the script noted; the end of a goal is named after it, such as transfer"),
+    Column("arm", "whose, where it was said"),
+    Column("goal", "which, where it was said", "integer"),
+    Column("outcome", "as the script saw it, where it was said; the referee's stands in goals"),
+    Column("reason", "where it was said"),
+    Column("more", "all else that was noted, as one JSON object"),
+)
+COLLISIONS = (
+    *PLACE,
+    Column("time_s", "when it began, on the trial's clock", "number", "s"),
+    END,
+    Column("arm", "whose"),
+    Column("what", "arm, or what it held"),
+    Column("against", "the other arm, or what stood there"),
+    Column("force_n", "largest force", "number", "N"),
+    *(Column(f"{axis}_m", "where that was, in the world", "number", "m") for axis in "xyz"),
+)
+SCORED = ("attempted", "succeeded", "failure", "reason", "start_s", "end_s")
+
+
+@dataclass
+class Notes:
+    """Rows of all tables but the sampled ones; trials are added one by one."""
+
+    _rows: dict[str, list[tuple[Any, ...]]] = field(
+        default_factory=lambda: {name: [] for name in ("trials", "goals", "spans", "events", "collisions")}
+    )
+    _own: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(self, trial: Trial) -> None:
+        """Add all that one trial says."""
+        about, turns, rows = trial.about, turns_of(trial), self._rows
+        place = about["session"], about["index"]
+        rows["trials"].append((*place, *_of_trial(trial)))
+        for number, score in enumerate(trial.scores):
+            busy = [turn.arm for turn in sorted(turns, key=lambda turn: turn.start_s) if turn.goal == number]
+            arms = dict.fromkeys(about["arms"] if None in busy else busy)
+            outcome = "DONE" if score["succeeded"] else score["failure"]
+            times = score["start_s"], score["end_s"], score["end_s"] - score["start_s"]
+            judged = score["attempted"], score["succeeded"], outcome, score["reason"]
+            rows["goals"].append((*place, number, " ".join(map(str, arms)), *judged, *times))
+            self._own.append({_own_name(trial, key): score[key] for key in score if key not in SCORED})
+        for span in trial.spans:
+            turn = turn_at(turns, span.arm, span.start_s)
+            times = span.start_s, span.end_s, span.end_s - span.start_s
+            rows["spans"].append((*place, span.arm, span.name, None if turn is None else turn.goal, *times))
+        rows["events"] += [(*place, *_of_event(event)) for event in trial.events]
+        for hit in trial.collisions:
+            told = (hit[key] for key in ("time_s", "end_s", "arm", "what", "against", "force_n"))
+            rows["collisions"].append((*place, *told, *hit["p_world_m"]))
+
+    def tables(self) -> list[FlatTable]:
+        """Return the tables of all that was added."""
+        columns = {"trials": TRIALS, "goals": GOALS, "spans": SPANS, "events": EVENTS, "collisions": COLLISIONS}
+        found = [FlatTable.of_rows(name, columns[name], rows) for name, rows in self._rows.items()]
+        return [_with_own(table, self._own) if table.name == "goals" else table for table in found]
+
+
+def _of_trial(trial: Trial) -> tuple[Any, ...]:
+    about, counted = trial.about, [score for score in trial.scores if score["attempted"]]
+    return (
+        *(about[name] for name in OF_RUN),
+        about["seed"],
+        about["fingerprint"],
+        " ".join(about["arms"]),
+        trial.ended,
+        trial.reason,
+        trial.duration_s,
+        len(counted),
+        sum(score["succeeded"] for score in counted),
+        len(trial.collisions),
+    )
+
+
+def _of_event(event: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return the cells of an event; what is not of a column's kind stands with all else that was noted."""
+    kinds = {"arm": str, "goal": int, "outcome": str, "reason": str}
+    flat = {key: event[key] for key, kind in kinds.items() if isinstance(event.get(key), kind)}
+    more = {key: value for key, value in event.items() if key not in ("name", "time_s", *flat)}
+    text = json.dumps(more, sort_keys=True) if more else None
+    return (event["time_s"], event["name"], *(flat.get(key) for key in kinds), text)
+
+
+def _own_name(trial: Trial, key: str) -> str:
+    """Return the column of what a task's own score says, such as ``transfer_source``."""
+    return re.sub(r"\W", "_", f"{trial.piece}_{key}")
+
+
+def _with_own(goals: FlatTable, own: Sequence[Mapping[str, Any]]) -> FlatTable:
+    """Return the table of goals with a column for each thing that the task's own score says."""
+    names = dict.fromkeys(name for score in own for name in score)
+    columns, values = list(goals.columns), list(goals.values)
+    for name in names:
+        told = [score.get(name) for score in own]
+        kind = kind_of(told)
+        columns.append(Column(name, "of the task's own score", kind))
+        values.append([_as_text(value) for value in told] if kind == "text" else told)
+    return FlatTable(goals.name, tuple(columns), tuple(values))
+
+
+def _as_text(value: Any) -> str | None:
+    return value if value is None or isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,80 @@
+"""``trocar export``: which trials are taken, what is said of the others, where files go."""
+
+import csv
+import json
+import re
+from dataclasses import replace
+
+import pytest
+
+from synthetic import config, synthetic_trial
+from trocar.trials import open_folder, trial_file
+
+RUN = config(trials=3)
+
+
+def short(trial):
+    return replace(trial, arrays={name: array[:20] for name, array in trial.arrays.items() if len(array) > 4})
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run of three trials of which one is there, one is of another run, and one is damaged."""
+    folder = tmp_path / "run"
+    open_folder(RUN, folder)
+    (folder / "session_00").mkdir()
+    short(synthetic_trial(RUN, 0)).save(trial_file(folder, 0, 0))
+    short(synthetic_trial(config(seed=5), 1)).save(trial_file(folder, 0, 1))
+    trial_file(folder, 0, 2).write_bytes(trial_file(folder, 0, 0).read_bytes()[:500])
+    return folder
+
+
+def test_only_the_runs_own_trials_are_exported_and_strangers_are_named(trocar, run, tmp_path):
+    code, out, err = trocar("export", run, "--out", tmp_path / "tables", "--json")
+    assert code == 0
+    said = json.loads(out)
+    assert said["trials"] == 1 and said["tables"]["goals.csv"]["rows"] == 12
+    assert "samples/session_00_trial_000.csv" in said["tables"]
+    assert [path.name for path in (tmp_path / "tables" / "samples").iterdir()] == ["session_00_trial_000.csv"]
+    assert "trial_001.npz' is of another run" in err and "trial_002.npz' is no readable" in err
+    assert "1 of the run's 3 trials are there" in err
+    assert len(said["left_aside"]) == 3
+
+
+def test_one_file_is_exported_unless_it_is_a_stranger_where_it_lies(trocar, run, tmp_path):
+    code, out, _ = trocar("export", trial_file(run, 0, 0), "--out", tmp_path / "tables")
+    assert code == 0
+    assert f"{tmp_path / 'tables' / 'goals.csv'}: 12 rows of 14 columns" in out
+    code, _, err = trocar("export", trial_file(run, 0, 1), "--out", tmp_path / "more")
+    assert code == 2 and "is of another run than the folder in which it lies" in err
+    moved = trial_file(run, 0, 0).rename(run / "session_00" / "trial_007.npz")
+    code, _, err = trocar("export", moved, "--out", tmp_path / "more")
+    assert code == 2 and "is session 0, trial 0 under another name" in err
+    elsewhere = trial_file(run, 0, 1).rename(tmp_path / "trial.npz")
+    assert trocar("export", elsewhere, "--out", tmp_path / "more")[0] == 0
+
+
+def test_tables_of_ones_own_are_written_again_and_those_of_others_are_not(trocar, run, tmp_path):
+    words = ("export", run, "--out", tmp_path / "tables")
+    assert trocar(*words)[0] == trocar(*words)[0] == 0
+    (tmp_path / "tables" / "goals.csv").write_text("my,own\n1,2\n")
+    code, _, err = trocar(*words)
+    assert code == 2 and "goals.csv' is there already" in err
+    with (tmp_path / "tables" / "goals.csv").open() as file:
+        assert next(csv.reader(file)) == ["my", "own"]
+
+
+@pytest.mark.parametrize(
+    ("what", "words", "said"),
+    [
+        ("nowhere", (), "folder .* does not exist"),
+        ("nowhere.npz", (), "does not exist; give another"),
+        ("run/run.json", (), "is no trial; give the folder of a run, or a file such as trial_000.npz"),
+        ("run", ("--format", "xlsx"), "format 'xlsx' is unknown; choose one of csv, parquet"),
+    ],
+)
+def test_what_cannot_be_exported_is_one_sentence(trocar, run, tmp_path, what, words, said):
+    code, out, err = trocar("export", tmp_path / what, "--out", tmp_path / "tables", *words)
+    assert (code, out) == (2, "")
+    assert not (tmp_path / "tables").exists()
+    assert re.search(said, err)
