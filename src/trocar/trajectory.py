@@ -7,7 +7,6 @@ from math import comb, factorial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PPoly
 
 from trocar.errors import TrocarError
 
@@ -41,6 +40,8 @@ class Trajectory:
             )
         if not np.all(np.isfinite(coefficients)):
             raise TrocarError("a trajectory needs finite coefficients, got NaN or infinity")
+        from scipy.interpolate import PPoly  # noqa: PLC0415 (half a second, for commands that only print help too)
+
         object.__setattr__(self, "times_s", times)
         object.__setattr__(self, "coefficients", coefficients)
         object.__setattr__(self, "_poly", PPoly(coefficients, times))

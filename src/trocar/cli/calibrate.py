@@ -12,26 +12,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from trocar.cli import apply, collect, excite, fleet
+from trocar.cli.fleet import PriorName
 from trocar.cli.out_folder import check_npz
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
 from trocar.output import require_picture
-
-app = typer.Typer(
-    help="Collect recordings of commanded and measured joints, fit cable models on them, and evaluate these.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-
-app.command("collect", epilog="Example: trocar calibrate collect peg-transfer --arm psm1 --out out/cal")(
-    collect.collect
-)
-
-app.command("apply", epilog="Example: trocar calibrate apply psm1_play.npz path.csv --out commands.csv")(apply.apply)
-app.command("excite", epilog="Example: trocar calibrate excite peg-transfer --arm psm1 --out minute.csv")(excite.excite)
-app.command("prior", epilog="Example: trocar calibrate prior psm1.npz psm2.npz --out mine.npz")(fleet.prior)
-app.command("curve", epilog="Example: trocar calibrate curve psm3.npz --prior mine.npz --plot curve.png")(fleet.curve)
 
 RecordingPath = Annotated[
     Path,
@@ -43,7 +28,6 @@ RecordingPath = Annotated[
 ]
 
 
-@app.command(epilog="Example: trocar calibrate fit psm1.npz --rows 75 --prior fleet --out psm1_play.npz")
 def fit(
     recording: RecordingPath,
     *,
@@ -51,7 +35,7 @@ def fit(
     model: Annotated[str, typer.Option(help="offset, ridge, play, lstm (extra 'learn'), or your own.")] = "play",
     rows: Annotated[int | None, typer.Option(metavar="N", help="Fit on the first N rows only.")] = None,
     fraction: Annotated[float | None, typer.Option(help="Fit on this first share of the rows only.")] = None,
-    prior: fleet.PriorName = None,
+    prior: PriorName = None,
     seed: Annotated[int, typer.Option(help="Seed of the training's randomness.")] = 0,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -94,7 +78,6 @@ def fit(
     Console().print(f"fitted {model} on {data.valid.sum()} rows: RMSE q4 q5 q6 {wrist} rad; saved {out}")
 
 
-@app.command(epilog="Example: trocar calibrate evaluate psm1_play.npz psm1.npz --from-row 867 --plot loops.png")
 def evaluate(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="File written by `trocar calibrate fit`.")],
     recording: RecordingPath,

@@ -17,20 +17,10 @@ from rich.console import Console
 from rich.table import Table
 
 from trocar.arms import ARMS, MOTION_LIMITS
-from trocar.cli import plan_setup, plan_suture
-from trocar.cli.grouped import GroupedCommand
 from trocar.cli.motion_file import require_motion_file, write_motions
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
-
-app = typer.Typer(help="Plan motions and print their quality.", no_args_is_help=True, rich_markup_mode=None)
-
-app.command("suture", cls=GroupedCommand, epilog="Example: trocar plan suture --preset paper-demo --out out/plan")(
-    plan_suture.suture
-)
-
-app.command("setup", epilog="Example: trocar plan setup --free circle --free port --evaluations 1000")(plan_setup.setup)
 
 T = TypeVar("T")
 
@@ -45,7 +35,6 @@ real PSM
 Classic reach q3 = 0.2403 m, beyond the nominal 0.24 m. What is used of it is printed."""
 
 
-@app.command("transfer")
 def transfer(
     waypoints: Annotated[
         Path, typer.Argument(help=".npy of shape (4, 6) or (n, 4, 6), or .npz with `waypoints`; rad and m.")
@@ -77,8 +66,6 @@ def transfer(
 
     With a clearance, lifting and lowering must be straight within it. A motion that breaks what was asked is
     printed with the reason, and the exit code is then 1.
-
-    Example: trocar plan transfer waypoints.npy --planner spline
     """
     model, motion_limits = _choice(ARMS, arm, "arm"), _choice(MOTION_LIMITS, limits, "set of limits")
     PLANNERS.pick(planner)

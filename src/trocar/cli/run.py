@@ -1,8 +1,7 @@
-"""``trocar run`` and ``trocar report``: play a task, look at what was kept."""
+"""``trocar run``: play a task."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,14 +14,12 @@ from trocar.cli.difficulty import DEFAULT, Flaws, Level
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import COLUMNS
+from trocar.cli.report import JsonFlag, finish
 from trocar.cli.task_group import TaskGroup
-from trocar.tasks import TASKS, Task
+from trocar.tasks import Task
 
 if TYPE_CHECKING:
-    from trocar.trials import Trial
     from trocar.trials.config import RunConfig
-
-JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
 def run(
@@ -111,7 +108,7 @@ def run(
             _play_at_once(config, folder.absolute(), todo, jobs, console)
     except KeyboardInterrupt:
         interrupted = True
-    all_succeeded = _finish(folder, as_json, console, interrupted)
+    all_succeeded = finish(folder, as_json, console, interrupted)
     if interrupted:
         raise typer.Exit(130)
     if not all_succeeded:
@@ -129,6 +126,7 @@ app = typer.Typer(
     help="Run trials of a task in the simulated cell, score them, and keep files and pictures.",
     no_args_is_help=True,
     rich_markup_mode=None,
+    add_completion=False,
 )
 
 
@@ -136,40 +134,6 @@ app = typer.Typer(
 def runs(plugin: Plugins = None) -> None:
     """Run trials of a task in the simulated cell, score them, and keep files and pictures."""
     del plugin  # loaded when it was parsed
-
-
-def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
-    *,
-    video: Annotated[
-        bool, typer.Option("--video", help="Also make a short moving picture of the first trial, video.webp.")
-    ] = False,
-    plugin: Plugins = None,
-    as_json: JsonFlag = False,
-) -> None:
-    """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
-    del plugin  # loaded when it was parsed
-    console = Console(stderr=True)
-    _finish(folder, as_json, console, interrupted=False)
-    if video:
-        _draw_video(folder, console)
-
-
-def _draw_video(folder: Path, console: Console) -> None:
-    from trocar.report.files import report_of  # noqa: PLC0415
-    from trocar.report.video import draw_video  # noqa: PLC0415
-    from trocar.trials import load_trials  # noqa: PLC0415
-
-    trial = load_trials(folder)[0][0]
-    with Progress(*COLUMNS, console=console, transient=True) as progress:
-        bar = progress.add_task("drawing video.webp")
-        path = draw_video(
-            trial,
-            folder / "video.webp",
-            report_of(trial),
-            lambda done, total: progress.update(bar, completed=done, total=total),
-        )
-    console.print(f"video: {path}", soft_wrap=True)
 
 
 def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], console: Console) -> None:
@@ -222,72 +186,3 @@ def _play_at_once(
             progress.advance(bar)
             if void:
                 console.print(void, soft_wrap=True)
-
-
-def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> bool:
-    """Write and print what a folder's trials say; return whether every goal of all of them was reached."""
-    from trocar.report.files import write_report  # noqa: PLC0415
-    from trocar.trials import load_trials, trial_files  # noqa: PLC0415
-    from trocar.trials.folder import still_to_do  # noqa: PLC0415
-
-    if interrupted and not trial_files(folder):
-        console.print("stopped before the first trial was finished; the same command starts again")
-        return False
-    trials, strange = load_trials(folder)
-    strange += still_to_do(folder, len(trials))
-    task = trials[0].about["task"]
-    if task not in TASKS:
-        strange.append(
-            f"task {task!r} is unknown here, so its own pictures and figures are left out; add --plugin FILE"
-        )
-    summary, files = write_report(folder, trials, strange)
-    if as_json:
-        typer.echo(json.dumps(summary))
-    else:
-        _show(summary, trials, strange, files, interrupted)
-    return summary["succeeded"] == summary["attempted"]
-
-
-def _show(
-    summary: Mapping[str, Any],
-    trials: Sequence[Trial],
-    strange: Sequence[str],
-    files: Sequence[Path],
-    interrupted: bool,
-) -> None:
-    from trocar.report.files import report_of  # noqa: PLC0415
-    from trocar.report.summary import MISSED_WARNING  # noqa: PLC0415
-    from trocar.report.tables import parts_table, run_table  # noqa: PLC0415
-
-    report = report_of(trials[0])
-    console = Console()
-    console.print(run_table(summary, report.paper_rows(summary)))
-    for table in [*report.tables(summary), parts_table(summary)]:
-        console.print(table)
-    for trial in (trial for trial in trials if not trial.finished):
-        where = f"session {trial.about['session']}, trial {trial.about['index']}"
-        console.print(f"{where} was stopped ({trial.ended}): {trial.reason}")
-    if summary["failures"]:
-        console.print("failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items()))
-    compute = ", ".join(f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items())
-    if compute and summary["realtime_factor"]:
-        console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
-    use = summary["command_limit_use"]
-    console.print(
-        f"collisions a trial: {summary['collisions_per_trial']:.2f}; largest share of the limits that was sent: "
-        f"velocity {use['velocity']:.2f}, acceleration {use['acceleration']:.2f}"
-    )
-    if summary["missed_budgets"] > MISSED_WARNING:
-        console.print(
-            f"warning: {100 * summary['missed_budgets']:.1f} % of computations took longer than the trial's clock "
-            "counted for them; on this machine a real arm would have waited"
-        )
-    for what, how in summary["flaws"].items():
-        console.print(f"{what}: {how}")
-    for sentence in [*report.notes(trials), *strange]:
-        console.print(sentence)
-    if interrupted:
-        console.print(f"stopped; finished trials kept: {len(trials)}; the same command goes on")
-    console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
-    for replay in (file for file in files if file.name == "replay.html"):
-        console.print(f"watch it: open {replay} in any browser", soft_wrap=True)

@@ -9,25 +9,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from trocar.cli.open_group import OpenGroup
 from trocar.cli.plugin import Plugins
 
 if TYPE_CHECKING:
     from trocar.geometry import SE3
     from trocar.station import Station
 
-app = typer.Typer(
-    cls=OpenGroup,
-    help="What a laboratory is: arms, instruments, cameras, what is fixed on the table.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-
 Name = Annotated[str, typer.Argument(metavar="STATION", help="Name of a built-in station, or a TOML file.")]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
-@app.command("list", epilog="Example: trocar station list")
 def list_stations(*, as_json: JsonFlag = False) -> None:
     """List the stations that come with the package."""
     from trocar.station import built_in_stations, load_station  # noqa: PLC0415 (SciPy only when needed)
@@ -40,7 +31,6 @@ def list_stations(*, as_json: JsonFlag = False) -> None:
         typer.echo(f"{name}: {about}")
 
 
-@app.command(epilog="Example: trocar station show raven-pair   (trocar station show raven-pair --toml > mine.toml)")
 def show(
     station: Name,
     *,
@@ -61,7 +51,6 @@ def show(
         _show(found)
 
 
-@app.command(epilog="Example: trocar station check mine.toml")
 def check(station: Name, *, plugin: Plugins = None, as_json: JsonFlag = False) -> None:
     """Check keys and values, reach, distances between arms, and what the cameras see; exit code 1 if wrong."""
     from trocar.station import check_station, load_station  # noqa: PLC0415

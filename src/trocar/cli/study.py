@@ -12,8 +12,6 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from trocar.cli import study_robustness, study_suture
-from trocar.cli.open_group import OpenGroup
 from trocar.cli.out_folder import check_out_folder
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, make_folder, write_json
@@ -24,24 +22,7 @@ if TYPE_CHECKING:
 
 KIND = "study of calibration"
 
-app = typer.Typer(
-    cls=OpenGroup,
-    help="Reproduce a paper's table beside the paper's own figures.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
 
-
-app.add_typer(study_robustness.app, name="robustness")
-app.command("suture", epilog="Example: trocar study suture --setups 300 --out out/study")(study_suture.suture)
-
-
-@app.callback()
-def studies() -> None:
-    """Reproduce a paper's table beside the paper's own figures."""
-
-
-@app.command(epilog="Example: trocar study calibration --data data --out study --no-lstm")
 def calibration(
     *,
     data: Annotated[

@@ -128,6 +128,7 @@ app = typer.Typer(
     help="What a task's success hangs on, flaw by flaw.",
     no_args_is_help=True,
     rich_markup_mode=None,
+    add_completion=False,
 )
 
 

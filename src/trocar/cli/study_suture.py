@@ -16,7 +16,6 @@ from trocar.cli import suture_options as options
 from trocar.cli.out_folder import check_out_folder
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, write_json
-from trocar.report.statistics import wilson_interval
 from trocar.sutures import PRESETS
 
 KIND = "study of sutures"
@@ -153,6 +152,8 @@ def _swept(summary: dict[str, Any]) -> str:
 
 def _switched(random: dict[str, Any], margin: str) -> str:
     """Return in words which formulas nearly always change direction twice, and how certain that is."""
+    from trocar.report.statistics import wilson_interval  # noqa: PLC0415 (SciPy only when needed)
+
     shown = []
     for enough, words in ((True, "at least"), (False, "less than")):
         names = [
