@@ -9,12 +9,14 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from trocar.cli.fleet import PriorName
 from trocar.cli.out_folder import check_npz
 from trocar.cli.plugin import Plugins
+from trocar.cli.progress import waiting
+from trocar.cli.terminal import results
+from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import require_picture
 
@@ -57,8 +59,8 @@ def fit(
     prior = prior or ("fleet" if model == "play" else "none")
     if prior != "none" and model != "play":
         raise TrocarError(f"cable model {model!r} starts from no prior; leave --prior out, or fit 'play'")
-    console = Console(stderr=True)
-    with console.status(f"fitting {model} on {data.valid.sum()} rows of {data.name}"):
+    good = counted(int(data.valid.sum()), "row")
+    with waiting(f"fitting {model} on {good} of {data.name}"):
         rng = np.random.default_rng(seed)
         fitted = kind.fit(data, rng) if prior == "none" else fit_from_prior(data, load_prior(prior))
     save_model(fitted, out)
@@ -75,7 +77,7 @@ def fit(
         sys.stdout.write(json.dumps(summary) + "\n")
         return
     wrist = " ".join(f"{value:.4f}" for value in rmse[3:])
-    Console().print(f"fitted {model} on {data.valid.sum()} rows: RMSE q4 q5 q6 {wrist} rad; saved {out}")
+    results().print(f"fitted {model} on {good}: RMSE q4 q5 q6 {wrist} rad; saved {out}")
 
 
 def evaluate(
@@ -114,7 +116,7 @@ def evaluate(
     if as_json:
         sys.stdout.write(json.dumps(result.summary()) + "\n")
         return
-    table = Table(title=f"{result.model} on {data.name}, {result.rows} rows from row {from_row}")
+    table = Table(title=f"{result.model} on {data.name}, {counted(result.rows, 'row')} from row {from_row}")
     for column in ("joint", "RMSE uncorrected", "RMSE predicted"):
         table.add_column(column, justify="right")
     summary = result.summary()
@@ -126,7 +128,7 @@ def evaluate(
     ):
         unit, digits = ("m", 5) if name == "q3" else ("rad", 4)
         table.add_row(name, f"{before:.{digits}f} {unit}", f"{after:.{digits}f} {unit}")
-    console = Console()
+    console = results()
     console.print(table)
     console.print(f"one compensation takes {result.compensation_ms:.2f} ms")
     if plot is not None:

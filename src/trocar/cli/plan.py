@@ -13,12 +13,13 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
+from trocar.archive import require_short_list
 from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.cli.motion_file import require_motion_file, write_motions
 from trocar.cli.plugin import Plugins
+from trocar.cli.terminal import results
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
 
@@ -153,6 +154,9 @@ def _choice(table: Mapping[str, T], name: str, what: str) -> T:
 
 def _load(path: Path) -> NDArray[np.float64]:
     """Return the waypoints of a file as (n, 4, 6)."""
+    if path.is_dir():
+        raise TrocarError(f"{str(path)!r} is a folder; give a .npy or .npz with waypoints")
+    require_short_list(path)
     try:
         loaded: Any = np.load(path, allow_pickle=False)
         if isinstance(loaded, np.lib.npyio.NpzFile):
@@ -196,7 +200,7 @@ def _print(summary: dict[str, Any]) -> None:
     table.add_section()
     means = (_cell(summary[key], 1.0, ".3f") for key in ("mean_duration_s", "mean_bound_s"))
     table.add_row("mean", *means, "", "", "", "")
-    console = Console()
+    console = results()
     console.print(table)
     for index, motion in enumerate(summary["motions"]):
         if not motion["found"]:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 from trocar.cli.plugin import Plugins
-from trocar.cli.progress import COLUMNS
+from trocar.cli.progress import progress
+from trocar.cli.terminal import beside, details, results
+from trocar.counting import counted
 
 if TYPE_CHECKING:
     from trocar.trials import Trial
@@ -31,30 +31,28 @@ def report(
 ) -> None:
     """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
     del plugin  # loaded when it was parsed
-    console = Console(stderr=True)
-    finish(folder, as_json, console, interrupted=False)
+    finish(folder, as_json, interrupted=False)
     if video:
-        _draw_video(folder, console)
+        _draw_video(folder)
 
 
-def _draw_video(folder: Path, console: Console) -> None:
+def _draw_video(folder: Path) -> None:
     from trocar.report.files import report_of  # noqa: PLC0415
     from trocar.report.video import draw_video  # noqa: PLC0415
     from trocar.trials import load_trials  # noqa: PLC0415
 
     trial = load_trials(folder)[0][0]
-    with Progress(*COLUMNS, console=console, transient=True) as progress:
-        bar = progress.add_task("drawing video.webp")
+    with progress() as tick:
         path = draw_video(
             trial,
             folder / "video.webp",
             report_of(trial),
-            lambda done, total: progress.update(bar, completed=done, total=total),
+            lambda done, total: tick("pictures of video.webp", done, total),
         )
-    console.print(f"video: {path}", soft_wrap=True)
+    beside().print(f"video: {path}", soft_wrap=True)
 
 
-def finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> bool:
+def finish(folder: Path, as_json: bool, interrupted: bool) -> bool:
     """Write and print what a folder's trials say; return whether every goal of all of them was reached."""
     from trocar.report.files import write_report  # noqa: PLC0415 (SciPy only when needed)
     from trocar.tasks import TASKS  # noqa: PLC0415
@@ -62,7 +60,7 @@ def finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> 
     from trocar.trials.folder import still_to_do  # noqa: PLC0415
 
     if interrupted and not trial_files(folder):
-        console.print("stopped before the first trial was finished; the same command starts again")
+        beside().print("stopped before the first trial was finished; the same command starts again")
         return False
     trials, strange = load_trials(folder)
     strange += still_to_do(folder, len(trials))
@@ -87,11 +85,12 @@ def _show(
     interrupted: bool,
 ) -> None:
     from trocar.report.files import report_of  # noqa: PLC0415
+    from trocar.report.flaws import brief_flaws  # noqa: PLC0415
     from trocar.report.summary import MISSED_WARNING  # noqa: PLC0415
-    from trocar.report.tables import parts_table, run_table  # noqa: PLC0415
+    from trocar.report.tables import headline, parts_table, run_table  # noqa: PLC0415
 
     report = report_of(trials[0])
-    console = Console()
+    console = details()
     console.print(run_table(summary, report.paper_rows(summary)))
     for table in [*report.tables(summary), parts_table(summary)]:
         console.print(table)
@@ -113,12 +112,15 @@ def _show(
             f"warning: {100 * summary['missed_budgets']:.1f} % of computations took longer than the trial's clock "
             "counted for them; on this machine a real arm would have waited"
         )
-    for what, how in summary["flaws"].items():
-        console.print(f"{what}: {how}")
-    for sentence in [*report.notes(trials), *strange]:
+    console.print(brief_flaws(summary["flaws"]))
+    for sentence in report.notes(trials):
         console.print(sentence)
+    console = results()
+    for sentence in strange:
+        console.print(sentence)
+    console.print(headline(summary))
     if interrupted:
-        console.print(f"stopped; finished trials kept: {len(trials)}; the same command goes on")
+        console.print(f"stopped; {counted(len(trials), 'finished trial')} kept; the same command goes on")
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
     for replay in (file for file in files if file.name == "replay.html"):
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)

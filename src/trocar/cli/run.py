@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
-from trocar.cli.progress import COLUMNS
+from trocar.cli.progress import progress
 from trocar.cli.report import JsonFlag, finish
 from trocar.cli.task_group import TaskGroup
+from trocar.cli.terminal import beside
+from trocar.counting import counted
 from trocar.tasks import Task
 
 if TYPE_CHECKING:
@@ -29,8 +29,10 @@ def run(
     method: Annotated[str, typer.Option(help="How it is done", show_default="the first")] = "",
     model: Annotated[
         str,
-        typer.Option(help="Cable model of methods that compensate: play, lstm (the paper's), ridge, offset."),
-    ] = "play",
+        typer.Option(
+            help="Cable model of methods that compensate: play, lstm (the paper's), ridge, offset.", show_default="play"
+        ),
+    ] = "",
     calibration: Annotated[
         str,
         typer.Option(
@@ -95,20 +97,19 @@ def run(
         flaws=tuple(flaw or ()),
         plugins=tuple(map(str, plugin or ())),
     )
-    if config.chosen_method.calibrated and model == "lstm":
+    if config.model == "lstm":
         need("learn", "jax", "equinox", "optax")
     folder = out or Path("out") / f"{task.name}-{config.method}-{seed}"
     todo = open_folder(config, folder)
-    console = Console(stderr=True)
     interrupted = False
     try:
         if jobs == 1:
-            _play(config, folder, todo, console)
+            _play(config, folder, todo)
         else:
-            _play_at_once(config, folder.absolute(), todo, jobs, console)
+            _play_at_once(config, folder.absolute(), todo, jobs)
     except KeyboardInterrupt:
         interrupted = True
-    all_succeeded = finish(folder, as_json, console, interrupted)
+    all_succeeded = finish(folder, as_json, interrupted)
     if interrupted:
         raise typer.Exit(130)
     if not all_succeeded:
@@ -136,53 +137,60 @@ def runs(plugin: Plugins = None) -> None:
     del plugin  # loaded when it was parsed
 
 
-def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], console: Console) -> None:
+def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]]) -> None:
     from trocar.trials.folder import set_aside  # noqa: PLC0415
     from trocar.trials.run import prepare, run_trial  # noqa: PLC0415
     from trocar.trials.trial import trial_file  # noqa: PLC0415
 
     if not todo:
-        console.print(f"all {config.sessions * config.trials} trials are in {folder}; nothing to run")
+        kept = counted(config.sessions * config.trials, "trial")
+        beside().print(f"nothing to run: {folder} has the run's {kept}", soft_wrap=True)
         return
-    goals = len(config.task.goals())
-    with Progress(*COLUMNS, console=console, transient=True) as progress:
-        bar = progress.add_task("starting", total=goals * len(todo))
-        prepared = None
+    goals, piece = len(config.task.goals()), config.task.piece
+    with progress() as tick:
+        done, prepared = 0, None
+
+        def say(now: str) -> None:
+            tick(f"{piece}s", done, goals * len(todo), now)
+
         for number, (session, index) in enumerate(todo):
             if prepared is None or prepared.number != session:
-                what = f"calibrating ({config.model})" if config.chosen_method.calibrated else "setting up"
-                progress.update(bar, description=f"session {session + 1} of {config.sessions}: {what}")
+                day = f"session {session + 1} of {config.sessions}"
+                say(f"{day}: " + (f"calibrating ({config.model})" if config.chosen_method.calibrated else "setting up"))
 
-                def count(done: int, total: int, what: str = f"session {session + 1} of {config.sessions}") -> None:
-                    progress.update(bar, description=f"{what}: image {done} of {total}")
+                def count(image: int, total: int, day: str = day) -> None:
+                    say(f"{day}: image {image} of {total}")
 
                 prepared = prepare(config, session, folder, listener=count)
             where = f"session {session + 1}, trial {index + 1}"
+            say(where)
 
             def listen(event: Mapping[str, object], where: str = where) -> None:
-                if event["name"] == config.task.piece:
-                    progress.update(bar, advance=1, description=f"{where}: a {config.task.piece} has ended")
+                nonlocal done
+                if event["name"] == piece:
+                    done += 1
+                    say(f"{where}: a {piece} has ended")
 
             trial, path = run_trial(config, prepared, index, listen), trial_file(folder, session, index)
             set_aside(path)
             trial.save(path)
-            progress.update(bar, completed=goals * (number + 1))
+            done = goals * (number + 1)
+            say(f"{where}: saved")
 
 
-def _play_at_once(
-    config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], jobs: int, console: Console
-) -> None:
+def _play_at_once(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], jobs: int) -> None:
     from trocar.trials.orders import SessionOrder, TrialOrder, calibrate, play  # noqa: PLC0415
     from trocar.trials.workers import pick_workers, run_all  # noqa: PLC0415
 
     workers = pick_workers("processes", jobs)
     sessions = [SessionOrder(((config, folder),), session) for session in dict.fromkeys(place[0] for place in todo)]
-    with Progress(*COLUMNS, console=console, transient=True) as progress:
-        bar = progress.add_task("setting up sessions", total=len(sessions))
-        for _ in run_all(calibrate, sessions, workers):
-            progress.advance(bar)
-        bar = progress.add_task("running trials", total=len(todo))
-        for _, void in run_all(play, [TrialOrder(config, folder, *place) for place in todo], workers):
-            progress.advance(bar)
+    with progress() as tick:
+        tick("setting up sessions", 0, len(sessions))
+        for done, _ in enumerate(run_all(calibrate, sessions, workers), start=1):
+            tick("setting up sessions", done, len(sessions))
+        tick("running trials", 0, len(todo))
+        orders = [TrialOrder(config, folder, *place) for place in todo]
+        for done, (_, void) in enumerate(run_all(play, orders, workers), start=1):
+            tick("running trials", done, len(todo))
             if void:
-                console.print(void, soft_wrap=True)
+                beside().print(void, soft_wrap=True)

@@ -6,10 +6,11 @@ import json
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from trocar.cli.plugin import Plugins
+from trocar.cli.terminal import results
+from trocar.counting import counted
 
 if TYPE_CHECKING:
     from trocar.geometry import SE3
@@ -63,13 +64,13 @@ def check(station: Name, *, plugin: Plugins = None, as_json: JsonFlag = False) -
     else:
         for sentence in wrong:
             typer.echo(sentence)
-        typer.echo(f"{found.name}: {len(wrong)} findings" if wrong else f"{found.name}: all is well")
+        typer.echo(f"{found.name}: {counted(len(wrong), 'finding')}" if wrong else f"{found.name}: all is well")
     if wrong:
         raise typer.Exit(1)
 
 
 def _show(station: Station) -> None:
-    console = Console()
+    console = results()
     table = Table(title=f"{station.name}: {station.about}")
     for column in ("arm", "model", "instrument", "transmission", "base x y z mm"):
         table.add_column(column)

@@ -76,7 +76,8 @@ def read_joint_table(path: str | Path, rate_hz: float | None = None) -> JointTab
 def _rows(path: Path) -> tuple[list[str], NDArray[np.float64]]:
     """Return the names of the columns and all numbers."""
     if not path.is_file():
-        raise TrocarError(f"recording {str(path)!r} does not exist; give a CSV file")
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise TrocarError(f"recording {str(path)!r} {what}; give a CSV file")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             lines = [line for line in csv.reader(file) if line]
