@@ -14,6 +14,7 @@ from trocar import __version__
 from trocar.cli.commands import COMMANDS
 from trocar.cli.open_group import OpenGroup
 from trocar.cli.quiet import Quiet, be_quiet
+from trocar.cli.streams import prepare_streams
 from trocar.errors import MachineError, TrocarError
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -58,6 +59,7 @@ def main() -> None:
     2: the input's, 3: the machine's, 130: stopped by Ctrl-C. Anything else is a mistake in Trocar or in a plugin, the
     only case in which a traceback is shown: 70.
     """
+    prepare_streams()
     if "" in sys.argv[1:] or any(word.startswith("--") and word.endswith("=") for word in sys.argv[1:]):
         _end(2, "a word of the command is empty, as where a shell's variable has no value; fill it in or leave it out")
     be_quiet(False)

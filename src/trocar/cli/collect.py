@@ -94,12 +94,13 @@ def _collections(
     name: str, arms: list[str] | None, rows: int, seed: int, difficulty: Difficulty
 ) -> dict[str, Collection]:
     from trocar.collect.collection import Collection  # noqa: PLC0415 (the simulator is heavy)
-    from trocar.station import load_station  # noqa: PLC0415
+    from trocar.station import load_station, require_reach  # noqa: PLC0415
     from trocar.station.session import draw_session  # noqa: PLC0415
 
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
     station = replace(load_station(name), difficulty=difficulty).with_flaws_felt()
+    require_reach(station)
     session = draw_session(station, np.random.default_rng([seed, SESSION]))
     found = {}
     for arm in dict.fromkeys(arms or station.arms):

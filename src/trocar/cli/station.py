@@ -81,8 +81,9 @@ def _show(station: Station) -> None:
         console.print(f"camera {name}: {camera['kind']}, at {_mm(station.cameras[name].T_world_camera)} mm")
     for name, T in station.T_world_fixture.items():
         console.print(f"fixture {name}: at {_mm(T)} mm")
-    for what, how in station.flaws().items():
-        console.print(f"{what}: {how}")
+    console.print(f"registration of bases: {station.registration.about}")
+    level = ", ".join([station.difficulty.level, *station.difficulty.named])
+    console.print(f"difficulty: {level}; --json has the size of every flaw")
 
 
 def _values(station: Station) -> dict[str, Any]:

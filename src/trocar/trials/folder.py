@@ -10,6 +10,7 @@ from typing import Any, overload
 from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import write_json
+from trocar.station import require_reach
 from trocar.trials.config import RunConfig
 from trocar.trials.trial import Trial, trial_about, trial_file, trial_files
 
@@ -28,6 +29,7 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
     record, about = folder / RECORD, config.about()
     if folder.is_file():
         raise TrocarError(f"{str(folder)!r} is a file; choose a folder with --out")
+    require_reach(config.laboratory)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if record.is_file():

@@ -13,6 +13,7 @@ from rich.table import Table
 from trocar.cli import study_cells as options
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
 from trocar.cli.terminal import details, results
+from trocar.counting import counted
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -81,7 +82,7 @@ def _show(summary: dict[str, Any], notes: list[str], files: list[Path]) -> None:
     console = details()
     for cell in summary["cells"]:
         what = f"Table I, {cell['variant'].replace('-', ' ')}, {cell['method']}"
-        title = f"{what}: {cell['trials']} trials in {cell['sessions']} sessions"
+        title = f"{what}: {counted(cell['trials'], 'trial')} in {counted(cell['sessions'], 'session')}"
         console.print(table_one(cell["variant"], cell, title))
     if summary["speedups"]:
         table = Table(*SPEED_HEAD, title="One arm against two", box=box.SIMPLE, padding=(0, 1, 0, 0))
