@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from synthetic import synthetic_trial
 from trocar.cli import app
+from trocar.cli.open_group import Deferred
 from trocar.report.files import report_of
 from trocar.report.summary import summarise
 
@@ -46,8 +47,9 @@ def path_of(words):
         if name == "own-task":  # from examples/own_task.py, which tests/test_examples.py runs
             name = "peg-transfer"
         path.append(name)
-        group = group.get_command(context, name)
-        assert group is not None, f"no command {' '.join(path)!r}"
+        found = group.get_command(context, name)
+        assert found is not None, f"no command {' '.join(path)!r}"
+        group = found.load() if isinstance(found, Deferred) else found
     return path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -25,6 +26,10 @@ DATE = (1980, 1, 1, 0, 0, 0)
 MAX_HEADER_BYTES = 32 << 20
 MAX_BYTES = 1 << 30
 """Of all that an archive unpacks to; what claims more is refused before anything is allocated."""
+END_BYTES = 22 + 65535
+"""Of a zip's last record, with the longest comment; it says how long the list of members is."""
+MAX_LIST_BYTES = 1 << 20
+"""Of a zip's list of members, thousands of them: reading a longer one takes as long as it likes."""
 KINDS = "biuf"
 """Kinds of numbers that an array may hold."""
 
@@ -103,6 +108,25 @@ def read_archive(path: str | Path, kind: str, version: int) -> Archive:
     return Archive(header, arrays, blobs)
 
 
+def require_short_list(path: Path) -> None:
+    """Raise TrocarError where a zip claims more members than any file of numbers has: before anybody reads the list."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - END_BYTES))
+            end = file.read()
+    except OSError:
+        return  # whoever reads the file says it better
+    place = end.rfind(b"PK\5\6")
+    if place < 0 or len(end) < place + 22:
+        return
+    members, list_bytes = struct.unpack_from("<HL", end, place + 10)
+    if list_bytes > MAX_LIST_BYTES:
+        raise TrocarError(
+            f"{str(path)!r} is a zip whose list of members alone is {list_bytes >> 20} MB long ({members} or more); it "
+            "is no file of numbers"
+        )
+
+
 class _opened:
     """An open zip, or a sentence why not."""
 
@@ -110,8 +134,11 @@ class _opened:
         self._path, self._kind = Path(path), kind
 
     def __enter__(self) -> zipfile.ZipFile:
+        if self._path.is_dir():
+            raise TrocarError(f"{str(self._path)!r} is a folder; give a file, a {self._kind}")
         if not self._path.is_file():
             raise TrocarError(f"{self._kind} {str(self._path)!r} does not exist; give another")
+        require_short_list(self._path)
         try:
             self._file = zipfile.ZipFile(self._path)
         except UNREADABLE:
@@ -125,6 +152,9 @@ class _opened:
 
 
 def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) -> dict[str, Any]:
+    if HEADER not in file.namelist():
+        held = ", ".join(repr(name.removesuffix(".npy"))[1:-1] for name in file.namelist()[:8]) or "nothing"
+        raise TrocarError(f"{str(path)!r} is no {kind}, it holds {held}; give another file")
     try:
         if file.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
             raise ValueError
@@ -135,7 +165,7 @@ def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) ->
     if found != (kind, version):
         raise TrocarError(
             f"{str(path)!r} is a {str(found[0])[:40]!r} of version {str(found[1])[:10]}, not a {kind!r} of version "
-            f"{version}"
+            f"{version}; give another file"
         )
     return header
 

@@ -26,7 +26,8 @@ def read_csv(path: str | Path, example: str) -> tuple[list[str], NDArray[np.floa
     """
     path = Path(path)
     if not path.is_file():
-        raise TrocarError(f"recording {str(path)!r} does not exist; give a CSV file")
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise TrocarError(f"recording {str(path)!r} {what}; give a CSV file")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             lines = [line for line in csv.reader(file) if line]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import sys
+import traceback
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -95,6 +96,14 @@ PLUGIN_MODULE = "trocar_plugin_"
 _LOADED: dict[str, str] = {}
 
 
+def _line_of(error: BaseException, file: Path) -> str:
+    """Return at which line of a file an error arose, with words around it; empty where nobody knows."""
+    if isinstance(error, SyntaxError):
+        return ""  # it says so itself
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
+    return f", line {lines[-1]}" if lines and lines[-1] else ""
+
+
 def load_plugin(path: str | Path) -> str:
     """Run a Python file that registers things, once, and return the SHA-256 of its text.
 
@@ -115,8 +124,10 @@ def load_plugin(path: str | Path) -> str:
     try:
         spec.loader.exec_module(module)
     except TrocarError as error:
-        raise TrocarError(f"plugin {str(path)!r}: {error}") from error
+        raise TrocarError(f"plugin {str(path)!r}{_line_of(error, file)}: {error}") from error
     except (Exception, SystemExit) as error:
-        raise TrocarError(f"plugin {str(path)!r} cannot be loaded: {type(error).__name__}: {error}") from error
+        raise TrocarError(
+            f"plugin {str(path)!r} cannot be loaded{_line_of(error, file)}: {type(error).__name__}: {error}"
+        ) from error
     _LOADED[str(file)] = digest
     return digest

@@ -7,7 +7,6 @@ from math import comb, factorial, inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PPoly
 
 from trocar.errors import TrocarError
 from trocar.geometry.arrays import finite
@@ -41,6 +40,8 @@ class Trajectory:
         coefficients = finite(what, self.coefficients, "k", len(times) - 1, "joints")
         if not coefficients.size:
             raise TrocarError(f"{what} need at least one power and one joint, got shape {coefficients.shape}")
+        from scipy.interpolate import PPoly  # noqa: PLC0415 (half a second, for commands that only print help too)
+
         object.__setattr__(self, "times_s", times)
         object.__setattr__(self, "coefficients", coefficients)
         object.__setattr__(self, "_poly", PPoly(coefficients, times))

@@ -5,10 +5,14 @@ import sys
 from importlib.metadata import version
 
 import pytest
+from typer import Typer
 from typer.main import get_command
 from typer.testing import CliRunner
 
 from trocar.cli import app
+from trocar.cli.commands import COMMANDS as KNOWN
+from trocar.cli.open_group import Deferred
+from trocar.registry import Lazy
 from trocar.tasks import TASKS
 
 RUNNER = CliRunner()
@@ -18,6 +22,7 @@ WITHOUT_JSON = {("doctor",), ("view",)}
 
 def leaves(command, path=()):
     """Return the words of every command under this one, those included that are made when they are asked for."""
+    command = command.load() if isinstance(command, Deferred) else command
     if not hasattr(command, "list_commands"):
         return [path]
     children = {name: command.get_command(None, name) for name in command.list_commands(None)}
@@ -68,3 +73,33 @@ def test_a_group_prints_its_commands(group):
     result = RUNNER.invoke(app, [group], env=WIDE)
     own = [words[1] for words in COMMANDS if words[0] == group]
     assert own and all(name in result.output for name in own)
+
+
+LISTS = ["--help", "--version", "calibrate --help", "plan --help", "station --help"]
+
+
+def test_what_only_lists_commands_imports_nothing_that_computes():
+    """In a fresh interpreter: importing NumPy and SciPy takes ten times as long as printing the help."""
+    code = (
+        "import contextlib, io, sys\n"
+        "from trocar.cli import main\n"
+        f"for line in {LISTS}:\n"
+        "    sys.argv = ['trocar', *line.split()]\n"
+        "    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(SystemExit):\n"
+        "        main()\n"
+        "    assert said.getvalue()\n"
+        "    print(line, *{'numpy', 'scipy', 'matplotlib', 'mujoco', 'rich.table'} & set(sys.modules), sep='|')\n"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines() == LISTS
+
+
+def known_leaves(members):
+    return [leaf for known in members.values() for leaf in (known_leaves(known.members) or [known])]
+
+
+@pytest.mark.parametrize("known", known_leaves(KNOWN), ids=lambda known: known.where)
+def test_the_line_in_the_list_is_the_first_of_the_commands_own_help(known):
+    found = Lazy(known.where).load()
+    own = found.info.help if isinstance(found, Typer) else found.__doc__
+    assert " ".join(own.split("\n\n")[0].split()) == known.about

@@ -48,15 +48,15 @@ def test_a_file_that_is_not_there_is_named(said, line):
 
 @EVERY_COMMAND
 def test_a_file_that_raises_is_named_with_its_error(said, line):
-    assert "plugin 'mine.py' cannot be loaded: ZeroDivisionError: division by zero" in said(line, "1 / 0\n")
+    assert "plugin 'mine.py' cannot be loaded, line 2: ZeroDivisionError: division" in said(line, "import os\n1 / 0\n")
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("def\n", "cannot be loaded: SyntaxError"),
-        ("import nothing_of_this_name\n", "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of"),
-        ("raise SystemExit(0)\n", "cannot be loaded: SystemExit"),
+        ("import nothing_of_this_name\n", "cannot be loaded, line 1: ModuleNotFoundError: No module named 'nothing_of"),
+        ("raise SystemExit(0)\n", "cannot be loaded, line 1: SystemExit"),
         ("\0", "cannot be loaded"),
     ],
 )
@@ -83,7 +83,7 @@ def test_a_file_of_another_kind_is_named(said):
 )
 def test_a_name_that_is_taken_is_told_with_the_file(said, text, words):
     for command in ("run", "plan"):
-        assert f"plugin 'mine.py': {words}" in said(COMMANDS[command], text)
+        assert f"plugin 'mine.py', line 2: {words}" in said(COMMANDS[command], text)
 
 
 @pytest.mark.parametrize(

@@ -74,6 +74,22 @@ def test_the_table_names_task_figures_and_files(trocar, played, tmp_path):
         assert words in out
 
 
+def test_a_quiet_run_prints_the_end_of_its_result_alone(trocar, played, tmp_path):
+    code, out, err = trocar("--quiet", "run", "peg-transfer", "--sessions", 2, "--out", tmp_path)
+    assert (code, err) == (0, "") and len(out.splitlines()) == 3
+    assert out.startswith("peg-transfer, calibrated (play): 24 of 24 transfers, 95 % interval")
+    assert out.splitlines()[2].startswith("files: ")
+    _, out, err = trocar("run", "peg-transfer", "--sessions", 2, "--out", tmp_path)
+    assert len(out.splitlines()) > 20 and "nothing to run" in err, "the next line is not quiet"
+
+
+def test_a_quiet_report_names_trials_that_it_leaves_aside(trocar, played, tmp_path):
+    trocar("run", "peg-transfer", "--trials", 2, "--out", tmp_path)
+    trial_file(tmp_path, 0, 0).write_bytes(b"")
+    _, out, _ = trocar("report", tmp_path, "--quiet")
+    assert "left aside" in " ".join(out.split()) and len(out.splitlines()) < 10
+
+
 def test_the_default_folder_is_named_after_the_run(trocar, played, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     trocar("run", "peg-transfer", "--method", "uncalibrated", "--seed", 8)
@@ -102,7 +118,7 @@ def test_finished_trials_are_not_played_again(trocar, played, tmp_path):
     code, out, err = trocar(*words)
     assert (code, played) == (0, [])
     assert json.loads(out) == json.loads(first)
-    assert "all 4 trials are in" in err and "nothing to run" in " ".join(err.split())
+    assert "has the run's 4 trials" in " ".join(err.split()) and "nothing to run" in err
 
 
 def test_another_run_in_the_same_folder_is_refused(trocar, played, tmp_path):
@@ -140,9 +156,13 @@ def test_a_difficulty_that_is_none_is_refused(trocar, tmp_path, more):
     assert code == 2 and more[1].partition("=")[0] in error and not (tmp_path / "no").exists()
 
 
-def test_a_flawless_camera_is_told(trocar, played, tmp_path):
-    _, out, _ = trocar("run", "peg-transfer", "--flawless-camera", "--out", tmp_path)
-    assert "flaws of camera overhead: switched off" in " ".join(out.split()), out
+def test_a_run_says_its_difficulty_and_only_what_differs_from_it(trocar, played, tmp_path):
+    words = ("--flaw", "creep=0", "--flawless-camera", "--calibration", "joints")
+    _, out, _ = trocar("run", "peg-transfer", "--out", tmp_path, *words)
+    shown = " ".join(out.split())
+    assert "laboratory: difficulty recorded but for creep=0; flaws of camera overhead switched off; cable" in shown
+    assert "cable models are fitted on joints with drawn noise; summary.json has the size of every flaw" in shown
+    assert "transmission of" not in shown and len(summary_of(tmp_path)["flaws"]) > 10
 
 
 # Trials that are not counted.
@@ -193,7 +213,7 @@ def test_ctrl_c_keeps_finished_trials_and_says_so(trocar, played, monkeypatch, t
     interrupt_at(monkeypatch, 1)
     code, out, _ = trocar("run", "peg-transfer", "--trials", 3, "--out", tmp_path)
     assert code == 130
-    assert "stopped; finished trials kept: 1; the same command goes on" in " ".join(out.split())
+    assert "stopped; 1 finished trial kept; the same command goes on" in " ".join(out.split())
     assert summary_of(tmp_path)["trials"] == 1
     assert not list(tmp_path.rglob(".*part"))
     interrupt_at(monkeypatch, None)

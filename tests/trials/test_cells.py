@@ -8,7 +8,7 @@ from trocar.trials.cells import chosen
 
 def test_all_that_there_is_is_chosen_by_default():
     assert chosen("", ["a", "b"], "methods") == ["a", "b"]
-    assert chosen("b, b", ["a", "b"], "methods") == ["b"]
+    assert chosen("b, a", ["a", "b"], "methods") == ["b", "a"]
 
 
 def test_what_there_is_not_is_refused():

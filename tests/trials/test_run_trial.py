@@ -297,7 +297,7 @@ def test_what_is_no_fault_of_the_robots_makes_no_trial(tmp_path, error):
 
 RUN = """
 from trocar.cli import main, run
-run._finish = lambda *rest: True  # what is drawn of the trials takes longer than they do
+run.finish = lambda *rest: True  # what is drawn of the trials takes longer than they do
 main()
 """
 OPTIONS = {"--transfers": 1, "--model": "offset", "--seed": 5, "--sessions": 2, "--trials": 1}

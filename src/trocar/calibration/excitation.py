@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
-from scipy.stats import qmc
 
 from trocar.errors import TrocarError
 from trocar.geometry import TURN
@@ -95,6 +93,8 @@ def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> N
         TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
     _check(arm, n, box)
+    from scipy.stats import qmc  # noqa: PLC0415 (a second, for every command that knows stations)
+
     wrist = qmc.Sobol(3, rng=0).random_base2(int(np.ceil(np.log2(n))))[:n]
     phase = TURN * np.arange(n)[:, None] / n
     outer = 0.5 + 0.5 * np.sin(phase * WIDE_CYCLES)
@@ -120,6 +120,8 @@ def _check(arm: ArmModel, n: int, box: MotionBox) -> None:
 
 def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> NDArray[np.float64]:
     """Return one joint's path (n,) with this mean step."""
+    from scipy.special import ndtr  # noqa: PLC0415 (as above)
+
     frequency = np.exp(rng.uniform(np.log(BAND[0]), np.log(BAND[1]), HARMONICS))
     phase = rng.uniform(0.0, TURN, HARMONICS)
     amplitude = frequency**-0.75

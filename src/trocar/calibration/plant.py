@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
 
 from trocar.calibration.play import play_operator
 from trocar.calibration.recording import Recording
@@ -171,6 +170,8 @@ def fit_plant(recording: Recording) -> CablePlant:
     q, valid = recording.q_cmd, recording.valid
     if valid.sum() < 30:
         raise TrocarError(f"{recording.name} has {valid.sum()} valid rows; identifying a plant needs 30 or more")
+    from scipy.optimize import minimize  # noqa: PLC0415 (slow to import; few identify a plant, all draw one)
+
     error = (recording.q_phy - q)[:, WRIST][valid]
 
     def solve(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 import zlib
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.archive import HEADER, require_short_list
 from trocar.calibration.recording_table import read_recording_table
 from trocar.errors import TrocarError
 from trocar.geometry import shown
@@ -216,18 +218,41 @@ def _arrays(path: Path) -> dict[str, NDArray]:
 
 
 def _npz_arrays(path: Path) -> dict[str, NDArray]:
+    require_short_list(path)
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: np.asarray(data[key]) for key in data.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
         raise TrocarError(f"recording {str(path)!r} is not a readable .npz of numbers; copy it again") from None
     missing = [key for key in ("q_cmd", "q_phy") if key not in arrays]
+    if HEADER in arrays:
+        raise TrocarError(f"{str(path)!r} is {_kind(arrays[HEADER])}, not a recording; give one with q_cmd and q_phy")
     if missing:
         raise TrocarError(
             f"recording {str(path)!r} lacks {' and '.join(missing)}; it has {', '.join(arrays) or 'nothing'} "
             "and needs q_cmd and q_phy (optional: valid, t_s)"
         )
     return arrays
+
+
+def _kind(header: NDArray) -> str:
+    """Return in words what an archive of ours is."""
+    try:
+        return f"a {str(json.loads(header.item())['format'])[:40]!r}"
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return "an archive with a header"
+
+
+def looks_like_recording(path: Path) -> bool:
+    """Return whether a file or folder holds commanded and measured joints, well-formed or not."""
+    if path.is_dir():
+        return any((path / commanded).exists() for commanded, _ in FOLDER_FILES)
+    try:
+        require_short_list(path)
+        with zipfile.ZipFile(path) as file:
+            return {"q_cmd.npy", "q_phy.npy"} <= set(file.namelist())
+    except (OSError, zipfile.BadZipFile, TrocarError):
+        return False
 
 
 def _folder_arrays(folder: Path) -> dict[str, NDArray]:

@@ -11,12 +11,22 @@ from typing import Annotated, NoReturn
 import typer
 
 from trocar import __version__
+from trocar.cli.commands import COMMANDS
+from trocar.cli.open_group import OpenGroup
+from trocar.cli.quiet import Quiet, be_quiet
+from trocar.cli.streams import prepare_streams
 from trocar.errors import MachineError, TrocarError
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before NumPy is imported: its threads cost more than they bring here
 
+
+class _Trocar(OpenGroup):
+    members = COMMANDS
+
+
 app = typer.Typer(
+    cls=_Trocar,
     name="trocar",
     help="Autonomous surgical sub-tasks on cable-driven robots: see, calibrate, plan, act, score.",
     no_args_is_help=True,
@@ -38,23 +48,9 @@ def _common(
     version: Annotated[
         bool, typer.Option("--version", help="Print the version and end.", is_eager=True, callback=_print_version)
     ] = False,
+    quiet: Quiet = False,
 ) -> None:
-    del version
-
-
-from trocar.cli import analyse, calibrate, doctor, export, plan, register, run, station, study, view  # noqa: E402
-
-app.command(epilog="Example: trocar doctor")(doctor.doctor)
-app.command(epilog="Example: trocar report out/ten")(run.report)
-app.command(epilog="Example: trocar view out/ten --trial 3")(view.view)
-app.command(epilog="Example: trocar export out/ten --out out/tables --format parquet")(export.export)
-app.command(epilog="Example: trocar analyse joints.csv --rate 100 --out out/motion")(analyse.analyse)
-app.add_typer(run.app, name="run")
-app.add_typer(calibrate.app, name="calibrate")
-app.add_typer(plan.app, name="plan")
-app.add_typer(register.app, name="register")
-app.add_typer(station.app, name="station")
-app.add_typer(study.app, name="study")
+    del version, quiet
 
 
 def main() -> None:
@@ -63,8 +59,10 @@ def main() -> None:
     2: the input's, 3: the machine's, 130: stopped by Ctrl-C. Anything else is a mistake in Trocar or in a plugin, the
     only case in which a traceback is shown: 70.
     """
+    prepare_streams()
     if "" in sys.argv[1:] or any(word.startswith("--") and word.endswith("=") for word in sys.argv[1:]):
         _end(2, "a word of the command is empty, as where a shell's variable has no value; fill it in or leave it out")
+    be_quiet(False)
     try:
         app()
     except MachineError as error:

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from trocar.cli.out_folder import check_out_folder
+from trocar.cli.progress import waiting
+from trocar.cli.terminal import results
+from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, make_folder, write_json, write_table
 
@@ -63,7 +65,7 @@ def analyse(
             raise TrocarError(f"{name} is {value}; give a number above 0")
     names, measured, step_s, model = _measured(recording, arm, columns, rate)
     parts: dict[str, tuple[tuple[str, ...], Derivatives]] = {}
-    with Console(stderr=True).status(f"estimating the motion of {len(names)} signals, {len(measured)} samples"):
+    with waiting(f"estimating the motion of {counted(len(names), 'signal')}, {counted(len(measured), 'sample')}"):
         if model is None:
             parts["joints"] = (names, estimate(measured, step_s, smoothness))
         else:
@@ -136,10 +138,10 @@ def _summary(
 
 
 def _print(summary: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
-    console = Console()
+    console = results()
     seconds = summary["samples"] * summary["step_s"]
     table = Table(
-        title=f"{summary['samples']} samples, {seconds:.1f} s",
+        title=f"{counted(summary['samples'], 'sample')}, {seconds:.1f} s",
         caption="RMS / largest, in the signal's unit and seconds",
     )
     for column in ("signal", "velocity /s", "acceleration /s^2", "jerk /s^3"):

@@ -8,10 +8,11 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
 from trocar.calibration.recording import JOINT_NAMES
 from trocar.cli.plugin import Plugins
+from trocar.cli.terminal import results
+from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import require_place, write_table
 
@@ -72,7 +73,8 @@ def apply(
         typer.echo(json.dumps({"model": fitted.name, **said}))
         return
     degrees = " ".join(f"{value:.1f}" for value in np.degrees(largest[3:]))
-    Console().print(
-        f"{len(lines)} commands by {fitted.name}; largest corrections of q4 q5 q6: {degrees} deg; saved {out}",
+    results().print(
+        f"{counted(len(lines), 'command')} by {fitted.name}; largest corrections of q4 q5 q6: {degrees} deg; "
+        f"saved {out}",
         soft_wrap=True,
     )

@@ -9,29 +9,16 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from trocar.cli import apply, collect, excite, fleet
+from trocar.cli.fleet import PriorName
 from trocar.cli.out_folder import check_npz
 from trocar.cli.plugin import Plugins
+from trocar.cli.progress import waiting
+from trocar.cli.terminal import results
+from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import require_picture
-
-app = typer.Typer(
-    help="Collect recordings of commanded and measured joints, fit cable models on them, and evaluate these.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-
-app.command("collect", epilog="Example: trocar calibrate collect peg-transfer --arm psm1 --out out/cal")(
-    collect.collect
-)
-
-app.command("apply", epilog="Example: trocar calibrate apply psm1_play.npz path.csv --out commands.csv")(apply.apply)
-app.command("excite", epilog="Example: trocar calibrate excite peg-transfer --arm psm1 --out minute.csv")(excite.excite)
-app.command("prior", epilog="Example: trocar calibrate prior psm1.npz psm2.npz --out mine.npz")(fleet.prior)
-app.command("curve", epilog="Example: trocar calibrate curve psm3.npz --prior mine.npz --plot curve.png")(fleet.curve)
 
 RecordingPath = Annotated[
     Path,
@@ -43,7 +30,6 @@ RecordingPath = Annotated[
 ]
 
 
-@app.command(epilog="Example: trocar calibrate fit psm1.npz --rows 75 --prior fleet --out psm1_play.npz")
 def fit(
     recording: RecordingPath,
     *,
@@ -51,7 +37,7 @@ def fit(
     model: Annotated[str, typer.Option(help="offset, ridge, play, lstm (extra 'learn'), or your own.")] = "play",
     rows: Annotated[int | None, typer.Option(metavar="N", help="Fit on the first N rows only.")] = None,
     fraction: Annotated[float | None, typer.Option(help="Fit on this first share of the rows only.")] = None,
-    prior: fleet.PriorName = None,
+    prior: PriorName = None,
     seed: Annotated[int, typer.Option(help="Seed of the training's randomness.")] = 0,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -73,8 +59,8 @@ def fit(
     prior = prior or ("fleet" if model == "play" else "none")
     if prior != "none" and model != "play":
         raise TrocarError(f"cable model {model!r} starts from no prior; leave --prior out, or fit 'play'")
-    console = Console(stderr=True)
-    with console.status(f"fitting {model} on {data.valid.sum()} rows of {data.name}"):
+    good = counted(int(data.valid.sum()), "row")
+    with waiting(f"fitting {model} on {good} of {data.name}"):
         rng = np.random.default_rng(seed)
         fitted = kind.fit(data, rng) if prior == "none" else fit_from_prior(data, load_prior(prior))
     save_model(fitted, out)
@@ -91,10 +77,9 @@ def fit(
         sys.stdout.write(json.dumps(summary) + "\n")
         return
     wrist = " ".join(f"{value:.4f}" for value in rmse[3:])
-    Console().print(f"fitted {model} on {data.valid.sum()} rows: RMSE q4 q5 q6 {wrist} rad; saved {out}")
+    results().print(f"fitted {model} on {good}: RMSE q4 q5 q6 {wrist} rad; saved {out}")
 
 
-@app.command(epilog="Example: trocar calibrate evaluate psm1_play.npz psm1.npz --from-row 867 --plot loops.png")
 def evaluate(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="File written by `trocar calibrate fit`.")],
     recording: RecordingPath,
@@ -131,7 +116,7 @@ def evaluate(
     if as_json:
         sys.stdout.write(json.dumps(result.summary()) + "\n")
         return
-    table = Table(title=f"{result.model} on {data.name}, {result.rows} rows from row {from_row}")
+    table = Table(title=f"{result.model} on {data.name}, {counted(result.rows, 'row')} from row {from_row}")
     for column in ("joint", "RMSE uncorrected", "RMSE predicted"):
         table.add_column(column, justify="right")
     summary = result.summary()
@@ -143,7 +128,7 @@ def evaluate(
     ):
         unit, digits = ("m", 5) if name == "q3" else ("rad", 4)
         table.add_row(name, f"{before:.{digits}f} {unit}", f"{after:.{digits}f} {unit}")
-    console = Console()
+    console = results()
     console.print(table)
     console.print(f"one compensation takes {result.compensation_ms:.2f} ms")
     if plot is not None:

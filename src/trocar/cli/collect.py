@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
-from trocar.cli.progress import COLUMNS
+from trocar.cli.progress import progress
+from trocar.cli.terminal import beside, details, results
 from trocar.errors import TrocarError
 from trocar.output import make_folder, write_json, write_text
 
@@ -58,20 +57,18 @@ def collect(
     collections = _collections(station, arm, rows, seed, Difficulty.of(difficulty, flaw or ()))
     _check(model if fit else None, fraction, rows, seed)
     make_folder(folder)
-    console = Console(stderr=True)
     try:
-        summary, files = _chain(station, collections, folder, model if fit else None, fraction, seed, console)
+        summary, files = _chain(station, collections, folder, model if fit else None, fraction, seed)
     except KeyboardInterrupt:
-        console.print(f"stopped; what was collected is in {folder}; the same command goes on")
+        beside().print(f"stopped; what was collected is in {folder}; the same command goes on")
         raise typer.Exit(130) from None
     if as_json:
         typer.echo(json.dumps(summary))
         return
     from trocar.collect.report import collection_table  # noqa: PLC0415
 
-    shown = Console()
-    shown.print(collection_table(summary["arms"]))
-    shown.print("files: " + ", ".join(map(str, files)), soft_wrap=True)
+    details().print(collection_table(summary["arms"]))
+    results().print("files: " + ", ".join(map(str, files)), soft_wrap=True)
 
 
 def _check(model: str | None, fraction: float, rows: int, seed: int) -> None:
@@ -97,12 +94,13 @@ def _collections(
     name: str, arms: list[str] | None, rows: int, seed: int, difficulty: Difficulty
 ) -> dict[str, Collection]:
     from trocar.collect.collection import Collection  # noqa: PLC0415 (the simulator is heavy)
-    from trocar.station import load_station  # noqa: PLC0415
+    from trocar.station import load_station, require_reach  # noqa: PLC0415
     from trocar.station.session import draw_session  # noqa: PLC0415
 
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
     station = replace(load_station(name), difficulty=difficulty).with_flaws_felt()
+    require_reach(station)
     session = draw_session(station, np.random.default_rng([seed, SESSION]))
     found = {}
     for arm in dict.fromkeys(arms or station.arms):
@@ -124,7 +122,6 @@ def _chain(
     model: str | None,
     fraction: float,
     seed: int,
-    console: Console,
 ) -> tuple[dict[str, Any], list[Path]]:
     """Run the whole chain for each arm; return the figures and the files."""
     from trocar.calibration.figure import draw_evaluation  # noqa: PLC0415 (slow to import)
@@ -136,12 +133,13 @@ def _chain(
     figures: dict[str, Any] = {}
     files: list[Path] = []
     bases = {}
-    with Progress(*COLUMNS, console=console, transient=True) as progress:
-        bars = {arm: progress.add_task(f"{arm}: images", total=len(c.q_cmd)) for arm, c in collections.items()}
+    with progress() as tick:
+        for arm, collection in collections.items():
+            tick(f"images of {arm}", 0, len(collection.q_cmd))
         for number, (arm, collection) in enumerate(collections.items()):
 
             def listen(done: int, total: int, arm: str = arm) -> None:
-                progress.update(bars[arm], completed=done, total=total)
+                tick(f"images of {arm}", done, total)
 
             rng = np.random.default_rng([seed, FIT, number])
             found = calibrate(collection, folder, model=model, fraction=fraction, rng=rng, listener=listen)

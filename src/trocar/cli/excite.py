@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from trocar.cli.terminal import results
 from trocar.errors import TrocarError
 from trocar.output import write_table
 
@@ -48,6 +48,6 @@ def excite(
     if as_json:
         sys.stdout.write(json.dumps({"arm": name, "q_cmd": q_cmd.tolist(), "out": str(out)}) + "\n")
         return
-    Console().print(
+    results().print(
         f"{len(q_cmd)} commands for {name} ({model.name}), the first two without a measurement; saved {out}"
     )

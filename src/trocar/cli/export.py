@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
-from trocar.cli.progress import COLUMNS
+from trocar.cli.progress import progress
+from trocar.cli.terminal import beside
 from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
@@ -32,14 +31,12 @@ def export(
     """
     from trocar.report.export import export_trials  # noqa: PLC0415 (SciPy only when needed)
 
-    console = Console(stderr=True)
     trials, strange = _chosen(run)
     for sentence in strange:
-        console.print(sentence, soft_wrap=True)
-    with Progress(*COLUMNS, console=console, transient=True) as progress:
-        bar = progress.add_task("writing tables", total=len(trials))
+        beside().print(sentence, soft_wrap=True)
+    with progress() as tick:
         written = export_trials(
-            trials, out, format, lambda done, total: progress.update(bar, completed=done, total=total)
+            trials, out, format, lambda done, total: tick("writing tables", done=done, total=total)
         )
     if as_json:
         tables = {

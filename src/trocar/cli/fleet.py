@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from trocar.cli.out_folder import check_npz
+from trocar.cli.progress import waiting
+from trocar.cli.terminal import beside, results
+from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import require_picture
 
@@ -43,13 +45,13 @@ def prior(
     from trocar.calibration.recording import load_recording  # noqa: PLC0415
 
     check_npz(out, FORMAT, recordings)
-    with Console(stderr=True).status(f"learning from {len(recordings)} recordings"):
+    with waiting(f"learning from {counted(len(recordings), 'recording')}"):
         learned = learn_prior([load_recording(path) for path in recordings])
     learned.save(out)
     if as_json:
         sys.stdout.write(json.dumps({"sources": learned.sources, "out": str(out)}) + "\n")
         return
-    Console().print(f"learned from {', '.join(learned.sources)}; saved {out}")
+    results().print(f"learned from {', '.join(learned.sources)}; saved {out}")
 
 
 def curve(
@@ -71,7 +73,7 @@ def curve(
     if prior in (None, "none"):
         raise TrocarError("a curve compares fits with a prior and without; give --prior fleet or a file")
     known, data = load_prior(prior), load_recording(recording)
-    with Console(stderr=True).status(f"fitting on more and more rows of {data.name}"):
+    with waiting(f"fitting on more and more rows of {data.name}"):
         found = found_curve(data, known, _numbers(rows))
     if as_json:
         values = {way: rmse.tolist() for way, rmse in found.rmse.items()}
@@ -81,17 +83,17 @@ def curve(
         _print(found, known.sources)
     if plot is not None:
         draw_curve(found, plot)
-        Console(stderr=as_json).print(f"picture: {plot}")
+        (beside() if as_json else results()).print(f"picture: {plot}")
 
 
 def _print(found: Curve, sources: Sequence[str]) -> None:
-    table = Table(title=f"{found.recording}: RMSE of q4 q5 q6 on the last fifth ({found.tail} rows), rad")
+    table = Table(title=f"{found.recording}: RMSE of q4 q5 q6 on the last fifth ({counted(found.tail, 'row')}), rad")
     for column in ("rows", "time", *found.rmse):
         table.add_column(column, justify="right")
     for k, (count, seconds) in enumerate(zip(found.rows, found.seconds, strict=True)):
         cells = (" ".join(f"{value:.4f}" for value in rmse[k, 3:]) for rmse in found.rmse.values())
         table.add_row(str(count), f"{seconds:.0f} s", *cells)
-    console = Console()
+    console = results()
     console.print(table)
     console.print(f"the prior was learned from {', '.join(sources)}")
     if found.recording in sources:

@@ -13,24 +13,15 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
+from trocar.archive import require_short_list
 from trocar.arms import ARMS, MOTION_LIMITS
-from trocar.cli import plan_setup, plan_suture
-from trocar.cli.grouped import GroupedCommand
 from trocar.cli.motion_file import require_motion_file, write_motions
 from trocar.cli.plugin import Plugins
+from trocar.cli.terminal import results
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
-
-app = typer.Typer(help="Plan motions and print their quality.", no_args_is_help=True, rich_markup_mode=None)
-
-app.command("suture", cls=GroupedCommand, epilog="Example: trocar plan suture --preset paper-demo --out out/plan")(
-    plan_suture.suture
-)
-
-app.command("setup", epilog="Example: trocar plan setup --free circle --free port --evaluations 1000")(plan_setup.setup)
 
 T = TypeVar("T")
 
@@ -45,7 +36,6 @@ real PSM
 Classic reach q3 = 0.2403 m, beyond the nominal 0.24 m. What is used of it is printed."""
 
 
-@app.command("transfer")
 def transfer(
     waypoints: Annotated[
         Path, typer.Argument(help=".npy of shape (4, 6) or (n, 4, 6), or .npz with `waypoints`; rad and m.")
@@ -77,8 +67,6 @@ def transfer(
 
     With a clearance, lifting and lowering must be straight within it. A motion that breaks what was asked is
     printed with the reason, and the exit code is then 1.
-
-    Example: trocar plan transfer waypoints.npy --planner spline
     """
     model, motion_limits = _choice(ARMS, arm, "arm"), _choice(MOTION_LIMITS, limits, "set of limits")
     PLANNERS.pick(planner)
@@ -166,6 +154,9 @@ def _choice(table: Mapping[str, T], name: str, what: str) -> T:
 
 def _load(path: Path) -> NDArray[np.float64]:
     """Return the waypoints of a file as (n, 4, 6)."""
+    if path.is_dir():
+        raise TrocarError(f"{str(path)!r} is a folder; give a .npy or .npz with waypoints")
+    require_short_list(path)
     try:
         loaded: Any = np.load(path, allow_pickle=False)
         if isinstance(loaded, np.lib.npyio.NpzFile):
@@ -209,7 +200,7 @@ def _print(summary: dict[str, Any]) -> None:
     table.add_section()
     means = (_cell(summary[key], 1.0, ".3f") for key in ("mean_duration_s", "mean_bound_s"))
     table.add_row("mean", *means, "", "", "", "")
-    console = Console()
+    console = results()
     console.print(table)
     for index, motion in enumerate(summary["motions"]):
         if not motion["found"]:

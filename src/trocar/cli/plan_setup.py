@@ -10,13 +10,14 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from trocar.arms import ARMS
 from trocar.cli import suture_options as options
 from trocar.cli.out_folder import check_out_folder
+from trocar.cli.progress import progress, waiting
 from trocar.cli.suture_search import Search
+from trocar.cli.terminal import results
+from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, write_json
 from trocar.sutures import PRESETS, DexterityMap, Preset, SuturePlan, dexterity
@@ -132,10 +133,7 @@ def _heuristic(
     """Return map, plan and summary of the best setup that evolution finds, with a progress bar."""
     from trocar.sutures.outer import outer_search  # noqa: PLC0415
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("setups", total=evaluations)
+    with progress() as tick:
         found = outer_search(
             chosen.setup,
             chosen.reward,
@@ -147,7 +145,7 @@ def _heuristic(
             evaluations=evaluations,
             holdable=holdable,
             scales=scales,
-            progress=lambda done, total: progress.update(bar, completed=done, total=total),
+            progress=lambda done, total: tick("setups", done, total),
         )
     return found.best, found.plan, found.summary()
 
@@ -163,8 +161,7 @@ def _certified(
     """Return map, plan and summary of the best circle; shows the current gap during the search."""
     from trocar.sutures.outer_bound import certified_search  # noqa: PLC0415
 
-    console = Console(stderr=True)
-    with console.status("branch and bound") as status:
+    with waiting("branch and bound") as say:
         found = certified_search(
             chosen.setup,
             chosen.reward,
@@ -174,7 +171,7 @@ def _certified(
             positions=POSITIONS,
             gap=gap,
             max_boxes=evaluations,
-            progress=lambda boxes, left: status.update(f"branch and bound: {boxes} boxes, gap {left:.4f}"),
+            progress=lambda boxes, left: say(f"{counted(boxes, 'box', 'boxes')}, gap {left:.4f}"),
         )
     return found.best, found.plan, found.summary()
 
@@ -231,12 +228,13 @@ def _print(summary: dict[str, Any]) -> None:
     from trocar.report.sutures.tables import setup_table  # noqa: PLC0415
     from trocar.report.sutures.tissue import tissue_warnings  # noqa: PLC0415
 
-    console = Console()
+    console = results()
     console.print(setup_table(summary["free"]))
     was = f"{summary['start_reward']:.4f}" if summary["start_feasible"] else "no feasible plan"
     console.print(f"worst suture {summary['reward']:.4f}, with the preset {was}, at the same scale")
     console.print(summary["certified"])
-    done = f"{summary['evaluations']} setups" if "evaluations" in summary else f"{summary['boxes']} boxes"
+    heuristic = "evaluations" in summary
+    done = counted(summary["evaluations"], "setup") if heuristic else counted(summary["boxes"], "box", "boxes")
     console.print(f"{done} in {summary['seconds']:.1f} s")
     console.print(f"manipulability: {summary['manipulability_source']}")
     for warning in tissue_warnings(summary):

@@ -9,18 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from trocar.cli import suture_options as options
 from trocar.cli.extras import need
 from trocar.cli.out_folder import check_out_folder
 from trocar.cli.suture_options import REWARD, SPACING, metre, option, rad
 from trocar.cli.suture_search import Search
+from trocar.cli.terminal import results
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, write_json
 from trocar.sutures import PRESETS, dexterity
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from trocar.sutures.plan import SuturePlan
     from trocar.sutures.rewards import DexterityMap
 
@@ -213,7 +215,7 @@ def _print(summary: dict[str, Any]) -> None:
     from trocar.report.sutures.tables import plan_table, points_table  # noqa: PLC0415
     from trocar.report.sutures.tissue import tissue_warnings  # noqa: PLC0415
 
-    console = Console()
+    console = results()
     console.print(plan_table(summary))
     uneven = f" minus {summary['tension_cost']:.4f} for uneven gaps" if summary["tension_cost"] else ""
     among = "" if summary["feasible"] or not summary["feasible_first"] else " of worst infeasible sutures"

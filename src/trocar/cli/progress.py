@@ -1,8 +1,21 @@
-"""How long work is shown: what is happening now, how much is done, and the time left."""
+"""How long work is shown: what is happening now, how much is done, and the time left.
+
+A terminal has bars; where stderr is a file or a pipe there is a line every ten seconds; with ``--quiet`` there is
+nothing.
+"""
 
 from __future__ import annotations
 
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Event, Thread
+from typing import Any, Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from trocar.cli.terminal import beside
 
 COLUMNS = (
     TextColumn("{task.description}"),
@@ -12,3 +25,124 @@ COLUMNS = (
     TextColumn("left"),
     TimeRemainingColumn(),
 )
+SPEED_FROM_S = 600.0
+"""The time left is what the speed of the last so many seconds makes of it: trials take minutes."""
+EVERY_S = 10.0
+"""Between two lines."""
+
+
+class Tick(Protocol):
+    """Says how far a piece of work is."""
+
+    def __call__(self, work: str, done: int, total: int | None, now: str = "") -> None:
+        """Show it.
+
+        Args:
+            work: names it, in plural where it is a number of things; another name is another bar.
+            done: how much of it is done.
+            total: of how much; None: nobody knows.
+            now: what is being done at the moment.
+        """
+
+
+class Lines:
+    """Progress in plain lines.
+
+    Args:
+        clock: seconds of any clock that does not jump.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._work, self._now = "", ""
+        self._done = self._first = 0
+        self._total: int | None = None
+        self._began_s = clock()
+
+    def tick(self, work: str, done: int, total: int | None, now: str = "") -> None:
+        """Take note of how far a piece of work is."""
+        if work != self._work:
+            self._began_s, self._first = self._clock(), done
+        self._work, self._done, self._total, self._now = work, done, total, now
+
+    def line(self) -> str:
+        """Return a line that says how far the work is, how long it took and how long the rest will take."""
+        if not self._work:
+            return ""
+        took_s = self._clock() - self._began_s
+        said = [self._work if self._total is None else f"{self._work}: {self._done} of {self._total}"]
+        said += [self._now] if self._now else []
+        said.append(f"{_clock_time(took_s)} so far")
+        if self._total is not None and self._done > self._first:
+            left = (self._total - self._done) / (self._done - self._first)
+            said.append(f"about {_clock_time(took_s * left)} left")
+        return ", ".join(said)
+
+
+def _clock_time(seconds: float) -> str:
+    """Return seconds as minutes and seconds, or hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+@contextmanager
+def progress() -> Iterator[Tick]:
+    """Show how far work is while it lasts; yield what is told of it."""
+    console = beside()
+    if console.quiet:
+        yield _untold
+    elif console.is_terminal:
+        with _bars(console) as tick:
+            yield tick
+    else:
+        with _lines(console) as tick:
+            yield tick
+
+
+@contextmanager
+def waiting(what: str) -> Iterator[Callable[[str], None]]:
+    """Show that something is being done of which nobody knows how long it takes; yield what is told how it goes."""
+    console = beside()
+    if console.is_terminal and not console.quiet:
+        with console.status(what) as status:
+            yield lambda now: status.update(f"{what}: {now}")
+        return
+    with progress() as tick:
+        tick(what, 0, None)
+        yield lambda now: tick(what, 0, None, now)
+
+
+def _untold(work: str, done: int, total: int | None, now: str = "") -> None:
+    """Show nothing."""
+
+
+@contextmanager
+def _bars(console: Console) -> Iterator[Tick]:
+    with Progress(*COLUMNS, console=console, transient=True, speed_estimate_period=SPEED_FROM_S) as shown:
+        bars: dict[str, Any] = {}
+
+        def tick(work: str, done: int, total: int | None, now: str = "") -> None:
+            if work not in bars:
+                bars[work] = shown.add_task(work, total=total, completed=done)
+            shown.update(bars[work], completed=done, total=total, description=now or work)
+
+        yield tick
+
+
+@contextmanager
+def _lines(console: Console) -> Iterator[Tick]:
+    lines, ended = Lines(), Event()
+
+    def tell() -> None:
+        while not ended.wait(EVERY_S):
+            if line := lines.line():
+                console.print(line, soft_wrap=True, markup=False, highlight=False)
+
+    teller = Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield lines.tick
+    finally:
+        ended.set()
+        teller.join()

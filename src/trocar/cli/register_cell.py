@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 from trocar.cli.extras import need
 from trocar.cli.out_folder import check_out_folder
 from trocar.cli.plugin import Plugins
-from trocar.cli.progress import COLUMNS
+from trocar.cli.progress import progress
+from trocar.cli.terminal import details, results
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, make_folder, write_json, write_text
 
@@ -45,7 +44,7 @@ def cell(
     folder = out or Path("out") / f"registration-{Path(station).stem}-{seed}"
     check_out_folder(folder, FILES, [station])
     began = time.perf_counter()
-    found = _register(station, seed, Console(stderr=True))
+    found = _register(station, seed)
     summary = {"station": station, "seed": seed, **found.summary()}
     files = _write(found, station, summary, folder)
     if as_json:
@@ -53,28 +52,26 @@ def cell(
         return
     from trocar.collect.checkerboard_report import registration_table  # noqa: PLC0415 (slow to import)
 
-    shown = Console()
-    shown.print(registration_table(summary))
+    details().print(registration_table(summary))
     views = f"{summary['views_used']} of {summary['views_shown']} views"
-    shown.print(
+    results().print(
         f"lenses from {views}: {summary['lenses_rms_px']:.3f} px RMS; {summary['minutes_of_a_person']:.0f} min of a "
         f"person's time; computed in {time.perf_counter() - began:.0f} s",
         soft_wrap=True,
     )
-    shown.print("files: " + ", ".join(map(str, files)), soft_wrap=True)
+    results().print("files: " + ", ".join(map(str, files)), soft_wrap=True)
 
 
-def _register(station: str, seed: int, console: Console) -> CellRegistration:
+def _register(station: str, seed: int) -> CellRegistration:
     from trocar.collect.checkerboard import checkerboard_of, register_cell  # noqa: PLC0415 (the simulator is heavy)
     from trocar.station import load_station  # noqa: PLC0415
 
     loaded = load_station(station)
     checkerboard_of(loaded)  # refused before a bar is drawn
-    with Progress(*COLUMNS, console=console, transient=True) as progress:
-        bar = progress.add_task("images of the board", total=None)
+    with progress() as tick:
 
         def listen(done: int, total: int) -> None:
-            progress.update(bar, completed=done, total=total)
+            tick("images of the board", done, total)
 
         return register_cell(loaded, np.random.SeedSequence(seed), listener=listen)
 

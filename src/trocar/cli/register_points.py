@@ -60,6 +60,8 @@ def points(
 
 def _load(path: Path) -> NDArray[np.float64]:
     """Return the array of numbers in a .npy file."""
+    if path.is_dir():
+        raise TrocarError(f"{str(path)!r} is a folder; give a .npy file of (n, 3) points in m")
     if not path.is_file():
         raise TrocarError(f"file {str(path)!r} does not exist; give a .npy file of (n, 3) points in m")
     try:

@@ -6,33 +6,20 @@ import json
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from trocar.cli import station_export
-from trocar.cli.open_group import OpenGroup
 from trocar.cli.plugin import Plugins
+from trocar.cli.terminal import results
+from trocar.counting import counted
 
 if TYPE_CHECKING:
     from trocar.geometry import SE3
     from trocar.station import Station
 
-app = typer.Typer(
-    cls=OpenGroup,
-    help="What a laboratory is: arms, instruments, cameras, what is fixed on the table.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-
-app.command("export", epilog="Example: trocar station export peg-transfer --mjcf pegs.xml --urdf out/urdf")(
-    station_export.export
-)
-
 Name = Annotated[str, typer.Argument(metavar="STATION", help="Name of a built-in station, or a TOML file.")]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
-@app.command("list", epilog="Example: trocar station list")
 def list_stations(*, as_json: JsonFlag = False) -> None:
     """List the stations that come with the package."""
     from trocar.station import built_in_stations, load_station  # noqa: PLC0415 (SciPy only when needed)
@@ -45,7 +32,6 @@ def list_stations(*, as_json: JsonFlag = False) -> None:
         typer.echo(f"{name}: {about}")
 
 
-@app.command(epilog="Example: trocar station show raven-pair   (trocar station show raven-pair --toml > mine.toml)")
 def show(
     station: Name,
     *,
@@ -66,7 +52,6 @@ def show(
         _show(found)
 
 
-@app.command(epilog="Example: trocar station check mine.toml")
 def check(station: Name, *, plugin: Plugins = None, as_json: JsonFlag = False) -> None:
     """Check keys and values, reach, distances between arms, and what the cameras see; exit code 1 if wrong."""
     from trocar.station import check_station, load_station  # noqa: PLC0415
@@ -79,13 +64,13 @@ def check(station: Name, *, plugin: Plugins = None, as_json: JsonFlag = False) -
     else:
         for sentence in wrong:
             typer.echo(sentence)
-        typer.echo(f"{found.name}: {len(wrong)} findings" if wrong else f"{found.name}: all is well")
+        typer.echo(f"{found.name}: {counted(len(wrong), 'finding')}" if wrong else f"{found.name}: all is well")
     if wrong:
         raise typer.Exit(1)
 
 
 def _show(station: Station) -> None:
-    console = Console()
+    console = results()
     table = Table(title=f"{station.name}: {station.about}")
     for column in ("arm", "model", "instrument", "transmission", "base x y z mm"):
         table.add_column(column)
@@ -96,8 +81,9 @@ def _show(station: Station) -> None:
         console.print(f"camera {name}: {camera['kind']}, at {_mm(station.cameras[name].T_world_camera)} mm")
     for name, T in station.T_world_fixture.items():
         console.print(f"fixture {name}: at {_mm(T)} mm")
-    for what, how in station.flaws().items():
-        console.print(f"{what}: {how}")
+    console.print(f"registration of bases: {station.registration.about}")
+    level = ", ".join([station.difficulty.level, *station.difficulty.named])
+    console.print(f"difficulty: {level}; --json has the size of every flaw")
 
 
 def _values(station: Station) -> dict[str, Any]:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from trocar.cli import study_robustness, study_suture
-from trocar.cli.open_group import OpenGroup
 from trocar.cli.out_folder import check_out_folder
+from trocar.cli.progress import progress
+from trocar.cli.terminal import details, results
+from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, make_folder, write_json
 
@@ -24,24 +24,7 @@ if TYPE_CHECKING:
 
 KIND = "study of calibration"
 
-app = typer.Typer(
-    cls=OpenGroup,
-    help="Reproduce a paper's table beside the paper's own figures.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
 
-
-app.add_typer(study_robustness.app, name="robustness")
-app.command("suture", epilog="Example: trocar study suture --setups 300 --out out/study")(study_suture.suture)
-
-
-@app.callback()
-def studies() -> None:
-    """Reproduce a paper's table beside the paper's own figures."""
-
-
-@app.command(epilog="Example: trocar study calibration --data data --out study --no-lstm")
 def calibration(
     *,
     data: Annotated[
@@ -62,30 +45,34 @@ def calibration(
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
     names = ["offset", "ridge", *(["lstm"] if lstm else []), "play"]
-    console = Console(stderr=True)
-    with console.status("calibration study") as status:
+    with progress() as tick:
+        steps = iter(range(len(study.RECORDINGS) * len(names) + 1))
+
+        def say(now: str) -> None:
+            tick("cable models", next(steps), len(study.RECORDINGS) * len(names) + 1, now)
+
         tables = {name: study.table_1(recordings[name]) for name in study.TABLE_1}
         fitted = {name: recordings[name] for name in study.RECORDINGS}
-        results = study.run_models(fitted, names, seed, status.update)
-        status.update("play after a change of session")
+        evaluations = study.run_models(fitted, names, seed, say)
+        say("play after a change of session")
         model, _ = study.evaluate_model(recordings["psm1_grey_random"], "play", seed)
         change = study.session_change(model, recordings[study.SESSION_RECORDING])
-    summary = _summary(tables, results, change)
+    summary = _summary(tables, evaluations, change)
     if out is not None:
-        _save(out, summary, results)
+        _save(out, summary, evaluations)
     if as_json:
         sys.stdout.write(json.dumps(summary) + "\n")
         return
-    printer = Console()
+    printer = details()
     printer.print(errors_table(tables, study.TABLE_1))
     printer.print(
         "The paper's column 'PSM2' is the recording psm1_grey_random, its 'PSM1' psm2_grey_random; its SD "
         "is that of |error|; its q3 maximum .0045 m is a misprint of .00045 m."
     )
-    printer.print(models_table(results, study.LIMITS_RAD, study.REFERENCES_RAD))
-    printer.print(_session_table(change))
+    printer.print(models_table(evaluations, study.LIMITS_RAD, study.REFERENCES_RAD))
+    results().print(_session_table(change))
     if out is not None:
-        printer.print(f"saved summary.json and pictures in {out}")
+        results().print(f"saved summary.json and pictures in {out}")
 
 
 def _summary(
@@ -163,7 +150,7 @@ def _session_table(change: SessionChange) -> Table:
         table.add_column(column, justify="right")
     table.add_row("uncorrected", _triple(change.uncorrected))
     table.add_row("model of the other session", _triple(change.before))
-    table.add_row(f"offsets refitted on {change.refit_rows} rows", _triple(change.after))
+    table.add_row(f"offsets refitted on {counted(change.refit_rows, 'row')}", _triple(change.after))
     return table
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from trocar.cli.progress import progress
+from trocar.cli.terminal import beside
+from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
     from trocar.trials.cells import Cell
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 Methods = Annotated[str, typer.Option(metavar="A,B,...", show_default="all", help="How it is done.")]
 Sessions = Annotated[int, typer.Option(help="How many days are drawn; the same ones for all.")]
 Trials = Annotated[int, typer.Option(help="How many trials in each session.")]
+Model = Annotated[str, typer.Option(help="Cable model of methods that compensate.", show_default="play")]
 StationName = Annotated[str, typer.Option(help="Name of a station, or a TOML file.", show_default="the task's")]
 Seed = Annotated[int, typer.Option(help="Of everything random.")]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/study-TASK-SEED.")]
@@ -52,6 +54,15 @@ def workers_of(backend: str, jobs: int | None, scheduler: str) -> Workers:
     return pick_workers(backend, jobs if jobs is not None else os.cpu_count() or 1, scheduler)
 
 
+def require_study(folder: Path, report_only: bool) -> None:
+    """Raise TrocarError where a report of nothing is asked for, or a study would have to lie in a file."""
+    if folder.exists() and not folder.is_dir():
+        raise TrocarError(f"--out {str(folder)!r} is a file; give a folder")
+    if report_only and not any(folder.glob("*/run.json")):
+        there = "holds no study" if folder.is_dir() else "does not exist"
+        raise TrocarError(f"folder {str(folder)!r} {there}; give that of a study with --out, or drop --report-only")
+
+
 def worked(
     cells: Sequence[Cell],
     read_row: ReadRow,
@@ -68,34 +79,11 @@ def worked(
     """
     from trocar.trials.study import run_study  # noqa: PLC0415 (the simulator is heavy)
 
-    console = Console(stderr=True)
     try:
-        with _progress(console) as tick:
+        with progress() as tick:
             void = [] if workers is None else run_study(cells, read_row, workers, tick)
             results, missing = results_of(cells, tick)
     except KeyboardInterrupt:
-        console.print("stopped; finished trials are kept, and the same command goes on")
+        beside().print("stopped; finished trials are kept, and the same command goes on")
         raise typer.Exit(130) from None
     return results, [*void, *missing]
-
-
-@contextmanager
-def _progress(console: Console) -> Iterator[Any]:
-    """Yield a function that shows what is done, how much of it, and how long it will take."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=False),
-    )
-    with Progress(*columns, console=console, transient=True, speed_estimate_period=600) as progress:
-        bars: dict[str, Any] = {}
-
-        def tick(what: str, done: int, total: int) -> None:
-            if what not in bars:
-                bars[what] = progress.add_task(what, total=total, completed=done)
-            progress.update(bars[what], completed=done)
-
-        yield tick

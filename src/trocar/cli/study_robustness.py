@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from trocar.cli import study_cells as shared
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
 from trocar.cli.task_group import TaskGroup
+from trocar.cli.terminal import details, results
 from trocar.station.difficulty import FLAWS
 from trocar.tasks import Task
 
@@ -37,9 +37,12 @@ def robustness(
     ] = "",
     difficulty: Annotated[str, typer.Option(help="Of all that is not varied: mild, recorded, harsh.")] = "recorded",
     calibration: Annotated[
-        str, typer.Option(help="What cable models are fitted on: images, or joints with drawn noise (fast).")
-    ] = "joints",
-    model: Annotated[str, typer.Option(help="Cable model of methods that compensate.")] = "play",
+        str,
+        typer.Option(
+            help="What cable models are fitted on: images, or joints with drawn noise (fast).", show_default="joints"
+        ),
+    ] = "",
+    model: shared.Model = "",
     station: shared.StationName = "",
     sessions: shared.Sessions = 10,
     trials: shared.Trials = 1,
@@ -67,6 +70,7 @@ def robustness(
 
     workers = shared.workers_of(backend, jobs, scheduler)
     folder = out or Path("out") / f"robustness-{task.name}-{seed}"
+    shared.require_study(folder, report_only)
     conditions = conditions_of(
         folder,
         task(**options),
@@ -83,20 +87,20 @@ def robustness(
         plugins=shared.loaded(plugin),
     )
 
-    def results(_: Sequence[Cell], tick: Callable[[str, int, int], None]) -> tuple[list[Result], list[str]]:
+    def found_in(_: Sequence[Cell], tick: Callable[[str, int, int], None]) -> tuple[list[Result], list[str]]:
         return results_of(conditions, tick)
 
-    found, notes = shared.worked(cells_of(conditions), read_row, results, None if report_only else workers)
+    found, notes = shared.worked(cells_of(conditions), read_row, found_in, None if report_only else workers)
     summary, files = write_study(folder, task.name, found, notes)
     if as_json:
         typer.echo(json.dumps(summary))
         return
-    console = Console()
+    shown = details()
     for flaw in dict.fromkeys(row["flaw"] for row in summary["conditions"]):
-        console.print(_table(flaw, [row for row in summary["conditions"] if row["flaw"] == flaw]))
+        shown.print(_table(flaw, [row for row in summary["conditions"] if row["flaw"] == flaw]))
     for sentence in summary["notes"]:
-        console.print(sentence)
-    console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
+        shown.print(sentence)
+    results().print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
 
 
 def _table(flaw: str, rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -128,6 +132,7 @@ app = typer.Typer(
     help="What a task's success hangs on, flaw by flaw.",
     no_args_is_help=True,
     rich_markup_mode=None,
+    add_completion=False,
 )
 
 

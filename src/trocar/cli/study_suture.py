@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from trocar.cli import suture_options as options
 from trocar.cli.out_folder import check_out_folder
+from trocar.cli.progress import progress
+from trocar.cli.terminal import details, results
+from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, write_json
-from trocar.report.statistics import wilson_interval
 from trocar.sutures import PRESETS
 
 KIND = "study of sutures"
@@ -83,13 +83,10 @@ def _random(setups: int, seed: int) -> SetupStatistics:
     """Return statistics over random setups, with a progress bar."""
     from trocar.sutures.random_setups import random_statistics  # noqa: PLC0415
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("feasible random setups", total=setups)
+    with progress() as tick:
 
         def listen(done: int, total: int) -> None:
-            progress.update(bar, completed=done, total=total)
+            tick("feasible random setups", done, total)
 
         return random_statistics(np.random.default_rng(seed), setups, progress=listen)
 
@@ -105,7 +102,7 @@ def _print(summary: dict[str, Any]) -> None:
         sweep_table,
     )
 
-    console = Console()
+    console = details()
     table = summary["table_1"]
     console.print(points_table(table["points"], table["paper_points"]))
     console.print(gains_table(table["gains"], table["paper_gains"]))
@@ -125,17 +122,18 @@ def _print(summary: dict[str, Any]) -> None:
         random = summary["random_setups"]
         console.print(choices_table(random))
         console.print(
-            f"{random['setups']} feasible setups of {random['drawn']} drawn in {random['compute_s']:.1f} s; feasible: "
-            f"{random['feasible_means']}. wrong: the infeasible direction was chosen, of {random['one_way_positions']} "
-            "positions with exactly one feasible direction. nearest: largest difference of Table I from the paper's in "
+            f"{counted(random['setups'], 'feasible setup')} of {random['drawn']} drawn in {random['compute_s']:.1f} s; "
+            f"feasible: {random['feasible_means']}. wrong: the infeasible direction was chosen, of "
+            f"{random['one_way_positions']} positions with exactly one feasible direction. "
+            "nearest: largest difference of Table I from the paper's in "
             "the setup that comes nearest to it."
         )
         console.print(_switched(random, summary["margin"]))
         console.print(spread_table(random))
     console.print(fits_table(summary["table_fits"]))
-    console.print(_identified(summary))
+    results().print(_identified(summary))
     if "files" in summary:
-        console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)
+        results().print("files: " + ", ".join(summary["files"]), soft_wrap=True)
 
 
 def _swept(summary: dict[str, Any]) -> str:
@@ -153,6 +151,8 @@ def _swept(summary: dict[str, Any]) -> str:
 
 def _switched(random: dict[str, Any], margin: str) -> str:
     """Return in words which formulas nearly always change direction twice, and how certain that is."""
+    from trocar.report.statistics import wilson_interval  # noqa: PLC0415 (SciPy only when needed)
+
     shown = []
     for enough, words in ((True, "at least"), (False, "less than")):
         names = [

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
-from typer.main import get_command
 
-from trocar.cli.grouped import GroupedCommand
+from trocar.cli.open_group import Deferred, command_of
 from trocar.cli.plugin import load_given
 from trocar.errors import TrocarError
 from trocar.registry import PLUGIN_MODULE
@@ -46,9 +45,11 @@ class TaskGroup(TyperGroup):
         return list(TASKS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the command of a task."""
+        """Return what stands for the command of a task: its options are found when its turn comes."""
         del ctx
-        return task_command(TASKS.pick(cmd_name), type(self).body, type(self).told, type(self).example)
+        task, own = TASKS.pick(cmd_name), type(self)
+        check_task(task)
+        return Deferred(cmd_name, f"{_about(task)}.", lambda: task_command(task, own.body, own.told, own.example))
 
 
 def task_command(task: type[Task], body: Callable[..., None], told: str, example: str) -> Any:
@@ -81,23 +82,19 @@ def task_command(task: type[Task], body: Callable[..., None], told: str, example
     parameters = [_described(p, task) for p in usual] + added
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {p.name: p.annotation for p in parameters}
-    methods = "; ".join(f"{name}: {_about(method)}" for name, method in methods_of(task).items())
+    ways = methods_of(task).items()
+    methods = "; ".join(f"{name}: {getattr(method, 'about', 'from elsewhere')}" for name, method in ways)
     command.__doc__ = (
-        f"{task.about[:1].upper()}{task.about[1:]}.\n\n"
+        f"{_about(task)}.\n\n"
         f"{told} An interrupted run keeps its finished trials; the same command goes on where it stopped.\n\n"
         f"Methods: {methods}."
     )
-    app = typer.Typer(rich_markup_mode=None, add_completion=False)
     plugin = "--plugin FILE " if task.__module__.startswith(PLUGIN_MODULE) else ""
-    line = example.format(task=f"{task.name} {plugin}".strip())
-    app.command(task.name, cls=GroupedCommand, epilog=f"Example: {line}")(command)
-    made = get_command(app)
-    made.name = task.name
-    return made
+    return command_of(task.name, command, example.format(task=f"{task.name} {plugin}".strip()))
 
 
-def _about(method: Any) -> str:
-    return getattr(method, "about", "from elsewhere")
+def _about(task: type[Task]) -> str:
+    return f"{task.about[:1].upper()}{task.about[1:]}"
 
 
 def _described(parameter: inspect.Parameter, task: type[Task]) -> inspect.Parameter:

@@ -55,6 +55,7 @@ def trial_in(folder: Path, session: int, number: int) -> Path:
         return wanted
     found = [f"--session {int(p.parent.name[8:])} --trial {int(p.stem[6:])}" for p in trial_files(folder)]
     if not found:
-        raise TrocarError(f"{str(folder)!r} holds no trial; give the folder of a run")
+        what = "is a file" if folder.is_file() else "holds no trial"
+        raise TrocarError(f"{str(folder)!r} {what}; give the folder of a run")
     shown = ", ".join(found[:8]) + (" ..." if len(found) > 8 else "")
     raise TrocarError(f"there is no trial {number} of session {session} in {str(folder)!r}; choose one of {shown}")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.archive import require_short_list
 from trocar.errors import TrocarError
 
 UNITS_M = {"mm": 1e-3, "m": 1.0}
@@ -27,8 +28,11 @@ def load_capture(path: str | Path, unit: str | None = None) -> NDArray[np.float6
     path = Path(path)
     if unit is not None and unit not in UNITS_M:
         raise TrocarError(f"unit {unit!r} is not one of {', '.join(UNITS_M)}")
+    if path.is_dir():
+        raise TrocarError(f"{str(path)!r} is a folder; give an .npz or .npy file of points (n, 3)")
     if not path.is_file():
         raise TrocarError(f"capture {str(path)!r} does not exist; give an .npz or .npy file of points (n, 3)")
+    require_short_list(path)
     try:
         content = np.load(path, allow_pickle=False)
         arrays = dict(content) if isinstance(content, np.lib.npyio.NpzFile) else {"": content}

@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.table import Table
 
+from trocar.counting import counted
 from trocar.report.statistics import wilson_interval
 from trocar.tasks.kit import PaperRow
 
@@ -18,8 +19,7 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = ()) -> Tab
         summary: keys as in ``summary.json``.
         paper: rows of a paper; their intervals take every attempt as independent, for nothing else was published.
     """
-    trials, sessions = summary["trials"], summary["sessions"]
-    how_many = f"{trials} trial{'s' if trials != 1 else ''} in {sessions} session{'s' if sessions != 1 else ''}"
+    how_many = f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')}"
     title = ", ".join(text for text in (summary["task"], summary["variant"], how_many, "simulated") if text)
     theirs = "; the paper's count attempts" if paper else ""
     table = Table(title=title, caption=f"intervals of our rows count sessions{theirs}")
@@ -43,6 +43,17 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = ()) -> Tab
             style="dim",
         )
     return table
+
+
+def headline(summary: Mapping[str, Any]) -> str:
+    """Return a run in one sentence: how much of it succeeded, and how certain that is."""
+    low, high = summary["success_ci95"]
+    how = f"{summary['method']} ({summary['model']})" if summary.get("model") else summary["method"]
+    return (
+        f"{summary['task']}, {how}: {summary['succeeded']} of {counted(summary['attempted'], summary['piece'])}, "
+        f"95 % interval {percent(low)} to {percent(high)}, in {counted(summary['trials'], 'trial')} of "
+        f"{counted(summary['sessions'], 'session')}"
+    )
 
 
 def parts_table(summary: Mapping[str, Any]) -> Table:

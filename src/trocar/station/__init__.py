@@ -1,6 +1,6 @@
 """Laboratories: what stands where, and a day in one."""
 
-from trocar.station.check import check_station
+from trocar.station.check import check_station, require_reach
 from trocar.station.registration import CheckerboardRegistration, Registration
 from trocar.station.sensor_flaws import SensorFlaws
 from trocar.station.station import Station, StationArm, StationCamera
@@ -20,5 +20,6 @@ __all__ = [
     "check_station",
     "load_station",
     "read_station",
+    "require_reach",
     "station_text",
 ]

@@ -12,22 +12,25 @@ from trocar.errors import TrocarError
 from trocar.geometry import shown
 from trocar.geometry.capsules import Capsules, capsule_distances_m
 from trocar.perception.image import Intrinsics, StereoRig
+from trocar.station.reach import ALL_WAYS, reaches
+from trocar.station.registration import Registration
 from trocar.station.station import Station, StationArm
+
+ABOVE_FIXTURE_M = 0.01
+"""Where an arm has to come to work on what is fixed on the table."""
+REGISTERED_SHARE = 0.25
+"""Of the box in which a base's registration has its points, which an arm reaches where it stands well; built-in
+stations have three quarters and more."""
 
 
 def check_station(station: Station) -> list[str]:
     """Return what is wrong with a station; nothing if all is well.
 
-    Looked at are: whether every arm can rest where it should, inside its workspace and apart from the others, and
-    whether every camera looks at what is fixed on the table, or at the arms' workspaces.
+    Looked at are: whether every arm can rest where it should, inside its workspace and apart from the others,
+    whether arms reach the points of their registration and what is fixed on the table, and whether every camera looks
+    at what is fixed on the table, or at the arms' workspaces.
     """
-    found: list[str] = []
-    resting: dict[str, NDArray[np.float64]] = {}
-    for name, arm in station.arms.items():
-        try:
-            resting[name] = arm.park_q()
-        except TrocarError as error:
-            found.append(f"arm {name!r} cannot rest where 'park' says: {error}")
+    resting, found = _resting(station)
     for name, arm in station.arms.items():
         found += _jaws(name, arm)
     for name, q in resting.items():
@@ -35,9 +38,29 @@ def check_station(station: Station) -> list[str]:
     solids = {name: _solids(station.arms[name], q) for name, q in resting.items()}
     for a, b in combinations(solids, 2):
         found += _too_near(station, (a, solids[a]), (b, solids[b]))
+    found += _out_of_reach(station)
     for name in station.cameras:
         found += _blind(station, name)
     return found
+
+
+def require_reach(station: Station) -> None:
+    """Raise TrocarError where an arm cannot rest, or work lies beyond the arms: no session can be drawn there."""
+    wrong = [*_resting(station)[1], *_out_of_reach(station)]
+    if wrong:
+        raise TrocarError(f"station {station.name!r}: {wrong[0]} (`trocar station check` says all that is wrong)")
+
+
+def _resting(station: Station) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
+    """Return where each arm rests, and a sentence for each that cannot."""
+    resting: dict[str, NDArray[np.float64]] = {}
+    found: list[str] = []
+    for name, arm in station.arms.items():
+        try:
+            resting[name] = arm.park_q()
+        except TrocarError as error:
+            found.append(f"arm {name!r} cannot rest where 'park' says: {error}")
+    return resting, found
 
 
 def _solids(arm: StationArm, q: NDArray[np.float64]) -> Capsules:
@@ -76,6 +99,30 @@ def _too_near(station: Station, first: tuple[str, Capsules], second: tuple[str, 
         f"{SOLIDS[i]} of {first[0]!r} and {SOLIDS[j]} of {second[0]!r} rest {shown(distances[i, j], 'm')} apart; "
         f"the station asks for {shown(station.min_distance_m, 'm')}"
     ]
+
+
+def _out_of_reach(station: Station) -> list[str]:
+    """Return what work lies beyond the arms: the points that register a base, and what is fixed on the table."""
+    found = []
+    if isinstance(station.registration, Registration):
+        corners = np.array(station.registration.volume_m)
+        places = np.stack(np.meshgrid(*np.linspace(corners[0], corners[1], 3).T), axis=-1).reshape(-1, 3)
+        for name, arm in station.arms.items():
+            share = float(reaches(arm, places).mean())
+            if share < REGISTERED_SHARE:
+                found.append(
+                    f"arm {name!r} reaches {100 * share:.0f} % of the box in which its base is registered, from "
+                    f"{_mm(corners[0])} to {_mm(corners[1])} mm; move its base ('base' of [arms.{name}]) or the box "
+                    "('volume_mm' of [registration])"
+                )
+    for name, T in station.T_world_fixture.items():
+        above = T.apply([0.0, 0.0, ABOVE_FIXTURE_M])
+        if not any(reaches(arm, above[None], ALL_WAYS)[0] for arm in station.arms.values()):
+            found.append(
+                f"fixture {name!r} at {_mm(T.translation_m)} mm is out of reach of {', '.join(station.arms)}, however "
+                f"they turn their wrists; move it ('xyz_mm' of [fixtures.{name}]), or an arm's base"
+            )
+    return found
 
 
 def _blind(station: Station, name: str) -> list[str]:

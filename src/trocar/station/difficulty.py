@@ -19,7 +19,14 @@ HARSHER = 2.0
 """Of the recorded sizes, in a harsh laboratory."""
 MOST_SCALE = 100.0
 """A flaw can be made so many times as large as it was recorded; a laboratory that errs more is none."""
-UNITS = {"m": ("m", 1.0), "mm": ("m", 1e-3), "rad": ("rad", 1.0), "deg": ("rad", math.pi / 180.0), "": ("", 1.0)}
+UNITS = {
+    "m": ("m", 1.0),
+    "mm": ("m", 1e-3),
+    "rad": ("rad", 1.0),
+    "deg": ("rad", math.pi / 180.0),
+    "x": ("", 1.0),
+    "": ("", 1.0),
+}
 SHOWN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / math.pi), "": ("", 1.0)}
 DEPTH_M = 0.15
 """Angles of the outer joints count as lengths at this depth below the remote centre."""
@@ -226,12 +233,14 @@ def _sized(text: str) -> tuple[str, float]:
     name, _, size = text.partition("=")
     if name not in FLAWS:
         raise TrocarError(f"flaw {name!r} is unknown; choose one of {', '.join(FLAWS)}")
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-z]*)\s*", size)
+    match = re.fullmatch(r"\s*(-?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-z]*)\s*", size)
     kind, factor = UNITS.get(match[2], ("unknown", 1.0)) if match else ("unknown", 1.0)
     if match is None or not math.isfinite(float(match[1])) or (kind != FLAWS[name].unit and float(match[1]) != 0.0):
         units = [unit for unit, (kind, _) in UNITS.items() if kind == FLAWS[name].unit and unit]
-        how = f"a number in {' or '.join(units)}" if units else "how many times what was recorded"
+        how = "how many times what was recorded" if "x" in units else f"a number in {' or '.join(units)}"
         raise TrocarError(f"flaw {text!r} has no size that can be read; give {how}, as in '{_example(name)}'")
+    if match[1].startswith("-"):
+        raise TrocarError(f"flaw {text!r} has a negative size; give 0 or more, as in '{_example(name)}'")
     given, most = float(match[1]) * factor, MOST_SCALE * FLAWS[name].size(np.array(FLAWS[name].recorded))
     if given > most:
         raise TrocarError(
@@ -246,4 +255,4 @@ def _shown(name: str, size: float) -> str:
 
 
 def _example(name: str) -> str:
-    return f"{name}={({'m': '1.0mm', 'rad': '2deg', '': '2'})[FLAWS[name].unit]}"
+    return f"{name}={({'m': '1.0mm', 'rad': '2deg', '': '2x'})[FLAWS[name].unit]}"

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, Unreachable, fk, ik
+from trocar.counting import counted
+from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.geometry.rigid_fit import fit_rigid
 from trocar.station.difficulty import FLAWS, Difficulty
@@ -19,6 +21,9 @@ from trocar.station.transmission import JawCable, Transmission
 WHITE_SHARE = 0.15
 """Of the noise of a registration's points, what is left for each by itself where the outer joints' errors make the
 rest: so neighbours err alike as in the recorded sets (``benchmarks/bench_cell.py``)."""
+
+MIN_POINTS = 4
+"""Of a registration: what a station's file has to ask for, and an arm has to reach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +69,7 @@ def draw_session(station: Station, rng: np.random.Generator) -> Session:
         found, seen = _by_checkerboard(bases, cameras, how, rng)
     else:
         found = {
-            name: _register(arm, transmissions[name], how, station.difficulty, rng)
+            name: _register(name, arm, transmissions[name], how, station.difficulty, rng)
             for name, arm in station.arms.items()
         }
         seen = _seen_from_the_first(cameras, station.difficulty, rng)
@@ -156,10 +161,26 @@ def _tour(points: NDArray[np.float64]) -> list[int]:
 
 
 def _register(
-    arm: StationArm, transmission: Transmission, how: Registration, difficulty: Difficulty, rng: np.random.Generator
+    name: str,
+    arm: StationArm,
+    transmission: Transmission,
+    how: Registration,
+    difficulty: Difficulty,
+    rng: np.random.Generator,
 ) -> SE3:
-    """Return the base as a rigid fit finds it, and as it was moved since."""
+    """Return the base as a rigid fit finds it, and as it was moved since.
+
+    Raises:
+        TrocarError: the arm hardly reaches any of the points.
+    """
     p_base, seen = points_of_registration(arm, transmission, how, difficulty, rng)
+    if len(p_base) < MIN_POINTS:
+        low, high = (", ".join(f"{1e3 * value:g}" for value in corner) for corner in how.volume_m)
+        raise TrocarError(
+            f"arm {name!r} reaches {len(p_base)} of the {counted(how.points, 'point')} that register its base, in the "
+            f"box from {low} to {high} mm; {MIN_POINTS} or more are needed: move its base ('base' of [arms.{name}]) or "
+            "the box ('volume_mm' of [registration]), and try `trocar station check`"
+        )
     (shift_m,) = difficulty["registration"]
     return fit_rigid(p_base, seen + shift_m * rng.spawn(1)[0].standard_normal(3)).T_target_source
 

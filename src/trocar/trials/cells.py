@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trocar.errors import TrocarError
+from trocar.tasks.kit import Task, pick_method
 from trocar.trials.config import RunConfig
 
 
@@ -41,10 +42,37 @@ def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
     """Return the words of a list with commas, all choices if it is empty.
 
     Raises:
-        TrocarError: a word is none of the choices.
+        TrocarError: a word is none of the choices, is given twice, or is missing between two commas.
     """
-    words = list(dict.fromkeys(word.strip() for word in text.split(",") if word.strip())) or list(choices)
+    if not text:
+        return list(choices)
+    words = [word.strip() for word in text.split(",")]
     for word in words:
+        if not word:
+            raise TrocarError(f"--{flag} {text!r} has a comma too many; choose from {', '.join(choices)}")
         if word not in choices:
             raise TrocarError(f"--{flag} names {word!r}; choose from {', '.join(choices)}")
+        if words.count(word) > 1:
+            raise TrocarError(f"--{flag} names {word!r} twice; name each once")
     return words
+
+
+def compensated_alone(task: type[Task], methods: Sequence[str], **given: str) -> dict[str, dict[str, str]]:
+    """Return, for each method, the options of those that compensate, which others have no use for.
+
+    Args:
+        task: whose methods they are.
+        methods: of a study.
+        given: options by name, such as ``model``; empty: not given.
+
+    Raises:
+        TrocarError: an option is given, and none of the methods compensates.
+    """
+    compensate = {method: pick_method(task, method).calibrated for method in methods}
+    for name, value in given.items():
+        if value and not any(compensate.values()):
+            raise TrocarError(
+                f"--{name} {value} has no effect with {', '.join(methods)} of {task.name}, which make no calibration; "
+                f"drop --{name}"
+            )
+    return {method: dict(given) if on else dict.fromkeys(given, "") for method, on in compensate.items()}

@@ -28,8 +28,11 @@ PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headles
 """Packages that a trial's numbers depend on."""
 
 NO_PRIOR = "none"
+USUAL_MODEL = "play"
 IMAGES, JOINTS = "images", "joints"
 """Where a calibration recording comes from: spheres seen by the station's camera, or joints with drawn noise."""
+FITTED_ON = "cable models are fitted on"
+"""What a summary calls that."""
 
 SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
 """Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
@@ -43,7 +46,7 @@ class RunConfig:
         task: what is to be done, with its options.
         station: where: name of a built-in station or path of a TOML file; empty: where the task is usually done.
         method: how; empty: the task's first.
-        model: cable model of methods that compensate.
+        model: cable model of methods that compensate; empty: 'play'.
         calibration: of methods that compensate: 'images' or 'joints'; empty: images, where all arms can have them.
         prior: of methods that compensate: 'none', or 'fleet' or a file, from which cable models start; then they are
             fitted on a minute of wide swings, not on a long recording.
@@ -63,7 +66,7 @@ class RunConfig:
     task: Task
     station: str = ""
     method: str = ""
-    model: str = "play"
+    model: str = ""
     calibration: str = ""
     prior: str = NO_PRIOR
     planner: str = ""
@@ -96,12 +99,10 @@ class RunConfig:
                 raise TrocarError(f"the number of {name} is {getattr(self, name)}; give 1 or more with --{name}")
         if self.seed < 0:
             raise TrocarError(f"the seed is {self.seed}; give 0 or more with --seed")
-        MODELS.pick(self.model)
+        self._choose_model(method)
         PLANNERS.pick(self.planner)
         if self.perception:
             pick_perception(kind, self.perception)
-        if self.refit_offsets and not method.calibrated:
-            raise TrocarError(f"there is no model to refit with --method {self.method}; drop --refit-offsets")
         difficulty = Difficulty.of(self.difficulty, self.flaws)
         station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).with_flaws_felt()
         arms = self.task.working_arms(station)
@@ -114,6 +115,28 @@ class RunConfig:
             object.__setattr__(self, "calibration", self.calibration or (JOINTS if missing else IMAGES))
         self._start_from_prior(method)
         self._built.update(method=method, station=station, arms=arms)
+
+    def _choose_model(self, method: Method) -> None:
+        """Choose the cable model where there is one to fit, and refuse what has no effect where there is none."""
+        if self.model:
+            MODELS.pick(self.model)
+        if not method.calibrated:
+            useless = {"calibration": self.calibration, "model": "" if method.learns else self.model}
+            for name, value in useless.items():
+                if value:
+                    raise TrocarError(
+                        f"--{name} {value} has no effect with --method {self.method}, which makes no calibration; "
+                        f"drop --{name}"
+                    )
+            if self.new_session:
+                raise TrocarError(
+                    f"--new-session mounts the instruments again after a calibration, and --method {self.method} makes "
+                    "none; drop --new-session"
+                )
+            if self.refit_offsets:
+                raise TrocarError(f"there is no model to refit with --method {self.method}; drop --refit-offsets")
+        if method.calibrated or method.learns:
+            object.__setattr__(self, "model", self.model or USUAL_MODEL)
 
     def _start_from_prior(self, method: Method) -> None:
         """Choose the built-in prior for a method that learns, and see that a prior is wanted and can be read."""
@@ -183,13 +206,13 @@ class RunConfig:
         flaws = self.laboratory.flaws(self.flawless_camera)
         if self.chosen_method.calibrated:
             how = "spheres seen in images" if self.calibration == IMAGES else "joints with drawn noise"
-            flaws["cable models are fitted on"] = how
+            flaws[FITTED_ON] = how
             if self.prior != NO_PRIOR:
                 minute = f"{how}, {WIDE_ROWS} samples; they start from prior {self.prior!r}, from which recordings of "
-                flaws["cable models are fitted on"] = minute + "the instrument itself are left out"
+                flaws[FITTED_ON] = minute + "the instrument itself are left out"
         if self.chosen_method.learns:
             seen = f"what the camera sees of the wrist in each trial; they start from prior {self.prior!r}, from which "
-            flaws["cable models are fitted on"] = seen + "recordings of the instrument itself are left out"
+            flaws[FITTED_ON] = seen + "recordings of the instrument itself are left out"
         return flaws
 
     @property

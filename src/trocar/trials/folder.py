@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, overload
 
+from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import write_json
+from trocar.station import require_reach
 from trocar.trials.config import RunConfig
 from trocar.trials.trial import Trial, trial_about, trial_file, trial_files
 
@@ -25,6 +27,9 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
     """
     folder = Path(folder)
     record, about = folder / RECORD, config.about()
+    if folder.is_file():
+        raise TrocarError(f"{str(folder)!r} is a file; choose a folder with --out")
+    require_reach(config.laboratory)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if record.is_file():
@@ -79,6 +84,8 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
         TrocarError: there is no such folder, or no trial in it.
     """
     folder = Path(folder)
+    if folder.is_file():
+        raise TrocarError(f"{str(folder)!r} is a file; give the folder of a run")
     if not folder.is_dir():
         raise TrocarError(f"folder {str(folder)!r} does not exist; make one with `trocar run`")
     usable: list[Path] = []
@@ -132,7 +139,7 @@ def still_to_do(folder: str | Path, done: int) -> list[str]:
         return [f"{str(folder / RECORD)!r} cannot be read: nobody knows how many trials the run has"]
     if done >= asked:
         return []
-    return [f"{done} of the run's {asked} trials are there; the command that began it does the others"]
+    return [f"{done} of the run's {counted(asked, 'trial')} are there; the command that began it does the others"]
 
 
 def _place(about: dict[str, Any]) -> tuple[int, int]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from trocar.archive import Archive, read_archive
 from trocar.calibration.models.base import CableModel, TrainingMotion, shaped
-from trocar.calibration.recording import MISDETECTION_RAD
+from trocar.calibration.recording import MISDETECTION_RAD, looks_like_recording
 from trocar.errors import TrocarError
 
 FORMAT = "trocar cable model"
@@ -44,6 +44,8 @@ def load_model(path: str | Path, fingerprint: str | None = None) -> CableModel:
     """
     from trocar.calibration.models import MODELS  # noqa: PLC0415 (the registry imports this module)
 
+    if looks_like_recording(Path(path)):
+        raise TrocarError(f"{str(path)!r} is a recording, not a cable model; give a file that `calibrate fit` wrote")
     archive = read_archive(path, FORMAT, VERSION)
     name, run, rows = (archive.header.get(key) for key in ("name", "run", "rows"))
     if not isinstance(name, str) or name not in MODELS:

@@ -10,9 +10,9 @@ from typing import Any
 from trocar.errors import TrocarError
 from trocar.station.difficulty import FLAWS, MILD, MOST_SCALE, SHOWN, Difficulty
 from trocar.tasks import Task
-from trocar.tasks.kit import methods_of
-from trocar.trials.cells import Cell, chosen
-from trocar.trials.config import RunConfig
+from trocar.tasks.kit import methods_of, pick_method
+from trocar.trials.cells import Cell, chosen, compensated_alone
+from trocar.trials.config import JOINTS, RunConfig
 
 USUAL_SCALES = (0.0, 1.0, 2.0, 4.0)
 
@@ -46,7 +46,16 @@ class Condition:
 
 
 def conditions_of(
-    folder: str | Path, task: Task, *, methods: str = "", flaws: str = "", scales: str = "", difficulty: str, **run: Any
+    folder: str | Path,
+    task: Task,
+    *,
+    methods: str = "",
+    flaws: str = "",
+    scales: str = "",
+    difficulty: str,
+    model: str = "",
+    calibration: str = "",
+    **run: Any,
 ) -> list[Condition]:
     """Return the conditions of a study, in the order of its figures.
 
@@ -57,6 +66,8 @@ def conditions_of(
         flaws: likewise; empty: all that its station feels.
         scales: sizes of each flaw, times what was recorded, with commas; empty: ``USUAL_SCALES``.
         difficulty: of what is not varied.
+        model: of the methods that compensate; empty: the usual one.
+        calibration: of these too; empty: joints with drawn noise.
         run: the rest, as in RunConfig.
 
     Raises:
@@ -64,7 +75,11 @@ def conditions_of(
     """
     folder = Path(folder)
     picked = chosen(methods, list(methods_of(type(task))), "methods")
-    first = RunConfig(task=task, method=picked[0], difficulty=difficulty, **run)
+    of_method = compensated_alone(type(task), picked, model=model, calibration=calibration)
+    for method in picked:
+        if pick_method(type(task), method).calibrated and not calibration:
+            of_method[method] |= {"calibration": JOINTS}
+    first = RunConfig(task=task, method=picked[0], difficulty=difficulty, **of_method[picked[0]], **run)
     varied = chosen(flaws, first.laboratory.flaws_felt, "flaws")
     sizes = _numbers(scales) if scales else list(USUAL_SCALES)
     cells: dict[Path, Cell] = {}
@@ -73,7 +88,8 @@ def conditions_of(
         for flaw in varied:
             for scale in sizes:
                 named = () if _is_usual(flaw, scale, difficulty) else (_text(flaw, scale),)
-                config = RunConfig(task=task, method=method, difficulty=difficulty, flaws=named, **run)
+                own = {**of_method[method], **run}
+                config = RunConfig(task=task, method=method, difficulty=difficulty, flaws=named, **own)
                 home = (folder / "-".join([method, difficulty, *(f"{flaw}-{scale:g}" for _ in named)])).absolute()
                 cell = cells.setdefault(home, Cell(task.variant, method, config, home))
                 found.append(Condition(method, flaw, scale, cell))
@@ -97,7 +113,7 @@ def _text(flaw: str, scale: float) -> str:
 
 def _numbers(text: str) -> list[float]:
     try:
-        numbers = sorted({float(word) for word in text.split(",") if word.strip()})
+        numbers = sorted(float(word) for word in text.split(","))
     except ValueError:
         numbers = []
     if not numbers or not all(0.0 <= number <= MOST_SCALE for number in numbers):
@@ -105,4 +121,6 @@ def _numbers(text: str) -> list[float]:
             f"--scales {text!r} holds no sizes; give numbers of 0 to {MOST_SCALE:g} with commas, times what was "
             "recorded, as in '0,1,2,4'"
         )
+    if len(set(numbers)) < len(numbers):
+        raise TrocarError(f"--scales {text!r} holds a size twice; give each once")
     return numbers

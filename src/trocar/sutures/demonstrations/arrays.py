@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.archive import require_short_list
 from trocar.errors import TrocarError
 from trocar.sutures.demonstrations.convention import Convention
 
@@ -48,6 +49,7 @@ def pick_columns(values: NDArray[np.float64], convention: Convention, where: str
 
 
 def _load(path: str | Path) -> NDArray:
+    require_short_list(path)
     try:
         content: Any = np.load(path, allow_pickle=False)
         if not isinstance(content, np.lib.npyio.NpzFile):

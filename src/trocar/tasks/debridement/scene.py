@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from trocar.geometry import SE3, SO3, TURN
 from trocar.tasks.debridement.tissue import Patch, lay_tissue
@@ -104,6 +103,8 @@ def lay_out(
 
 def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator) -> Fragment:
     """Return a piece with flat bottom, lying somewhere in the region."""
+    from scipy.spatial import ConvexHull  # noqa: PLC0415 (slow to import; help of the task needs none)
+
     size = np.array([rng.uniform(*extent) for extent in (LENGTH_M, WIDTH_M, HEIGHT_M)])
     directions = rng.standard_normal((CORNERS, 3))
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -128,6 +129,8 @@ def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator
 
 def _centre(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the centre of mass (3,) of a convex hull, from the tetrahedra between its middle and its faces."""
+    from scipy.spatial import ConvexHull  # noqa: PLC0415
+
     hull, middle = ConvexHull(corners), corners.mean(axis=0)
     faces = corners[hull.simplices] - middle
     volumes = np.abs(np.linalg.det(faces))

@@ -8,11 +8,12 @@ from typing import Annotated, Any
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from trocar.cli import study_cells as options
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
+from trocar.cli.terminal import details, results
+from trocar.counting import counted
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -50,6 +51,7 @@ def debridement(
     plugins = options.loaded(plugin)
     workers = options.workers_of(backend, jobs, scheduler)
     folder = out or Path("out") / f"study-debridement-{seed}"
+    options.require_study(folder, report_only)
     cells = cells_of(
         folder,
         arms,
@@ -77,10 +79,10 @@ def _show(summary: dict[str, Any], notes: list[str], files: list[Path]) -> None:
     from trocar.tasks.debridement.report.table_one import table_one  # noqa: PLC0415
     from trocar.tasks.debridement.study.report import NOTES, SPEED_HEAD, left_behind, speed_lines  # noqa: PLC0415
 
-    console = Console()
+    console = details()
     for cell in summary["cells"]:
         what = f"Table I, {cell['variant'].replace('-', ' ')}, {cell['method']}"
-        title = f"{what}: {cell['trials']} trials in {cell['sessions']} sessions"
+        title = f"{what}: {counted(cell['trials'], 'trial')} in {counted(cell['sessions'], 'session')}"
         console.print(table_one(cell["variant"], cell, title))
     if summary["speedups"]:
         table = Table(*SPEED_HEAD, title="One arm against two", box=box.SIMPLE, padding=(0, 1, 0, 0))
@@ -89,4 +91,4 @@ def _show(summary: dict[str, Any], notes: list[str], files: list[Path]) -> None:
         console.print(table)
     for sentence in [*left_behind(summary["cells"]), *NOTES, *notes]:
         console.print(sentence)
-    console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
+    results().print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)

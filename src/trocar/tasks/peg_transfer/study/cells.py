@@ -6,12 +6,12 @@ from pathlib import Path
 
 from trocar.tasks.kit import methods_of
 from trocar.tasks.peg_transfer.task import VARIANTS, PegTransfer
-from trocar.trials.cells import Cell, cell_of, chosen
+from trocar.trials.cells import Cell, cell_of, chosen, compensated_alone
 from trocar.trials.config import RunConfig
 
 
 def cells_of(  # noqa: D417 (the rest as in RunConfig)
-    folder: Path, variants: str = "", methods: str = "", *, transfers: int = 12, **run: object
+    folder: Path, variants: str = "", methods: str = "", *, transfers: int = 12, model: str = "", **run: object
 ) -> list[Cell]:
     """Return the cells of a study in the order of the tables.
 
@@ -20,10 +20,14 @@ def cells_of(  # noqa: D417 (the rest as in RunConfig)
         variants: with commas; empty: all that the task has.
         methods: likewise.
         transfers: only the first so many.
+        model: of the methods that compensate; empty: the usual one.
     """
     cells = []
+    picked = chosen(methods, list(methods_of(PegTransfer)), "methods")
+    of_method = compensated_alone(PegTransfer, picked, model=model)
     for variant in chosen(variants, VARIANTS, "variants"):
-        for method in chosen(methods, list(methods_of(PegTransfer)), "methods"):
+        for method in picked:
             task = PegTransfer(variant=variant, transfers=transfers)
-            cells.append(cell_of(folder, variant, RunConfig(task=task, method=method, **run)))  # type: ignore[arg-type]
+            config = RunConfig(task=task, method=method, **of_method[method], **run)  # type: ignore[arg-type]
+            cells.append(cell_of(folder, variant, config))
     return cells

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from trocar.cli import study_cells as options
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
+from trocar.cli.terminal import details, results
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -23,7 +23,7 @@ def peg_transfer(
     sessions: options.Sessions = 10,
     trials: options.Trials = 1,
     transfers: Annotated[int, typer.Option(help="Only the first so many of the twelve transfers.")] = 12,
-    model: Annotated[str, typer.Option(help="Cable model of methods that compensate.")] = "play",
+    model: options.Model = "",
     station: options.StationName = "",
     difficulty: Level = DEFAULT,
     flaw: Flaws = None,
@@ -49,6 +49,7 @@ def peg_transfer(
     plugins = options.loaded(plugin)
     workers = options.workers_of(backend, jobs, scheduler)
     folder = out or Path("out") / f"study-peg-transfer-{seed}"
+    options.require_study(folder, report_only)
     cells = cells_of(
         folder,
         variants,
@@ -76,11 +77,11 @@ def _show(summary: dict[str, Any], found: list[Any], notes: list[str], files: li
     from trocar.tasks.peg_transfer.study.hypotheses import NOTES  # noqa: PLC0415
     from trocar.tasks.peg_transfer.study.tables import hypothesis_table, variant_table  # noqa: PLC0415
 
-    console = Console()
+    console = details()
     for variant in dict.fromkeys(cell["variant"] for cell in summary["cells"]):
         console.print(variant_table(variant, summary["cells"]))
     if found:
         console.print(hypothesis_table(found))
     for sentence in [*NOTES, *notes]:
         console.print(sentence)
-    console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
+    results().print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)

@@ -1,0 +1,153 @@
+"""Every command of ``trocar`` in a line of its own: what help lists, without importing what does the work."""
+
+from __future__ import annotations
+
+from trocar.cli.open_group import Known
+
+CALIBRATE = {
+    "collect": Known(
+        "Calibrate arms of the simulated cell from images of spheres that they wear: joints, bases, cable models.",
+        "trocar.cli.collect:collect",
+        "trocar calibrate collect peg-transfer --arm psm1 --out out/cal",
+    ),
+    "apply": Known(
+        "Write the commands that move an arm's joints along a path, for a controller of your own; rad, and m for q3.",
+        "trocar.cli.apply:apply",
+        "trocar calibrate apply psm1_play.npz path.csv --out commands.csv",
+    ),
+    "excite": Known(
+        "Write commands that say most of an arm's cables in the least time: wide swings of the wrist.",
+        "trocar.cli.excite:excite",
+        "trocar calibrate excite peg-transfer --arm psm1 --out minute.csv",
+    ),
+    "prior": Known(
+        "Learn from recordings what instruments have in common, for fits on short ones.",
+        "trocar.cli.fleet:prior",
+        "trocar calibrate prior psm1.npz psm2.npz --out mine.npz",
+    ),
+    "curve": Known(
+        "Print how well a play model predicts the last fifth of a recording after so many of its first rows.",
+        "trocar.cli.fleet:curve",
+        "trocar calibrate curve psm3.npz --prior mine.npz --plot curve.png",
+    ),
+    "fit": Known(
+        "Fit a cable model on a recording, by default on all of its rows; with a prior, a minute of it will do.",
+        "trocar.cli.calibrate:fit",
+        "trocar calibrate fit psm1.npz --rows 75 --prior fleet --out psm1_play.npz",
+    ),
+    "evaluate": Known(
+        "Compare a model with a recording; its memory runs over all rows, errors count from row K.",
+        "trocar.cli.calibrate:evaluate",
+        "trocar calibrate evaluate psm1_play.npz psm1.npz --from-row 867 --plot loops.png",
+    ),
+}
+
+PLAN = {
+    "suture": Known(
+        "Plan where to place sutures round a circle, and in which direction to drive each.",
+        "trocar.cli.plan_suture:suture",
+        "trocar plan suture --preset paper-demo --out out/plan",
+    ),
+    "setup": Known(
+        "Search for the circle, port and grasp whose best plan of sutures scores highest.",
+        "trocar.cli.plan_setup:setup",
+        "trocar plan setup --free circle --free port --evaluations 1000",
+    ),
+    "transfer": Known(
+        "Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.",
+        "trocar.cli.plan:transfer",
+        "trocar plan transfer waypoints.npy --planner spline",
+    ),
+}
+
+REGISTER = {
+    "points": Known(
+        "Fit the camera's pose in the robot's base to paired points by least squares.",
+        "trocar.cli.register_points:points",
+        "trocar register points robot.npy camera.npy --json",
+    ),
+    "cell": Known(
+        "Register a simulated cell by a checkerboard: lenses of the stereo pair, camera, bases; errors against truth.",
+        "trocar.cli.register_cell:cell",
+        "trocar register cell raven-pair --seed 3 --out out/cell",
+    ),
+}
+
+STATION = {
+    "list": Known(
+        "List the stations that come with the package.",
+        "trocar.cli.station:list_stations",
+        "trocar station list",
+    ),
+    "show": Known(
+        "Show what a station consists of.",
+        "trocar.cli.station:show",
+        "trocar station show raven-pair   (trocar station show raven-pair --toml > mine.toml)",
+    ),
+    "check": Known(
+        "Check keys and values, reach, distances between arms, and what the cameras see; exit code 1 if wrong.",
+        "trocar.cli.station:check",
+        "trocar station check mine.toml",
+    ),
+    "export": Known(
+        "Write a station as models for other programs: MJCF with named actuators and sensors, URDF of its arms.",
+        "trocar.cli.station_export:export",
+        "trocar station export peg-transfer --mjcf pegs.xml --urdf out/urdf",
+    ),
+}
+
+STUDY = {
+    "calibration": Known(
+        "Print Table I of the paper and the errors of all cable models, from recordings of real arms.",
+        "trocar.cli.study:calibration",
+        "trocar study calibration --data data --out study --no-lstm",
+    ),
+    "suture": Known(
+        "Print Table I of the circle-suture paper beside ours, the changes of direction, and random setups.",
+        "trocar.cli.study_suture:suture",
+        "trocar study suture --setups 300 --out out/study",
+    ),
+    "robustness": Known("What a task's success hangs on, flaw by flaw.", "trocar.cli.study_robustness:app"),
+}
+
+COMMANDS = {
+    "run": Known(
+        "Run trials of a task in the simulated cell, score them, and keep files and pictures.", "trocar.cli.run:app"
+    ),
+    "report": Known(
+        "Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed.",
+        "trocar.cli.report:report",
+        "trocar report out/ten",
+    ),
+    "view": Known(
+        "Show a saved trial in 3D in the browser: where arms and objects were, what the scripts did, what cameras saw.",
+        "trocar.cli.view:view",
+        "trocar view out/ten --trial 3",
+    ),
+    "export": Known(
+        "Write saved trials as flat tables: trials, goals, spans, events, collisions, and what was sampled at 100 Hz.",
+        "trocar.cli.export:export",
+        "trocar export out/ten --out out/tables --format parquet",
+    ),
+    "calibrate": Known(
+        "Collect recordings of commanded and measured joints, fit cable models on them, and evaluate these.",
+        members=CALIBRATE,
+    ),
+    "plan": Known("Plan motions and print their quality.", members=PLAN),
+    "register": Known(
+        "Find poses: a robot's in a camera, a block's in a capture, a whole cell's from a checkerboard.",
+        members=REGISTER,
+    ),
+    "station": Known("What a laboratory is: arms, instruments, cameras, what is fixed on the table.", members=STATION),
+    "study": Known("Reproduce a paper's table beside the paper's own figures.", members=STUDY),
+    "analyse": Known(
+        "Estimate velocity, acceleration and jerk of joints and tool tip from measured positions (Huber losses).",
+        "trocar.cli.analyse:analyse",
+        "trocar analyse joints.csv --rate 100 --out out/motion",
+    ),
+    "doctor": Known(
+        "Say what is installed, what is optional and missing, and what to type next.",
+        "trocar.cli.doctor:doctor",
+        "trocar doctor",
+    ),
+}

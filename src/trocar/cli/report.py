@@ -1,0 +1,126 @@
+"""``trocar report``: look at what was kept of a run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from trocar.cli.plugin import Plugins
+from trocar.cli.progress import progress
+from trocar.cli.terminal import beside, details, results
+from trocar.counting import counted
+
+if TYPE_CHECKING:
+    from trocar.trials import Trial
+
+JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    *,
+    video: Annotated[
+        bool, typer.Option("--video", help="Also make a short moving picture of the first trial, video.webp.")
+    ] = False,
+    plugin: Plugins = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
+    del plugin  # loaded when it was parsed
+    finish(folder, as_json, interrupted=False)
+    if video:
+        _draw_video(folder)
+
+
+def _draw_video(folder: Path) -> None:
+    from trocar.report.files import report_of  # noqa: PLC0415
+    from trocar.report.video import draw_video  # noqa: PLC0415
+    from trocar.trials import load_trials  # noqa: PLC0415
+
+    trial = load_trials(folder)[0][0]
+    with progress() as tick:
+        path = draw_video(
+            trial,
+            folder / "video.webp",
+            report_of(trial),
+            lambda done, total: tick("pictures of video.webp", done, total),
+        )
+    beside().print(f"video: {path}", soft_wrap=True)
+
+
+def finish(folder: Path, as_json: bool, interrupted: bool) -> bool:
+    """Write and print what a folder's trials say; return whether every goal of all of them was reached."""
+    from trocar.report.files import write_report  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.tasks import TASKS  # noqa: PLC0415
+    from trocar.trials import load_trials, trial_files  # noqa: PLC0415
+    from trocar.trials.folder import still_to_do  # noqa: PLC0415
+
+    if interrupted and not trial_files(folder):
+        beside().print("stopped before the first trial was finished; the same command starts again")
+        return False
+    trials, strange = load_trials(folder)
+    strange += still_to_do(folder, len(trials))
+    task = trials[0].about["task"]
+    if task not in TASKS:
+        strange.append(
+            f"task {task!r} is unknown here, so its own pictures and figures are left out; add --plugin FILE"
+        )
+    summary, files = write_report(folder, trials, strange)
+    if as_json:
+        typer.echo(json.dumps(summary))
+    else:
+        _show(summary, trials, strange, files, interrupted)
+    return summary["succeeded"] == summary["attempted"]
+
+
+def _show(
+    summary: Mapping[str, Any],
+    trials: Sequence[Trial],
+    strange: Sequence[str],
+    files: Sequence[Path],
+    interrupted: bool,
+) -> None:
+    from trocar.report.files import report_of  # noqa: PLC0415
+    from trocar.report.flaws import brief_flaws  # noqa: PLC0415
+    from trocar.report.summary import MISSED_WARNING  # noqa: PLC0415
+    from trocar.report.tables import headline, parts_table, run_table  # noqa: PLC0415
+
+    report = report_of(trials[0])
+    console = details()
+    console.print(run_table(summary, report.paper_rows(summary)))
+    for table in [*report.tables(summary), parts_table(summary)]:
+        console.print(table)
+    for trial in (trial for trial in trials if not trial.finished):
+        where = f"session {trial.about['session']}, trial {trial.about['index']}"
+        console.print(f"{where} was stopped ({trial.ended}): {trial.reason}")
+    if summary["failures"]:
+        console.print("failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items()))
+    compute = ", ".join(f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items())
+    if compute and summary["realtime_factor"]:
+        console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
+    use = summary["command_limit_use"]
+    console.print(
+        f"collisions a trial: {summary['collisions_per_trial']:.2f}; largest share of the limits that was sent: "
+        f"velocity {use['velocity']:.2f}, acceleration {use['acceleration']:.2f}"
+    )
+    if summary["missed_budgets"] > MISSED_WARNING:
+        console.print(
+            f"warning: {100 * summary['missed_budgets']:.1f} % of computations took longer than the trial's clock "
+            "counted for them; on this machine a real arm would have waited"
+        )
+    console.print(brief_flaws(summary["flaws"]))
+    for sentence in report.notes(trials):
+        console.print(sentence)
+    console = results()
+    for sentence in strange:
+        console.print(sentence)
+    console.print(headline(summary))
+    if interrupted:
+        console.print(f"stopped; {counted(len(trials), 'finished trial')} kept; the same command goes on")
+    console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
+    for replay in (file for file in files if file.name == "replay.html"):
+        console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
