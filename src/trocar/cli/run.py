@@ -16,6 +16,8 @@ from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import COLUMNS
 from trocar.cli.task_group import TaskGroup
+from trocar.cli.view import trial_in
+from trocar.errors import TrocarError
 from trocar.tasks import TASKS, Task
 
 if TYPE_CHECKING:
@@ -141,8 +143,19 @@ def runs(plugin: Plugins = None) -> None:
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
     *,
+    session: Annotated[
+        int, typer.Option(metavar="S", help="Of --trial: of which session, as in the name of its folder.")
+    ] = 0,
+    trial: Annotated[
+        int | None,
+        typer.Option(
+            metavar="K",
+            help="Of this trial alone, as in the name of its file; the files go into a folder beside it.",
+            show_default="all trials; pictures of the first",
+        ),
+    ] = None,
     video: Annotated[
-        bool, typer.Option("--video", help="Also make a short moving picture of the first trial, video.webp.")
+        bool, typer.Option("--video", help="Also make a short moving picture of the trial, video.webp.")
     ] = False,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
@@ -150,22 +163,26 @@ def report(
     """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
     del plugin  # loaded when it was parsed
     console = Console(stderr=True)
-    _finish(folder, as_json, console, interrupted=False)
+    if trial is None and session:
+        raise TrocarError(f"--session {session} is given without --trial; say which of its trials")
+    place = None if trial is None else (session, trial)
+    _finish(folder, as_json, console, interrupted=False, place=place)
     if video:
-        _draw_video(folder, console)
+        _draw_video(folder, place, console)
 
 
-def _draw_video(folder: Path, console: Console) -> None:
+def _draw_video(folder: Path, place: tuple[int, int] | None, console: Console) -> None:
     from trocar.report.files import report_of  # noqa: PLC0415
     from trocar.report.video import draw_video  # noqa: PLC0415
-    from trocar.trials import load_trials  # noqa: PLC0415
+    from trocar.trials import Trial, load_trials  # noqa: PLC0415
+    from trocar.trials.trial import trial_file  # noqa: PLC0415
 
-    trial = load_trials(folder)[0][0]
+    trial = Trial.load(trial_file(folder, *place)) if place else load_trials(folder)[0][0]
     with Progress(*COLUMNS, console=console, transient=True) as progress:
         bar = progress.add_task("drawing video.webp")
         path = draw_video(
             trial,
-            folder / "video.webp",
+            (trial_file(folder, *place).with_suffix("") if place else folder) / "video.webp",
             report_of(trial),
             lambda done, total: progress.update(bar, completed=done, total=total),
         )
@@ -224,8 +241,18 @@ def _play_at_once(
                 console.print(void, soft_wrap=True)
 
 
-def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) -> bool:
-    """Write and print what a folder's trials say; return whether every goal of all of them was reached."""
+def _finish(
+    folder: Path, as_json: bool, console: Console, interrupted: bool, place: tuple[int, int] | None = None
+) -> bool:
+    """Write and print what a folder's trials say; return whether every goal of all of them was reached.
+
+    Args:
+        folder: of the run.
+        as_json: print the summary as JSON.
+        console: for what is not asked for.
+        interrupted: whether the run was.
+        place: session and number of the trial that the report is of; None: all.
+    """
     from trocar.report.files import write_report  # noqa: PLC0415
     from trocar.trials import load_trials, trial_files  # noqa: PLC0415
     from trocar.trials.folder import still_to_do  # noqa: PLC0415
@@ -234,13 +261,18 @@ def _finish(folder: Path, as_json: bool, console: Console, interrupted: bool) ->
         console.print("stopped before the first trial was finished; the same command starts again")
         return False
     trials, strange = load_trials(folder)
-    strange += still_to_do(folder, len(trials))
+    into = folder
+    if place is None:
+        strange += still_to_do(folder, len(trials))
+    else:
+        path = trial_in(folder, *place)
+        trials, strange, into = trials.only(path), [], path.with_suffix("")
     task = trials[0].about["task"]
     if task not in TASKS:
         strange.append(
             f"task {task!r} is unknown here, so its own pictures and figures are left out; add --plugin FILE"
         )
-    summary, files = write_report(folder, trials, strange)
+    summary, files = write_report(folder, trials, strange, into)
     if as_json:
         typer.echo(json.dumps(summary))
     else:
@@ -261,7 +293,7 @@ def _show(
 
     report = report_of(trials[0])
     console = Console()
-    console.print(run_table(summary, report.paper_rows(summary)))
+    console.print(run_table(summary, report.paper_rows(summary), report.paper_count(summary)))
     for table in [*report.tables(summary), parts_table(summary)]:
         console.print(table)
     for trial in (trial for trial in trials if not trial.finished):

@@ -67,6 +67,17 @@ class KeptTrials(Sequence[Trial]):
             self._last = path, Trial.load(path)
         return self._last[1]
 
+    def only(self, path: Path) -> KeptTrials:
+        """Return one of the trials alone.
+
+        Raises:
+            TrocarError: its file cannot be used, or is of another run.
+        """
+        if path not in self.paths:
+            Trial.load(path)  # says what is wrong with it
+            raise TrocarError(f"{str(path)!r} is not a trial of this run; choose another with --session and --trial")
+        return KeptTrials((path,))
+
 
 def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     """Return the finished trials of a run's folder in order, and a sentence for each that cannot be used.
@@ -104,16 +115,24 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     return KeptTrials(usable), strange
 
 
-def still_to_do(folder: Path, done: int) -> list[str]:
-    """Return a sentence where a run has fewer trials than it was asked for, so that nobody takes it for the whole."""
+def asked(folder: Path) -> tuple[int, int] | None:
+    """Return for how many sessions, and trials in each, a run was asked; None where its record is lost."""
     try:
         found = json.loads((folder / RECORD).read_text())
-        asked = int(found["sessions"]) * int(found["trials"])
+        return int(found["sessions"]), int(found["trials"])
     except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def still_to_do(folder: Path, done: int) -> list[str]:
+    """Return a sentence where a run has fewer trials than it was asked for, so that nobody takes it for the whole."""
+    wanted = asked(folder)
+    if wanted is None:
         return [f"{str(folder / RECORD)!r} cannot be read: nobody knows how many trials the run has"]
-    if done >= asked:
+    sessions, trials = wanted
+    if done >= sessions * trials:
         return []
-    return [f"{done} of the run's {asked} trials are there; the command that began it does the others"]
+    return [f"{done} of the run's {sessions * trials} trials are there; the command that began it does the others"]
 
 
 def _place(about: dict[str, Any]) -> tuple[int, int]:
