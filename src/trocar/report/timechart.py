@@ -26,8 +26,10 @@ COLOURS = {
 START, BETWEEN, END = -1, sys.maxsize - 1, sys.maxsize
 """In the place of a goal: what an arm does before its first one, between two of its own, and after its last."""
 NO_GOAL = {START: "start", BETWEEN: "between", END: "end"}
-SHOWN_S = 0.05
-"""What overlaps by less than this is not worth a word."""
+LONG = 20
+"""Six labels of so many letters have room beside each other."""
+OVERLAP = 0.25
+"""Less than this share of a part's time in something else is not worth a word."""
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 
@@ -82,10 +84,12 @@ def draw_timechart(trial: Trial, path: Path, title: str = "Time chart") -> Path:
         parts = [parts_of(spans, arm, trial.duration_s) for arm in dict.fromkeys(span.arm for span in spans)]
         totals = {name: sum(of_arm.get(name, 0.0) for of_arm in parts) for name in names}
         noted = {name: sum(s.end_s - s.start_s for s in spans if s.name == name) for name in names}
+        labels = {name: _label(name, totals[name], noted[name]) for name in names}
         figure.legend(
-            handles=[Patch(color=colours[name], label=_label(name, totals[name], noted[name])) for name in names],
+            handles=[Patch(color=colours[name], label=label) for name, label in labels.items()],
             loc="outside lower center",
-            ncols=min(4, len(names)),
+            ncols=4 if max(map(len, labels.values())) > LONG else min(6, len(names)),
+            fontsize=8,
             title="in all, each moment of an arm counted once; meanwhile: while something that began before went on",
             title_fontsize=8,
         )
@@ -94,7 +98,7 @@ def draw_timechart(trial: Trial, path: Path, title: str = "Time chart") -> Path:
 
 def _label(name: str, alone_s: float, noted_s: float) -> str:
     """Return a part with its time, and how much of it overlapped with what had begun before."""
-    meanwhile = f" (+ {noted_s - alone_s:.1f} s meanwhile)" if noted_s - alone_s >= SHOWN_S else ""
+    meanwhile = f" (+ {noted_s - alone_s:.1f} s meanwhile)" if noted_s - alone_s > OVERLAP * noted_s else ""
     return f"{name}, {alone_s:.1f} s{meanwhile}"
 
 

@@ -22,6 +22,7 @@ caption{caption-side:bottom;text-align:left;font-size:.92em;padding-top:.4em}
 td,th{padding:.28em 1.1em .28em .3em;text-align:left;vertical-align:top;font-weight:400;
 border-top:1px solid var(--line)}
 thead th{font-weight:600;border-top:0;vertical-align:bottom}td.number,th.number{text-align:right}
+td.number{white-space:nowrap}
 tr.ours td,tr.ours th{font-weight:600;background:var(--ours)}tr.dim td,tr.dim th{color:var(--quiet)}
 table.compact{font-size:.85em;line-height:1.35}
 figure{margin:1em 0}figcaption{font-size:.9em;margin-top:.3em}
@@ -34,9 +35,10 @@ ul.notes{padding-left:1.2em}ul.notes li{margin:.2em 0}
 @media print{
 :root{color-scheme:light;--ink:#000;--quiet:#444;--line:#bbb;--paper:#fff;--card:#f2f2f2;--mark:#000;--warn:#f2f2f2;
 --ours:#ececec}
-@page{margin:16mm 14mm}body{font-size:10pt;max-width:none;padding:0}nav,iframe,.screen{display:none}
+@page{margin:16mm 14mm}body{font-size:9.5pt;max-width:none;padding:0}nav,iframe,.screen{display:none}
 h2,h3{break-after:avoid}figure,tr,dl.headline div,pre{break-inside:avoid}.wide{overflow:visible}
 dl.headline{grid-template-columns:repeat(4,1fr)}dl.headline dd.figure{font-size:1.25em}
-div.pictures{grid-template-columns:repeat(3,1fr)}img{max-height:22cm;width:auto}a{text-decoration:none}
+td,th{padding-right:.7em}
+div.pictures{grid-template-columns:repeat(3,1fr)}img{max-height:17cm;width:auto}a{text-decoration:none}
 thead{display:table-header-group}}
 """

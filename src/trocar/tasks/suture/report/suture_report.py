@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 UNSHOWN = ("lower", "withdraw", "rise")
 """Steps of a suture without a picture."""
 
-APART_S = 1.0
+APART_S = 0.5
 """A step that ends so shortly before the first suture does looks the same."""
 
 REACH, RISE_M = 1.25, 0.018
