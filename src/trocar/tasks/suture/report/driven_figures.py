@@ -57,16 +57,13 @@ def draw_joints(trial: Trial, path: Path, title: str = "Joints driven and planne
             error = scale * (q - asked)[shown, index]  # of the axes' time alone: what comes before is larger
             right.plot(times[shown], error, color=style.PURPLE, linewidth=0.7)
             right.axhline(0.0, color=style.QUIET, linewidth=0.6)
-            right.set_ylabel(f"error {error_unit}")
+            right.set_ylabel(f"driven less\nplanned {error_unit}")
             of_joint = rms_max(scale * while_driven[:, index])
             said = f"shaded: RMS {figures(of_joint['rms'])}, largest {figures(of_joint['max'])} {error_unit}"
             right.set_title(said, loc="right", fontsize=8, fontweight="normal")
             for axes in (left, right):
                 _shade(axes, spans)
         grid[0, 0].set_title(title)
-        grid[0, 1].annotate(
-            "driven less planned", (0.0, 1.16), xycoords="axes fraction", fontweight="bold", fontsize=10
-        )
         grid[0, 0].legend(loc="upper right", ncols=2)
         grid[-1, 0].set_xlabel("time, s; shaded: the primitive")
         grid[-1, 1].set_xlabel("time, s")
