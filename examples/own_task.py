@@ -145,7 +145,7 @@ class Toucher:
 class BallReport(TaskReport):
     """Where its pictures are taken from; all else is as usual."""
 
-    view = Viewpoint((0.10, -0.34, 0.24), (0.0, 0.0, 0.01), 0.6)
+    view = Viewpoint((0.10, -0.34, 0.24), 0.6)
 
 
 @dataclass(frozen=True)

@@ -36,16 +36,14 @@ class Solid:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where a picture of the cell is taken from.
+    """Where a picture of the cell is taken from. It looks at what fills its frame (``TaskReport.frame``).
 
     Attributes:
         eye_m: (3,) in the world.
-        target_m: (3,) what it looks at.
         gain: of the light: nearer is brighter.
     """
 
     eye_m: tuple[float, float, float]
-    target_m: tuple[float, float, float]
     gain: float = 0.95
 
 

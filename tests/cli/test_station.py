@@ -165,6 +165,8 @@ def test_what_cannot_be_exported_is_one_sentence_and_writes_nothing(trocar, tmp_
     assert (code, out) == (2, "") and said in err and err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["theirs.xml"]
     assert (tmp_path / "theirs.xml").read_text() == "<mine/>"
+
+
 def test_work_out_of_an_arms_reach_is_told_before_anything_is_run(trocar, mine, tmp_path):
     far = mine(
         ("park = { tip_mm = [85.0, 45.0, 80.0], jaw_deg = 5.73 }\n", ""), ("[133.2, 0.0, 166.0]", "[133.2, 300, 166.0]")

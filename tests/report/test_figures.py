@@ -162,7 +162,7 @@ def test_the_legend_counts_what_overlaps_once_as_the_table_does(monkeypatch, tmp
     )
     spans = [Span("psm1", "motion", 0.0, 2.0), Span("psm1", "capture", 0.5, 1.0), Span("psm1", "jaw", 1.5, 3.0)]
     drawn(draw_timechart(trial_of(*spans), tmp_path / "chart.png"))
-    assert said == ["motion, 2.0 s", "capture, 0.0 s", "jaw, 1.0 s"]
+    assert said == ["motion, 2.0 s", "capture, 0.0 s (+ 0.5 s meanwhile)", "jaw, 1.0 s (+ 0.5 s meanwhile)"]
 
 
 def test_the_storyboard_of_a_trial_shows_its_moments(tmp_path):

@@ -59,9 +59,11 @@ def test_all_goals_are_counted_whatever_the_script_came_to(trials):
 def test_what_the_paper_counts_is_said_beside_it(trials):
     """There, a transfer was attempted only if its block stood on its source."""
     report = report_of(trials[0])
-    assert summarise(trials, report)["available"] == 23
-    sentence = "counted as in the paper, from the transfers whose block stood on its source: 20 of 23"
-    assert sentence in report.notes(trials)
+    summary = summarise(trials, report)
+    counted = report.paper_count(summary)
+    assert summary["available"] == 23 and (counted.succeeded, counted.attempted) == (20, 23)
+    low, high = counted.ci95
+    assert low < 20 / 23 < high and (low, high) != tuple(summary["success_ci95"])
 
 
 def test_the_interval_counts_sessions():

@@ -8,13 +8,15 @@ import pytest
 
 from simulated import ideal_laboratory, standing, trial_of
 from trocar.geometry import SE3
-from trocar.perception.image import Intrinsics
 from trocar.replay import Viewpoint
 from trocar.sim.camera import RayCamera
-from trocar.sim.photograph import FOCAL, HEIGHT, WIDTH, Photographer, look_at
+from trocar.sim.framing import WIDTH, framed
+from trocar.sim.photograph import Photographer
 from trocar.station import SensorFlaws
 
-VIEW = Viewpoint((0.13, -0.46, 0.33), (0.004, 0.0, 0.030))
+VIEW = Viewpoint((0.13, -0.46, 0.33))
+FRAME_M = np.array([[x, y, z] for x in (-0.07, 0.07) for y in (-0.05, 0.05) for z in (0.0, 0.05)])
+"""The board, and as much above it as blocks are carried."""
 SCALE = 0.5
 
 
@@ -45,9 +47,9 @@ def changed(first, second):
 
 def test_a_picture_shows_the_moment_it_was_asked_for_and_leaves_the_replay_alone(replay):
     before = {name: T.matrix.copy() for name, T in replay.T_world_body.items()}
-    photographer = Photographer(replay, VIEW, scale=SCALE)
+    photographer = Photographer(replay, VIEW, scale=SCALE, frame_m=FRAME_M)
     first, end, again = (photographer.picture(t) for t in (0.0, replay.times_s[-1], 0.0))
-    assert first.dtype == np.uint8 and first.shape == (HEIGHT * SCALE, WIDTH * SCALE, 3)
+    assert first.dtype == np.uint8 and first.shape[1:] == (WIDTH * SCALE, 3)
     assert first.std() > 10
     assert np.array_equal(first, again)
     assert changed(first, end) > 100
@@ -58,14 +60,13 @@ def test_a_picture_shows_the_moment_it_was_asked_for_and_leaves_the_replay_alone
 
 def test_every_solid_is_where_the_simulator_had_it(lab, replay):
     """Depth, ray by ray, in the world that was simulated and in the one that is drawn: table and planes apart."""
-    lens = Intrinsics(WIDTH // 2, HEIGHT // 2, FOCAL / 2, FOCAL / 2, WIDTH / 4, HEIGHT / 4)
-    camera_at = look_at(np.array(VIEW.eye_m), np.array(VIEW.target_m))
-    photographer = Photographer(replay, VIEW)
+    framing = framed(np.array(VIEW.eye_m), FRAME_M, SCALE)
+    photographer = Photographer(replay, VIEW, frame_m=FRAME_M)
     photographer.picture(0.0)
     mujoco.mj_forward(lab.world.model, lab.world.data)
     seen = []
     for model, data in ((lab.world.model, lab.world.data), (photographer._model, photographer._data)):
-        camera = RayCamera(model, lens, camera_at, (0.12, 0.0, 0.0), SensorFlaws.none())
+        camera = RayCamera(model, framing.lens, framing.T_world_camera, (0.12, 0.0, 0.0), SensorFlaws.none())
         depth, geom, _ = camera.render_exact(data)
         plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
         seen.append(np.where(plane | (geom < 0), np.nan, depth))
@@ -77,8 +78,8 @@ def test_every_solid_is_where_the_simulator_had_it(lab, replay):
 
 
 def test_bodies_may_have_other_colours_in_pictures(replay):
-    plain = Photographer(replay, VIEW, scale=SCALE).picture(0.0)
-    blue = Photographer(replay, VIEW, {"block": (0.0, 0.2, 1.0)}, SCALE).picture(0.0)
+    plain = Photographer(replay, VIEW, scale=SCALE, frame_m=FRAME_M).picture(0.0)
+    blue = Photographer(replay, VIEW, {"block": (0.0, 0.2, 1.0)}, SCALE, FRAME_M).picture(0.0)
     assert changed(plain, blue) > 100
     assert (
         (blue[..., 2].astype(int) - blue[..., 0] > 60).sum()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from pages import assert_fit_to_show
 from simulated import ideal_session
 from synthetic import unmarked
 from trocar.arms import limit_violations
@@ -16,11 +17,12 @@ from trocar.cli import app
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.motion import PLANNERS
+from trocar.report import files as files_of_a_report
 from trocar.report.files import report_of, write_report
 from trocar.sim.laboratory import SimLaboratory
 from trocar.station import SensorFlaws, check_station, load_station
 from trocar.tasks import TASKS, Task
-from trocar.tasks.kit import Method, TaskReport, methods_of, perceptions_of, pick_method, pick_perception
+from trocar.tasks.kit import Method, TaskReport, in_words, methods_of, perceptions_of, pick_method, pick_perception
 from trocar.tasks.kit.method import METHODS
 from trocar.trials.config import RunConfig
 from trocar.trials.run import prepare, run_trial
@@ -267,10 +269,11 @@ def test_a_trial_can_be_kept_and_comes_back(name, idle, tmp_path):
 
 
 @EVERY_TASK
-def test_its_report_can_be_made_of_a_trial_in_which_nothing_was_done(name, idle):
+def test_its_report_can_be_made_of_a_trial_in_which_nothing_was_done(name, idle, monkeypatch):
     trial, folder = idle[name]
     report = report_of(trial)
     assert isinstance(report, TaskReport)
+    monkeypatch.setattr(files_of_a_report, "MOST", 1)
     summary, files = write_report(folder, [trial])
     assert (summary["succeeded"], summary["attempted"]) == (0, len(trial.scores))
     assert unmarked(folder / "summary.json") == summary
@@ -278,4 +281,9 @@ def test_its_report_can_be_made_of_a_trial_in_which_nothing_was_done(name, idle)
     assert [time_s for _, time_s in report.moments(trial)] == sorted(t for _, t in report.moments(trial))
     for row in report.paper_rows(summary):
         assert 0 <= row.succeeded <= row.attempted
+    page = assert_fit_to_show(folder / "report.html")
+    assert f"0 of {len(trial.scores)}" in page.text
+    failed = [image for image in page.images if "_goal_" in image["title"]]
+    assert len(failed) == 1 and (folder / "failed" / failed[0]["title"]).stat().st_size > 1000
+    assert all(in_words(name) in page.text for name in summary["failures"])
     assert report.tables(summary) is not None and all(isinstance(note, str) for note in report.notes([trial]))

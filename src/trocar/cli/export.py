@@ -35,9 +35,7 @@ def export(
     for sentence in strange:
         beside().print(sentence, soft_wrap=True)
     with progress() as tick:
-        written = export_trials(
-            trials, out, format, lambda done, total: tick("writing tables", done=done, total=total)
-        )
+        written = export_trials(trials, out, format, lambda done, total: tick("writing tables", done=done, total=total))
     if as_json:
         tables = {
             str(table.path.relative_to(out)): {"rows": table.rows, "columns": list(table.columns)} for table in written

@@ -12,7 +12,9 @@ import typer
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import progress
 from trocar.cli.terminal import beside, details, results
+from trocar.cli.view import trial_in
 from trocar.counting import counted
+from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
     from trocar.trials import Trial
@@ -23,37 +25,59 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object an
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
     *,
+    session: Annotated[
+        int, typer.Option(metavar="S", help="Of --trial: of which session, as in the name of its folder.")
+    ] = 0,
+    trial: Annotated[
+        int | None,
+        typer.Option(
+            metavar="K",
+            help="Of this trial alone, as in the name of its file; the files go into a folder beside it.",
+            show_default="all trials; pictures of the first",
+        ),
+    ] = None,
     video: Annotated[
-        bool, typer.Option("--video", help="Also make a short moving picture of the first trial, video.webp.")
+        bool, typer.Option("--video", help="Also make a short moving picture of the trial, video.webp.")
     ] = False,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
     del plugin  # loaded when it was parsed
-    finish(folder, as_json, interrupted=False)
+    if trial is None and session:
+        raise TrocarError(f"--session {session} is given without --trial; say which of its trials")
+    place = None if trial is None else (session, trial)
+    finish(folder, as_json, interrupted=False, place=place)
     if video:
-        _draw_video(folder)
+        _draw_video(folder, place)
 
 
-def _draw_video(folder: Path) -> None:
+def _draw_video(folder: Path, place: tuple[int, int] | None) -> None:
     from trocar.report.files import report_of  # noqa: PLC0415
     from trocar.report.video import draw_video  # noqa: PLC0415
-    from trocar.trials import load_trials  # noqa: PLC0415
+    from trocar.trials import Trial, load_trials  # noqa: PLC0415
+    from trocar.trials.trial import trial_file  # noqa: PLC0415
 
-    trial = load_trials(folder)[0][0]
+    trial = Trial.load(trial_file(folder, *place)) if place else load_trials(folder)[0][0]
     with progress() as tick:
         path = draw_video(
             trial,
-            folder / "video.webp",
+            (trial_file(folder, *place).with_suffix("") if place else folder) / "video.webp",
             report_of(trial),
             lambda done, total: tick("pictures of video.webp", done, total),
         )
     beside().print(f"video: {path}", soft_wrap=True)
 
 
-def finish(folder: Path, as_json: bool, interrupted: bool) -> bool:
-    """Write and print what a folder's trials say; return whether every goal of all of them was reached."""
+def finish(folder: Path, as_json: bool, interrupted: bool, place: tuple[int, int] | None = None) -> bool:
+    """Write and print what a folder's trials say; return whether every goal of all of them was reached.
+
+    Args:
+        folder: of the run.
+        as_json: print the summary as JSON.
+        interrupted: whether the run was.
+        place: session and number of the trial that the report is of; None: all.
+    """
     from trocar.report.files import write_report  # noqa: PLC0415 (SciPy only when needed)
     from trocar.tasks import TASKS  # noqa: PLC0415
     from trocar.trials import load_trials, trial_files  # noqa: PLC0415
@@ -63,13 +87,18 @@ def finish(folder: Path, as_json: bool, interrupted: bool) -> bool:
         beside().print("stopped before the first trial was finished; the same command starts again")
         return False
     trials, strange = load_trials(folder)
-    strange += still_to_do(folder, len(trials))
+    into = folder
+    if place is None:
+        strange += still_to_do(folder, len(trials))
+    else:
+        path = trial_in(folder, *place)
+        trials, strange, into = trials.only(path), [], path.with_suffix("")
     task = trials[0].about["task"]
     if task not in TASKS:
         strange.append(
             f"task {task!r} is unknown here, so its own pictures and figures are left out; add --plugin FILE"
         )
-    summary, files = write_report(folder, trials, strange)
+    summary, files = write_report(folder, trials, strange, into)
     if as_json:
         typer.echo(json.dumps(summary))
     else:
@@ -91,7 +120,7 @@ def _show(
 
     report = report_of(trials[0])
     console = details()
-    console.print(run_table(summary, report.paper_rows(summary)))
+    console.print(run_table(summary, report.paper_rows(summary), report.paper_count(summary)))
     for table in [*report.tables(summary), parts_table(summary)]:
         console.print(table)
     for trial in (trial for trial in trials if not trial.finished):

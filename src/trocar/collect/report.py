@@ -22,6 +22,11 @@ DISTANCE_TARGET_MM, JOINT_TARGET_RAD = 0.35, 0.01
 BRIGHTER = 1.6
 
 
+def joint_error(joint: int, error: float) -> tuple[str, str]:
+    """Return the error of a joint, rad or m, as pictures and tables give it, and its unit."""
+    return (f"{1e3 * error:.2f}", "mm") if JOINT_NAMES[joint] == "q3" else (f"{error:.4f}", "rad")
+
+
 def draw_calibration(found: Calibrated, path: str | Path) -> Path:
     """Draw an image with the spheres found, distances between spheres, and the joints' errors over time."""
     figure = Figure(figsize=(14, 8), layout="constrained", dpi=110)
@@ -62,9 +67,9 @@ def _draw_distances(axes: Axes, found: Calibrated) -> None:
 def _draw_outer(axes: Axes, found: Calibrated) -> None:
     error = found.joint_error[:, :3]
     rms = np.sqrt(np.mean(error**2, axis=0))
-    for joint, (scale, unit) in enumerate(((1e3, "mrad"), (1e3, "mrad"), (1e3, "mm"))):
-        label = f"{JOINT_NAMES[joint]}: {scale * rms[joint]:.2f} {unit} RMS"
-        axes.hist(scale * error[:, joint], bins=60, histtype="step", lw=1.4, label=label)
+    for joint in range(3):
+        label = f"{JOINT_NAMES[joint]}: {' '.join(joint_error(joint, rms[joint]))} RMS"
+        axes.hist(1e3 * error[:, joint], bins=60, histtype="step", lw=1.4, label=label)
     axes.set_title("outer joints")
     axes.set_xlabel("measured - true [mrad, mm]")
     axes.legend(loc="upper right")
@@ -77,7 +82,9 @@ def _draw_wrist(axes: Axes, found: Calibrated) -> None:
     error = found.joint_error
     for joint in (3, 4, 5):
         rms = float(np.sqrt(np.mean(error[:, joint] ** 2)))
-        axes.plot(minutes, error[:, joint], ".", ms=3, label=f"{JOINT_NAMES[joint]}: {rms:.4f} rad RMS")
+        axes.plot(
+            minutes, error[:, joint], ".", ms=3, label=f"{JOINT_NAMES[joint]}: {' '.join(joint_error(joint, rms))} RMS"
+        )
     for edge in (-JOINT_TARGET_RAD, JOINT_TARGET_RAD):
         axes.axhline(edge, color="#8a8f98", lw=1.0, ls="--")
     axes.set_title("wrist: measured - true joints (dashed: the limit on the RMS)")
@@ -105,15 +112,14 @@ def collection_table(arms: dict[str, dict[str, Any]]) -> Table:
     distances = (f"{a['sphere_distance_rms_mm']:.2f}" for a in every)
     table.add_row("sphere distances, mm RMS", *distances, f"{DISTANCE_TARGET_MM:g}")
     for joint, name in enumerate(JOINT_NAMES):
-        scale, unit, digits = (1e3, "mm", 2) if name == "q3" else (1.0, "rad", 4)
+        shown = [joint_error(joint, a["joint_rms"][joint]) for a in every]
         limit = "" if name == "q3" else f"{JOINT_TARGET_RAD:g}"
-        values = (f"{scale * a['joint_rms'][joint]:.{digits}f}" for a in every)
-        table.add_row(f"{name} measured - true, {unit} RMS", *values, limit)
+        table.add_row(f"{name} measured - true, {shown[0][1]} RMS", *(value for value, _ in shown), limit)
     registrations = [a["registration"] for a in every]
     table.add_row("base off, mm", *(f"{r['off_mm']:.2f}" for r in registrations), "")
     table.add_row("base off, deg", *(f"{r['off_deg']:.3f}" for r in registrations), "")
     if all("model" in a for a in every):
         for joint in (3, 4, 5):
             both = ((a["model"]["rmse_before"][joint], a["model"]["rmse_after"][joint]) for a in every)
-            table.add_row(f"{JOINT_NAMES[joint]} held out, rad RMSE", *(f"{b:.3f} -> {c:.4f}" for b, c in both), "")
+            table.add_row(f"{JOINT_NAMES[joint]} held out, rad RMSE", *(f"{b:.4f} -> {c:.4f}" for b, c in both), "")
     return table

@@ -7,17 +7,22 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from trocar.errors import TrocarError
-from trocar.extras import how_to_install
-from trocar.output import write_json
+from trocar.output import make_folder, write_json
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
-from trocar.report.page import write_page
+from trocar.report.command import command_of
+from trocar.report.failed import MOST, draw_failed, failed_goals, picked
+from trocar.report.goals import failures_table, goals_table, trials_table
+from trocar.report.page.run_page import RunReport, write_page
+from trocar.report.photographs import can_photograph, photographer_of
+from trocar.report.picture import Picture
 from trocar.report.storyboard import draw_storyboard
 from trocar.report.summary import Summary, summarise
+from trocar.report.tables import run_table
 from trocar.report.timechart import draw_timechart
 from trocar.tasks import TASKS
 from trocar.tasks.kit import TaskReport
+from trocar.trials.folder import asked
 from trocar.trials.trial import Trial
 
 
@@ -32,27 +37,48 @@ def report_of(trial: Trial) -> TaskReport:
 
 
 def write_report(
-    folder: str | Path, trials: Sequence[Trial], strange: Sequence[str] = ()
+    folder: str | Path, trials: Sequence[Trial], strange: Sequence[str] = (), into: str | Path | None = None
 ) -> tuple[Summary, list[Path]]:
     """Write summary, pictures, replay and page; return the summary and the files' paths.
 
     Args:
         folder: of the run.
-        trials: that were finished.
+        trials: that were finished, or those of them that the report is of.
         strange: sentences on what else lies in the folder.
+        into: folder for the files; None: the run's.
     """
-    folder = Path(folder)
-    report = report_of(trials[0])
+    run, folder = Path(folder), Path(folder if into is None else into)
+    report, first = report_of(trials[0]), trials[0]
     summary = summarise(trials, report)
-    path = write_json(folder / "summary.json", summary, "summary of a run")
-    pictures = _pictures(folder, trials, report)
-    files = [path, *pictures]
+    make_folder(folder)
+    files = [write_json(folder / "summary.json", summary, "summary of a run")]
+    storyboard, timechart = _pictures(folder, first, trials, report)
+    noted = [trial.noted() for trial in trials]
+    failed = failed_goals(noted, report)
+    failed_pictures = []
+    if can_photograph():
+        failed_pictures = draw_failed(folder / "failed", trials, picked(failed, MOST), report)
     if find_spec("viser") is not None:
         from trocar.view.replay import write_replay  # noqa: PLC0415 (an extra)
 
-        files.append(write_replay(_for_people(trials[0].replay(), report), folder / "replay.html"))
-    notes = [*report.notes(trials), *strange]
-    return summary, [*files, write_page(folder / "report.html", summary, pictures, notes)]
+        files.append(write_replay(_for_people(first.replay(), report), folder / "replay.html"))
+    compared = run_table(summary, report.paper_rows(summary), report.paper_count(summary))
+    page = RunReport(
+        summary=summary,
+        compared=[compared, *report.tables(summary)],
+        goals=[goals_table(noted, report), *([trials_table(noted)] if len(noted) > 1 else [])],
+        failures=failures_table(summary["failures"], summary["attempted"], summary["piece"], report),
+        failed=failed,
+        failed_pictures=failed_pictures,
+        storyboard=storyboard,
+        timechart=timechart,
+        shown=_place(first),
+        notes=report.notes(trials),
+        strange=strange,
+        command=command_of(first.about, *(asked(run) or _there(noted))),
+    )
+    drawn = [shown.path for shown in (*storyboard, *([timechart] if timechart else []), *failed_pictures)]
+    return summary, [*files, *drawn, write_page(folder / "report.html", page)]
 
 
 def _for_people(replay: Replay, report: TaskReport) -> Replay:
@@ -65,18 +91,37 @@ def _for_people(replay: Replay, report: TaskReport) -> Replay:
     return replace(replay, solids=tuple(painted(solid) for solid in replay.solids))
 
 
-def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> list[Path]:
-    first = trials[0]
+def _pictures(
+    folder: Path, first: Trial, trials: Sequence[Trial], report: TaskReport
+) -> tuple[list[Picture], Picture | None]:
+    """Draw the first trial and what the task draws of all; return these pictures, and the time chart."""
     about = first.about
     what = ", ".join(str(about[key]) for key in ("task", "variant", "method") if about[key])
-    files = []
-    if find_spec("mujoco") is not None:
-        title = f"{what}, session {about['session']}, trial {about['index']} of seed {about['seed']} (simulated)"
-        files.append(draw_trial(first, folder / "storyboard.png", title, report))
-    if first.spans:
-        files += report.pictures(folder, trials)
-        files.append(draw_timechart(first, folder / "timechart.png", title=f"Time chart, {what}"))
-    return files
+    place, found = _place(first), []
+    if can_photograph():
+        path = draw_trial(
+            first, folder / "storyboard.png", f"{what}, {place} of seed {about['seed']} (simulated)", report
+        )
+        moments = "; ".join(caption for caption, _ in report.moments(first))
+        found.append(Picture(path, f"Pictures of {place}: {moments}", f"{place.capitalize()} step by step"))
+    if not first.spans:
+        return found, None
+    for path in report.pictures(folder, trials):
+        said = next((text for name, text in report.captions.items() if path.stem.startswith(name)), path.stem)
+        found.append(Picture(path, f"Chart: {said}", said))
+    chart = draw_timechart(first, folder / "timechart.png", title=f"Time chart, {what}")
+    said = f"What took the time in {place}: a row for each {first.piece} and arm, a bar for each thing that was done"
+    return found, Picture(chart, f"Chart: {said}", said)
+
+
+def _there(trials: Sequence[Trial]) -> tuple[int, int]:
+    """Return how many sessions, and trials in each, hold these trials."""
+    places = [(trial.about["session"], trial.about["index"]) for trial in trials]
+    return 1 + max(session for session, _ in places), 1 + max(index for _, index in places)
+
+
+def _place(trial: Trial) -> str:
+    return f"session {trial.about['session']}, trial {trial.about['index']}"
 
 
 def draw_trial(trial: Trial, path: str | Path, title: str = "", report: TaskReport | None = None) -> Path:
@@ -85,12 +130,7 @@ def draw_trial(trial: Trial, path: str | Path, title: str = "", report: TaskRepo
     Raises:
         TrocarError: there is no simulator here, whose rays draw the pictures.
     """
-    if find_spec("mujoco") is None:
-        raise TrocarError(f"pictures of a trial need mujoco; {how_to_install('sim')}")
-    from trocar.sim.photograph import Photographer  # noqa: PLC0415 (an extra)
-
     report = report or report_of(trial)
-    view = report.view
-    photographer = Photographer(trial.replay(), view, report.colours)
+    photographer = photographer_of(trial, report)
     frames = [(caption, photographer.picture(time_s)) for caption, time_s in report.moments(trial)]
     return draw_storyboard(frames, path, title or "Storyboard", columns=3 if len(frames) <= 9 else 4)

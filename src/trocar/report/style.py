@@ -11,9 +11,9 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 from PIL import Image
-from PIL.PngImagePlugin import PngInfo
 
-from trocar.output import PICTURE, make_folder, mark_of, write_figure, writing
+from trocar.output import make_folder, write_figure
+from trocar.report.picture import write_png
 
 # Okabe and Ito 2008: told apart with every common colour blindness
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
@@ -71,8 +71,6 @@ def figure(width_in: float, height_in: float, path: str | Path) -> Iterator[Figu
         yield drawn
         make_folder(path.parent)
         write_figure(path, drawn, dpi=DPI)
-    if path.stat().st_size > LARGEST_BYTES:  # camera pictures: 256 colours look the same and weigh a third
-        with writing(path, PICTURE) as draft, Image.open(path) as full:
-            mark = PngInfo()
-            mark.add_text("Software", mark_of(PICTURE))
-            full.convert("RGB").quantize(256).save(draft, optimize=True, pnginfo=mark)
+    if path.stat().st_size > LARGEST_BYTES:
+        with Image.open(path) as full:
+            write_png(path, full.copy())

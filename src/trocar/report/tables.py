@@ -9,15 +9,16 @@ from rich.table import Table
 
 from trocar.counting import counted
 from trocar.report.statistics import wilson_interval
-from trocar.tasks.kit import PaperRow
+from trocar.tasks.kit import PaperCount, PaperRow
 
 
-def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = ()) -> Table:
-    """Return the table of a run, with published rows under it.
+def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), counted: PaperCount | None = None) -> Table:
+    """Return the table of a run, with published rows under it, first those of its own method.
 
     Args:
         summary: keys as in ``summary.json``.
         paper: rows of a paper; their intervals take every attempt as independent, for nothing else was published.
+        counted: ours as the paper counts, where it counts otherwise.
     """
     how_many = f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')}"
     title = ", ".join(text for text in (summary["task"], summary["variant"], how_many, "simulated") if text)
@@ -33,14 +34,17 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = ()) -> Tab
         figure(summary["mean_time_s"]),
         style="bold",
     )
+    if counted is not None:
+        table.add_row(f"the same, {counted.how}", *_successes(counted.succeeded, counted.attempted, counted.ci95), "")
     if paper:
         table.add_section()
-    for row in paper:
+    for row in sorted(paper, key=lambda row: summary["method"] not in row.methods):
+        own = summary["method"] in row.methods
         table.add_row(
             f"paper: {row.who}",
             *_successes(row.succeeded, row.attempted, wilson_interval(row.succeeded, row.attempted)),
             figure(row.mean_time_s),
-            style="dim",
+            style="" if own else "dim",
         )
     return table
 

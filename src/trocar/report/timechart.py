@@ -29,6 +29,10 @@ START, BETWEEN, END = -1, sys.maxsize - 1, sys.maxsize
 NO_GOAL = {START: "start", BETWEEN: "between", END: "end"}
 SIZE_IN, ROW_IN = (9.0, 1.3), 0.24
 """Width, height without rows, and height of a row."""
+LONG = 20
+"""Six labels of so many letters have room beside each other."""
+OVERLAP = 0.25
+"""Less than this share of a part's time in something else is not worth a word."""
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 
@@ -96,13 +100,22 @@ def chart(figure: Figure, trial: Trial, title: str = "Time chart") -> None:
     axes.set_title(title)
     parts = [parts_of(spans, arm, trial.duration_s) for arm in dict.fromkeys(span.arm for span in spans)]
     totals = {name: sum(of_arm.get(name, 0.0) for of_arm in parts) for name in names}
+    noted = {name: sum(s.end_s - s.start_s for s in spans if s.name == name) for name in names}
+    parts_said = {name: _label(name, totals[name], noted[name]) for name in names}
     figure.legend(
-        handles=[Patch(color=colours[name], label=f"{name}, {totals[name]:.1f} s") for name in names],
+        handles=[Patch(color=colours[name], label=label) for name, label in parts_said.items()],
         loc="outside lower center",
-        ncols=min(6, len(names)),
-        title="in all, each moment of an arm counted once",
+        ncols=4 if max(map(len, parts_said.values())) > LONG else min(6, len(names)),
+        fontsize=8,
+        title="in all, each moment of an arm counted once; meanwhile: while something that began before went on",
         title_fontsize=8,
     )
+
+
+def _label(name: str, alone_s: float, noted_s: float) -> str:
+    """Return a part with its time, and how much of it overlapped with what had begun before."""
+    meanwhile = f" (+ {noted_s - alone_s:.1f} s meanwhile)" if noted_s - alone_s > OVERLAP * noted_s else ""
+    return f"{name}, {alone_s:.1f} s{meanwhile}"
 
 
 def _goal_of(span: Span, turns: list[Turn]) -> int:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from trocar.errors import TrocarError
-from trocar.extras import how_to_install
 from trocar.output import PICTURE, mark_of, writing
+from trocar.report.photographs import photographer_of
 from trocar.tasks.kit import TaskReport
 from trocar.trials.trial import Trial
 
@@ -21,7 +19,7 @@ SPEED = 4.0
 MAX_S = 15.0
 """A longer picture is cut: it is for looking at, not for study."""
 SCALE = 0.75
-"""Of 640 x 480 pixels."""
+"""Of 640 pixels from left to right."""
 QUALITY = 60
 
 
@@ -42,13 +40,7 @@ def draw_video(
     Raises:
         TrocarError: there is no simulator here, whose rays draw the pictures.
     """
-    path = Path(path)
-    if find_spec("mujoco") is None:
-        raise TrocarError(f"a video of a trial needs mujoco; {how_to_install('sim')}")
-    from trocar.sim.photograph import Photographer  # noqa: PLC0415 (an extra)
-
-    report = report or TaskReport()
-    photographer = Photographer(trial.replay(), report.view, report.colours, SCALE)
+    photographer = photographer_of(trial, report or TaskReport(), SCALE)
     times = np.arange(0.0, min(trial.duration_s, MAX_S * SPEED), SPEED / FRAMES_PER_S)
     frames = []
     for number, time_s in enumerate(times.tolist()):

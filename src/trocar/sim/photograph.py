@@ -10,15 +10,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.geometry import SE3, SO3
-from trocar.perception.image import Intrinsics
 from trocar.replay import Replay, Solid, Viewpoint
 from trocar.sim.camera import RayCamera
 from trocar.sim.elements import add, placed, text
+from trocar.sim.framing import framed
 from trocar.sim.sensor import Light
 from trocar.station import SensorFlaws
 
-WIDTH, HEIGHT, FOCAL = 640, 480, 1520.0
 AMBIENT = 0.42
 LAMP_M = (0.12, 0.0, 0.0)
 TABLE_RGB = (0.30, 0.33, 0.36)
@@ -26,6 +24,8 @@ BELOW_M = 2e-3
 """The table lies this much below the lowest solid that does not move."""
 FAR = 3.2
 """Without a view of the task's own the eye stands so many times as far away as the motion is wide."""
+ROOM_M = 0.02
+"""A picture of less than this on either side of its middle would show nothing but a tip."""
 
 
 class Photographer:
@@ -33,9 +33,10 @@ class Photographer:
 
     Args:
         replay: what is drawn.
-        view: from where; None: from where all that moves can be seen.
+        view: from where; None: from the front and above.
         colours: of bodies, in place of their own, by the beginning of their names.
-        scale: of the picture's 640 x 480 pixels.
+        scale: of the picture's 640 pixels from left to right.
+        frame_m: (n, 3) points in the world that fill the picture; None: what moves.
     """
 
     def __init__(
@@ -44,19 +45,18 @@ class Photographer:
         view: Viewpoint | None = None,
         colours: Mapping[str, tuple[float, float, float]] | None = None,
         scale: float = 1.0,
+        frame_m: NDArray[np.float64] | None = None,
     ):
-        view = view or overview(replay)
+        frame_m = handled(replay) if frame_m is None else frame_m
+        view = view or overview(frame_m)
         self._replay = replay
         self._model = mujoco.MjModel.from_xml_string(_mjcf(replay, colours or {}))
         self._data = mujoco.MjData(self._model)
         self._moving = [body for body, T in replay.T_world_body.items() if T.matrix.ndim == 3]
-        size = round(WIDTH * scale), round(HEIGHT * scale)
-        lens = Intrinsics(*size, FOCAL * scale, FOCAL * scale, (size[0] - 1) / 2, (size[1] - 1) / 2)
+        framing = framed(np.array(view.eye_m), frame_m, scale)
         light = Light(ambient=AMBIENT, gain=view.gain)
         flaws = replace(SensorFlaws.none(), shadow=True)
-        self._camera = RayCamera(
-            self._model, lens, look_at(np.array(view.eye_m), np.array(view.target_m)), LAMP_M, flaws, light
-        )
+        self._camera = RayCamera(self._model, framing.lens, framing.T_world_camera, LAMP_M, flaws, light)
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
         """Return a colour picture (height, width, 3) of what was at this time."""
@@ -69,24 +69,25 @@ class Photographer:
         return self._camera.render(self._data, np.random.default_rng(0)).color
 
 
-def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64]) -> SE3:
-    """Return ``T_world_camera`` (OpenCV axes) of a level camera at ``eye_m`` that looks at ``target_m``."""
-    z = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    return SE3.from_parts(SO3.unchecked(np.column_stack([x, np.cross(z, x), z])), eye_m)
-
-
-def overview(replay: Replay) -> Viewpoint:
-    """Return a viewpoint in front and above, so that the tips' paths fill the picture."""
+def handled(replay: Replay) -> NDArray[np.float64]:
+    """Return the places (n, 3) in the world of loose bodies and of tips that move; without any, of everything."""
+    bodies = replay.T_world_body
     paths = [tool.p_world_driven_m for tool in replay.tools.values()]
-    points = np.concatenate([*paths, [T.translation_m for T in replay.T_world_body.values() if T.matrix.ndim == 2]])
-    if paths:
-        points = np.concatenate(paths)
-    middle = (points.max(0) + points.min(0)) / 2
-    wide = max(0.06, float(np.linalg.norm(np.ptp(points, axis=0))))
-    eye = middle + FAR * wide * np.array([0.25, -0.8, 0.55])
-    return Viewpoint(tuple(eye.tolist()), tuple(middle.tolist()))  # type: ignore[arg-type]
+    moved = [path for path in paths if np.ptp(path, axis=0).max() > ROOM_M]
+    loose = [
+        T.translation_m for name, T in bodies.items() if T.matrix.ndim == 3 and not name.startswith((*replay.tools,))
+    ]
+    points = np.concatenate([*moved, *loose] or paths or [T.matrix[None, :3, 3] for T in bodies.values()])
+    middle = (points.max(axis=0) + points.min(axis=0)) / 2
+    return np.concatenate([points, middle + ROOM_M * np.array([[-1, -1, -1], [1, 1, 1]])])
+
+
+def overview(points_m: NDArray[np.float64]) -> Viewpoint:
+    """Return a viewpoint in front of places (n, 3) and above them."""
+    low, high = points_m.min(axis=0), points_m.max(axis=0)
+    wide = max(0.06, float(np.linalg.norm(high - low)))
+    eye = (low + high) / 2 + FAR * wide * np.array([0.25, -0.8, 0.55])
+    return Viewpoint(tuple(eye.tolist()))  # type: ignore[arg-type]
 
 
 def _mjcf(replay: Replay, colours: Mapping[str, tuple[float, float, float]]) -> str:

@@ -72,6 +72,17 @@ class KeptTrials(Sequence[Trial]):
             self._last = path, Trial.load(path)
         return self._last[1]
 
+    def only(self, path: Path) -> KeptTrials:
+        """Return one of the trials alone.
+
+        Raises:
+            TrocarError: its file cannot be used, or is of another run.
+        """
+        if path not in self.paths:
+            Trial.load(path)  # says what is wrong with it
+            raise TrocarError(f"{str(path)!r} is not a trial of this run; choose another with --session and --trial")
+        return KeptTrials((path,))
+
 
 def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     """Return the finished trials of a run's folder in order, and a sentence for each that cannot be used.
@@ -129,17 +140,26 @@ def load_trial(path: str | Path) -> Trial:
     return trial
 
 
+def asked(folder: str | Path) -> tuple[int, int] | None:
+    """Return for how many sessions, and trials in each, a run was asked; None where its record is lost."""
+    try:
+        found = json.loads((Path(folder) / RECORD).read_text())
+        return int(found["sessions"]), int(found["trials"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def still_to_do(folder: str | Path, done: int) -> list[str]:
     """Return a sentence where a run has fewer trials than it was asked for, so that nobody takes it for the whole."""
-    folder = Path(folder)
-    try:
-        found = json.loads((folder / RECORD).read_text())
-        asked = int(found["sessions"]) * int(found["trials"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return [f"{str(folder / RECORD)!r} cannot be read: nobody knows how many trials the run has"]
-    if done >= asked:
+    wanted = asked(folder)
+    if wanted is None:
+        return [f"{str(Path(folder) / RECORD)!r} cannot be read: nobody knows how many trials the run has"]
+    sessions, trials = wanted
+    if done >= sessions * trials:
         return []
-    return [f"{done} of the run's {counted(asked, 'trial')} are there; the command that began it does the others"]
+    return [
+        f"{done} of the run's {counted(sessions * trials, 'trial')} are there; the command that began it does the others"
+    ]
 
 
 def _place(about: dict[str, Any]) -> tuple[int, int]:

@@ -26,9 +26,12 @@ Notes = list[dict[str, Any]]
 
 NUMBER = (int, float)
 ABOUT = {
-    **dict.fromkeys(("task", "variant", "piece", "station", "method", "planner", "fingerprint"), str),
+    **dict.fromkeys(("task", "variant", "piece", "station", "station_digest", "method", "planner"), str),
+    **dict.fromkeys(("perception", "fingerprint"), str),
     **dict.fromkeys(("seed", "session", "index"), int),
-    **{"model": (str, type(None)), "arms": list, "flaws": dict, "versions": dict},
+    **dict.fromkeys(("model", "calibration", "prior"), (str, type(None))),
+    **dict.fromkeys(("new_session", "refit_offsets", "flawless_camera"), bool),
+    **{"arms": list, "options": dict, "difficulty": list, "plugins": list, "flaws": dict, "versions": dict},
 }
 """What every trial says of itself, and of which type it is."""
 SCORE = {"attempted": bool, "succeeded": bool, "failure": str, "reason": str, "start_s": NUMBER, "end_s": NUMBER}

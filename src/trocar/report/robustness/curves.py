@@ -48,5 +48,10 @@ def draw_curves(summaries: Sequence[Mapping[str, Any]], path: str | Path) -> Pat
         grid[1, 0].set_ylim(bottom=0.0)
         grid[0, 0].set_ylabel("goals reached, %")
         grid[1, 0].set_ylabel("collisions a trial")
-        figure.legend(loc="outside lower center", ncols=len(methods))
+        figure.legend(
+            loc="outside lower center",
+            ncols=len(methods),
+            title="shaded: 95 % interval over sessions",
+            title_fontsize=8,
+        )
     return path

@@ -13,7 +13,7 @@ from trocar.tasks.kit.method import (
     pick_perception,
 )
 from trocar.tasks.kit.task import Score, Task, check_budget, check_task, option, stopped, told
-from trocar.tasks.kit.task_report import PaperRow, TaskReport
+from trocar.tasks.kit.task_report import PaperCount, PaperRow, TaskReport, in_words
 
 __all__ = [
     "METHODS",
@@ -22,12 +22,14 @@ __all__ = [
     "ArmScript",
     "Brief",
     "Method",
+    "PaperCount",
     "PaperRow",
     "Score",
     "Task",
     "TaskReport",
     "check_budget",
     "check_task",
+    "in_words",
     "methods_of",
     "option",
     "perceptions_of",

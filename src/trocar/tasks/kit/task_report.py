@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.cell import Outcome
 from trocar.replay import Viewpoint
 
 if TYPE_CHECKING:
@@ -24,19 +28,38 @@ class PaperRow:
         mean_time_s: of one piece; None where it was not published.
         succeeded: pieces.
         attempted: pieces.
+        methods: of ours that do as this condition did.
     """
 
     who: str
     mean_time_s: float | None
     succeeded: int
     attempted: int
+    methods: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PaperCount:
+    """Our goals as a paper counts them, where that is not as we do.
+
+    Attributes:
+        how: it counts, in words.
+        succeeded: pieces.
+        attempted: pieces.
+        ci95: interval of the rate; it counts sessions.
+    """
+
+    how: str
+    succeeded: int
+    attempted: int
+    ci95: tuple[float, float]
 
 
 class TaskReport:
     """What a task adds to the report of its trials. By itself it adds nothing; a task overrides what it has."""
 
     view: Viewpoint | None = None
-    """Where the storyboard's pictures are taken from; None: from the front, so that all that moves is in it."""
+    """Where pictures of a trial are taken from; None: from the front and above."""
 
     colours: Mapping[str, tuple[float, float, float]] = {}
     """Colours of bodies in pictures for people, by the beginning of their names; where a sensor sees them otherwise."""
@@ -44,9 +67,35 @@ class TaskReport:
     parts: tuple[str, ...] = ("capture", "perception", "planning", "motion", "jaw", "settling")
     """Spans that the time of a piece is made of, in the order of the tables; what is left is ``other``."""
 
+    outcomes: type[Outcome] | None = None
+    """The task's outcomes, whose sentences explain its failures on the page; None: they go by their names alone."""
+
+    captions: Mapping[str, str] = {}
+    """A sentence for each of the task's own pictures, by the beginning of its file's name."""
+
+    def frame(self, trial: Trial) -> NDArray[np.float64] | None:
+        """Return points (n, 3) in the world that are to fill a picture's frame; None: the paths of the tips."""
+        del trial
+        return None
+
+    def goal(self, score: Mapping[str, Any]) -> str:
+        """Return what a goal was, besides its number: ``peg 1 to 7``; empty where there is no more to say."""
+        del score
+        return ""
+
+    def measured(self, score: Mapping[str, Any]) -> Mapping[str, float | None]:
+        """Return what was measured of one goal, by name and unit, for the table of goals."""
+        del score
+        return {}
+
+    def failed_s(self, trial: Trial, score: Mapping[str, Any]) -> float:
+        """Return the time of the picture that shows how a goal failed: its end, by default."""
+        del trial
+        return float(score["end_s"])
+
     def moments(self, trial: Trial) -> list[tuple[str, float]]:
         """Return (caption, time in s) of what is worth a picture in a trial: by default the end of every goal."""
-        how = [str(s["failure"]).lower().replace("_", " ") or "done" for s in trial.scores]
+        how = [in_words(s["failure"]) or "done" for s in trial.scores]
         ends = [(f"{trial.piece} {k + 1}: {how[k]}", float(s["end_s"])) for k, s in enumerate(trial.scores)]
         return [("start", 0.0), *ends, ("end", trial.duration_s)]
 
@@ -65,6 +114,11 @@ class TaskReport:
         del summary
         return ()
 
+    def paper_count(self, summary: Mapping[str, Any]) -> PaperCount | None:
+        """Return the run as the paper counts; None: it counts as we do."""
+        del summary
+        return None
+
     def tables(self, summary: Mapping[str, Any]) -> list[Table]:
         """Return tables of the task's own, to be printed."""
         del summary
@@ -74,3 +128,8 @@ class TaskReport:
         """Return sentences that a reader of the figures must know."""
         del trials
         return []
+
+
+def in_words(name: str) -> str:
+    """Return an outcome's name as it is read: ``NOT_GRASPED`` is "not grasped"."""
+    return name.lower().replace("_", " ")

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 from trocar.geometry import SE3
+from trocar.report import style
 from trocar.sutures import PRESETS
 from trocar.sutures.primitive import needle_poses
 from trocar.tasks.suture.report import SutureReport
@@ -97,10 +99,11 @@ def test_what_stopped_a_trial_and_what_is_modelled_is_said():
     assert "why" not in plain and any("no tissue mechanics" in sentence for sentence in plain)
 
 
-def test_the_first_suture_is_shown_step_by_step():
+def test_the_first_suture_is_shown_step_by_step_and_every_picture_bears_its_angle():
     moments = SutureReport().moments(made_up(failure="OFF_TARGET"))
-    assert [caption for caption, _ in moments][:5] == list(STEPS[:5])
-    assert moments[-1] == (f"suture 1 at {np.degrees(SUTURE.theta_rad):.0f} deg: off target", 6.0)
+    angle = f"{np.degrees(SUTURE.theta_rad):.0f} deg"
+    assert [caption for caption, _ in moments][:-1] == [f"{angle}: {step}" for step in STEPS[:4]]
+    assert moments[-1] == (f"suture 1, {angle}: off target", 5.0), "when the needle was driven last"
     assert [time_s for _, time_s in moments] == sorted(time_s for _, time_s in moments)
 
 
@@ -108,6 +111,21 @@ def test_limits_are_shown_in_degrees_and_millimetres():
     arm = PRESETS["default"].setup.arm
     assert limits_shown(arm, 4)[:2] == pytest.approx((-80.0, 80.0))
     assert limits_shown(arm, 2) == (0.0, pytest.approx(240.0), 1e3, "mm")
+
+
+def test_the_picture_of_the_joints_bears_the_figures_of_the_table(monkeypatch, tmp_path):
+    said = []
+    real = Axes.set_title
+    monkeypatch.setattr(Axes, "set_title", lambda self, text, **how: said.append(text) or real(self, text, **how))
+    monkeypatch.setattr(style, "write_figure", lambda path, *_, **__: path.touch())  # what is said, without drawing it
+    trial = made_up()
+    draw_joints(trial, tmp_path / "joints.png")
+    summary = driven_summary([trial])
+    table = SutureReport().tables(summary | {"method": "by hand"})[0]
+    rms, largest = (list(table.columns[k].cells) for k in (1, 2))
+    shown = [text for text in said if text.startswith("shaded: ")]
+    assert shown[0] == f"shaded: RMS {rms[0]}, largest {largest[0]} deg"
+    assert shown[2] == f"shaded: RMS {rms[5]}, largest {largest[5]} mm", "the insertion"
 
 
 @pytest.mark.parametrize("draw", [draw_joints, draw_needle])

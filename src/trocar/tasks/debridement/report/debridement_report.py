@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 
 from trocar.replay import Viewpoint
@@ -15,13 +17,19 @@ from trocar.tasks.debridement.report.figures import figures_of
 from trocar.tasks.debridement.report.published import PERSON, TABLE_1
 from trocar.tasks.debridement.report.row import row_of
 from trocar.tasks.debridement.report.table_one import table_one
-from trocar.tasks.kit import PaperRow, TaskReport, stopped
+from trocar.tasks.kit import PaperRow, TaskReport, in_words, stopped
 
 if TYPE_CHECKING:
     from trocar.trials.trial import Trial
 
+ROOM_M, ABOVE_M = 0.012, 0.035
+"""Round a fragment, and above it and the receptacle's floor, in a picture's frame."""
+
 MAX_FAILURES = 3
 """So many failures that a script noted get a picture."""
+
+APART_S = 0.5
+"""What is earlier than this looks like the start."""
 
 STEPS = {"closing": "jaws open round it", "pickup": "lifted, and looked at", "releasing": "over the receptacle"}
 """Events of the first grasp, in order, and what is seen then."""
@@ -41,16 +49,41 @@ ASSUMED = (
 class DebridementReport(TaskReport):
     """What a report of debridement shows besides the usual."""
 
-    view = Viewpoint((-0.0745, 0.36, 0.20), (-0.0745, -0.044, -0.146), 1.15)
+    view = Viewpoint((-0.0745, 0.36, 0.20), 1.15)
+    outcomes = FragmentOutcome
+    captions: Mapping[str, str] = {
+        "failures": "The nine failure modes, ours beside the paper's; bars are rates, whiskers 95 % intervals"
+    }
     parts = ("capture", "perception", "planning", "motion", "jaw", "settling", "waiting")
+
+    def frame(self, trial: Trial) -> NDArray[np.float64]:
+        """Return where fragments lay at first, and the receptacle with as much above it as arms need."""
+        walls = [solid for solid in trial.scenery.solids if solid.body == "receptacle"]
+        half = np.max([np.abs(w.T_body_solid.translation_m) + w.size_m for w in walls], axis=0)
+        middle = trial.scenery.T_world_body["receptacle"].translation_m
+        lay = [array[0, :3].astype(np.float64) for name, array in trial.arrays.items() if name.startswith("body_")]
+        places = [(middle, half), *((p, np.full(3, ROOM_M)) for p in lay)]
+        corners = np.stack(np.meshgrid((-1.0, 1.0), (-1.0, 1.0)), axis=-1).reshape(-1, 2)
+        return np.concatenate(
+            [
+                middle + np.column_stack([corners * half[:2], np.full(4, height)])
+                for middle, half in places
+                for height in (0.0, ABOVE_M)
+            ]
+        )
+
+    def measured(self, score: Mapping[str, Any]) -> Mapping[str, float | None]:
+        """Return how often jaws closed for it, and what was made good again."""
+        return {"attempts": score["attempts"], "recoveries": score["recoveries"]}
 
     def moments(self, trial: Trial) -> list[tuple[str, float]]:
         """Return the start, the first grasp step by step, each fragment that was cleared, failures, the end."""
-        found: list[tuple[str, float]] = [("start", 0.0), *_first_grasp(trial)]
+        grasp = _first_grasp(trial)
+        found = [("start", 0.0), *(moment for moment in grasp if moment[1] >= APART_S)]
         cleared = [score for score in trial.scores if score["succeeded"]]
         found += [(f"fragment {k} in the receptacle", score["end_s"]) for k, score in enumerate(cleared, start=1)]
         failed = [e for e in trial.events if e["name"] == "fragment" and e["outcome"] != FragmentOutcome.DONE.name]
-        found += [(f"{e['arm']}: {_words(e['outcome'])}", e["time_s"]) for e in failed[:MAX_FAILURES]]
+        found += [(f"{e['arm']}: {in_words(e['outcome'])}", e["time_s"]) for e in failed[:MAX_FAILURES]]
         end = (f"end: {len(cleared)} of {len(trial.scores)} cleared", trial.duration_s)
         return sorted([*found, end], key=lambda item: item[1])
 
@@ -67,7 +100,11 @@ class DebridementReport(TaskReport):
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
         """Return the column of Table I with as many arms, and that of the person; they cleared all (VI-A)."""
         columns = (TABLE_1[summary["variant"]], PERSON)
-        return [PaperRow(c.who, c.s_per_fragment, c.fragments, c.fragments) for c in columns]
+        ours = ((str(summary["method"]),), ())
+        return [
+            PaperRow(c.who, c.s_per_fragment, c.fragments, c.fragments, methods)
+            for c, methods in zip(columns, ours, strict=True)
+        ]
 
     def tables(self, summary: Mapping[str, Any]) -> list[Table]:
         """Return Table I."""
@@ -94,7 +131,3 @@ def _first_grasp(trial: Trial) -> list[tuple[str, float]]:
         since_s = event["time_s"]
         found.append((f"{arm}: {words}", since_s))
     return found
-
-
-def _words(name: str) -> str:
-    return name.lower().replace("_", " ")

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from trocar.output import write_json
-from trocar.report.page import listed, pictured, study_page
+from trocar.report.page.elements import captioned, table
+from trocar.report.page.study_page import study_page
 from trocar.report.tables import figure
 from trocar.tasks.debridement.report.debridement_report import ASSUMED
 from trocar.tasks.debridement.report.failures import draw_failures
@@ -92,9 +93,9 @@ def write_study(folder: Path, results: Sequence[Result], notes: Sequence[str]) -
     pictures = [draw_times(ours, folder / "times.png"), draw_failures(ours, folder / "failures.png")]
     parts = []
     for method, cells in by_method(summary["cells"]).items():
-        parts.append(f"<h2>Table I, {html.escape(method)}</h2>" + listed(head_of(list(cells)), lines_of(cells)))
+        parts.append(f"<h2>Table I, {html.escape(method)}</h2>" + table(head_of(list(cells)), lines_of(cells)))
     if summary["speedups"]:
-        parts.append("<h2>One arm against two</h2>" + listed(SPEED_HEAD, speed_lines(summary["speedups"])))
+        parts.append("<h2>One arm against two</h2>" + table(SPEED_HEAD, speed_lines(summary["speedups"])))
     sub = (
         f"Simulated, {summary['cleared']} of {summary['fragments']} fragments cleared in {summary['trials']} trials. "
         "The paper's columns (Kehoe et al. 2014, Table I) are as published."
@@ -103,7 +104,7 @@ def write_study(folder: Path, results: Sequence[Result], notes: Sequence[str]) -
         folder / "report.html",
         "Study: debridement",
         sub,
-        [*parts, *pictured(pictures, CAPTIONS)],
+        [*parts, *captioned(pictures, CAPTIONS)],
         [*left_behind(summary["cells"]), *NOTES, *notes],
         [cell["folder"] for cell in summary["cells"]],
     )

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.geometry import SE3
 from trocar.replay import Viewpoint
+from trocar.report.statistics import session_interval
 from trocar.report.turns import NEARLY_S, turns_of
-from trocar.tasks.kit import PaperRow, TaskReport
-from trocar.tasks.peg_transfer.goals import PegSet
+from trocar.tasks.kit import PaperCount, PaperRow, TaskReport, in_words
+from trocar.tasks.peg_transfer.goals import PegSet, TransferOutcome
 from trocar.tasks.peg_transfer.report.floor import floor_sentence, motion_floor_s
 from trocar.tasks.peg_transfer.report.paths import draw_paths
 
@@ -23,38 +26,63 @@ PAPER: dict[str, tuple[PaperRow, ...]] = {
     "unilateral": (
         PaperRow("volunteers", 12.3, 610, 636),
         PaperRow("surgeon", 4.7, 120, 120),
-        PaperRow("robot, uncalibrated", 5.6, 26, 75),
-        PaperRow("robot, calibrated", 5.7, 120, 120),
-        PaperRow("robot, calibrated and optimised", 5.2, 120, 120),
+        PaperRow("robot, uncalibrated", 5.6, 26, 75, ("uncalibrated",)),
+        PaperRow("robot, calibrated", 5.7, 120, 120, ("calibrated", "adaptive")),
+        PaperRow("robot, calibrated and optimised", 5.2, 120, 120, ("optimized", "best")),
     ),
     "bilateral": (
         PaperRow("volunteers", 10.9, 626, 642),
         PaperRow("surgeon", 4.8, 115, 118),
-        PaperRow("robot, uncalibrated", 3.6, 37, 68),
-        PaperRow("robot, calibrated", 3.5, 120, 120),
-        PaperRow("robot, calibrated and optimised", 3.0, 120, 120),
+        PaperRow("robot, uncalibrated", 3.6, 37, 68, ("uncalibrated",)),
+        PaperRow("robot, calibrated", 3.5, 120, 120, ("calibrated", "adaptive")),
+        PaperRow("robot, calibrated and optimised", 3.0, 120, 120, ("optimized", "best")),
     ),
     "handover": (
         PaperRow("volunteers", 15.5, 599, 632),
         PaperRow("surgeon", 7.9, 120, 120),
-        PaperRow("robot, uncalibrated", 6.3, 14, 79),
-        PaperRow("robot, calibrated", 6.1, 120, 120),
-        PaperRow("robot, calibrated and optimised", 6.0, 120, 120),
+        PaperRow("robot, uncalibrated", 6.3, 14, 79, ("uncalibrated",)),
+        PaperRow("robot, calibrated", 6.1, 120, 120, ("calibrated", "adaptive")),
+        PaperRow("robot, calibrated and optimised", 6.0, 120, 120, ("optimized", "best")),
     ),
 }
 """Hwang et al. 2022, Tables II to IV, by variant. Attempted there: transfers whose block was on its source, see
 ``available``."""
 
 MAX_FAILURES = 3
-"""Failed transfers that get a picture."""
+"""Failed transfers in the storyboard."""
+
+FRAME_M = ((-0.072, 0.072), (-0.054, 0.046), (-0.010, 0.046))
+"""What fills a picture, along x, y, z of the board: most of its plates, and blocks as high as they are carried."""
 
 
 class PegReport(TaskReport):
     """What a report of the peg transfer shows besides the usual."""
 
-    view = Viewpoint((0.13, -0.46, 0.33), (0.004, 0.0, 0.030))
+    view = Viewpoint((0.13, -0.46, 0.33))
     parts = ("capture", "perception", "planning", "motion", "jaw", "settling", "waiting")
     colours: Mapping[str, tuple[float, float, float]] = {"block": (0.86, 0.55, 0.13)}
+    outcomes = TransferOutcome
+    captions: Mapping[str, str] = {
+        "paths": "Path of the tool's tip over the board, from above and from the side; colours tell transfers apart"
+    }
+
+    def frame(self, trial: Trial) -> NDArray[np.float64]:
+        """Return the corners of what is above the board."""
+        corners = np.stack(np.meshgrid(*FRAME_M), axis=-1).reshape(-1, 3)
+        return SE3(trial.arrays["T_world_board"].astype(np.float64)).apply(corners)
+
+    def goal(self, score: Mapping[str, Any]) -> str:
+        """Return from where to where."""
+        return f"peg {score['source']} to {score['target']}"
+
+    def failed_s(self, trial: Trial, score: Mapping[str, Any]) -> float:
+        """Return when a block that was dropped fell fastest; of other failures the end."""
+        times = trial.times_s
+        rows = np.flatnonzero((times >= score["start_s"]) & (times <= score["end_s"]))
+        if score["failure"] != TransferOutcome.DROPPED.name or len(rows) < 2:
+            return super().failed_s(trial, score)
+        blocks = [array[rows, 2] for name, array in trial.arrays.items() if name.startswith("body_block")]
+        return float(times[rows[np.diff(blocks, axis=1).min(axis=0).argmin()]])
 
     def moments(self, trial: Trial) -> list[tuple[str, float]]:
         """Return the first transfer step by step, quarters of the trial, failures."""
@@ -65,7 +93,9 @@ class PegReport(TaskReport):
             if number % 3 == 0:
                 found.append((f"after {number} transfers", score["end_s"]))
         failed = [s for s in trial.scores if not s["succeeded"]][:MAX_FAILURES]
-        found += [(f"peg {s['source']} to {s['target']}: {_words(s['failure'])}", s["end_s"]) for s in failed]
+        found += [
+            (f"peg {s['source']} to {s['target']}: {in_words(s['failure'])}", self.failed_s(trial, s)) for s in failed
+        ]
         return sorted(found, key=lambda item: item[1])
 
     def pictures(self, folder: Path, trials: Sequence[Trial]) -> list[Path]:
@@ -83,23 +113,40 @@ class PegReport(TaskReport):
 
     def summary(self, trials: Sequence[Trial]) -> dict[str, Any]:
         """Return the paper's denominator, transfers whose block stood on its source; and what motion alone takes."""
-        available = sum(bool(s["available"]) for trial in trials for s in trial.scores)
-        return {"available": available, "motion_floor_s": motion_floor_s(trials)}
+        done, available = _by_session(trials)
+        return {
+            "available": sum(available),
+            "available_ci95": list(session_interval(done, available)),
+            "motion_floor_s": motion_floor_s(trials),
+        }
 
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
         """Return the variant's table of the paper: II, III or IV."""
         return PAPER.get(str(summary["variant"]), ())
 
+    def paper_count(self, summary: Mapping[str, Any]) -> PaperCount:
+        """Return the run counted from the transfers whose block stood on its source."""
+        low, high = summary["available_ci95"]
+        how = "of blocks that stood on their source, as the paper counts"
+        return PaperCount(how, summary["succeeded"], summary["available"], (low, high))
+
     def notes(self, trials: Sequence[Trial]) -> list[str]:
-        """Return what the paper counts, and how near to motion alone the time is."""
-        summary = self.summary(trials)
-        available = summary["available"]
-        done = sum(bool(s["succeeded"]) for trial in trials for s in trial.scores)
+        """Return how near to motion alone the time is, and what is coloured otherwise."""
         return [
-            f"counted as in the paper, from the transfers whose block stood on its source: {done} of {available}",
-            floor_sentence(summary["motion_floor_s"]),
+            floor_sentence(motion_floor_s(trials)),
             "blocks are amber in the pictures only; the camera sees them red",
         ]
+
+
+def _by_session(trials: Sequence[Trial]) -> tuple[list[int], list[int]]:
+    """Return how many transfers succeeded, and of how many the block stood on its source, in each session."""
+    done: Counter[int] = Counter()
+    available: Counter[int] = Counter()
+    for trial in trials:
+        done[trial.about["session"]] += sum(bool(s["succeeded"]) for s in trial.scores)
+        available[trial.about["session"]] += sum(bool(s["available"]) for s in trial.scores)
+    sessions = sorted(done)
+    return [done[s] for s in sessions], [available[s] for s in sessions]
 
 
 def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
@@ -140,7 +187,3 @@ def _transfer_at(trial: Trial, arm: str) -> np.ndarray:
         if turn.arm in (None, arm):
             index[(trial.times_s >= turn.start_s - NEARLY_S) & (trial.times_s < turn.end_s - NEARLY_S)] = turn.goal
     return index
-
-
-def _words(name: str) -> str:
-    return name.lower().replace("_", " ")

@@ -19,6 +19,8 @@ from trocar.trials.trial import Trial, trial_file
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
 PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}
+LEAST_OF_BOX = 5
+"""So many trials make a box."""
 THINNED = 5
 """Every so manyth sample of a path is drawn."""
 
@@ -116,8 +118,16 @@ def _boxes(
     methods: Sequence[str],
     value: Callable[[Row], float],
 ) -> None:
-    """Draw a box of each cell's trials: quartiles, whiskers to 1.5 quartile ranges, what lies beyond as points."""
+    """Draw a box of each cell's trials: quartiles, whiskers to 1.5 quartile ranges, what lies beyond as points.
+
+    Of fewer than ``LEAST_OF_BOX`` trials each is a point: a box would make quartiles of nothing.
+    """
     for result in results:
+        colour = COLOURS[methods.index(result.cell.method) % len(COLOURS)]
+        if len(result.rows) < LEAST_OF_BOX:
+            at = np.full(len(result.rows), _place(result, variants, methods))
+            axes.plot(at, [value(row) for row in result.rows], "o", color=colour, markersize=4)
+            continue
         drawn = axes.boxplot(
             [[value(row) for row in result.rows]],
             positions=[_place(result, variants, methods)],
@@ -127,7 +137,7 @@ def _boxes(
             flierprops={"markersize": 2},
             medianprops={"color": style.INK},
         )
-        drawn["boxes"][0].set_facecolor(COLOURS[methods.index(result.cell.method) % len(COLOURS)])
+        drawn["boxes"][0].set_facecolor(colour)
     axes.set_ylim(bottom=0.0)
     _named(axes, variants)
 

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from trocar.report.page import listed, pictured, study_page
+from trocar.report.page.elements import captioned, table
+from trocar.report.page.study_page import study_page
 from trocar.tasks.peg_transfer.study.hypotheses import NOTES, Finding
 from trocar.tasks.peg_transfer.study.published import TABLES
 from trocar.tasks.peg_transfer.study.tables import HEAD, HYPOTHESIS_HEAD, cell_rows, hypothesis_rows
@@ -35,8 +36,8 @@ def write_page(
     parts = []
     for variant in dict.fromkeys(cell["variant"] for cell in cells):
         parts.append(f"<h2>{TABLES.get(variant, '')} {html.escape(variant)}</h2>")
-        parts.append(listed(HEAD, cell_rows(variant, cells)))
-    parts.append("<h2>H1 to H4</h2>" + listed(HYPOTHESIS_HEAD, hypothesis_rows(found)))
+        parts.append(table(HEAD, cell_rows(variant, cells)))
+    parts.append("<h2>H1 to H4</h2>" + table(HYPOTHESIS_HEAD, hypothesis_rows(found)))
     sub = (
         f"Simulated, {summary['transfers']} transfers in {summary['trials']} trials. The paper's rows (Hwang et al. "
         "2022) are as published."
@@ -45,7 +46,7 @@ def write_page(
         path,
         "Study: peg transfer",
         sub,
-        [*parts, *pictured(pictures, CAPTIONS)],
+        [*parts, *captioned(pictures, CAPTIONS)],
         [*NOTES, *notes],
         [cell["folder"] for cell in cells],
     )

@@ -66,11 +66,11 @@ def driven_summary(trials: Sequence[Trial]) -> dict[str, Any]:
     return {
         "sutures": [{"theta_deg": s["theta_deg"], "direction": s["direction"]} for s in trials[0].scores],
         "joint_error_deg": {
-            joint.name: _rms_max(np.degrees(errors[:, index]))
+            joint.name: rms_max(np.degrees(errors[:, index]))
             for index, joint in enumerate(setup.arm.joints)
             if not joint.prismatic
         },
-        "insertion_error_mm": _rms_max(1e3 * errors[:, 2]),
+        "insertion_error_mm": rms_max(1e3 * errors[:, 2]),
         "tip_error_mm": {
             "rms": _of(scores, "tip_rms_m", lambda v: float(np.sqrt(np.mean(v**2)))),
             "max": _of(scores, "tip_max_m", np.max),
@@ -88,7 +88,8 @@ def limits_shown(arm: ArmModel, index: int) -> tuple[float, float, float, str]:
     return scale * joint.lower, scale * joint.upper, scale, unit
 
 
-def _rms_max(errors: NDArray[np.float64]) -> dict[str, float | None]:
+def rms_max(errors: NDArray[np.float64]) -> dict[str, float | None]:
+    """Return root mean square and largest size of errors; None of none."""
     if not len(errors):
         return {"rms": None, "max": None}
     return {"rms": float(np.sqrt(np.mean(errors**2))), "max": float(np.abs(errors).max())}

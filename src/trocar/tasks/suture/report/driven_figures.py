@@ -10,7 +10,17 @@ from matplotlib.axes import Axes
 
 from trocar.geometry import SE3, TURN
 from trocar.report import style
-from trocar.tasks.suture.report.driven import arm_of, limits_shown, setup_of, steps_of, suture_of
+from trocar.report.tables import figure as figures
+from trocar.tasks.kit import in_words
+from trocar.tasks.suture.report.driven import (
+    arm_of,
+    joint_errors,
+    limits_shown,
+    rms_max,
+    setup_of,
+    steps_of,
+    suture_of,
+)
 from trocar.trials.trial import Trial
 
 NEAR = 0.15
@@ -30,6 +40,7 @@ def draw_joints(trial: Trial, path: Path, title: str = "Joints driven and planne
     spans = [(number, *step) for number in range(len(trial.scores)) for step in steps_of(trial, number)]
     first, last = min((s[2] for s in spans), default=0.0), max((s[3] for s in spans), default=float(times[-1]))
     shown = (times >= first) & (times <= last)
+    while_driven = joint_errors(trial)
     with style.figure(10.0, 9.0, path) as figure:
         grid = figure.subplots(6, 2, sharex=True, width_ratios=[2, 1])
         for index, joint in enumerate(arm.joints):
@@ -46,11 +57,13 @@ def draw_joints(trial: Trial, path: Path, title: str = "Joints driven and planne
             error = scale * (q - asked)[shown, index]  # of the axes' time alone: what comes before is larger
             right.plot(times[shown], error, color=style.PURPLE, linewidth=0.7)
             right.axhline(0.0, color=style.QUIET, linewidth=0.6)
-            right.set_ylabel(f"error {error_unit}")
+            right.set_ylabel(f"driven less\nplanned {error_unit}")
+            of_joint = rms_max(scale * while_driven[:, index])
+            said = f"shaded: RMS {figures(of_joint['rms'])}, largest {figures(of_joint['max'])} {error_unit}"
+            right.set_title(said, loc="right", fontsize=8, fontweight="normal")
             for axes in (left, right):
                 _shade(axes, spans)
         grid[0, 0].set_title(title)
-        grid[0, 1].set_title("driven less planned")
         grid[0, 0].legend(loc="upper right", ncols=2)
         grid[-1, 0].set_xlabel("time, s; shaded: the primitive")
         grid[-1, 1].set_xlabel("time, s")
@@ -107,15 +120,15 @@ def draw_needle(trial: Trial, path: Path, title: str = "Path of the needle's tip
             side.axhline(0.0, color=style.QUIET, linewidth=0.8)
             side.set_aspect("equal", adjustable="datalim")
             side.set_ylabel("height, mm")
-            how = score["failure"].lower().replace("_", " ") or "in and out within 1 mm"
-            side.set_title(f"suture {number + 1}: {how}", fontsize=9)
+            how = in_words(score["failure"]) or "in and out within 1 mm"
+            side.set_title(f"suture {number + 1}, {score['theta_deg']:.0f} deg: {how}", fontsize=9)
             if number == count - 1:
                 side.set_xlabel("along the suture from its entry, mm")
-            off = 1.16 * radius
+            off = 1.28 * radius
             above.text(
                 off * np.cos(suture.theta_rad),
                 off * np.sin(suture.theta_rad),
-                str(number + 1),
+                f"{number + 1}\n{score['theta_deg']:.0f} deg",
                 ha="center",
                 va="center",
                 fontweight="bold",
@@ -123,7 +136,7 @@ def draw_needle(trial: Trial, path: Path, title: str = "Path of the needle's tip
         above.plot([], [], color=style.ORANGE, linewidth=3.0, label="planned")
         above.plot([], [], color=style.BLUE, linewidth=1.0, label="driven")
         above.legend(loc="center")
-        above.update_datalim([(-1.3 * radius, -1.3 * radius), (1.3 * radius, 1.3 * radius)])
+        above.update_datalim([(-1.4 * radius, -1.4 * radius), (1.4 * radius, 1.4 * radius)])
         above.autoscale_view()
         above.set_aspect("equal", adjustable="datalim")
         above.set_xlabel("x of the circle, mm")

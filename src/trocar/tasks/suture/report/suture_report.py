@@ -6,35 +6,85 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 
+from trocar.geometry import SE3, TURN
 from trocar.replay import Viewpoint
 from trocar.report.tables import figure
-from trocar.tasks.kit import TaskReport, stopped
-from trocar.tasks.suture.report.driven import driven_summary, steps_of
+from trocar.tasks.kit import TaskReport, in_words, stopped
+from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.report.driven import driven_summary, setup_of, steps_of
 from trocar.tasks.suture.report.driven_figures import draw_joints, draw_needle
 
 if TYPE_CHECKING:
     from trocar.trials.trial import Trial
 
-UNSHOWN = ("lower", "withdraw")
+UNSHOWN = ("lower", "withdraw", "rise")
 """Steps of a suture without a picture."""
+
+APART_S = 0.5
+"""A step that ends so shortly before the first suture does looks the same."""
+
+REACH, RISE_M = 1.25, 0.018
+"""A picture's frame: so many radii of the circle, and as high over the phantom as a needle stands in the jaws."""
 
 
 class SutureReport(TaskReport):
     """What a report of driven sutures shows besides the usual."""
 
-    view = Viewpoint((0.12, 0.23, 0.17), (-0.002, 0.0, 0.008), 0.37)
+    view = Viewpoint((0.12, 0.23, 0.17), 0.37)
     colours: Mapping[str, tuple[float, float, float]] = {"needle": (0.05, 0.25, 0.85)}
     parts = ("planning", "loading", "motion", "jaw", "settling")
+    outcomes = SutureOutcome
+    captions: Mapping[str, str] = {
+        "joints": "Each joint over time, driven and as planned; on the right driven less planned. Shaded: the needle's "
+        "primitive, of which RMS and largest error are",
+        "needle": "The needle's tip beside its planned path, from above, and along and below the surface",
+    }
+
+    def frame(self, trial: Trial) -> NDArray[np.float64]:
+        """Return the circle and, over it, where a needle stands in the jaws."""
+        angle = np.linspace(0.0, TURN, 24, endpoint=False)
+        ring = REACH * setup_of(trial).circle.radius_m * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+        T_world_circle = SE3(trial.arrays["T_world_circle"].astype(np.float64))
+        return T_world_circle.apply(np.concatenate([ring, ring + [0.0, 0.0, RISE_M]]))
+
+    def goal(self, score: Mapping[str, Any]) -> str:
+        """Return where on the circle, and which way round."""
+        way = "clockwise" if score["direction"] > 0 else "counterclockwise"
+        return f"at {score['theta_deg']:.0f} deg, {way}"
+
+    def measured(self, score: Mapping[str, Any]) -> Mapping[str, float | None]:
+        """Return by how much the needle was off."""
+        found = {
+            "entry off, mm": score["entry_error_m"],
+            "exit off, mm": score["exit_error_m"],
+            "tip off its path, RMS mm": score["tip_rms_m"],
+            "slip, mm": score["slip_m"],
+        }
+        return {name: None if value is None else 1e3 * value for name, value in found.items()}
+
+    def failed_s(self, trial: Trial, score: Mapping[str, Any]) -> float:
+        """Return when the needle was driven last; of one that never was, the end."""
+        del trial
+        return float(score["driven_s"][1] if score["driven_s"] else score["end_s"])
 
     def moments(self, trial: Trial) -> list[tuple[str, float]]:
-        """Return the end of each step of the first suture, then of each suture."""
-        found = [(name, end_s) for name, _, end_s in steps_of(trial, 0) if name not in UNSHOWN]
+        """Return the end of each step of the first suture, then the last time that each needle was driven."""
+        if not trial.scores:
+            return super().moments(trial)
+        first = trial.scores[0]
+        until_s = self.failed_s(trial, first) - APART_S
+        found = [
+            (f"{first['theta_deg']:.0f} deg: {name}", end_s)
+            for name, _, end_s in steps_of(trial, 0)
+            if name not in UNSHOWN and end_s < until_s
+        ]
         for number, score in enumerate(trial.scores, start=1):
-            how = score["failure"].lower().replace("_", " ") or "driven"
-            if number > 1 or score["failure"]:
-                found.append((f"suture {number} at {score['theta_deg']:.0f} deg: {how}", score["end_s"]))
+            how = in_words(score["failure"]) or "driven"
+            found.append((f"suture {number}, {score['theta_deg']:.0f} deg: {how}", self.failed_s(trial, score)))
         return sorted(found, key=lambda item: item[1])
 
     def pictures(self, folder: Path, trials: Sequence[Trial]) -> list[Path]:

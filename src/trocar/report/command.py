@@ -1,0 +1,76 @@
+"""The command that makes a run again."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+from trocar.station.difficulty import DEFAULT
+from trocar.station.toml import built_in_stations, station_digest
+from trocar.tasks import TASKS
+from trocar.tasks.kit import pick_method
+
+FILE = "FILE"
+"""Stands for a path: a run keeps what its files said, and not where they lay."""
+
+
+def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
+    """Return the line that runs the same trials again, with ``FILE`` for each file that was given.
+
+    Args:
+        about: of a trial: what tells its run from others.
+        sessions: of the run.
+        trials: of the run, in each session.
+    """
+    task = TASKS[about["task"]] if about["task"] in TASKS else None  # noqa: SIM401 (a registry has no get)
+    words: list[str] = ["trocar", "run", about["task"]]
+    words += ["--plugin", FILE] * len(about["plugins"])
+    words += _options(task, about["options"])
+    words += ["--method", about["method"]]
+    if about["model"] and about["model"] != "play":
+        words += ["--model", about["model"]]
+    if about["calibration"]:
+        words += ["--calibration", about["calibration"]]
+    if about["prior"] not in (None, "none"):
+        words += ["--prior", about["prior"] if about["prior"] == "fleet" else FILE]
+    usual = pick_method(task, about["method"]) if task is not None else None
+    for name in ("planner", "perception"):
+        if about[name] and (usual is None or about[name] != getattr(usual, name)):
+            words += [f"--{name}", about[name]]
+    words += _station(task, about)
+    level, *named = map(str, about["difficulty"] or [DEFAULT])
+    words += ["--difficulty", level] if level != DEFAULT else []
+    for flaw in named:
+        words += ["--flaw", flaw]
+    words += [
+        f"--{name.replace('_', '-')}" for name in ("new_session", "refit_offsets", "flawless_camera") if about[name]
+    ]
+    words += ["--sessions", str(sessions), "--trials", str(trials), "--seed", str(about["seed"])]
+    return shlex.join(words)
+
+
+def _options(task: Any, given: Mapping[str, Any]) -> list[str]:
+    """Return the task's own options that are not as they usually are; of a task that is unknown here, all."""
+    usual = task().options() if task is not None else {}
+    flags = {f.name: f.metadata.get("flag") or f.name for f in fields(task)} if task is not None else {}
+    words: list[str] = []
+    for name, value in given.items():
+        if value is None or (name in usual and usual[name] == value):
+            continue
+        flag = f"--{flags.get(name, name).replace('_', '-')}"
+        if isinstance(value, bool):
+            words.append(flag if value else f"--no-{flag[2:]}")
+        else:
+            words += [flag, FILE if isinstance(value, dict | list) else str(value)]
+    return words
+
+
+def _station(task: Any, about: Mapping[str, Any]) -> list[str]:
+    """Return the option of the station, where it is not the task's usual one."""
+    name, digest = about["station"], about["station_digest"]
+    built_in = name in built_in_stations() and digest == station_digest(name)
+    if built_in and task is not None and name == task.station:
+        return []
+    return ["--station", name if built_in else FILE]

@@ -1,0 +1,1 @@
+"""Pages for a browser: of a run, of a study. Each holds its pictures in itself; nothing is asked of a network."""

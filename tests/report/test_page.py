@@ -1,0 +1,108 @@
+"""The page of a run: what one would hand to a colleague."""
+
+from dataclasses import replace
+
+import pytest
+
+from pages import assert_fit_to_show
+from synthetic import config, synthetic_trial, unmarked
+from trocar.report import files
+from trocar.report.files import write_report
+from trocar.trials import load_trials, open_folder, trial_file
+
+RUN = config(seed=3, sessions=2)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run's folder, its page and its summary: two trials, in the second of which three transfers failed."""
+    folder = tmp_path_factory.mktemp("run")
+    open_folder(RUN, folder)
+    failures = {1: "DROPPED", 4: "NOT_GRASPED", 5: "NOT_GRASPED"}
+    for session, failed in enumerate(({}, failures)):
+        trial = synthetic_trial(RUN, failures=failed, session=session)
+        path = trial_file(folder, session, 0)
+        path.parent.mkdir(exist_ok=True)
+        trial.save(path)
+    most, files.MOST = files.MOST, 2
+    try:
+        write_report(folder, *load_trials(folder))
+    finally:
+        files.MOST = most
+    return folder, assert_fit_to_show(folder / "report.html"), unmarked(folder / "summary.json")
+
+
+def test_the_headline_has_the_summary_s_figures(run):
+    _, page, summary = run
+    low, high = summary["success_ci95"]
+    for figure in (
+        f"{summary['succeeded']} of {summary['attempted']}",
+        f"{100 * summary['success_rate']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} %; it counts 2",
+        f"{summary['mean_time_s']:.2f} s",
+        f"{summary['completion_time_s']['mean']:.1f} ± {summary['completion_time_s']['sd']:.1f} (SD) s",
+        f"{summary['collisions_per_trial']:.2f}",
+        f"{summary['complete_trials']} of {summary['trials']}",
+    ):
+        assert figure in page.text, figure
+
+
+def test_it_has_a_heading_for_all_that_a_reader_looks_for(run):
+    _, page, _ = run
+    assert [text for level, text in page.headings if level == 2] == [
+        "Beside the paper",
+        "Transfers",
+        "Failures",
+        "Replay",
+        "Pictures",
+        "Time",
+        "What was assumed",
+        "How to run it again",
+    ]
+
+
+def test_the_paper_s_row_of_the_same_method_comes_first_and_ours_is_counted_its_way_too(run):
+    _, page, summary = run
+    ours, same = page.text.index("trocar, calibrated (play)"), page.text.index("as the paper counts")
+    rows = [page.text.index(f"paper: {who}") for who in ("robot, calibrated ", "volunteers", "surgeon")]
+    assert [ours, same, *rows] == sorted([ours, same, *rows])
+    assert f"{summary['succeeded']} of {summary['available']}" in page.text[same : rows[0]]
+
+
+def test_every_failure_is_named_and_those_of_any_trial_have_pictures_of_all_kinds_first(run):
+    folder, page, _ = run
+    shown = [image for image in page.images if image["title"].startswith("session_")]
+    assert [image["title"] for image in shown] == [
+        "session_01_trial_000_goal_02.png",
+        "session_01_trial_000_goal_05.png",
+    ]
+    assert all((folder / "failed" / image["title"]).stat().st_size > 1000 for image in shown)
+    assert "transfer 2 (peg" in shown[0]["alt"] and "dropped" in shown[0]["alt"]
+    assert "not grasped 2" in page.text.replace("  ", " ") and "the block left the jaws before its target" in page.text
+    assert "1 more failure without a picture here: session 1, trial 0, transfer 6 (peg" in page.text
+
+
+def test_each_goal_and_each_trial_has_a_row(run):
+    _, page, _ = run
+    assert "Each transfer, of 2 trials" in page.text and "2 peg 0 to 6 1 of 2" in page.text
+    assert "1, 0 9 of 12 60.0 1" in page.text
+
+
+def test_it_says_what_was_assumed_and_how_to_run_it_again(run):
+    _, page, summary = run
+    assert "Difficulty: mild. The laboratory errs less than recordings" in page.text
+    for what, how in summary["flaws"].items():
+        assert all(part in page.text for part in what.split(": ", 1)) and how in page.text
+    assert "trocar run peg-transfer --method calibrated --calibration joints --difficulty mild" in page.text
+    assert "--sessions 2 --trials 1 --seed 3" in page.text
+    for name, number in summary["versions"].items():
+        assert f"{name} {number}" in page.text
+
+
+def test_without_a_simulator_or_failures_the_page_is_still_whole(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "can_photograph", lambda: False)
+    monkeypatch.setattr(files, "find_spec", lambda module: None)
+    trial = replace(synthetic_trial(RUN), spans=[])
+    write_report(tmp_path, [trial], ["left aside: <b> is of another run"])
+    page = assert_fit_to_show(tmp_path / "report.html")
+    assert "every transfer that was attempted succeeded" in page.text and "left aside: <b> is of" in page.text
+    assert not page.images and "Replay" not in [text for _, text in page.headings]
