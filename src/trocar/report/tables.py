@@ -12,18 +12,18 @@ from trocar.report.statistics import wilson_interval
 from trocar.tasks.kit import PaperCount, PaperRow
 
 
-def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), counted: PaperCount | None = None) -> Table:
+def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), theirs: PaperCount | None = None) -> Table:
     """Return the table of a run, with published rows under it, first those of its own method.
 
     Args:
         summary: keys as in ``summary.json``.
         paper: rows of a paper; their intervals take every attempt as independent, for nothing else was published.
-        counted: ours as the paper counts, where it counts otherwise.
+        theirs: ours as the paper counts, where it counts otherwise.
     """
     how_many = f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')}"
     title = ", ".join(text for text in (summary["task"], summary["variant"], how_many, "simulated") if text)
-    theirs = "; the paper's count attempts" if paper else ""
-    table = Table(title=title, caption=f"intervals of our rows count sessions{theirs}")
+    apart = "; the paper's count attempts" if paper else ""
+    table = Table(title=title, caption=f"intervals of our rows count sessions{apart}")
     table.add_column("who")
     for column in (summary["piece"] + "s", "success", "95 % interval", "mean time s"):
         table.add_column(column, justify="right")
@@ -34,8 +34,8 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), counte
         figure(summary["mean_time_s"]),
         style="bold",
     )
-    if counted is not None:
-        table.add_row(f"the same, {counted.how}", *_successes(counted.succeeded, counted.attempted, counted.ci95), "")
+    if theirs is not None:
+        table.add_row(f"the same, {theirs.how}", *_successes(theirs.succeeded, theirs.attempted, theirs.ci95), "")
     if paper:
         table.add_section()
     for row in sorted(paper, key=lambda row: summary["method"] not in row.methods):

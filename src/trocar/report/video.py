@@ -40,6 +40,7 @@ def draw_video(
     Raises:
         TrocarError: there is no simulator here, whose rays draw the pictures.
     """
+    path = Path(path)
     photographer = photographer_of(trial, report or TaskReport(), SCALE)
     times = np.arange(0.0, min(trial.duration_s, MAX_S * SPEED), SPEED / FRAMES_PER_S)
     frames = []

@@ -151,10 +151,10 @@ def asked(folder: str | Path) -> tuple[int, int] | None:
 
 def still_to_do(folder: str | Path, done: int) -> list[str]:
     """Return a sentence where a run has fewer trials than it was asked for, so that nobody takes it for the whole."""
-    wanted = asked(folder)
-    if wanted is None:
+    record = asked(folder)
+    if record is None:
         return [f"{str(Path(folder) / RECORD)!r} cannot be read: nobody knows how many trials the run has"]
-    sessions, trials = wanted
+    sessions, trials = record
     if done >= sessions * trials:
         return []
     return [

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
@@ -238,7 +238,7 @@ def _along_rays(
     count = 2 + int(arc.radius_m * arc.arc_rad / WIRE_SPACING_M)
     wire = T_camera_needle.apply(arc.point_m(np.linspace(0.0, arc.arc_rad, count)))
     farthest = (near_m + 0.5 * arc.wire_m) / wire[:, 2].min()
-    apart, place = cKDTree(wire[:, :2] / wire[:, 2:]).query(rays[:, :2], distance_upper_bound=farthest)
+    apart, place = KDTree(wire[:, :2] / wire[:, 2:]).query(rays[:, :2], distance_upper_bound=farthest)
     depth = wire[np.minimum(place, count - 1), 2]
     return depth, depth * apart - 0.5 * arc.wire_m
 

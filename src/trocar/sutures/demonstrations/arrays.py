@@ -49,7 +49,7 @@ def pick_columns(values: NDArray[np.float64], convention: Convention, where: str
 
 
 def _load(path: str | Path) -> NDArray:
-    require_short_list(path)
+    require_short_list(Path(path))
     try:
         content: Any = np.load(path, allow_pickle=False)
         if not isinstance(content, np.lib.npyio.NpzFile):
