@@ -1,8 +1,15 @@
+from itertools import combinations
+from pathlib import Path
+
 import pytest
 
-from trocar.cli.out_folder import check_out_folder
+from trocar.cli.out_folder import LONGEST_NAME, check_out_folder, default_folder, differing
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, write_json
+from trocar.station import station_text
+from trocar.tasks.peg_transfer.study.command import peg_transfer
+from trocar.tasks.peg_transfer.task import PegTransfer
+from trocar.trials.config import RunConfig
 
 FILES = {"plan.json": "plan"}
 
@@ -34,3 +41,68 @@ def test_a_file_a_path_below_one_and_folders_in_the_way_are_refused(tmp_path):
     ):
         with pytest.raises(TrocarError, match=words):
             check_out_folder(out, {**FILES, "plan.png": PICTURE})
+
+
+OWN_PLANNER = str(Path(__file__).parents[2] / "examples" / "own_planner.py")
+CHANGES = [
+    {"method": "best"},
+    {"method": "uncalibrated"},
+    {"model": "lstm"},
+    {"calibration": "joints"},
+    {"prior": "fleet"},
+    {"planner": "optimal"},
+    {"seed": 7},
+    {"new_session": True},
+    {"new_session": True, "refit_offsets": True},
+    {"flawless_camera": True},
+    {"difficulty": "mild"},
+    {"flaws": ("jaw=1deg",)},
+    {"flaws": ("jaw=1deg", "tool=.1mm")},
+    {"plugins": (OWN_PLANNER,)},
+    {"task": PegTransfer(variant="handover")},
+    {"task": PegTransfer(transfers=3)},
+    {"task": PegTransfer(budget_s=90.0)},
+]
+
+
+def folder_of(**changes):
+    config = RunConfig(**{"task": PegTransfer(), **changes})
+    return default_folder(f"{config.task.name}-{config.method}-{config.seed}", config.unusual), config.fingerprint
+
+
+def test_runs_that_differ_have_different_default_folders_and_the_usual_one_has_a_short_name(tmp_path):
+    stations = []
+    for lab in ("one", "another"):
+        stations.append(tmp_path / lab / "mine.toml")
+        stations[-1].parent.mkdir()
+        stations[-1].write_text(station_text("peg-transfer") + f"# {lab}\n")
+    usual = folder_of()
+    assert usual[0] == Path("out/peg-transfer-calibrated-0")
+    made = [usual, *(folder_of(**change) for change in [*CHANGES, *({"station": str(path)} for path in stations)])]
+    assert len({fingerprint for _, fingerprint in made}) == len(made), "the changes are changes"
+    for (one, _), (other, _) in combinations(made, 2):
+        assert one != other
+
+
+def test_what_is_said_and_usual_anyway_changes_no_default_folder():
+    same = {"planner": "spline", "perception": "depth", "calibration": "images", "station": "peg-transfer"}
+    assert folder_of(**same) == folder_of()
+    assert folder_of(method="uncalibrated", model="lstm") == folder_of(method="uncalibrated")
+
+
+def test_a_default_folder_is_named_as_the_command_line_says_it():
+    folder, _ = folder_of(task=PegTransfer(variant="bilateral"), method="best", calibration="joints", seed=91)
+    assert folder == Path("out/peg-transfer-best-91-calibration-joints-variant-bilateral")
+
+
+def test_a_default_folder_has_a_name_that_every_disk_takes(tmp_path):
+    strange = {"flaw": [f"jaw={n}/{n} deg" for n in range(90)], "plan": {"places": list(range(900))}, "x": tmp_path}
+    name = default_folder("run-1", strange).name
+    assert len(name) <= LONGEST_NAME + 9
+    assert not set(name) & set("/ :*")
+    assert name != default_folder("run-1", strange | {"x": tmp_path / "other"}).name
+
+
+def test_a_study_counts_what_differs_from_its_commands_defaults():
+    given = {"difficulty": "mild", "station": "", "transfers": 12, "flaw": None}
+    assert differing(peg_transfer, given) == {"difficulty": "mild"}

@@ -13,6 +13,7 @@ from rich.progress import Progress
 
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
 from trocar.cli.extras import need
+from trocar.cli.out_folder import default_folder
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import COLUMNS
 from trocar.cli.task_group import TaskGroup
@@ -57,7 +58,8 @@ def run(
     trials: Annotated[int, typer.Option(help="How many trials in each session.")] = 1,
     seed: Annotated[int, typer.Option(help="Of everything random; the same seed gives the same trials.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED.")
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED-OPTIONS."),
     ] = None,
     new_session: Annotated[
         bool, typer.Option("--new-session", help="Mount the instruments again between calibration and trials.")
@@ -100,7 +102,7 @@ def run(
     )
     if config.chosen_method.calibrated and model == "lstm":
         need("learn", "jax", "equinox", "optax")
-    folder = out or Path("out") / f"{task.name}-{config.method}-{seed}"
+    folder = out or default_folder(f"{task.name}-{config.method}-{seed}", config.unusual)
     todo = open_folder(config, folder)
     console = Console(stderr=True)
     interrupted = False

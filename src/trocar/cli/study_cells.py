@@ -22,7 +22,9 @@ Sessions = Annotated[int, typer.Option(help="How many days are drawn; the same o
 Trials = Annotated[int, typer.Option(help="How many trials in each session.")]
 StationName = Annotated[str, typer.Option(help="Name of a station, or a TOML file.", show_default="the task's")]
 Seed = Annotated[int, typer.Option(help="Of everything random.")]
-Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/study-TASK-SEED.")]
+Out = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/study-TASK-SEED-OPTIONS.")
+]
 Jobs = Annotated[int | None, typer.Option(help="How many trials at once.", show_default="one a core")]
 Backend = Annotated[str, typer.Option(help="Where the work is done: processes, dask.")]
 Scheduler = Annotated[
