@@ -149,6 +149,9 @@ def main(words: Sequence[str] | None = None, root: Path = ROOT) -> int:
     except TrocarError as error:
         print(error, file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("stopped; what was measured stands in the pages, and the same command goes on", file=sys.stderr)
+        return 130
     return 0
 
 
