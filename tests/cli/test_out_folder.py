@@ -1,8 +1,11 @@
+import re
 from itertools import combinations
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from trocar.cli import app
 from trocar.cli.out_folder import LONGEST_NAME, check_out_folder, default_folder, differing
 from trocar.errors import TrocarError
 from trocar.output import PICTURE, write_json
@@ -106,3 +109,45 @@ def test_a_default_folder_has_a_name_that_every_disk_takes(tmp_path):
 def test_a_study_counts_what_differs_from_its_commands_defaults():
     given = {"difficulty": "mild", "station": "", "transfers": 12, "flaw": None}
     assert differing(peg_transfer, given) == {"difficulty": "mild"}
+
+
+@pytest.mark.parametrize(
+    ("line", "opens", "folder"),
+    [
+        (
+            "run suture --difficulty mild --calibration joints --sessions 12 --seed 3",
+            "trocar.trials.folder.open_folder",
+            "out/suture-calibrated-3-calibration-joints-difficulty-mild",
+        ),
+        (
+            "study peg-transfer --difficulty mild --seed 20 --sessions 4 --methods best",
+            "trocar.tasks.peg_transfer.study.cells.cells_of",
+            "out/study-peg-transfer-20-difficulty-mild",
+        ),
+        (
+            "study debridement --fragments 3 --flaw registration=1mm",
+            "trocar.tasks.debridement.study.cells.cells_of",
+            "out/study-debridement-0-fragments-3-flaw-registration=1mm",
+        ),
+        (
+            "study robustness peg-transfer --transfers 2 --model ridge",
+            "trocar.report.robustness.conditions.conditions_of",
+            "out/robustness-peg-transfer-0-model-ridge-transfers-2",
+        ),
+        (
+            "calibrate collect peg-transfer --rows 200 --seed 1",
+            "trocar.cli.collect.make_folder",
+            "out/calibration-peg-transfer-1-rows-200",
+        ),
+    ],
+)
+def test_commands_go_to_their_default_folders(monkeypatch, line, opens, folder):
+    class Opened(Exception):
+        pass
+
+    def stop(*given, **_):
+        raise Opened(next(str(one) for one in given if isinstance(one, Path)))
+
+    monkeypatch.setattr(opens, stop)
+    with pytest.raises(Opened, match=f"^{re.escape(folder)}$"):
+        CliRunner().invoke(app, line.split(), catch_exceptions=False)
