@@ -30,12 +30,14 @@ def measure(root: Path, measurement: Measurement, jobs: int) -> Record:
     What is kept between runs lies in a folder for these sources: nothing of other code is mixed in.
 
     Raises:
-        TrocarError: the sources are not committed, the command fails, or its answer lacks something.
+        TrocarError: the sources are not committed or change meanwhile, the command fails, or its answer lacks something.
     """
     digest, commit = digest_of(root, measurement.sources), commit_of(root, measurement.sources)
     folder = Path("out/figures") / f"{measurement.name}-{digest[:8]}"
     line = " ".join([measurement.command, measurement.run_with.format(folder=folder, jobs=jobs)]).strip()
     values = read_answer(measurement, _run(root, line))
+    if digest_of(root, measurement.sources) != digest:
+        raise TrocarError(f"the sources of {measurement.name} have changed while it was measured; measure it again")
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
     machine = machine_name() if measurement.machine else ""
     record = Record(measurement.command, commit, values, today, digest, machine)

@@ -128,6 +128,17 @@ def test_a_table_is_older_than_code_that_has_changed_and_names_the_file(reposito
     assert "code.py is not committed" in capsys.readouterr().out
 
 
+def test_code_that_changes_while_it_is_measured_gives_no_figure(repository, monkeypatch, capsys):
+    def run(root, line):
+        (root / "code.py").write_text(CODE + f"# {line}\n")
+        return '{"runs": [], "rate": 1}'
+
+    monkeypatch.setattr(measure_figures, "_run", run)
+    assert figures.main(["measure", "drops"], repository) == 1
+    assert "the sources of drops have changed while it was measured" in capsys.readouterr().out
+    assert not (repository / "docs/figures/measured/drops.json").exists()
+
+
 def test_without_the_history_the_age_is_told_from_the_files_and_nothing_crashes(repository, capsys):
     figures.main(["measure"], repository)
     shutil.rmtree(repository / ".git")
