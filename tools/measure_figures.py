@@ -30,7 +30,7 @@ def measure(root: Path, measurement: Measurement, jobs: int) -> Record:
     What is kept between runs lies in a folder for these sources: nothing of other code is mixed in.
 
     Raises:
-        TrocarError: the sources are not committed or change meanwhile, the command fails, or its answer lacks something.
+        TrocarError: the sources are not committed, the command fails, its answer lacks something.
     """
     digest, commit = digest_of(root, measurement.sources), commit_of(root, measurement.sources)
     folder = Path("out/figures") / f"{measurement.name}-{digest[:8]}"
