@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test lint bench docs clean
+.PHONY: demo test lint bench figures figures-check docs clean
 
 demo: .venv/sim.stamp
 	$(BIN)/trocar run peg-transfer --method calibrated --trials 1 --seed 1 --out out/demo
@@ -19,6 +19,13 @@ lint: .venv/dev.stamp
 
 bench: .venv/dev.stamp
 	for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+
+# Figures of README.md and docs/: measured where the code has changed since; ARGS="--at-most 5" leaves out what takes longer.
+figures: .venv/dev.stamp
+	$(BIN)/python tools/figures.py measure $(ARGS)
+
+figures-check: .venv/dev.stamp
+	$(BIN)/python tools/figures.py check
 
 docs: .venv/docs.stamp
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

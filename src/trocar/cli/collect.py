@@ -12,6 +12,7 @@ import typer
 
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
 from trocar.cli.extras import need
+from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import progress
 from trocar.cli.terminal import beside, details, results
@@ -35,7 +36,8 @@ def collect(
     rows: Annotated[int, typer.Option(help="Samples of each arm; the paper has 1355.")] = 1355,
     seed: Annotated[int, typer.Option(help="Of everything random: the day, the motion, the images.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/calibration-STATION-SEED.")
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the files; default out/calibration-STATION-SEED-OPTIONS."),
     ] = None,
     fit: Annotated[bool, typer.Option(help="Also fit a cable model, and evaluate it on the rows left out.")] = True,
     model: Annotated[str, typer.Option(help="Cable model: offset, ridge, play, lstm (extra 'learn').")] = "play",
@@ -50,8 +52,9 @@ def collect(
     Interrupted, it keeps what it has; the same command goes on.
     """
     need("sim", "mujoco", "cv2")
-    del plugin  # loaded when it was parsed
-    folder = out or Path("out") / f"calibration-{Path(station).stem}-{seed}"
+    given = {"rows": rows, "fit": fit, "model": model, "fraction": fraction, "difficulty": difficulty, "flaw": flaw}
+    unusual = differing(collect, given | {"plugin": plugin})
+    folder = out or default_folder(f"calibration-{Path(station).stem}-{seed}", unusual)
     from trocar.station.difficulty import Difficulty  # noqa: PLC0415
 
     collections = _collections(station, arm, rows, seed, Difficulty.of(difficulty, flaw or ()))

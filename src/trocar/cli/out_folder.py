@@ -1,13 +1,65 @@
-"""Where files of a command go: whether they can be written, asked before anything long is computed."""
+"""Where files of a command go: the usual folder, and whether they can be written, asked before anything is computed."""
 
 from __future__ import annotations
 
+import hashlib
+import inspect
+import json
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from trocar.errors import MachineError, TrocarError
 from trocar.output import blame, require_place
+
+LONGEST_PART, LONGEST_NAME = 40, 150
+"""So many letters of a value, and of a folder's name, are spelt out; what is longer ends in a digest."""
+
+
+def default_folder(name: str, unusual: Mapping[str, Any]) -> Path:
+    """Return the folder of a command that is given none: ``out/NAME``, and what is not as usual.
+
+    So commands that differ do not meet in one folder.
+
+    Args:
+        name: of what is run, with its seed.
+        unusual: values of the options that are not the usual ones.
+    """
+    full = "-".join([name, *(_part(option, value) for option, value in unusual.items())])
+    return Path("out") / (full if len(full) <= LONGEST_NAME else f"{full[:LONGEST_NAME]}.{_digest(full)}")
+
+
+def differing(command: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of the values given that are not the defaults of a command's parameters."""
+    usual = inspect.signature(command).parameters
+    return {name: value for name, value in given.items() if value != usual[name].default}
+
+
+def _part(option: str, value: Any) -> str:
+    """Return what a folder's name says of an option; of what no name can tell, such as a file's content, a digest."""
+    option = option.replace("_", "-")
+    if value is True:
+        return option
+    named = [_named(one) for one in (value if isinstance(value, list | tuple) else [value])]
+    text = "-".join(name for name, _ in named)
+    shown = re.sub(r"[^A-Za-z0-9._=]+", "-", text)[:LONGEST_PART].strip("-")
+    told = shown == text and not any(content for _, content in named)
+    return f"{option}-{shown}" if told else f"{option}-{shown}.{_digest(repr(named))}"
+
+
+def _named(value: Any) -> tuple[str, str]:
+    """Return what to call a value, and its content where the name does not tell it."""
+    if isinstance(value, dict):
+        return "", json.dumps(value, sort_keys=True)
+    if isinstance(value, str | Path) and Path(value).suffix and Path(value).is_file():
+        return Path(value).stem, _digest(Path(value).read_bytes())
+    return str(value), ""
+
+
+def _digest(content: str | bytes) -> str:
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:8]
 
 
 def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequence[str | Path] = ()) -> None:

@@ -10,6 +10,7 @@ import typer
 
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
 from trocar.cli.extras import need
+from trocar.cli.out_folder import default_folder
 from trocar.cli.plugin import Plugins
 from trocar.cli.progress import progress
 from trocar.cli.report import JsonFlag, finish
@@ -56,7 +57,8 @@ def run(
     trials: Annotated[int, typer.Option(help="How many trials in each session.")] = 1,
     seed: Annotated[int, typer.Option(help="Of everything random; the same seed gives the same trials.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED.")
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED-OPTIONS."),
     ] = None,
     new_session: Annotated[
         bool, typer.Option("--new-session", help="Mount the instruments again between calibration and trials.")
@@ -99,7 +101,7 @@ def run(
     )
     if config.model == "lstm":
         need("learn", "jax", "equinox", "optax")
-    folder = out or Path("out") / f"{task.name}-{config.method}-{seed}"
+    folder = out or default_folder(f"{task.name}-{config.method}-{seed}", config.unusual)
     todo = open_folder(config, folder)
     interrupted = False
     try:

@@ -24,7 +24,9 @@ Trials = Annotated[int, typer.Option(help="How many trials in each session.")]
 Model = Annotated[str, typer.Option(help="Cable model of methods that compensate.", show_default="play")]
 StationName = Annotated[str, typer.Option(help="Name of a station, or a TOML file.", show_default="the task's")]
 Seed = Annotated[int, typer.Option(help="Of everything random.")]
-Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/study-TASK-SEED.")]
+Out = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/study-TASK-SEED-OPTIONS.")
+]
 Jobs = Annotated[int | None, typer.Option(help="How many trials at once.", show_default="one a core")]
 Backend = Annotated[str, typer.Option(help="Where the work is done: processes, dask.")]
 Scheduler = Annotated[

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from trocar.cli import study_cells as shared
 from trocar.cli.extras import need
+from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.plugin import Plugins
 from trocar.cli.task_group import TaskGroup
 from trocar.cli.terminal import details, results
@@ -48,7 +49,7 @@ def robustness(
     trials: shared.Trials = 1,
     seed: shared.Seed = 0,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/robustness-TASK-SEED.")
+        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/robustness-TASK-SEED-OPTIONS.")
     ] = None,
     jobs: shared.Jobs = None,
     backend: shared.Backend = "processes",
@@ -69,7 +70,10 @@ def robustness(
     from trocar.report.robustness.row import read_row  # noqa: PLC0415
 
     workers = shared.workers_of(backend, jobs, scheduler)
-    folder = out or Path("out") / f"robustness-{task.name}-{seed}"
+    given = {"difficulty": difficulty, "calibration": calibration, "model": model, "station": station, "plugin": plugin}
+    folder = out or default_folder(
+        f"robustness-{task.name}-{seed}", differing(robustness, given) | differing(task, options)
+    )
     shared.require_study(folder, report_only)
     conditions = conditions_of(
         folder,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -33,6 +33,9 @@ IMAGES, JOINTS = "images", "joints"
 """Where a calibration recording comes from: spheres seen by the station's camera, or joints with drawn noise."""
 FITTED_ON = "cable models are fitted on"
 """What a summary calls that."""
+
+FOLLOWS = ("options", "variant", "piece", "station_digest", "arms", "flaws", "versions")
+"""What a run says of itself that follows from what else was chosen."""
 
 SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
 """Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
@@ -214,6 +217,20 @@ class RunConfig:
             seen = f"what the camera sees of the wrist in each trial; they start from prior {self.prior!r}, from which "
             flaws[FITTED_ON] = seen + "recordings of the instrument itself are left out"
         return flaws
+
+    @property
+    def unusual(self) -> dict[str, Any]:
+        """Return what tells this run from the usual one of its task, method and seed, by option."""
+        kind = type(self.task)
+        required = {f.name: getattr(self.task, f.name) for f in fields(kind) if f.default is MISSING}  # type: ignore[arg-type]
+        usual = RunConfig(kind(**required), station=self.station, method=self.method, seed=self.seed)
+        found = {**self._chosen(), "station": self.station, "plugins": self.plugins}
+        ordinary = {**usual._chosen(), "station": kind.station, "plugins": ()} | dict.fromkeys(required)
+        return {name: value for name, value in found.items() if value != ordinary[name]}
+
+    def _chosen(self) -> dict[str, Any]:
+        """Return what was chosen, not what follows from it."""
+        return {name: value for name, value in self.about().items() if name not in FOLLOWS} | self.task.options()
 
     @property
     def fingerprint(self) -> str:

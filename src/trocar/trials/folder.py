@@ -157,9 +157,8 @@ def still_to_do(folder: str | Path, done: int) -> list[str]:
     sessions, trials = record
     if done >= sessions * trials:
         return []
-    return [
-        f"{done} of the run's {counted(sessions * trials, 'trial')} are there; the command that began it does the others"
-    ]
+    wanted = counted(sessions * trials, "trial")
+    return [f"{done} of the run's {wanted} are there; the command that began it does the others"]
 
 
 def _place(about: dict[str, Any]) -> tuple[int, int]:

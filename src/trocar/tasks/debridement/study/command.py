@@ -12,6 +12,7 @@ from rich.table import Table
 
 from trocar.cli import study_cells as options
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
+from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.terminal import details, results
 from trocar.counting import counted
 
@@ -50,7 +51,15 @@ def debridement(
 
     plugins = options.loaded(plugin)
     workers = options.workers_of(backend, jobs, scheduler)
-    folder = out or Path("out") / f"study-debridement-{seed}"
+    given = {
+        "fragments": fragments,
+        "budget": budget,
+        "station": station,
+        "difficulty": difficulty,
+        "flaw": flaw,
+        "plugin": plugin,
+    }
+    folder = out or default_folder(f"study-debridement-{seed}", differing(debridement, given))
     options.require_study(folder, report_only)
     cells = cells_of(
         folder,

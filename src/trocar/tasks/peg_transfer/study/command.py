@@ -10,6 +10,7 @@ import typer
 
 from trocar.cli import study_cells as options
 from trocar.cli.difficulty import DEFAULT, Flaws, Level
+from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.terminal import details, results
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -48,7 +49,15 @@ def peg_transfer(
 
     plugins = options.loaded(plugin)
     workers = options.workers_of(backend, jobs, scheduler)
-    folder = out or Path("out") / f"study-peg-transfer-{seed}"
+    given = {
+        "transfers": transfers,
+        "model": model,
+        "station": station,
+        "difficulty": difficulty,
+        "flaw": flaw,
+        "plugin": plugin,
+    }
+    folder = out or default_folder(f"study-peg-transfer-{seed}", differing(peg_transfer, given))
     options.require_study(folder, report_only)
     cells = cells_of(
         folder,

@@ -1,0 +1,121 @@
+"""What figures there are: measurements, each one command and what is kept of its answer, and tables made of them."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from trocar.errors import TrocarError
+
+FOLDER = Path("docs/figures")
+MEASURED, TABLES = FOLDER / "measured", FOLDER / "tables"
+"""Where records and templates stand, below the root."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One command whose answer stands in the docs.
+
+    Attributes:
+        name: of its record, and of what tables call it.
+        command: as a reader would type it.
+        sources: files and folders that its figures depend on, or names of groups of them; with ``!`` left out.
+        minutes: how long it takes, roughly.
+        run_with: added to the command when it is run; ``{folder}``: kept between runs, ``{jobs}``.
+        keep: of the JSON object that it prints: paths with dots, ``*`` for any step.
+        index: lists of objects in that, to be read as one object: path of the list to the key that names its members.
+        find: of the text that it prints: name to regular expression, whose groups are kept, all matches of them.
+        machine: paths of values that depend on the machine.
+        history: it tells of an earlier version on purpose: it is never measured again, and not called older.
+    """
+
+    name: str
+    command: str
+    sources: tuple[str, ...]
+    minutes: float
+    run_with: str = ""
+    keep: tuple[str, ...] = ()
+    index: Mapping[str, str] = field(default_factory=dict)
+    find: Mapping[str, str] = field(default_factory=dict)
+    machine: tuple[str, ...] = ()
+    history: bool = False
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a measurement gave.
+
+    Attributes:
+        command: that was run.
+        commit: of the code.
+        values: as JSON has them.
+        date: day of the measurement.
+        digest: of the sources then (``source_age``); empty: unknown.
+        machine: that it ran on, if that matters.
+        origin: where they come from, if nobody measured them with this tool.
+    """
+
+    command: str
+    commit: str
+    values: Mapping[str, Any]
+    date: str = ""
+    digest: str = ""
+    machine: str = ""
+    origin: str = ""
+
+
+def read_measurements(root: Path) -> dict[str, Measurement]:
+    """Return all measurements that the TOML files of the folder declare, with the groups of sources put in.
+
+    Raises:
+        TrocarError: a file is damaged, a key unknown or missing, or a name taken twice.
+    """
+    files = {path: _toml(path) for path in sorted((root / FOLDER).glob("*.toml"))}
+    groups: dict[str, list[str]] = {}
+    for content in files.values():
+        groups |= content.get("sources", {})
+    found: dict[str, Measurement] = {}
+    for path, content in files.items():
+        for name, given in content.get("measured", {}).items():
+            if name in found:
+                raise TrocarError(f"measurement {name!r} of {str(path)!r} is declared twice; call one otherwise")
+            try:
+                sources = tuple(_spread(given.pop("sources"), groups))
+                lists = {key: tuple(value) for key, value in given.items() if isinstance(value, list)}
+                found[name] = Measurement(name=name, sources=sources, **{**given, **lists})
+            except (TypeError, KeyError) as error:
+                known = ", ".join(f.name for f in fields(Measurement))
+                raise TrocarError(f"measurement {name!r} of {str(path)!r}: {error}; keys are {known}") from None
+    return found
+
+
+def read_record(root: Path, name: str) -> Record | None:
+    """Return what was measured last; None where nothing was.
+
+    Raises:
+        TrocarError: the file is damaged.
+    """
+    path = root / MEASURED / f"{name}.json"
+    if not path.is_file():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return Record(**{key: value for key, value in content.items() if key != "made_by"})
+    except (ValueError, TypeError) as error:
+        raise TrocarError(f"record {str(path)!r} is damaged ({error}); measure {name} again") from None
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise TrocarError(f"{str(path)!r} is no TOML ({error})") from None
+
+
+def _spread(names: Sequence[str], groups: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return paths, with the members of groups in place of their names."""
+    return [path for name in names for path in (_spread(groups[name], groups) if name in groups else [name])]

@@ -1,0 +1,130 @@
+"""Running a measurement's command and keeping what the docs need of its answer."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import platform
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from declared_figures import MEASURED, Measurement, Record
+from source_age import commit_of, digest_of
+from trocar.errors import TrocarError
+from trocar.output import write_json
+
+GOALS_MISSED = 1
+"""Exit code of `trocar run` where not every goal was reached: no trouble, a figure."""
+
+
+def measure(root: Path, measurement: Measurement, jobs: int) -> Record:
+    """Run a measurement's command, and keep and return its record.
+
+    What is kept between runs lies in a folder for these sources: nothing of other code is mixed in.
+
+    Raises:
+        TrocarError: the sources are not committed, the command fails, its answer lacks something.
+    """
+    digest, commit = digest_of(root, measurement.sources), commit_of(root, measurement.sources)
+    folder = Path("out/figures") / f"{measurement.name}-{digest[:8]}"
+    line = " ".join([measurement.command, measurement.run_with.format(folder=folder, jobs=jobs)]).strip()
+    values = read_answer(measurement, _run(root, line))
+    if digest_of(root, measurement.sources) != digest:
+        raise TrocarError(f"the sources of {measurement.name} have changed while it was measured; measure it again")
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    machine = machine_name() if measurement.machine else ""
+    record = Record(measurement.command, commit, values, today, digest, machine)
+    path = root / MEASURED / f"{measurement.name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, {key: value for key, value in asdict(record).items() if value}, "figure")
+    return record
+
+
+def read_answer(measurement: Measurement, answer: str) -> dict[str, Any]:
+    """Return what is kept of a command's answer.
+
+    Raises:
+        TrocarError: something is not in it.
+    """
+    found: dict[str, Any] = {}
+    if measurement.keep:
+        try:
+            whole = json.loads(answer)
+        except ValueError:
+            raise TrocarError(f"{measurement.name}: the command printed no JSON: {answer[:80]!r}") from None
+        for place, key in measurement.index.items():
+            whole[place] = {each[key]: each for each in whole[place]}
+        for path in measurement.keep:
+            found = _joined(found, _picked(whole, path.split("."), f"{measurement.name}: {path}"))
+    for name, pattern in measurement.find.items():
+        matches = [match.groups() for match in re.finditer(pattern, answer, re.MULTILINE)]
+        if not matches:
+            raise TrocarError(f"{measurement.name}: {name} is not in what the command printed; mend its pattern")
+        values = [_number(group) for groups in matches for group in groups]
+        found[name] = values[0] if len(values) == 1 else values
+    return found
+
+
+def is_busy() -> bool:
+    """Return whether so much else runs here that times would say nothing."""
+    return os.getloadavg()[0] > 0.5 * (os.cpu_count() or 1)
+
+
+def machine_name() -> str:
+    """Return what times depend on: the processor and how many there are of it."""
+    model = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").is_file():
+        names = re.findall(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+        model = names[0] if names else model
+    return f"{model}, {os.cpu_count()} cores"
+
+
+def _run(root: Path, line: str) -> str:
+    words = shlex.split(line)
+    starts = {"trocar": [sys.executable, "-m", "trocar"], "python": [sys.executable]}
+    if words[0] not in starts:
+        raise TrocarError(f"command {line!r} must begin with one of {', '.join(starts)}")
+    paths = os.pathsep.join(filter(None, [str(root / "src"), os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(
+        [*starts[words[0]], *words[1:]],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": paths},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    if done.returncode not in ((0, GOALS_MISSED) if words[0] == "trocar" else (0,)):
+        raise TrocarError(f"{line!r} ended with exit code {done.returncode}; what it said stands above")
+    return done.stdout
+
+
+def _picked(value: Any, steps: Sequence[str], said: str) -> Any:
+    """Return a value with nothing in it but what lies on a path."""
+    if not steps:
+        return value
+    if not isinstance(value, dict) or (steps[0] != "*" and steps[0] not in value):
+        raise TrocarError(f"{said}: there is no {steps[0]!r} in what the command printed")
+    names = list(value) if steps[0] == "*" else [steps[0]]
+    return {name: _picked(value[name], steps[1:], said) for name in names}
+
+
+def _joined(one: Any, other: Any) -> Any:
+    if not (isinstance(one, Mapping) and isinstance(other, Mapping)):
+        return other
+    return {**one, **{key: _joined(one[key], value) if key in one else value for key, value in other.items()}}
+
+
+def _number(text: str) -> int | float | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text

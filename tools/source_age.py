@@ -1,0 +1,80 @@
+"""Whether the code that a figure speaks of has changed since it was measured; git names the files where it can."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from declared_figures import Measurement, Record
+from trocar.errors import TrocarError
+
+SHOWN = 3
+"""So many changed files are named."""
+
+
+def digest_of(root: Path, sources: Sequence[str]) -> str:
+    """Return a digest of the content of all source files.
+
+    Raises:
+        TrocarError: there is none under one of the names.
+    """
+    left_out = [root / name.removeprefix("!") for name in sources if name.startswith("!")]
+    found: set[Path] = set()
+    for name in sources:
+        path = root / name
+        if not name.startswith("!"):
+            files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+            if not files:
+                raise TrocarError(f"source {name!r} does not exist; mend docs/figures/*.toml")
+            found.update(file for file in files if "__pycache__" not in file.parts)
+    whole = hashlib.sha256()
+    for file in sorted(found):
+        if not any(file.is_relative_to(other) for other in left_out):
+            whole.update(f"{file.relative_to(root).as_posix()}\0".encode())
+            whole.update(hashlib.sha256(file.read_bytes()).digest())
+    return whole.hexdigest()[:16]
+
+
+def commit_of(root: Path, sources: Sequence[str]) -> str:
+    """Return the commit of the sources as they are.
+
+    Raises:
+        TrocarError: they are not committed.
+    """
+    changed = _git(root, "status", "--porcelain", "--", *_pathspecs(sources))
+    commit = _git(root, "rev-parse", "--short", "HEAD")
+    if changed is None or not commit:
+        raise TrocarError("figures are measured in a git checkout, so that everybody can find the code; clone it")
+    if changed:
+        names = ", ".join(line[3:] for line in changed.splitlines()[:SHOWN])
+        raise TrocarError(f"{names} is not committed, so that nobody could tell what was measured; commit first")
+    return commit.strip()
+
+
+def why_older(root: Path, measurement: Measurement, record: Record) -> str:
+    """Return in what the code has changed since a measurement; empty if in nothing."""
+    if record.digest and record.digest == digest_of(root, measurement.sources):
+        return ""
+    changed = _git(root, "diff", "--name-only", record.commit, "--", *_pathspecs(measurement.sources))
+    if changed is None:
+        return f"measured at {record.commit}, which this clone does not have: what has changed since is not known"
+    names = changed.split()
+    if not names:
+        return ""
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return f"measured at {record.commit}; since then have changed: {', '.join(names[:SHOWN])}{more}"
+
+
+def _pathspecs(sources: Sequence[str]) -> list[str]:
+    return [f":(exclude){name[1:]}" if name.startswith("!") else name for name in sources]
+
+
+def _git(root: Path, *words: str) -> str | None:
+    """Return what git answers; None where there is no git, no checkout, or no such commit."""
+    try:
+        done = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False)
+    except OSError:
+        return None
+    return done.stdout if done.returncode == 0 else None
