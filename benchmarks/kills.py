@@ -2,7 +2,8 @@
 
     python benchmarks/kills.py --kills 200 --out out/kills
 
-Each round kills a run one to three times, at times drawn over the length of an uninterrupted one (while cables are
+Each round kills a run one to six times, at times drawn over the length of an uninterrupted one, early ones more often
+than late ones since a resumed run has less to do (while cables are
 calibrated, within trials, between them, while the report is drawn), then lets the same command finish. All of its
 files must be, byte for byte, those of the run left in peace; real times of computations alone may differ. No other
 file may be left behind. Runs are forked from a process that has imported everything, so that kills strike work and not
@@ -40,7 +41,7 @@ RUNS = {
     "debridement": "run debridement --fragments 1 --budget 20 --trials 2 --seed 3",
 }
 """Short runs, by name; what becomes of their goals does not matter here."""
-MAX_KILLS_A_ROUND = 3
+MAX_KILLS_A_ROUND = 6
 OF_REAL_TIME = ("compute_ms", "missed_budgets", "realtime_factor")
 """Keys of a summary that depend on the machine's speed."""
 ENDED = (0, 1)
@@ -145,7 +146,7 @@ def one_round(words: list[str], peace: Peace, folder: Path, rng: random.Random) 
     struck: list[str] = []
     for _ in range(rng.randint(1, MAX_KILLS_A_ROUND)):
         number = forked(words, folder)
-        if waited(number, rng.uniform(0.0, peace.seconds)) is None:
+        if waited(number, peace.seconds * rng.random() ** 2) is None:
             os.killpg(number, signal.SIGKILL)
             os.waitpid(number, 0)
             struck.append(state_of(folder))

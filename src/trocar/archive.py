@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -17,19 +15,15 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.output import mark_zip, writing
+from trocar.reading import MAX_BYTES, UNREADABLE, array_of, parsed_json
 
 HEADER = "header.json"
 BLOBS = "files/"
 DATE = (1980, 1, 1, 0, 0, 0)
 """Of every member: the same content is the same bytes."""
 MAX_HEADER_BYTES = 32 << 20
-MAX_BYTES = 1 << 30
-"""Of all that an archive unpacks to; what claims more is refused before anything is allocated."""
 KINDS = "biuf"
 """Kinds of numbers that an array may hold."""
-
-UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError)
-"""What zip, JSON and NumPy raise on files that are damaged or not ours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +91,7 @@ def read_archive(path: str | Path, kind: str, version: int) -> Archive:
                 if name.startswith(BLOBS):
                     blobs[name.removeprefix(BLOBS)] = file.read(member)
                 elif name.endswith(".npy"):
-                    arrays[name.removesuffix(".npy")] = _array(file.read(member))
+                    arrays[name.removesuffix(".npy")] = _numbers(file.read(member))
             except UNREADABLE:
                 raise TrocarError(f"{str(path)!r} is damaged at {name!r}; make it again") from None
     return Archive(header, arrays, blobs)
@@ -128,9 +122,9 @@ def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) ->
     try:
         if file.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
             raise ValueError
-        header = json.loads(file.read(HEADER))
+        header = parsed_json(file.read(HEADER))
         found = header["format"], header["version"]
-    except (*UNREADABLE, RecursionError):
+    except UNREADABLE:
         raise TrocarError(f"{str(path)!r} is no readable {kind}; move it away and make it again") from None
     if found != (kind, version):
         raise TrocarError(
@@ -140,17 +134,12 @@ def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) ->
     return header
 
 
-def _array(data: bytes) -> NDArray:
-    """Return the array in the bytes of an .npy; its header is checked against their number before it is believed."""
-    buffer = BytesIO(data)
-    version = np.lib.format.read_magic(buffer)
-    if version != (1, 0):
-        raise ValueError("an .npy of another version")
-    shape, fortran, dtype = np.lib.format.read_array_header_1_0(buffer)
-    if dtype.kind not in KINDS or math.prod(shape) * dtype.itemsize != len(data) - buffer.tell():
-        raise ValueError("an .npy that is not what it claims")
-    flat = np.frombuffer(data, dtype, offset=buffer.tell())
-    return flat.reshape(shape, order="F" if fortran else "C").copy()
+def _numbers(data: bytes) -> NDArray:
+    """Return the array of numbers in the bytes of an .npy."""
+    array = array_of(data)
+    if array.dtype.kind not in KINDS:
+        raise ValueError("an .npy that holds no numbers")
+    return array
 
 
 def _member(name: str, compression: int = zipfile.ZIP_DEFLATED) -> zipfile.ZipInfo:

@@ -13,6 +13,8 @@ from trocar.errors import TrocarError
 
 SAME_KNOT_S = 1e-7
 """Knots of two trajectories that are this near are one knot of their sum."""
+MAX_SAMPLES = 100_000_000
+"""Of a trajectory: what six joints need of memory is 5 GB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +80,11 @@ class Trajectory:
 
     def sample(self, step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return times from the first knot to the last in equal steps of at most ``step_s``, and positions there."""
-        if not step_s > 0:
-            raise TrocarError(f"the sampling step is {step_s} s; give a step above 0")
+        if not (step_s > 0 and self.duration_s / step_s < MAX_SAMPLES):
+            raise TrocarError(
+                f"the sampling step is {step_s} s of {self.duration_s:.3f} s; give one above 0 that makes fewer than "
+                f"{MAX_SAMPLES} samples"
+            )
         count = max(1, int(np.ceil(self.duration_s / step_s - 1e-9)))
         times = np.linspace(self.times_s[0], self.times_s[-1], count + 1)
         return times, self(times)

@@ -25,7 +25,7 @@ def five_joints():
         ({"waypoints": FOUR * [1, 1, np.nan, 1, 1, 1]}, "joint 'insertion' is nan; give a finite number"),
         ({"waypoints": FOUR[[0, 1, 1, 3]]}, "waypoints 1 and 2 coincide; remove one"),
         ({"limits": five_joints()}, "limits of 6 joints, got 5"),
-        ({"up": np.zeros(3)}, "upward direction needs three finite numbers"),
+        ({"up": np.zeros(3)}, "the upward direction is .* give three finite numbers that are not all 0"),
         ({"straight": (True, False)}, "have 3 pieces between them, but 2 times"),
         ({"start_velocity": np.full(6, np.inf)}, "start velocity needs 6 finite numbers"),
         ({"start_velocity": np.array([0, 0, 0.5, 0, 0, 0])}, "joint 'insertion' starts with 0.5000 m/s, beyond .* 0.4"),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.output import mark_zip, writing
+from trocar.reading import read_arrays
 
 JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
 """Outer yaw, outer pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad]."""
@@ -187,15 +186,14 @@ def _npz_arrays(path: Path) -> dict[str, NDArray]:
     if path.suffix != ".npz":
         raise TrocarError(f"recording {str(path)!r} is neither an .npz file nor a folder; convert it to one of these")
     try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: np.asarray(data[key]) for key in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+        arrays = read_arrays(path)
+    except (OSError, ValueError):
         raise TrocarError(f"recording {str(path)!r} is not a readable .npz of numbers; copy it again") from None
     missing = [key for key in ("q_cmd", "q_phy") if key not in arrays]
     if missing:
         raise TrocarError(
-            f"recording {str(path)!r} lacks {' and '.join(missing)}; it has {', '.join(arrays) or 'nothing'} "
-            "and needs q_cmd and q_phy (optional: valid, t_s)"
+            f"recording {str(path)!r} lacks {' and '.join(missing)}; it has {', '.join(filter(None, arrays)) or 'nothing'}"
+            " and needs q_cmd and q_phy (optional: valid, t_s)"
         )
     return arrays
 
@@ -212,8 +210,8 @@ def _folder_arrays(folder: Path) -> dict[str, NDArray]:
 
 def _load_npy(path: Path) -> NDArray:
     try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (OSError, ValueError, EOFError):
+        return read_arrays(path)[""]
+    except (OSError, ValueError, KeyError):
         raise TrocarError(f"{str(path)!r} is not a readable .npy of numbers; copy it again") from None
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping
 from math import isfinite, radians
 from pathlib import Path
@@ -23,6 +21,7 @@ from trocar.cli.motion_file import require_motion_file, write_motions
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
+from trocar.reading import read_arrays
 
 app = typer.Typer(help="Plan motions and print their quality.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -167,18 +166,14 @@ def _choice(table: Mapping[str, T], name: str, what: str) -> T:
 def _load(path: Path) -> NDArray[np.float64]:
     """Return the waypoints of a file as (n, 4, 6)."""
     try:
-        loaded: Any = np.load(path, allow_pickle=False)
-        if isinstance(loaded, np.lib.npyio.NpzFile):
-            with loaded:
-                if "waypoints" not in loaded:
-                    raise TrocarError(f"{path} holds {sorted(loaded)} but no array 'waypoints'; save one of that name")
-                loaded = loaded["waypoints"]
-        values = np.asarray(loaded, dtype=np.float64)
+        arrays = read_arrays(path)
+        loaded = arrays[""] if "" in arrays else arrays["waypoints"]
+        values = loaded.astype(np.float64, casting="same_kind")
     except FileNotFoundError:
         raise TrocarError(f"there is no file {path}; give a .npy or .npz with waypoints") from None
-    except TrocarError:
-        raise
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
+    except KeyError:
+        raise TrocarError(f"{path} holds {sorted(arrays)} but no array 'waypoints'; save one of that name") from None
+    except (OSError, ValueError, TypeError):
         raise TrocarError(f"{path} cannot be read as a .npy or .npz of numbers; save the waypoints again") from None
     if values.ndim == 2:
         values = values[None]

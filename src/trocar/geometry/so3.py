@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import TrocarError
+from trocar.geometry.direction import direction
 
 SMALL_ANGLE_RAD = 1e-4
 """Below this angle the closed forms divide by almost 0; series to order four are exact to 1e-17 there."""
@@ -69,18 +70,13 @@ class SO3:
         Raises:
             TrocarError: one of them has no direction.
         """
-        a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-        lengths = np.linalg.norm(a), np.linalg.norm(b)
-        if a.shape != (3,) or b.shape != (3,) or not (np.isfinite(lengths).all() and min(lengths) > 0.0):
-            raise TrocarError(
-                f"directions {start!r} and {end!r} have no angle between them; give (3,), finite, not zero"
-            )
-        axis, cosine = np.cross(a / lengths[0], b / lengths[1]), float(a @ b / (lengths[0] * lengths[1]))
+        a, b = direction(start, "the first direction"), direction(end, "the second direction")
+        axis, cosine = np.cross(a, b), float(a @ b)
         sine = float(np.linalg.norm(axis))
         if sine < 1e-12:
             if cosine > 0.0:
                 return SO3.identity()
-            axis, sine = np.cross(a / lengths[0], np.eye(3)[np.abs(a).argmin()]), 0.0
+            axis, sine = np.cross(a, np.eye(3)[np.abs(a).argmin()]), 0.0
             return SO3.exp(np.pi * axis / np.linalg.norm(axis))
         return SO3.exp(axis / sine * np.arctan2(sine, cosine))
 

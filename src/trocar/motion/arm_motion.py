@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, Unreachable, ik
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, direction
 from trocar.motion.facing import Facing
 from trocar.motion.limits import KEPT
 
@@ -87,7 +87,7 @@ class ArmMotion:
             )
         object.__setattr__(self, "waypoints", points)
         object.__setattr__(self, "straight", straight)
-        object.__setattr__(self, "up", _unit(self.up))
+        object.__setattr__(self, "up", direction(self.up, "the upward direction"))
         object.__setattr__(self, "start_velocity", self._checked_velocity())
         self._require_apart()
         if not np.isfinite(self.jaw_rad):
@@ -158,11 +158,3 @@ def _count(T_base_goals: SE3) -> int:
     if T_base_goals.matrix.ndim != 3:
         raise TrocarError(f"goals are poses (m, 4, 4), got {T_base_goals.matrix.shape}; index one as [None]")
     return len(T_base_goals.matrix)
-
-
-def _unit(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction as a unit vector (3,)."""
-    direction = np.asarray(up, dtype=np.float64)
-    if direction.shape != (3,) or not np.isfinite(direction).all() or not np.linalg.norm(direction) > 0:
-        raise TrocarError(f"the upward direction needs three finite numbers that are not all 0, got {up}")
-    return direction / np.linalg.norm(direction)

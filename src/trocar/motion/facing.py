@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +29,13 @@ class Facing:
     max_rad: float
 
     def __post_init__(self) -> None:
-        for name in ("axis", "towards_m"):
-            value = np.asarray(getattr(self, name), dtype=np.float64)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise TrocarError(f"'{name}' of what a tip faces needs three finite numbers, got {value.tolist()}")
-            object.__setattr__(self, name, value)
-        if not self.axis.any():
-            raise TrocarError("the axis that faces a point is 0 in all directions; give the direction of the marks")
+        towards_m = np.asarray(self.towards_m, dtype=np.float64)
+        if towards_m.shape != (3,) or not np.isfinite(towards_m).all():
+            raise TrocarError(f"'towards_m' of what a tip faces needs three finite numbers, got {towards_m.tolist()}")
+        object.__setattr__(self, "towards_m", towards_m)
         if not 0 < self.max_rad <= pi:
             raise TrocarError(f"a tip may face {self.max_rad} rad aside; give an angle above 0, up to pi")
-        object.__setattr__(self, "axis", self.axis / np.linalg.norm(self.axis))
+        object.__setattr__(self, "axis", direction(self.axis, "the axis that faces a point"))
 
     def angle_rad(self, T_world_tip: SE3) -> NDArray[np.float64]:
         """Return by how much poses (...,) of the tip face aside, (...,)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from importlib.metadata import version
 from typing import Any
 
@@ -30,6 +31,9 @@ PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headles
 NO_PRIOR = "none"
 IMAGES, JOINTS = "images", "joints"
 """Where a calibration recording comes from: spheres seen by the station's camera, or joints with drawn noise."""
+
+MAX_TRIALS = 1_000_000
+"""Of a run: more than a year of work."""
 
 SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
 """Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
@@ -94,6 +98,11 @@ class RunConfig:
         for name in ("sessions", "trials"):
             if getattr(self, name) < 1:
                 raise TrocarError(f"the number of {name} is {getattr(self, name)}; give 1 or more with --{name}")
+        if self.sessions * self.trials > MAX_TRIALS:
+            raise TrocarError(
+                f"{self.sessions} sessions of {self.trials} trials are more than {MAX_TRIALS} trials; give fewer with "
+                "--sessions or --trials"
+            )
         if self.seed < 0:
             raise TrocarError(f"the seed is {self.seed}; give 0 or more with --seed")
         MODELS.pick(self.model)
@@ -218,6 +227,7 @@ def fingerprint(about: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return the versions of the packages that a trial's numbers depend on."""
     return {name: version(name) for name in PACKAGES}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, overload
 
 from trocar.errors import TrocarError
 from trocar.output import write_json
+from trocar.reading import read_json
 from trocar.trials.config import RunConfig
 from trocar.trials.trial import Trial, trial_about, trial_file, trial_files
 
@@ -24,19 +24,19 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
         TrocarError: the folder holds another run, a trial of another run, or cannot be written.
     """
     folder = Path(folder)
-    record, about = folder / RECORD, config.about()
+    record, about, fingerprint = folder / RECORD, config.about(), config.fingerprint
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if record.is_file():
             found = _recorded(record)
             if any(folder.glob("session_*")):  # else nothing was computed that could be mixed up
                 _require_same(found, about, folder)
-        text = {**about, "fingerprint": config.fingerprint, "sessions": config.sessions, "trials": config.trials}
+        text = {**about, "fingerprint": fingerprint, "sessions": config.sessions, "trials": config.trials}
     except OSError as error:
         raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
     write_json(record, text, "run")
     wanted = [(session, index) for session in range(config.sessions) for index in range(config.trials)]
-    return [place for place in wanted if not is_done(folder, place, config.fingerprint)]
+    return [place for place in wanted if not is_done(folder, place, fingerprint)]
 
 
 class KeptTrials(Sequence[Trial]):
@@ -107,7 +107,7 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
 def still_to_do(folder: Path, done: int) -> list[str]:
     """Return a sentence where a run has fewer trials than it was asked for, so that nobody takes it for the whole."""
     try:
-        found = json.loads((folder / RECORD).read_text())
+        found = read_json(folder / RECORD)
         asked = int(found["sessions"]) * int(found["trials"])
     except (OSError, ValueError, KeyError, TypeError):
         return [f"{str(folder / RECORD)!r} cannot be read: nobody knows how many trials the run has"]
@@ -124,7 +124,7 @@ def _place(about: dict[str, Any]) -> tuple[int, int]:
 def _recorded_fingerprint(folder: Path) -> str:
     """Return the fingerprint of the run that a folder was made for; empty if its record is lost."""
     try:
-        return str(json.loads((folder / RECORD).read_text())["fingerprint"])
+        return str(read_json(folder / RECORD)["fingerprint"])
     except (OSError, ValueError, KeyError, TypeError):
         return ""
 
@@ -161,8 +161,8 @@ def _readable(path: Path) -> bool:
 def _recorded(record: Path) -> dict[str, Any]:
     """Return what a folder's record says, or raise."""
     try:
-        found = json.loads(record.read_text())
-    except (UnicodeDecodeError, json.JSONDecodeError):
+        found = read_json(record)
+    except ValueError:
         found = None
     if not isinstance(found, dict):
         raise TrocarError(
