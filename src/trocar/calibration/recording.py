@@ -192,8 +192,8 @@ def _npz_arrays(path: Path) -> dict[str, NDArray]:
     missing = [key for key in ("q_cmd", "q_phy") if key not in arrays]
     if missing:
         raise TrocarError(
-            f"recording {str(path)!r} lacks {' and '.join(missing)}; it has {', '.join(filter(None, arrays)) or 'nothing'}"
-            " and needs q_cmd and q_phy (optional: valid, t_s)"
+            f"recording {str(path)!r} lacks {' and '.join(missing)}; "
+            f"it has {', '.join(filter(None, arrays)) or 'nothing'} and needs q_cmd and q_phy (optional: valid, t_s)"
         )
     return arrays
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import traceback
@@ -12,9 +13,13 @@ import typer
 
 from trocar import __version__
 from trocar.errors import MachineError, TrocarError
+from trocar.output import NO_NAME
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before NumPy is imported: its threads cost more than they bring here
+
+MIN_COLUMNS, MAX_COLUMNS = 20, 1000
+"""Of a terminal that COLUMNS may claim; narrower tables say nothing."""
 
 app = typer.Typer(
     name="trocar",
@@ -62,6 +67,7 @@ def main() -> None:
     2: the input's, 3: the machine's, 130: stopped by Ctrl-C. Anything else is a mistake in Trocar or in a plugin, the
     only case in which a traceback is shown: 70.
     """
+    _fit_terminal()
     if "" in sys.argv[1:] or any(word.startswith("--") and word.endswith("=") for word in sys.argv[1:]):
         _end(2, "a word of the command is empty, as where a shell's variable has no value; fill it in or leave it out")
     try:
@@ -74,12 +80,24 @@ def main() -> None:
         _end(3, "there is not enough memory for this; ask for less at once, or close other programs")
     except OSError as error:
         what = f"{error.filename!r}: {error.strerror}" if error.filename else error.strerror or str(error)
+        if error.errno in NO_NAME:
+            _end(2, f"that can be no file's name ({what}); give another")
         _end(3, f"the machine is in trouble ({what}); see to it and give the same command again")
     except KeyboardInterrupt:
         _end(130, "stopped")
     except Exception:
         traceback.print_exc()
         _end(70, "that was a mistake in Trocar or in a plugin, not in what you typed; the lines above say where")
+
+
+def _fit_terminal() -> None:
+    """Print to whatever is there: a width that is none is not believed, what cannot be encoded is written in escapes."""
+    columns = os.environ.get("COLUMNS", "")
+    if not (columns.isascii() and columns.isdigit() and MIN_COLUMNS <= int(columns[:9]) <= MAX_COLUMNS):
+        os.environ.pop("COLUMNS", None)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _end(code: int, sentence: str) -> NoReturn:

@@ -32,8 +32,8 @@ NO_PRIOR = "none"
 IMAGES, JOINTS = "images", "joints"
 """Where a calibration recording comes from: spheres seen by the station's camera, or joints with drawn noise."""
 
-MAX_TRIALS = 1_000_000
-"""Of a run: more than a year of work."""
+MAX_TRIALS = 100_000
+"""Of a run: weeks of work on all cores of a large machine."""
 
 SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
 """Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
