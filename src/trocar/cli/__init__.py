@@ -91,7 +91,7 @@ def main() -> None:
 
 
 def _fit_terminal() -> None:
-    """Print to whatever is there: a width that is none is not believed, what cannot be encoded is written in escapes."""
+    """Print to whatever is there: no width that is none, and escapes for what cannot be encoded."""
     columns = os.environ.get("COLUMNS", "")
     if not (columns.isascii() and columns.isdigit() and MIN_COLUMNS <= int(columns[:9]) <= MAX_COLUMNS):
         os.environ.pop("COLUMNS", None)
