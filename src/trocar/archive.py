@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
-import struct
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -18,23 +15,15 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.output import mark_zip, writing
+from trocar.reading import MAX_BYTES, UNREADABLE, array_of, parsed_json, require_short_list
 
 HEADER = "header.json"
 BLOBS = "files/"
 DATE = (1980, 1, 1, 0, 0, 0)
 """Of every member: the same content is the same bytes."""
 MAX_HEADER_BYTES = 32 << 20
-MAX_BYTES = 1 << 30
-"""Of all that an archive unpacks to; what claims more is refused before anything is allocated."""
-END_BYTES = 22 + 65535
-"""Of a zip's last record, with the longest comment; it says how long the list of members is."""
-MAX_LIST_BYTES = 1 << 20
-"""Of a zip's list of members, thousands of them: reading a longer one takes as long as it likes."""
 KINDS = "biuf"
 """Kinds of numbers that an array may hold."""
-
-UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError)
-"""What zip, JSON and NumPy raise on files that are damaged or not ours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,29 +91,10 @@ def read_archive(path: str | Path, kind: str, version: int) -> Archive:
                 if name.startswith(BLOBS):
                     blobs[name.removeprefix(BLOBS)] = file.read(member)
                 elif name.endswith(".npy"):
-                    arrays[name.removesuffix(".npy")] = _array(file.read(member))
+                    arrays[name.removesuffix(".npy")] = _numbers(file.read(member))
             except UNREADABLE:
                 raise TrocarError(f"{str(path)!r} is damaged at {name!r}; make it again") from None
     return Archive(header, arrays, blobs)
-
-
-def require_short_list(path: Path) -> None:
-    """Raise TrocarError where a zip claims more members than any file of numbers has: before anybody reads the list."""
-    try:
-        with path.open("rb") as file:
-            file.seek(max(0, path.stat().st_size - END_BYTES))
-            end = file.read()
-    except OSError:
-        return  # whoever reads the file says it better
-    place = end.rfind(b"PK\5\6")
-    if place < 0 or len(end) < place + 22:
-        return
-    members, list_bytes = struct.unpack_from("<HL", end, place + 10)
-    if list_bytes > MAX_LIST_BYTES:
-        raise TrocarError(
-            f"{str(path)!r} is a zip whose list of members alone is {list_bytes >> 20} MB long ({members} or more); it "
-            "is no file of numbers"
-        )
 
 
 class _opened:
@@ -158,9 +128,9 @@ def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) ->
     try:
         if file.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
             raise ValueError
-        header = json.loads(file.read(HEADER))
+        header = parsed_json(file.read(HEADER))
         found = header["format"], header["version"]
-    except (*UNREADABLE, RecursionError):
+    except UNREADABLE:
         raise TrocarError(f"{str(path)!r} is no readable {kind}; move it away and make it again") from None
     if found != (kind, version):
         raise TrocarError(
@@ -170,17 +140,12 @@ def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) ->
     return header
 
 
-def _array(data: bytes) -> NDArray:
-    """Return the array in the bytes of an .npy; its header is checked against their number before it is believed."""
-    buffer = BytesIO(data)
-    version = np.lib.format.read_magic(buffer)
-    if version != (1, 0):
-        raise ValueError("an .npy of another version")
-    shape, fortran, dtype = np.lib.format.read_array_header_1_0(buffer)
-    if dtype.kind not in KINDS or math.prod(shape) * dtype.itemsize != len(data) - buffer.tell():
-        raise ValueError("an .npy that is not what it claims")
-    flat = np.frombuffer(data, dtype, offset=buffer.tell())
-    return flat.reshape(shape, order="F" if fortran else "C").copy()
+def _numbers(data: bytes) -> NDArray:
+    """Return the array of numbers in the bytes of an .npy."""
+    array = array_of(data)
+    if array.dtype.kind not in KINDS:
+        raise ValueError("an .npy that holds no numbers")
+    return array
 
 
 def _member(name: str, compression: int = zipfile.ZIP_DEFLATED) -> zipfile.ZipInfo:

@@ -7,6 +7,7 @@ its own kind; whatever else has its name stays, and the user is told.
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
 import zipfile
@@ -17,6 +18,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from trocar.drafts import drafted
 from trocar.errors import MachineError, TrocarError
 
 if TYPE_CHECKING:
@@ -27,6 +29,9 @@ MADE_BY = "made_by"
 
 PICTURE = "picture"
 PICTURES = (".png", ".svg", ".pdf")
+
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL)
+"""What systems answer where a name can be no file's: it is too long, leads in a circle, or has forbidden characters."""
 
 SEARCHED_BYTES = 64 << 10
 """A mark is looked for in so much of a file's beginning and of its end."""
@@ -47,9 +52,8 @@ def mark_of(kind: str) -> str:
 
 def blame(error: OSError) -> type[TrocarError]:
     """Return whose trouble it is that a file cannot be had: the input's, which names none, or the machine's."""
-    return (
-        TrocarError if isinstance(error, FileNotFoundError | NotADirectoryError | IsADirectoryError) else MachineError
-    )
+    named_none = isinstance(error, FileNotFoundError | NotADirectoryError | IsADirectoryError)
+    return TrocarError if named_none or error.errno in NO_NAME else MachineError
 
 
 def make_folder(path: str | Path) -> Path:
@@ -111,7 +115,8 @@ def require_place(path: str | Path, kind: str, inputs: Sequence[str | Path] = ()
 def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
     """Give a draft to be written, and put it into a file's place when the block ends without an error.
 
-    Whatever goes wrong, the file that was there stays as it was, and no draft is left behind.
+    Whatever goes wrong, the file that was there stays as it was, and no draft is left behind; that of a process that
+    was killed is removed by the next one that writes into the folder.
 
     Args:
         path: of the file.
@@ -123,15 +128,12 @@ def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
         MachineError: it cannot be written.
     """
     path = require_place(path, kind, mark=mark)
-    draft = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        yield draft
-        draft.replace(path)
+        with drafted(path) as draft:
+            yield draft
+            draft.replace(path)
     except OSError as error:
         raise blame(error)(f"cannot write {str(path)!r} ({error.strerror or error}); choose another folder") from None
-    finally:
-        if draft.is_file():
-            draft.unlink()
 
 
 def write_text(path: str | Path, text: str, kind: str) -> Path:

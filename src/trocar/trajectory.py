@@ -84,12 +84,10 @@ class Trajectory:
 
     def sample(self, step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return times from the first knot to the last in equal steps of at most ``step_s``, and positions there."""
-        if not step_s > 0:
-            raise TrocarError(f"the sampling step is {step_s} s; give a step above 0")
-        if self.duration_s / step_s > MAX_SAMPLES:
+        if not (step_s > 0 and self.duration_s / step_s < MAX_SAMPLES):
             raise TrocarError(
-                f"{self.duration_s:g} s in steps of {step_s:g} s are more than {MAX_SAMPLES} samples; give a longer "
-                "step"
+                f"the sampling step is {step_s} s of {self.duration_s:.3f} s; give one above 0 that makes fewer than "
+                f"{MAX_SAMPLES} samples"
             )
         count = max(1, int(np.ceil(self.duration_s / step_s - 1e-9)))
         times = np.linspace(self.times_s[0], self.times_s[-1], count + 1)

@@ -216,7 +216,7 @@ def test_ctrl_c_keeps_finished_trials_and_says_so(trocar, played, monkeypatch, t
     assert code == 130
     assert "stopped; 1 finished trial kept; the same command goes on" in " ".join(out.split())
     assert summary_of(tmp_path)["trials"] == 1
-    assert not list(tmp_path.rglob(".*part"))
+    assert not list(tmp_path.rglob(".*"))
     interrupt_at(monkeypatch, None)
     code, out, _ = trocar("run", "peg-transfer", "--trials", 3, "--out", tmp_path, "--json")
     assert code == 0
@@ -256,7 +256,7 @@ def test_a_real_ctrl_c_in_a_running_trial_ends_it_without_a_traceback(tmp_path):
     kept = len(trial_files(tmp_path))
     assert kept >= 1
     assert json.loads(out)["trials"] == summary_of(tmp_path)["trials"] == kept < 50
-    assert not list(tmp_path.rglob(".*part"))
+    assert not list(tmp_path.rglob(".*"))
 
 
 # Reports.
@@ -322,7 +322,7 @@ def test_a_video_is_a_moving_picture_of_the_first_trial(trocar, real, tmp_path):
     assert (folder / "summary.json").read_bytes() == before
     with Image.open(folder / "video.webp") as film:
         assert film.format == "WEBP" and film.n_frames > 10
-    assert not list(folder.rglob(".*part"))
+    assert not list(folder.rglob(".*"))
 
 
 # What is refused.

@@ -25,9 +25,9 @@ def test_an_angle_is_between_the_axis_and_the_way_to_the_point():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"axis": [0, 0, 0]}, "the axis that faces a point is 0 in all directions"),
-        ({"axis": [0, 1]}, r"'axis' of what a tip faces must have shape \(3,\), got \(2,\)"),
         ({"towards_m": [0, np.nan, 0]}, "'towards_m' of what a tip faces must be finite"),
+        ({"axis": [0, 0, 0]}, "the axis that faces a point is .* not all 0"),
+        ({"axis": [0, 1]}, "the axis that faces a point is .* three finite numbers"),
         ({"max_rad": 0.0}, "may face 0.0 rad aside; give an angle above 0"),
         ({"max_rad": 4.0}, "may face 4.0 rad aside"),
     ],

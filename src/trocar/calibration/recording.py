@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
-import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.archive import HEADER, require_short_list
+from trocar.archive import HEADER
 from trocar.calibration.recording_table import read_recording_table
 from trocar.errors import TrocarError
 from trocar.geometry import shown
 from trocar.notebook import table
 from trocar.output import mark_zip, writing
+from trocar.reading import UNREADABLE, parsed_json, read_arrays
 
 JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
 """Outer yaw, outer pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad]."""
@@ -218,29 +217,28 @@ def _arrays(path: Path) -> dict[str, NDArray]:
 
 
 def _npz_arrays(path: Path) -> dict[str, NDArray]:
-    require_short_list(path)
     try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: np.asarray(data[key]) for key in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+        arrays = read_arrays(path)
+    except (OSError, ValueError):
         raise TrocarError(f"recording {str(path)!r} is not a readable .npz of numbers; copy it again") from None
     missing = [key for key in ("q_cmd", "q_phy") if key not in arrays]
-    if HEADER in arrays:
-        raise TrocarError(f"{str(path)!r} is {_kind(arrays[HEADER])}, not a recording; give one with q_cmd and q_phy")
+    if missing and (kind := _kind(path)):
+        raise TrocarError(f"{str(path)!r} is {kind}, not a recording; give one with q_cmd and q_phy")
     if missing:
         raise TrocarError(
-            f"recording {str(path)!r} lacks {' and '.join(missing)}; it has {', '.join(arrays) or 'nothing'} "
-            "and needs q_cmd and q_phy (optional: valid, t_s)"
+            f"recording {str(path)!r} lacks {' and '.join(missing)}; "
+            f"it has {', '.join(filter(None, arrays)) or 'nothing'} and needs q_cmd and q_phy (optional: valid, t_s)"
         )
     return arrays
 
 
-def _kind(header: NDArray) -> str:
-    """Return in words what an archive of ours is."""
+def _kind(path: Path) -> str:
+    """Return in words what an archive of ours is; nothing if a file is none."""
     try:
-        return f"a {str(json.loads(header.item())['format'])[:40]!r}"
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return "an archive with a header"
+        with zipfile.ZipFile(path) as file:
+            return f"a {str(parsed_json(file.read(HEADER))['format'])[:40]!r}"
+    except UNREADABLE:
+        return ""
 
 
 def looks_like_recording(path: Path) -> bool:
@@ -248,7 +246,6 @@ def looks_like_recording(path: Path) -> bool:
     if path.is_dir():
         return any((path / commanded).exists() for commanded, _ in FOLDER_FILES)
     try:
-        require_short_list(path)
         with zipfile.ZipFile(path) as file:
             return {"q_cmd.npy", "q_phy.npy"} <= set(file.namelist())
     except (OSError, zipfile.BadZipFile, TrocarError):
@@ -267,8 +264,8 @@ def _folder_arrays(folder: Path) -> dict[str, NDArray]:
 
 def _load_npy(path: Path) -> NDArray:
     try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (OSError, ValueError, EOFError):
+        return read_arrays(path)[""]
+    except (OSError, ValueError, KeyError):
         raise TrocarError(f"{str(path)!r} is not a readable .npy of numbers; copy it again") from None
 
 

@@ -16,6 +16,7 @@ from trocar.cli.open_group import OpenGroup
 from trocar.cli.quiet import Quiet, be_quiet
 from trocar.cli.streams import prepare_streams
 from trocar.errors import MachineError, TrocarError
+from trocar.output import NO_NAME
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before NumPy is imported: its threads cost more than they bring here
@@ -73,6 +74,8 @@ def main() -> None:
         _end(3, "there is not enough memory for this; ask for less at once, or close other programs")
     except OSError as error:
         what = f"{error.filename!r}: {error.strerror}" if error.filename else error.strerror or str(error)
+        if error.errno in NO_NAME:
+            _end(2, f"that can be no file's name ({what}); give another")
         _end(3, f"the machine is in trouble ({what}); see to it and give the same command again")
     except KeyboardInterrupt:
         _end(130, "stopped")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping
 from math import isfinite, radians
 from pathlib import Path
@@ -15,13 +13,13 @@ import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
-from trocar.archive import require_short_list
 from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.cli.motion_file import require_motion_file, write_motions
 from trocar.cli.plugin import Plugins
 from trocar.cli.terminal import results
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
+from trocar.reading import read_arrays
 
 T = TypeVar("T")
 
@@ -156,20 +154,18 @@ def _load(path: Path) -> NDArray[np.float64]:
     """Return the waypoints of a file as (n, 4, 6)."""
     if path.is_dir():
         raise TrocarError(f"{str(path)!r} is a folder; give a .npy or .npz with waypoints")
-    require_short_list(path)
     try:
-        loaded: Any = np.load(path, allow_pickle=False)
-        if isinstance(loaded, np.lib.npyio.NpzFile):
-            with loaded:
-                if "waypoints" not in loaded:
-                    raise TrocarError(f"{path} holds {sorted(loaded)} but no array 'waypoints'; save one of that name")
-                loaded = loaded["waypoints"]
-        values = np.asarray(loaded, dtype=np.float64)
+        arrays = read_arrays(path)
     except FileNotFoundError:
         raise TrocarError(f"there is no file {path}; give a .npy or .npz with waypoints") from None
-    except TrocarError:
-        raise
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
+    except (OSError, ValueError):
+        raise TrocarError(f"{path} cannot be read as a .npy or .npz of numbers; save the waypoints again") from None
+    try:
+        loaded = arrays[""] if "" in arrays else arrays["waypoints"]
+        values = loaded.astype(np.float64, casting="same_kind")
+    except KeyError:
+        raise TrocarError(f"{path} holds {sorted(arrays)} but no array 'waypoints'; save one of that name") from None
+    except TypeError:
         raise TrocarError(f"{path} cannot be read as a .npy or .npz of numbers; save the waypoints again") from None
     if values.ndim == 2:
         values = values[None]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import fit_rigid
+from trocar.reading import read_arrays
 
 
 def points(
@@ -65,12 +65,8 @@ def _load(path: Path) -> NDArray[np.float64]:
     if not path.is_file():
         raise TrocarError(f"file {str(path)!r} does not exist; give a .npy file of (n, 3) points in m")
     try:
-        array = np.load(path, allow_pickle=False)
-        if not isinstance(array, np.ndarray):
-            array.close()
-            raise ValueError
-        points = array.astype(np.float64, casting="safe")
-    except (ValueError, EOFError, OSError, TypeError, zipfile.BadZipFile):
+        points = read_arrays(path)[""].astype(np.float64, casting="safe")
+    except (ValueError, OSError, TypeError, KeyError):
         raise TrocarError(
             f"file {str(path)!r} is not a readable .npy array; save (n, 3) points in m with numpy.save"
         ) from None

@@ -6,8 +6,8 @@ import os
 import sys
 from io import TextIOWrapper
 
-MIN_COLUMNS = 20
-"""Of a terminal; one that claims less is taken to say nothing, as where COLUMNS is 0."""
+MIN_COLUMNS, MAX_COLUMNS = 20, 1000
+"""Of a terminal; one that claims less or more is taken to say nothing, as where COLUMNS is 0."""
 
 
 def prepare_streams() -> None:
@@ -16,5 +16,5 @@ def prepare_streams() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     columns = os.environ.get("COLUMNS", "")
-    if columns and not (columns.isdecimal() and int(columns) >= MIN_COLUMNS):
+    if columns and not (columns.isascii() and columns.isdigit() and MIN_COLUMNS <= int(columns[:9]) <= MAX_COLUMNS):
         del os.environ["COLUMNS"]

@@ -12,7 +12,7 @@ import typer
 
 from trocar.arms import ARMS
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3, TURN
+from trocar.geometry import SE3, SO3, TURN, direction
 from trocar.sutures import MARGINS, PRESETS, Circle, Preset, Reward, SutureSetup, base_beside
 from trocar.sutures.plan import Spacing
 from trocar.sutures.rewards import JOINTS, SCALINGS
@@ -245,10 +245,7 @@ def _circle(
 
 def _turned_to(normal: Sequence[float]) -> SO3:
     """Return the smallest rotation that takes z to this direction."""
-    length = float(np.linalg.norm(normal))
-    if not (math.isfinite(length) and length > 1e-9):
-        raise TrocarError(f"the tissue's normal is {tuple(normal)}; give a direction such as 0 0 1")
-    return SO3.between([0.0, 0.0, 1.0], normal)
+    return SO3.between([0.0, 0.0, 1.0], direction(normal, "the tissue's normal"))
 
 
 def _arc(text: str) -> tuple[float, float]:

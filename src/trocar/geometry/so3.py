@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry.arrays import finite
+from trocar.geometry.direction import direction
 
 RIGID = 1e-6
 """Columns of a rotation that are off unit length or right angles by so much are rounding errors, of float32 too."""
@@ -96,18 +97,13 @@ class SO3:
         Raises:
             TrocarError: one of them has no direction.
         """
-        a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-        lengths = np.linalg.norm(a), np.linalg.norm(b)
-        if a.shape != (3,) or b.shape != (3,) or not (np.isfinite(lengths).all() and min(lengths) > 0.0):
-            raise TrocarError(
-                f"directions {start!r} and {end!r} have no angle between them; give (3,), finite, not zero"
-            )
-        axis, cosine = np.cross(a / lengths[0], b / lengths[1]), float(a @ b / (lengths[0] * lengths[1]))
+        a, b = direction(start, "the first direction"), direction(end, "the second direction")
+        axis, cosine = np.cross(a, b), float(a @ b)
         sine = float(np.linalg.norm(axis))
         if sine < 1e-12:
             if cosine > 0.0:
                 return SO3.identity()
-            axis, sine = np.cross(a / lengths[0], np.eye(3)[np.abs(a).argmin()]), 0.0
+            axis, sine = np.cross(a, np.eye(3)[np.abs(a).argmin()]), 0.0
             return SO3.exp(np.pi * axis / np.linalg.norm(axis))
         return SO3.exp(axis / sine * np.arctan2(sine, cosine))
 

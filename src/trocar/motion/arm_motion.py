@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, Unreachable, ik
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, direction
 from trocar.geometry.arrays import finite, numbers
 from trocar.geometry.se3 import one_pose
 from trocar.motion.facing import Facing
@@ -97,7 +97,7 @@ class ArmMotion:
             )
         object.__setattr__(self, "waypoints", points)
         object.__setattr__(self, "straight", straight)
-        object.__setattr__(self, "up", _unit(self.up))
+        object.__setattr__(self, "up", direction(self.up, "the upward direction"))
         object.__setattr__(self, "start_velocity", self._checked_velocity())
         self._require_apart()
         if not np.isfinite(self.jaw_rad):
@@ -170,11 +170,3 @@ def _count(T_base_goals: SE3) -> int:
     if T_base_goals.matrix.ndim != 3:
         raise TrocarError(f"goals are poses (m, 4, 4), got {T_base_goals.matrix.shape}; index one as [None]")
     return len(T_base_goals.matrix)
-
-
-def _unit(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction as a unit vector (3,)."""
-    direction = finite("the upward direction", up, 3)
-    if not np.linalg.norm(direction) > 0:
-        raise TrocarError(f"the upward direction needs three finite numbers that are not all 0, got {up}")
-    return direction / np.linalg.norm(direction)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, direction
 from trocar.geometry.arrays import finite
 
 
@@ -30,13 +30,10 @@ class Facing:
     max_rad: float
 
     def __post_init__(self) -> None:
-        for name in ("axis", "towards_m"):
-            object.__setattr__(self, name, finite(f"'{name}' of what a tip faces", getattr(self, name), 3))
-        if not self.axis.any():
-            raise TrocarError("the axis that faces a point is 0 in all directions; give the direction of the marks")
+        object.__setattr__(self, "towards_m", finite("'towards_m' of what a tip faces", self.towards_m, 3))
         if not 0 < self.max_rad <= pi:
             raise TrocarError(f"a tip may face {self.max_rad} rad aside; give an angle above 0, up to pi")
-        object.__setattr__(self, "axis", self.axis / np.linalg.norm(self.axis))
+        object.__setattr__(self, "axis", direction(self.axis, "the axis that faces a point"))
 
     def angle_rad(self, T_world_tip: SE3) -> NDArray[np.float64]:
         """Return by how much poses (...,) of the tip face aside, (...,)."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.geometry import direction
 from trocar.geometry.arrays import finite
 from trocar.geometry.capsules import Capsules
 
@@ -63,11 +64,8 @@ class HalfSpace:
     normal: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        normal = finite("the normal of a half-space", self.normal, 3)
-        if not normal.any():
-            raise TrocarError("the normal of a half-space is 0 in all directions; give the direction out of it")
         object.__setattr__(self, "point_m", finite("the point of a half-space", self.point_m, 3))
-        object.__setattr__(self, "normal", normal / np.linalg.norm(normal))
+        object.__setattr__(self, "normal", direction(self.normal, "the normal of a half-space"))
 
     def as_capsule(self) -> Capsule:
         """Return a ball so large that it is as good as the half-space, and no smaller where arms are.

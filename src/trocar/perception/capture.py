@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.archive import require_short_list
 from trocar.errors import TrocarError
+from trocar.reading import read_arrays
 
 UNITS_M = {"mm": 1e-3, "m": 1.0}
 
@@ -32,11 +30,9 @@ def load_capture(path: str | Path, unit: str | None = None) -> NDArray[np.float6
         raise TrocarError(f"{str(path)!r} is a folder; give an .npz or .npy file of points (n, 3)")
     if not path.is_file():
         raise TrocarError(f"capture {str(path)!r} does not exist; give an .npz or .npy file of points (n, 3)")
-    require_short_list(path)
     try:
-        content = np.load(path, allow_pickle=False)
-        arrays = dict(content) if isinstance(content, np.lib.npyio.NpzFile) else {"": content}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+        arrays = read_arrays(path)
+    except (OSError, ValueError):
         raise TrocarError(
             f"capture {str(path)!r} cannot be read as .npz or .npy of numbers; save the points again"
         ) from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from trocar.checks import require_numbers
 from trocar.geometry import SE3, SO3, shown
 from trocar.perception.checkerboard.board import Checkerboard
 
@@ -22,6 +23,9 @@ class Registration:
     points: int = 270
     sd_m: float = 0.3e-3
     volume_m: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-0.06, -0.04, 0.0), (0.06, 0.04, 0.05))
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
     @property
     def about(self) -> str:
@@ -52,6 +56,9 @@ class CheckerboardRegistration:
     bracket_sd_m: float = 0.3e-3
     bracket_sd_rad: float = math.radians(0.1)
     views: int = 20
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
     @property
     def about(self) -> str:

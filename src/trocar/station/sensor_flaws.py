@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from trocar.checks import require_numbers
+
 
 @dataclass(frozen=True)
 class SensorFlaws:
@@ -37,6 +39,9 @@ class SensorFlaws:
     edge_mixed: float = 0.25
     specular_missing: float = 0.9
     color_sd: float = 2.5
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
     def with_depth(self, scale: float) -> SensorFlaws:
         """Return a sensor whose depth scatters so many times as much."""

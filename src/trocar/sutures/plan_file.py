@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from trocar.arms import ARMS, ArmModel
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, TURN
+from trocar.reading import read_json
 from trocar.sutures.drive import Suture
 from trocar.sutures.plan import check_count
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
@@ -82,12 +82,12 @@ def load_plan(path: str | Path) -> PlannedSutures:
     """
     path = Path(path)
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = read_json(path)
     except FileNotFoundError:
         raise TrocarError(f"there is no file {str(path)!r}; {MADE_BY}") from None
     except OSError as error:
         raise TrocarError(f"cannot read plan {str(path)!r} ({error.strerror}); {MADE_BY}") from None
-    except (ValueError, RecursionError):
+    except ValueError:
         raise TrocarError(f"{str(path)!r} is not JSON; {MADE_BY}") from None
     if not isinstance(values, dict):
         raise TrocarError(f"{str(path)!r} holds no plan; {MADE_BY}")

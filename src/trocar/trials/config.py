@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cache
 from importlib.metadata import version
 from typing import Any
 
@@ -36,6 +37,9 @@ FITTED_ON = "cable models are fitted on"
 
 FOLLOWS = ("options", "variant", "piece", "station_digest", "arms", "flaws", "versions")
 """What a run says of itself that follows from what else was chosen."""
+
+MAX_TRIALS = 100_000
+"""Of a run: weeks of work on all cores of a large machine."""
 
 SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
 """Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
@@ -100,6 +104,11 @@ class RunConfig:
         for name in ("sessions", "trials"):
             if getattr(self, name) < 1:
                 raise TrocarError(f"the number of {name} is {getattr(self, name)}; give 1 or more with --{name}")
+        if self.sessions * self.trials > MAX_TRIALS:
+            raise TrocarError(
+                f"{self.sessions} sessions of {self.trials} trials are more than {MAX_TRIALS} trials; give fewer with "
+                "--sessions or --trials"
+            )
         if self.seed < 0:
             raise TrocarError(f"the seed is {self.seed}; give 0 or more with --seed")
         self._choose_model(method)
@@ -258,6 +267,7 @@ def fingerprint(about: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return the versions of the packages that a trial's numbers depend on."""
     return {name: version(name) for name in PACKAGES}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, overload
@@ -10,6 +9,7 @@ from typing import Any, overload
 from trocar.counting import counted
 from trocar.errors import TrocarError
 from trocar.output import write_json
+from trocar.reading import read_json
 from trocar.station import require_reach
 from trocar.trials.config import RunConfig
 from trocar.trials.trial import Trial, trial_about, trial_file, trial_files
@@ -26,7 +26,7 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
         TrocarError: the folder holds another run, a trial of another run, or cannot be written.
     """
     folder = Path(folder)
-    record, about = folder / RECORD, config.about()
+    record, about, fingerprint = folder / RECORD, config.about(), config.fingerprint
     if folder.is_file():
         raise TrocarError(f"{str(folder)!r} is a file; choose a folder with --out")
     require_reach(config.laboratory)
@@ -36,12 +36,12 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
             found = _recorded(record)
             if any(folder.glob("session_*")):  # else nothing was computed that could be mixed up
                 _require_same(found, about, folder)
-        text = {**about, "fingerprint": config.fingerprint, "sessions": config.sessions, "trials": config.trials}
+        text = {**about, "fingerprint": fingerprint, "sessions": config.sessions, "trials": config.trials}
     except OSError as error:
         raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
     write_json(record, text, "run")
     wanted = [(session, index) for session in range(config.sessions) for index in range(config.trials)]
-    return [place for place in wanted if not is_done(folder, place, config.fingerprint)]
+    return [place for place in wanted if not is_done(folder, place, fingerprint)]
 
 
 class KeptTrials(Sequence[Trial]):
@@ -143,7 +143,7 @@ def load_trial(path: str | Path) -> Trial:
 def asked(folder: str | Path) -> tuple[int, int] | None:
     """Return for how many sessions, and trials in each, a run was asked; None where its record is lost."""
     try:
-        found = json.loads((Path(folder) / RECORD).read_text())
+        found = read_json(Path(folder) / RECORD)
         return int(found["sessions"]), int(found["trials"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -169,7 +169,7 @@ def _place(about: dict[str, Any]) -> tuple[int, int]:
 def _recorded_fingerprint(folder: Path) -> str:
     """Return the fingerprint of the run that a folder was made for; empty if its record is lost."""
     try:
-        return str(json.loads((folder / RECORD).read_text())["fingerprint"])
+        return str(read_json(folder / RECORD)["fingerprint"])
     except (OSError, ValueError, KeyError, TypeError):
         return ""
 
@@ -207,8 +207,8 @@ def _readable(path: Path) -> bool:
 def _recorded(record: Path) -> dict[str, Any]:
     """Return what a folder's record says, or raise."""
     try:
-        found = json.loads(record.read_text())
-    except (UnicodeDecodeError, json.JSONDecodeError):
+        found = read_json(record)
+    except ValueError:
         found = None
     if not isinstance(found, dict):
         raise TrocarError(

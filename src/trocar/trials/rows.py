@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from trocar.output import MADE_BY, write_json
+from trocar.reading import read_json
 from trocar.trials.trial import Trial
 
 
@@ -51,7 +51,7 @@ def kept_row(
     """
     path = row_file(trial)
     try:
-        values = json.loads(path.read_text())
+        values = read_json(path)
         values.pop(MADE_BY, None)
         if values.pop("version") == version and values["fingerprint"] == fingerprint:
             return kind(**values)

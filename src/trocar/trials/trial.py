@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from trocar.errors import TrocarError
 from trocar.log import Computation, Span
 from trocar.notebook import table
 from trocar.output import write_json
+from trocar.reading import read_json
 from trocar.replay import Replay
 from trocar.trials.scenery import Scenery
 
@@ -221,7 +221,7 @@ def trial_files(folder: str | Path) -> list[Path]:
 def _timing(path: Path) -> tuple[list[Computation], float]:
     """Return the real times beside a trial; none where they are lost: the trial does not need them."""
     try:
-        timing = json.loads(path.read_text())
+        timing = read_json(path)
         return [Computation(**c) for c in timing["computations"]], float(timing["wall_s"])
     except (OSError, ValueError, KeyError, TypeError):
         return [], 0.0

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.calibration.recording import Recording, sampling_interval, why_invalid
+from trocar.checks import require_numbers
 from trocar.errors import TrocarError
 
 MAX_VALUE = 1e6
@@ -36,6 +37,9 @@ class TrainingMotion:
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
     rows: int
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
     def __repr__(self) -> str:
         ends = zip(np.degrees(self.lower[3:]), np.degrees(self.upper[3:]), strict=True)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.archive import require_short_list
 from trocar.errors import TrocarError
+from trocar.reading import read_arrays
 from trocar.sutures.demonstrations.convention import Convention
 
 NAMES = ("q", "joints")
@@ -49,14 +46,9 @@ def pick_columns(values: NDArray[np.float64], convention: Convention, where: str
 
 
 def _load(path: str | Path) -> NDArray:
-    require_short_list(Path(path))
     try:
-        content: Any = np.load(path, allow_pickle=False)
-        if not isinstance(content, np.lib.npyio.NpzFile):
-            return np.asarray(content)
-        with content:
-            arrays = {name: np.asarray(content[name]) for name in content.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+        arrays = read_arrays(path)
+    except (OSError, ValueError):
         raise TrocarError(f"{str(path)!r} is not a readable .npy or .npz of numbers; save it again") from None
     name = next((name for name in NAMES if name in arrays), None)
     if name is None and len(arrays) != 1:

@@ -1,0 +1,24 @@
+"""What values made by hand are held to."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from trocar.errors import TrocarError
+
+
+def require_numbers(value: Any) -> None:
+    """Raise unless all numbers in a dataclass's own fields are numbers: for its ``__post_init__``.
+
+    Raises:
+        TrocarError: one is NaN; the sentence names the class and the field.
+    """
+    for field in fields(value):
+        held = getattr(value, field.name)
+        if isinstance(held, float | np.ndarray):
+            array = np.asarray(held)
+            if array.dtype.kind in "fc" and np.isnan(array).any():
+                raise TrocarError(f"{field.name} of {type(value).__name__} holds NaN ({held}); give a number")

@@ -1,0 +1,119 @@
+"""The one door through which numbers of others come in: nothing that a file claims is believed before it is checked."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import zipfile
+import zlib
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+
+MAX_BYTES = 1 << 30
+"""Of all that a file unpacks to; what claims more is refused before anything is allocated."""
+
+END_BYTES = 22 + 65535
+"""Of a zip's last record, with the longest comment; it says how long the list of members is."""
+MAX_LIST_BYTES = 1 << 20
+"""Of a zip's list of members, thousands of them: reading a longer one takes as long as it likes."""
+
+UNREADABLE = (
+    *(OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, NotImplementedError, RuntimeError),
+    *(SyntaxError, zipfile.BadZipFile, zlib.error),
+)
+"""What zip, JSON and NumPy raise on files that are damaged or not ours."""
+
+
+def parsed_json(text: str | bytes) -> Any:
+    """Return JSON's values.
+
+    Raises:
+        ValueError: it is none, or nested deeper than anything that is meant.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("JSON is nested too deep") from None
+
+
+def read_json(path: str | Path) -> Any:
+    """Return the values in a JSON file; raises OSError, or ValueError where it is none."""
+    return parsed_json(Path(path).read_bytes())
+
+
+def require_short_list(path: Path) -> None:
+    """Raise TrocarError where a zip claims more members than any file of numbers has: before anybody reads the list."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - END_BYTES))
+            end = file.read()
+    except OSError:
+        return  # whoever reads the file says it better
+    place = end.rfind(b"PK\5\6")
+    if place < 0 or len(end) < place + 22:
+        return
+    members, list_bytes = struct.unpack_from("<HL", end, place + 10)
+    if list_bytes > MAX_LIST_BYTES:
+        raise TrocarError(
+            f"{str(path)!r} is a zip whose list of members alone is {list_bytes >> 20} MB long ({members} or more); it "
+            "is no file of numbers"
+        )
+
+
+def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays in an ``.npz`` by name, or that in an ``.npy`` under the empty name.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is neither, it is damaged, an array is not what its header claims, or holds Python's objects.
+        TrocarError: it is a zip of more members than any file of numbers has.
+    """
+    path = Path(path)
+    require_short_list(path)
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"larger than {MAX_BYTES >> 20} MB")
+    if not zipfile.is_zipfile(path):
+        return {"": array_of(path.read_bytes())}
+    try:
+        with zipfile.ZipFile(path) as file:
+            members = [member for member in file.infolist() if member.filename.endswith(".npy")]
+            if sum(member.file_size for member in members) > MAX_BYTES:
+                raise ValueError(f"it claims to unpack to more than {MAX_BYTES >> 20} MB")
+            return {member.filename.removesuffix(".npy"): array_of(file.read(member)) for member in members}
+    except OSError:
+        raise
+    except UNREADABLE as error:
+        raise ValueError(str(error)) from None
+
+
+def array_of(data: bytes) -> NDArray[Any]:
+    """Return the array in the bytes of an ``.npy``, whose header is checked against their number.
+
+    Raises:
+        ValueError: it is none, is not what its header claims, or holds Python's objects.
+    """
+    buffer = BytesIO(data)
+    try:
+        version = np.lib.format.read_magic(buffer)
+        if version == (1, 0):
+            shape, fortran, dtype = np.lib.format.read_array_header_1_0(buffer)
+        elif version == (2, 0):
+            shape, fortran, dtype = np.lib.format.read_array_header_2_0(buffer)
+        else:
+            raise ValueError("an .npy of another version")
+    except UNREADABLE as error:
+        raise ValueError(str(error)) from None
+    claimed = math.prod(shape) * dtype.itemsize
+    if dtype.hasobject or any(length < 0 for length in shape) or claimed != len(data) - buffer.tell():
+        raise ValueError("an .npy that is not what it claims")
+    if not dtype.itemsize:
+        return np.zeros(shape, dtype)
+    flat = np.frombuffer(data, dtype, offset=buffer.tell())
+    return flat.reshape(shape, order="F" if fortran else "C").copy()
