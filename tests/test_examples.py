@@ -2,7 +2,6 @@
 
 import ast
 import json
-import os
 import re
 import subprocess
 import sys
@@ -19,7 +18,8 @@ from waypoints import FOUR
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = ("first_trial.py", "move_an_arm.py", "plan_sutures.py")
 PLUGINS = ("own_agent.py", "own_cable_model.py", "own_perception.py", "own_planner.py", "own_task.py")
-SHORT = ("--transfers", "1", "--calibration", "joints")
+QUICK = ("--calibration", "joints")
+SHORT = ("--transfers", "1", *QUICK)
 
 ONE_TRANSFER = """
 import runpy, sys
@@ -38,7 +38,6 @@ def run(words, folder):
         text=True,
         check=False,
         cwd=folder,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     assert result.returncode == 0, result.stderr
     return result.stdout
@@ -104,7 +103,7 @@ def own_task(tmp_path_factory):
     folder = tmp_path_factory.mktemp("task")
     (words,) = commands_of("own_task.py")
     assert {"--trials", "--seed"} <= set(words)
-    return folder / "out" / "own-task", trocar(words, folder)
+    return folder / "out" / "own-task", trocar([*words, *QUICK], folder)
 
 
 def test_an_own_task_is_short():
@@ -126,7 +125,7 @@ def test_an_own_task_can_be_resumed_and_reported_on_even_without_its_file(own_ta
     (words,) = commands_of("own_task.py")
     summary = summary_of(folder)
     trial_file(folder, 0, 1).unlink()
-    trocar(words, folder.parents[1])
+    trocar([*words, *QUICK], folder.parents[1])
     assert {path: path.read_bytes() for path in folder.rglob("*.npz")} == before
     counted = ("task", "attempted", "succeeded", "mean_time_s", "fingerprint")
     reported = json.loads(trocar(["report", folder, "--json"], folder))
