@@ -24,7 +24,14 @@ def trocar(monkeypatch, capsys):
 
 
 @pytest.fixture
-def played(monkeypatch):
+def unpictured(monkeypatch):
+    """Draw no pictures of runs, and make no replay."""
+    monkeypatch.setattr(files, "_pictures", lambda *rest: [])
+    monkeypatch.setattr(files, "find_spec", lambda module: None)
+
+
+@pytest.fixture
+def played(monkeypatch, unpictured):
     """Replace trials by synthetic ones without pictures; return the list of those that were played."""
     done = []
 
@@ -41,6 +48,4 @@ def played(monkeypatch):
 
     monkeypatch.setattr(trials_run, "prepare", prepare)
     monkeypatch.setattr(trials_run, "run_trial", run_trial)
-    monkeypatch.setattr(files, "_pictures", lambda *rest: [])
-    monkeypatch.setattr(files, "find_spec", lambda module: None)
     return done

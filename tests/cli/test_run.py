@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+import unpictured
 from synthetic import synthetic_trial, unmarked
 from trocar.cli import app, run
 from trocar.report.summary import summarise
@@ -188,7 +189,7 @@ def test_ctrl_c_before_the_first_trial_leaves_no_summary(trocar, played, monkeyp
 def test_a_real_ctrl_c_in_a_running_trial_ends_it_without_a_traceback(tmp_path):
     options = ("--trials", "50", "--transfers", "2", "--method", "uncalibrated", "--out", str(tmp_path), "--json")
     with subprocess.Popen(
-        [sys.executable, "-c", COMMAND, "run", "peg-transfer", *options],
+        [sys.executable, "-c", unpictured.COMMAND, "run", "peg-transfer", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -1,0 +1,9 @@
+"""``trocar`` without pictures and replay, which take longer than a short trial, where they are not what is tested."""
+
+COMMAND = """
+from trocar.cli import main
+from trocar.report import files
+files._pictures = lambda *rest: []
+files.find_spec = lambda module: None
+main()
+"""
