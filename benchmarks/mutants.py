@@ -219,9 +219,9 @@ def tried(mutant: Mutant, tree: Path, tests: list[str], limit_s: int, sound: dic
     finally:
         file.write_bytes(source)
         os.utime(file, (stamp + 1, stamp + 1))
-    if failed.startswith("tests/") and not sound.setdefault(
-        failed, failed in sound or passed(tree, [failed], limit_s)[0]
-    ):
+    if failed.startswith("tests/") and failed not in sound:
+        sound[failed] = passed(tree, [failed], limit_s)[0]
+    if not sound.get(failed, True):
         raise SystemExit(f"{failed} fails without any mutant too; mend it first")
     return "survived" if well else failed
 
