@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from trocar.arms import MOTION_LIMITS, MotionLimits, fk, ik
 from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest, straight
+from trocar.perception.image import Intrinsics
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory, arrays_of
 from trocar.sim.mjcf import CellModel, Surface
@@ -37,6 +38,15 @@ JAW_CLOSED_RAD = Settings().jaw_closed_rad
 def mild(name: str) -> Station:
     """Return a station that is easier than recordings show, for tests of what it is not about."""
     return replace(load_station(name), difficulty=Difficulty.of("mild"))
+
+
+def coarse(station: Station) -> Station:
+    """Return a station whose depth cameras combine 2 x 2 pixels more, for tests of what looks, not of what it sees."""
+    cameras = {
+        name: replace(camera, model=camera.model.binned(2)) if isinstance(camera.model, Intrinsics) else camera
+        for name, camera in station.cameras.items()
+    }
+    return replace(station, cameras=cameras)
 
 
 STATION = mild("peg-transfer")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import trio
 
-from simulated import ideal_laboratory, standing
+from simulated import STATION, coarse, ideal_laboratory, standing
 from trocar.arms import capsules
 from trocar.cell import Ended, Execution
 from trocar.errors import TrocarError
@@ -109,7 +109,8 @@ def played(
     settings: Settings = SETTINGS,
 ) -> tuple[SimLaboratory, bool, list[TransferScore]]:
     """Let two arms do transfers in an ideal cell; return the laboratory, whether they ended in time, the scores."""
-    lab = ideal_laboratory(*[standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg) for peg in blocks])
+    places = [standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg) for peg in blocks]
+    lab = ideal_laboratory(*places, station=coarse(STATION))
     lab.wear(lambda cell: robot(cell.robot))
     brief = Brief(
         cell=lab.cell,

@@ -167,6 +167,20 @@ def test_an_arm_with_wide_ranges_takes_the_nearest_branch(name, seed):
         np.testing.assert_allclose(found, q, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_of_the_turns_of_a_joint_the_one_within_its_range_is_taken_though_the_reference_is_beyond_it(side):
+    """The reference is nearest to a turn just outside; of the one before that, the joint is inside."""
+    limits = (1.5, 1.5, None, 3.1, 1.5, 3.1)
+    joints = zip(PSM_CLASSIC.joints, limits, strict=True)
+    wide = replace(PSM_CLASSIC, joints=tuple(replace(j, lower=-end, upper=end) if end else j for j, end in joints))
+    assert not wide.branch_is_unique
+    q = np.array([0.2, 0.3, 0.15, -side * 3.0, 0.3, 0.2])
+    near = q + [0.0, 0.0, 0.0, side * 6.2, 0.0, 0.0]  # 3.2 rad: the turn at 3.28 rad is nearer than the one at -3
+    T = fk(wide, q)
+    for found in (ik(wide, T, near), ik(wide, T[None], near)[0]):
+        np.testing.assert_allclose(found, q, rtol=0, atol=1e-9)
+
+
 @arms
 @given(seed=seeds)
 def test_beyond_a_limit_the_joint_and_the_excess_are_named(arm, seed):

@@ -2,7 +2,11 @@ import sys
 
 import pytest
 
+from synthetic import synthetic_trial
 from trocar.cli import main
+from trocar.report import files
+from trocar.trials import run as trials_run
+from trocar.trials.run import Prepared
 
 
 @pytest.fixture
@@ -17,3 +21,32 @@ def trocar(monkeypatch, capsys):
         return stop.value.code or 0, out.out, out.err
 
     return command
+
+
+@pytest.fixture
+def unpictured(monkeypatch):
+    """Draw no pictures of runs, and make no replay."""
+    monkeypatch.setattr(files, "_pictures", lambda *rest: ([], None))
+    monkeypatch.setattr(files, "can_photograph", lambda: False)
+    monkeypatch.setattr(files, "find_spec", lambda module: None)
+
+
+@pytest.fixture
+def played(monkeypatch, unpictured):
+    """Replace trials by synthetic ones without pictures; return the list of those that were played."""
+    done = []
+
+    def run_trial(config, prepared, index, listener=None):
+        done.append((prepared.number, index))
+        trial = synthetic_trial(config, index, session=prepared.number)
+        for event in trial.events:
+            listener(event)
+        return trial
+
+    def prepare(config, number, folder, **_):
+        (folder / f"session_{number:02d}").mkdir(exist_ok=True)
+        return Prepared(number, None, {})
+
+    monkeypatch.setattr(trials_run, "prepare", prepare)
+    monkeypatch.setattr(trials_run, "run_trial", run_trial)
+    return done

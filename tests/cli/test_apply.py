@@ -77,7 +77,7 @@ def test_a_model_with_a_window_gets_rows_as_dense_as_it_was_fitted_on(trocar, fi
     ],
 )
 def test_bad_input_is_one_sentence_and_nothing_is_written(trocar, files, tmp_path, words, said):
-    model = model_of(trocar, files, tmp_path, "play")
+    model = model_of(trocar, files, tmp_path, "offset")
     lines = files[1].read_text().splitlines()
     (tmp_path / "holes.csv").write_text("\n".join([*lines[:3], ",".join(["0.2", *[""] * 6]), *lines[4:]]) + "\n")
     (tmp_path / "theirs.csv").write_text("mine,alone\n")

@@ -9,7 +9,9 @@ import sys
 import numpy as np
 import pytest
 
+from trocar.calibration.models import MODELS, save_model
 from trocar.calibration.plant import PSM1_GREY
+from trocar.calibration.recording import load_recording
 from trocar.cli import main
 from trocar.station import station_text
 from trocar.tasks.peg_transfer.block import Block
@@ -23,9 +25,10 @@ WAYPOINTS = [
 ]
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """A folder of good and bad files; every command runs in it."""
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder of good and bad files; every command runs in it, and none may write there."""
+    tmp_path = tmp_path_factory.mktemp("files")
     rng = np.random.default_rng(0)
     q = np.clip(np.cumsum(rng.normal(0, 0.05, (60, 6)), axis=0), -1, 1)
     q_phy = PSM1_GREY.measure(PSM1_GREY.run(q), rng)
@@ -85,7 +88,15 @@ def folder(tmp_path):
     (tmp_path / "key.toml").write_text("colour = 'red'\n" + text)
     (tmp_path / "cut.toml").write_text(text[:200])
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    rows = load_recording(tmp_path / "recording.npz")
+    save_model(MODELS["offset"].fit(rows, np.random.default_rng(0)), tmp_path / "model.npz")
+    (tmp_path / "cutmodel.npz").write_bytes((tmp_path / "model.npz").read_bytes()[:900])
     return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def in_the_folder(folder, monkeypatch):
+    monkeypatch.chdir(folder)
 
 
 RUN, FIT = "run peg-transfer", "calibrate fit"
@@ -270,16 +281,8 @@ def contents(folder):
     return {path.relative_to(folder): path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.fixture
-def model(folder, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
-    code, _, _ = trocar(monkeypatch, capsys, f"{FIT} recording.npz --model offset --out model.npz")
-    assert code == 0
-    (folder / "cutmodel.npz").write_bytes((folder / "model.npz").read_bytes()[:900])
-
-
 @pytest.mark.parametrize("line", BAD)
-def test_bad_input_is_one_sentence_and_code_2(folder, model, monkeypatch, capsys, line):
+def test_bad_input_is_one_sentence_and_code_2(folder, monkeypatch, capsys, line):
     before = contents(folder)
     flags = ["", *([" --json"] if not line.startswith("view") else [])]
     for flag in flags:
@@ -292,7 +295,6 @@ def test_bad_input_is_one_sentence_and_code_2(folder, model, monkeypatch, capsys
 
 @pytest.mark.parametrize("line", USAGE)
 def test_wrong_usage_is_code_2(folder, monkeypatch, capsys, line):
-    monkeypatch.chdir(folder)
     before = contents(folder)
     code, out, err = trocar(monkeypatch, capsys, line)
     assert code == 2
@@ -304,7 +306,7 @@ def test_wrong_usage_is_code_2(folder, monkeypatch, capsys, line):
 @pytest.mark.parametrize(
     "line",
     [
-        "calibrate fit recording.npz --model ridge --out again.npz",
+        "calibrate fit recording.npz --model ridge --out {out}/again.npz",
         "calibrate evaluate model.npz recording.npz",
         "register points points.npy points.npy",
         "register block capture.npz",
@@ -315,15 +317,15 @@ def test_wrong_usage_is_code_2(folder, monkeypatch, capsys, line):
         "station list",
     ],
 )
-def test_json_is_one_object_and_nothing_else(folder, model, monkeypatch, capsys, line):
-    code, out, _ = trocar(monkeypatch, capsys, f"{line} --json")
+def test_json_is_one_object_and_nothing_else(tmp_path, monkeypatch, capsys, line):
+    code, out, _ = trocar(monkeypatch, capsys, f"{line.format(out=tmp_path)} --json")
     assert code == 0
     assert isinstance(json.loads(out), dict)
     assert out.count("\n") == 1
 
 
-def test_an_absent_block_is_code_1_with_an_object(folder, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
+def test_an_absent_block_is_code_1_with_an_object(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     np.save("plate.npy", np.random.default_rng(0).uniform((-0.05, -0.05, 0.5), (0.05, 0.05, 0.5001), (3000, 3)))
     code, out, err = trocar(monkeypatch, capsys, "register block plate.npy --unit m --json")
     assert code == 1
@@ -332,7 +334,7 @@ def test_an_absent_block_is_code_1_with_an_object(folder, monkeypatch, capsys):
 
 
 def test_the_installed_command_prints_no_traceback(folder):
-    command = [sys.executable, "-c", "from trocar.cli import main; main()", "report", "badtrial"]
+    command = [sys.executable, "-c", "from trocar.cli import main; main()", "station", "show", "nan.toml"]
     result = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=os.environ, check=False)
     assert result.returncode == 2
     assert re.fullmatch(r"trocar: [^\n]+\n", result.stderr)

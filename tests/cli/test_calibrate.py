@@ -1,7 +1,5 @@
 import io
 import json
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +11,7 @@ from rich.console import Console
 from trocar.arms import PSM_CLASSIC
 from trocar.calibration import study
 from trocar.calibration.excitation import PSM2_BOX, wide_path
+from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording_table import COMMANDED, MEASURED
 from trocar.cli import main
@@ -39,17 +38,19 @@ def recording(tmp_path):
 OWN = Path(__file__).parents[2] / "examples" / "own_cable_model.py"
 
 
-def test_a_model_from_a_plugin_is_fitted_kept_and_evaluated_like_any_other(recording, tmp_path):
-    """In processes of their own: what a plugin registers stays registered."""
+def test_a_model_from_a_plugin_is_fitted_kept_and_evaluated_like_any_other(trocar, recording, tmp_path, monkeypatch):
     model = tmp_path / "plane.npz"
     for words in (["fit", recording, "--model", "plane", "--out", model], ["evaluate", model, recording]):
-        code = "from trocar.cli import main; main()"
-        command = [sys.executable, "-c", code, "calibrate", *map(str, words), "--json"]
-        without = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert without.returncode == 2 and "plane" in without.stderr
-        found = subprocess.run([*command, "--plugin", str(OWN)], capture_output=True, text=True, check=False)
-        assert found.returncode == 0, found.stderr
-        assert json.loads(found.stdout)["model"] == "plane"
+        code, _, err = trocar("calibrate", *words, "--json")
+        assert code == 2 and "plane" in err
+        monkeypatch.setattr("trocar.registry._LOADED", {})  # as in a process of its own
+        try:
+            code, out, err = trocar("calibrate", *words, "--json", "--plugin", OWN)
+        finally:
+            if "plane" in MODELS:
+                MODELS.forget("plane")
+        assert code == 0, err
+        assert json.loads(out)["model"] == "plane"
 
 
 def test_fit_and_evaluate(monkeypatch, capsys, recording, tmp_path):

@@ -169,13 +169,13 @@ def test_a_method_of_ones_own_replaces_none_of_the_tasks(said):
 
 
 @pytest.mark.parametrize("line", ["run --plugin mine.py peg-transfer", "run peg-transfer --plugin mine.py"])
-def test_a_run_knows_its_plugins_wherever_they_stand_in_the_line(trocar, tmp_path, monkeypatch, line):
+def test_a_run_knows_its_plugins_wherever_they_stand_in_the_line(trocar, played, tmp_path, monkeypatch, line):
     monkeypatch.chdir(tmp_path)
     plugin = tmp_path / "mine.py"
     plugin.write_text("VALUE = 1\n")
-    run = [*line.split(), "--method", "uncalibrated", "--transfers", "1", "--out", "run"]
+    run = [*line.split(), "--method", "uncalibrated", "--out", "run"]
     code, _, err = trocar(*run)
-    assert code in {0, 1}, err  # 1: its transfer failed
+    assert code == 0, err
     assert json.loads((tmp_path / "run" / "run.json").read_text())["plugins"]
     plugin.write_text("VALUE = 2\n")
     code, _, err = trocar(*run, "--trials", "2")

@@ -50,7 +50,7 @@ def planned(trocar, tmp_path):
     return plan
 
 
-def test_any_plan_is_driven_and_kept_with_its_run(trocar, planned, tmp_path):
+def test_any_plan_is_driven_and_kept_with_its_run(trocar, unpictured, planned, tmp_path):
     path, run = planned("plan", "--circle-radius-mm", 28, "--count", 1), tmp_path / "run"
     words = ("--method", "uncalibrated", "--out", run)
     code, printed, _ = trocar("run", "suture", "--plan", path, *words, "--json")

@@ -34,7 +34,7 @@ MEAN_TRANSFER_S = 4.3
 @pytest.fixture(scope="module")
 def day(tmp_path_factory):
     """A calibrated session and its run of twelve transfers."""
-    config = RunConfig(PegTransfer(), seed=2024, trials=9)
+    config = RunConfig(PegTransfer(), calibration="joints", seed=2024, trials=9)
     return config, prepare(config, 0, tmp_path_factory.mktemp("day"))
 
 
@@ -296,7 +296,9 @@ def test_what_is_no_fault_of_the_robots_makes_no_trial(tmp_path, error):
 # Runs that are killed and go on.
 
 RUN = """
+import trocar.trials.prepare
 from trocar.cli import main, run
+trocar.trials.prepare.IMAGES_ROWS = 40
 run.finish = lambda *rest: True  # what is drawn of the trials takes longer than they do
 main()
 """
@@ -305,7 +307,7 @@ WORDS = ["run", "peg-transfer", *(str(word) for option in OPTIONS.items() for wo
 
 
 def started(folder, hash_seed="0"):
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": hash_seed}
+    environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
     return subprocess.Popen(
         [sys.executable, "-c", RUN, *WORDS, str(folder)], env=environment, stderr=subprocess.PIPE, text=True
     )

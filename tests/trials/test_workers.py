@@ -79,14 +79,14 @@ def at_work(tmp_path):
 
 
 def begun(tmp_path, process):
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300
     while len(list(tmp_path.glob("began_*"))) < 2 and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
 
 
 def ends_of(process):
     try:
-        return process.communicate(timeout=60)
+        return process.communicate(timeout=300)
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)

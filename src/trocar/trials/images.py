@@ -14,6 +14,8 @@ QUALITY = 70
 """Of WebP, of 100."""
 THINNED = 4
 """Depth is kept at every so manyth pixel, in whole millimetres."""
+PACKED = 3
+"""Of PNG, of 9, which takes seven times as long for a file that is one in a hundred smaller."""
 
 
 def encoded(cameras: Mapping[str, SimCamera]) -> tuple[dict[str, bytes], dict[str, list[tuple[float, str]]]]:
@@ -31,7 +33,9 @@ def encoded(cameras: Mapping[str, SimCamera]) -> tuple[dict[str, bytes], dict[st
             blobs[f"{stem}.webp"] = _file(".webp", color[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
             if isinstance(image, RgbdImage):
                 depth_mm = np.rint(1e3 * np.nan_to_num(image.depth_m[::THINNED, ::THINNED]))
-                blobs[f"{stem}_depth.png"] = _file(".png", depth_mm.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+                blobs[f"{stem}_depth.png"] = _file(
+                    ".png", depth_mm.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, PACKED]
+                )
             taken[name].append((round(image.time_s, 6), f"{stem}.webp"))
     return blobs, taken
 

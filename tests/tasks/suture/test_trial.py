@@ -27,7 +27,8 @@ class Played:
 
     def config(self, how):
         method, station = ("uncalibrated", str(self.stiff)) if how == "stiff" else (how, "")
-        return RunConfig(CircleSutures(sutures=1), station=station, method=method, difficulty="mild", seed=3)
+        cell = {"station": station, "difficulty": "mild", "calibration": "joints"}
+        return RunConfig(CircleSutures(sutures=1), method=method, seed=3, **cell)
 
     def __getitem__(self, how):
         if how not in self.found:

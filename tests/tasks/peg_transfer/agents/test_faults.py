@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trio
 
-from simulated import STATION, ideal_session, scene_of, standing
+from simulated import STATION, coarse, ideal_session, scene_of, standing
 from trocar.calibration.models import OffsetModel
 from trocar.calibration.models.base import TrainingMotion
 from trocar.errors import TrocarError
@@ -192,11 +192,12 @@ def faulty(variant, transfers, blocks, robot, camera, planner):
 def kept(tmp_path):
     """Return what plays a trial with faults, keeps it, and reads it back."""
 
-    def play(variant, transfers=2, *, blocks=None, robot=Wrapped, camera=Wrapped, planner=None):
+    def play(variant, transfers=2, *, blocks=None, robot=Wrapped, camera=Wrapped, planner=None, fine=False):
         blocks = [block_on(peg) for peg in PEGS] if blocks is None else blocks
         task = faulty(variant, transfers, blocks, robot, camera, planner)
         config = RunConfig(task, method="best", model="offset", calibration="joints", flawless_camera=True)
-        return Trial.load(run_trial(config, without_cables(config.station), 0).save(tmp_path / "trial.npz"))
+        station = config.laboratory if fine else coarse(config.laboratory)
+        return Trial.load(run_trial(config, without_cables(station), 0).save(tmp_path / "trial.npz"))
 
     return play
 
@@ -304,7 +305,7 @@ def test_two_blocks_on_one_peg_are_left_alone(kept, variant):
 def test_a_lower_block_that_is_seen_past_the_upper_one_is_not_grasped(kept):
     """The two are turned against each other: between the corners of one, those of the other show."""
     upper = standing(0, (0.5e-3, 0.3e-3), 0.3 + np.radians(60.0), Block().height_m)
-    trial = kept("bilateral", blocks=[*map(block_on, PEGS), upper])
+    trial = kept("bilateral", blocks=[*map(block_on, PEGS), upper], fine=True)
     assert came_to_an_end(trial)
     assert noted(trial) == scored(trial) == [NOT_GRASPED, DONE]
 
@@ -356,7 +357,7 @@ def test_jaws_that_do_not_close_once_try_again(kept, variant, arm):
     ],
 )
 def test_a_block_lost_on_its_way_is_noticed_and_the_next_ones_are_moved(kept, variant, arm, share, outcomes):
-    trial = kept(variant, len(outcomes), robot=clumsy(arm, share))
+    trial = kept(variant, len(outcomes), robot=clumsy(arm, share), fine=share == 0.0)
     assert came_to_an_end(trial)
     assert noted(trial) == scored(trial) == outcomes
 

@@ -12,7 +12,8 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.capture import load_capture
 from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.perception.cloud import fit_cloud
+from trocar.tasks.peg_transfer.perception.cloud import COARSE_POINTS, OFFSETS_M, YAWS, _coarse, _thin, fit_cloud
+from trocar.tasks.peg_transfer.perception.top_face import top_face
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
@@ -114,3 +115,14 @@ def test_command_prints_one_json_object(recordings):
     answer = json.loads(result.stdout)
     assert answer["found"] and np.shape(answer["T_capture_block"]) == (4, 4)
     assert {"rms_m", "compute_ms"} <= set(answer)
+
+
+@pytest.mark.parametrize("yaw_deg", [10.0, 37.0, 64.0, 100.0])
+@pytest.mark.parametrize("off_m", [(5e-3, -3e-3), (-20e-3, 12e-3)])
+def test_the_search_begins_a_step_of_its_grid_from_the_face(yaw_deg, off_m):
+    """So clean a cloud is found from anywhere; one of a few wild points is not."""
+    face = np.random.default_rng(0).permutation(Block().top_face_m())
+    xy = SE3.from_parts(SO3.axis("z", np.radians(yaw_deg)), [*off_m, 0.0]).apply(face)[:, :2]
+    best, *_ = _coarse(top_face(Block()), _thin(xy, COARSE_POINTS))
+    assert np.abs(best[:2] - off_m).max() < 0.75 * OFFSETS_M[-1]
+    assert abs((np.degrees(best[2]) - yaw_deg + 60) % 120 - 60) <= 60 / YAWS
