@@ -99,8 +99,35 @@ def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_a
         there = watch._belief.needle(fk(arm, corrected[place])).T_base_needle
         planned = fk(arm, entry.segment.q[place]) @ grasp_pose(TASK.setup).inverse()
         np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=1e-6)
-    wrist = corrected[:, 3:] - entry.segment.q[:, 3:]
-    np.testing.assert_allclose(wrist, np.broadcast_to(agent.hand.q[3:] - entry.segment.q[0, 3:], wrist.shape))
+    rests, wrist = entry.rests, corrected[:, 3:]
+    assert 2 < rests < len(wrist) - 10
+    np.testing.assert_array_equal(wrist[:rests], np.broadcast_to(agent.hand.q[3:], (rests, 3)))
+    np.testing.assert_allclose(wrist[-1] - wrist[0], (entry.segment.q[-1] - entry.segment.q[0])[3:])
+
+
+@pytest.mark.parametrize(("seen", "anew"), [(False, 2), (True, 0)])
+def test_a_needle_that_is_not_seen_in_the_jaws_is_loaded_anew(seen, anew):
+    lab = laboratory()
+    agent = agent_in(lab, Settings())
+    loadings = []
+
+    async def load() -> bool:
+        loadings.append(1)
+        return True
+
+    async def look(stretch, watch):
+        watch._seen = seen
+
+    agent._load, agent._look = load, look
+    agent.watch.loaded(TASK.setup)
+    approach = next(s for s in stretches(drive(GOALS[0]), TASK.setup) if s.segment.name == "approach")
+
+    async def script(cell):
+        await agent._look(approach, agent.watch)
+        await agent._reload(approach, agent.watch)
+
+    lab.run(script, 10.0)
+    assert len(loadings) == anew
 
 
 def test_without_a_look_the_way_is_the_planned_one():

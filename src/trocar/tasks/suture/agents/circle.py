@@ -52,7 +52,7 @@ class Settings:
         jaw_closed_rad: target that lets the drive press.
         jaw_empty_rad: jaws that close further than this hold nothing; a wire of .9 mm keeps them open by .09.
         limits: of velocity and acceleration on the way from suture to suture.
-        loadings: a person is asked so often to load the needle, until the jaws hold it.
+        loadings: a person is asked so often to load the needle, until the jaws hold it, and as they should.
         images: of one look at the needle; 0: it is driven without a look.
         sighting_budget_s: declared for finding the needle in them.
         searching_budget_s: the same where it has to be searched for in several places.
@@ -134,6 +134,8 @@ class CircleSuturing:
                 self.cell.log.event("step", suture=number, step=segment.name)
             if self.watch:
                 await self._look(stretch, self.watch)
+                if segment.name == "approach" and stretch.first:
+                    await self._reload(stretch, self.watch)
             if segment.regrasps:
                 await self._open()
             if self.watch:
@@ -163,6 +165,17 @@ class CircleSuturing:
             if await self._grip():
                 return True
         return False
+
+    async def _reload(self, stretch: Stretch, watch: NeedleWatch) -> None:
+        """Have the needle put anew into the jaws where it is not seen in them, or lies too far awry to be driven."""
+        for _ in range(self.settings.loadings - 1):
+            if watch.well_loaded:
+                return
+            self.cell.log.event("loaded anew")
+            watch.forget()
+            if await self._load():
+                watch.loaded(watch.setup)
+                await self._look(stretch, watch)
 
     async def _look(self, stretch: Stretch, watch: NeedleWatch) -> None:
         """Look at the needle before a stretch, and where it may be looked at again, go to where it should be."""

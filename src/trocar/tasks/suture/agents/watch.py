@@ -28,6 +28,8 @@ from trocar.tasks.suture.agents.needle_belief import Believed, NeedleBelief
 
 BEFORE_ENTRY_M = 2e-3
 """The last look before the tissue is so far before it, along the needle's way."""
+PAST_ENTRY_M = 1.5e-3
+"""The wrist rests from there until the tip is so deep: cables that are turned round would move it where it goes in."""
 BEFORE_EXIT_RAD = np.radians(8.0)
 """And the last one before the tip comes out, about the needle's centre."""
 HIGH_LOOKS, ENTRY_LOOKS, EXIT_LOOKS = 2, 4, 3
@@ -36,6 +38,8 @@ ENOUGH_M = 0.2e-3
 """A needle's tip that is believed this near to where it should be is not moved and looked at again; times the number of
 looks there, for each move stirs the cables anew, by some .6 mm."""
 
+AWRY_M, AWRY_RAD = 2.5e-3, 0.25
+"""A needle that lies so far from where a person should have put it is loaded anew."""
 ROUND_PX = 32
 """So much round the needle is read out of the camera."""
 
@@ -57,12 +61,14 @@ class Stretch:
         looks: how often the needle is looked at, at most, before it. Where more than one is allowed, the arm goes to
             the stretch's corrected start after each; else it comes to the corrected way on the way.
         aim: what is corrected.
+        rests: on so many places of the segment the wrist does not turn at all.
     """
 
     segment: Segment
     first: bool = True
     looks: int = 0
     aim: Aim = Aim.POSE
+    rests: int = 0
 
 
 def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
@@ -110,7 +116,8 @@ def _through_the_surface(found: Sequence[Stretch]) -> list[Stretch]:
         if stretch.segment.name == "penetrate" and last.aim is Aim.TIP:
             q = np.concatenate([last.segment.q, stretch.segment.q[1:]])
             way = replace(stretch.segment, q=q, length_m=last.segment.length_m + stretch.segment.length_m)
-            joined[-1] = replace(last, segment=way, first=True)
+            deep = round(PAST_ENTRY_M / stretch.segment.length_m * len(stretch.segment.q))
+            joined[-1] = replace(last, segment=way, first=True, rests=len(last.segment.q) + deep)
         else:
             joined.append(stretch)
     return joined
@@ -149,12 +156,22 @@ class NeedleWatch:
 
     def loaded(self, setup: SutureSetup) -> None:
         """A person has loaded the needle for a suture of this setup."""
-        self._setup, self._grips, self._held = setup, 0, None
+        self.setup, self._grips, self._held, self._seen = setup, 0, None, False
         holds = [step for step in driven_steps(setup) if step.holds]
         self._back_rad = [step.back_rad for step in holds if step.name != "penetrate"]
         needle = setup.needle
         self._arc = NeedleArc(needle.radius_m, needle.arc_rad, needle.wire_m)
         self._belief.loaded(self._grasp(0))
+
+    def forget(self) -> None:
+        """Take nothing that was seen for true any more."""
+        self._belief = NeedleBelief()
+
+    @property
+    def well_loaded(self) -> bool:
+        """Return whether the needle was seen in the jaws, about as a person should have put it there."""
+        awry = (self._grasp(0).inverse() @ self._belief.in_jaws()).log()
+        return self._seen and bool(np.linalg.norm(awry[:3]) < AWRY_M and np.linalg.norm(awry[3:]) < AWRY_RAD)
 
     def let_go(self) -> None:
         """The jaws are about to open, and the tissue holds the needle."""
@@ -178,7 +195,7 @@ class NeedleWatch:
     def aim(self, stretch: Stretch) -> None:
         """Correct the way from now on by what is believed of arm and needle."""
         self._off, self._in_jaws = self._belief.tip_off, self._belief.in_jaws()
-        self._wrist_still = stretch.aim is Aim.TIP
+        self._wrist_still, self._rests = stretch.aim is Aim.TIP, stretch.rests
 
     def way(self, stretch: Stretch) -> Segment:
         """Return how a stretch is followed: corrected, from where the arm is to where it should be at the end."""
@@ -212,11 +229,14 @@ class NeedleWatch:
     def _with_still_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joints (k, 6) that take the needle's tip along its way, the wrist turning no more than was planned.
 
-        The needle keeps the attitude error that it has.
+        The needle keeps the attitude error that it has. A wrist that rests at first catches up on the rest of the way.
         """
         p_needle_tip = self._arc.point_m(np.zeros(1))[0]
         wanted_m = (self._fk(planned) @ self._grasp(self._grips)).apply(p_needle_tip) - self._off[:3]
-        q = planned + np.concatenate([np.zeros(OUTER), self._hand.q[OUTER:] - planned[0, OUTER:]])
+        turned = np.clip((np.arange(len(planned)) - self._rests) / max(1, len(planned) - 1 - self._rests), 0.0, 1.0)
+        turned = turned if self._rests else np.ones(len(planned))
+        q = planned.copy()
+        q[:, OUTER:] = self._hand.q[OUTER:] + turned[:, None] * (planned - planned[0])[:, OUTER:]
         for _ in range(2):  # where the jaws' turn is wrong by what it is hangs on the attitude that is found
             R = self._fk(q).rotation
             held_m = (R.inverse() @ SO3.exp(self._off[3:]) @ R).apply(self._in_jaws.apply(p_needle_tip))
@@ -241,7 +261,7 @@ class NeedleWatch:
         widely = len(search_starts(before.T_base_needle, before.covariance, self._arc)) > 1
         budget_s = self._searching_s if widely else self._budget_s
         seen = await self._hand.compute("perception", budget_s, find)
-        believed = seen is not None and self._take(seen)
+        self._seen = believed = seen is not None and self._take(seen)
         off = (before.T_base_needle.inverse() @ self._needle.T_base_needle).log()
         self._cell.log.event(
             "needle not seen" if seen is None else "needle seen",
@@ -255,7 +275,7 @@ class NeedleWatch:
 
     def _tip_in_circle(self, needle: Believed) -> NDArray[np.float64]:
         """Return where (3,) the tip of a needle is believed to be in the circle's frame, m."""
-        return (self._setup.T_base_circle.inverse() @ needle.T_base_needle).apply(self._arc.point_m(np.zeros(1))[0])
+        return (self.setup.T_base_circle.inverse() @ needle.T_base_needle).apply(self._arc.point_m(np.zeros(1))[0])
 
     def _window(self, expected: Believed) -> Window:
         """Return the rectangle of pixels round the needle."""
@@ -293,7 +313,7 @@ class NeedleWatch:
             T_camera_base @ expected.T_base_needle,
             expected.covariance,
             self._arc,
-            T_camera_base @ self._setup.T_base_circle,
+            T_camera_base @ self.setup.T_base_circle,
             lambda points: solids.distance_m(to_solids.apply(points)),
         )
 
@@ -307,4 +327,4 @@ class NeedleWatch:
     def _grasp(self, grips: int) -> SE3:
         """Return how the needle should lie in the jaws after so many regrasps."""
         back = SE3.from_parts(SO3.axis("z", -self._back_rad[grips]))
-        return (back @ grasp_pose(self._setup)).inverse()
+        return (back @ grasp_pose(self.setup)).inverse()
