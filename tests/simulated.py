@@ -159,9 +159,20 @@ def trial_of(laboratory: SimLaboratory, **about: object) -> Trial:
     record, station = laboratory.record(), laboratory.session.station
     images, cameras = encoded(laboratory.cameras)
     words = {"task": "none", "variant": "", "method": "by hand", "piece": "goal", "planner": "", "model": None}
+    choices = {"perception": "", "calibration": None, "prior": None, "options": {}, "difficulty": [], "plugins": []}
+    switches = dict.fromkeys(("new_session", "refit_offsets", "flawless_camera"), False)
     rest = {"seed": 0, "session": 0, "index": 0, "fingerprint": "", "flaws": {}, "versions": {}}
     return Trial(
-        about={**words, **rest, "station": station.name, "arms": list(station.arms), **about},
+        about={
+            **words,
+            **rest,
+            **choices,
+            **switches,
+            "station": station.name,
+            "station_digest": "",
+            "arms": list(station.arms),
+            **about,
+        },
         scores=[],
         spans=laboratory.log.spans,
         events=laboratory.log.events,

@@ -11,6 +11,7 @@ import numpy as np
 from trocar.geometry import SE3
 from trocar.log import Computation, Span
 from trocar.replay import Solid
+from trocar.tasks.kit import pick_method
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.trials.config import RunConfig
 from trocar.trials.scenery import Scenery
@@ -26,8 +27,10 @@ GOALS = PegTransfer().goals()
 
 
 def config(**options: object) -> RunConfig:
-    """Return a run of peg transfers; options as ``RunConfig`` has them. It is quickly calibrated: without images."""
-    return RunConfig(PegTransfer(), **{"calibration": "joints", "difficulty": "mild", **options})  # type: ignore[arg-type]
+    """Return a run of peg transfers; options as ``RunConfig`` has them. If it is calibrated, then without images."""
+    task = PegTransfer()
+    quick = {"calibration": "joints"} if pick_method(PegTransfer, str(options.get("method", ""))).calibrated else {}
+    return RunConfig(task, **{"difficulty": "mild", **quick, **options})  # type: ignore[arg-type]
 
 
 def unmarked(path: Path) -> dict[str, Any]:

@@ -53,7 +53,7 @@ def test_a_plugin_is_run_once_and_told_by_its_text(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("text", "match"),
-    [(None, "is no Python file"), ("1 / 0", "cannot be loaded: ZeroDivisionError"), ("def", "SyntaxError")],
+    [(None, "is no Python file"), ("1 / 0", "cannot be loaded, line 1: ZeroDivisionError"), ("def", "SyntaxError")],
 )
 def test_a_plugin_that_is_not_there_or_fails_is_a_sentence(tmp_path, text, match):
     file = tmp_path / "broken.py"

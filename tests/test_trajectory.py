@@ -77,7 +77,7 @@ def test_trajectories_over_different_times_do_not_add():
         (lambda: Trajectory([0.0, 1.0], np.zeros((0, 1, 6))), "at least one power and one joint"),
         (lambda: Trajectory.hermite([0.0, 1.0], np.full((2, 6), np.nan), np.zeros((2, 6))), "positions must be finite"),
         (lambda: Trajectory([0.0, 1.0], np.zeros((1, 1, 6))).stretched(np.inf), "finite factor above 0"),
-        (lambda: Trajectory([0.0, 1.0], np.zeros((1, 1, 6))).sample(1e-12), "give a longer step"),
+        (lambda: Trajectory([0.0, 1.0], np.zeros((1, 1, 6))).sample(1e-12), "give one above 0 that makes fewer than"),
     ],
 )
 def test_what_is_no_trajectory_is_refused_in_one_sentence(make, words):

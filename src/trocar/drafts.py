@@ -19,7 +19,7 @@ _NUMBERS = itertools.count()
 
 
 @contextmanager
-def drafted(path: Path) -> Iterator[Path]:
+def drafted(path: str | Path) -> Iterator[Path]:
     """Give an empty draft beside a file that is to be written, and remove it where it has not become that file.
 
     Drafts in the same folder whose process was killed are removed first. A lock tells them from those under way, also
@@ -29,6 +29,7 @@ def drafted(path: Path) -> Iterator[Path]:
     Raises:
         OSError: the folder is not there, is full, or may not be written into.
     """
+    path = Path(path)
     clear_drafts(path.parent)
     draft = path.with_name(f".trocar-{os.getpid()}-{next(_NUMBERS)}.part{path.suffix}")
     handle = os.open(draft, os.O_CREAT | os.O_RDWR, 0o666)
@@ -45,7 +46,7 @@ def drafted(path: Path) -> Iterator[Path]:
             os.close(handle)
 
 
-def clear_drafts(folder: Path) -> None:
+def clear_drafts(folder: str | Path) -> None:
     """Remove the drafts that killed processes left in a folder, where that can be told; nothing else is touched."""
     if fcntl is None:
         return

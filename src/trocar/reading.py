@@ -48,8 +48,9 @@ def read_json(path: str | Path) -> Any:
     return parsed_json(Path(path).read_bytes())
 
 
-def require_short_list(path: Path) -> None:
+def require_short_list(path: str | Path) -> None:
     """Raise TrocarError where a zip claims more members than any file of numbers has: before anybody reads the list."""
+    path = Path(path)
     try:
         with path.open("rb") as file:
             file.seek(max(0, path.stat().st_size - END_BYTES))

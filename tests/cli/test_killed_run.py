@@ -30,7 +30,7 @@ def played(monkeypatch):
 
     monkeypatch.setattr(trials_run, "prepare", prepare)
     monkeypatch.setattr(trials_run, "run_trial", run_trial)
-    monkeypatch.setattr(files, "_pictures", lambda *rest: [])
+    monkeypatch.setattr(files, "_pictures", lambda *rest: ([], None))
     monkeypatch.setattr(files, "find_spec", lambda module: None)
 
 

@@ -90,7 +90,8 @@ def test_runs_that_differ_have_different_default_folders_and_the_usual_one_has_a
 def test_what_is_said_and_usual_anyway_changes_no_default_folder():
     same = {"planner": "spline", "perception": "depth", "calibration": "images", "station": "peg-transfer"}
     assert folder_of(**same) == folder_of()
-    assert folder_of(method="uncalibrated", model="lstm") == folder_of(method="uncalibrated")
+    usual = {"planner": "spline", "perception": "depth"}
+    assert folder_of(method="uncalibrated", **usual) == folder_of(method="uncalibrated")
 
 
 def test_a_default_folder_is_named_as_the_command_line_says_it():

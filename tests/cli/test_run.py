@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import unpictured
 from synthetic import synthetic_trial, unmarked
-from trocar.cli import app, run
+from trocar.cli import app
 from trocar.report.summary import summarise
 from trocar.tasks.peg_transfer.report import PegReport
 from trocar.trials import load_trials, trial_file, trial_files
@@ -385,8 +385,7 @@ def test_to_view_a_trial_the_code_of_its_task_is_not_needed(real):
     assert not {name for name in loaded_by(code) if name.startswith(("trocar.tasks.peg_transfer", "trocar.tasks.sut"))}
 
 
-def test_trials_at_once_are_the_same_as_one_after_the_other(trocar, monkeypatch, tmp_path):
-    monkeypatch.setattr(run, "_finish", lambda *rest: True)  # what is drawn of the trials takes longer than they do
+def test_trials_at_once_are_the_same_as_one_after_the_other(trocar, unpictured, tmp_path):
     words = ["run", "peg-transfer", "--method", "uncalibrated", "--transfers", "1", "--trials", "2", "--seed", "4"]
     for jobs in ("1", "2"):
         trocar(*words, "--jobs", jobs, "--out", tmp_path / jobs)

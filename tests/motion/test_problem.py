@@ -95,7 +95,7 @@ def test_one_of_several_arms_that_is_asked_too_much_is_named():
         (lambda: Capsule([0, 0]), r"start of a capsule must have shape \(3,\), got \(2,\)"),
         (lambda: Capsule([0, 0, 0], [0, 0, np.nan]), r"end of a capsule must be finite, got nan at \[2\]"),
         (lambda: Capsule([0, 0, 0], radius_m=-1), "radius of a capsule is -1 m"),
-        (lambda: HalfSpace([0, 0, 0], [0, 0, 0]), "normal of a half-space is 0"),
+        (lambda: HalfSpace([0, 0, 0], [0, 0, 0]), r"normal of a half-space is \[0, 0, 0\]; give three"),
         (lambda: MovingArm.resting(PSM, FOUR[0], jaw_rad=np.inf), "jaws at inf rad"),
     ],
 )
@@ -111,7 +111,7 @@ def test_what_is_in_the_way_is_checked(make, words):
         (lambda: MovingArm(PSM, HOLD, np.zeros((4, 4))), "length 1 at right angles"),
         (lambda: TimedPath(FOUR, [0.0, 1.0]), "needs a Trajectory, got ndarray"),
         (lambda: TimedPath(HOLD, [0.0, np.nan]), "times must be finite"),
-        (lambda: Facing("z", [0, 0, 1], 1.0), "'axis' of what a tip faces must be numbers"),
+        (lambda: Facing("z", [0, 0, 1], 1.0), "the axis that faces a point is z; give three finite numbers"),
         (lambda: wall("fence", [0, 0], [1, 0], 0.02, 0.002), "foot of wall 'fence' must have shape"),
         (lambda: wall("fence", [0, 0, 0], [1, 0, 0], np.inf, 0.002), "cannot be inf m high"),
         (lambda: open_box("tray", SE3.identity(), (0.1, np.nan), 0.02, 0.002), "inside of box 'tray' must be finite"),

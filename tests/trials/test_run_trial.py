@@ -206,11 +206,11 @@ def lookers():
 
 def looked(folder, method="quick-look", seed=7, session=0, index=0, **options):
     """Return a trial of nothing but a look."""
+    quick = {"model": "offset", "calibration": "joints"} if method == "steady-look" else {}
     config = RunConfig(
         PegTransfer(**options),
         method=method,
-        model="offset",
-        calibration="joints",
+        **quick,
         seed=seed,
         sessions=9,
         trials=9,

@@ -219,6 +219,8 @@ def _arrays(path: Path) -> dict[str, NDArray]:
 def _npz_arrays(path: Path) -> dict[str, NDArray]:
     try:
         arrays = read_arrays(path)
+    except TrocarError:
+        raise
     except (OSError, ValueError):
         raise TrocarError(f"recording {str(path)!r} is not a readable .npz of numbers; copy it again") from None
     missing = [key for key in ("q_cmd", "q_phy") if key not in arrays]
@@ -241,8 +243,9 @@ def _kind(path: Path) -> str:
         return ""
 
 
-def looks_like_recording(path: Path) -> bool:
+def looks_like_recording(path: str | Path) -> bool:
     """Return whether a file or folder holds commanded and measured joints, well-formed or not."""
+    path = Path(path)
     if path.is_dir():
         return any((path / commanded).exists() for commanded, _ in FOLDER_FILES)
     try:

@@ -20,7 +20,7 @@ VALID = "valid"
 EXAMPLE = f"time_s,{COMMANDED[0]},...,{COMMANDED[-1]},{MEASURED[0]},...,{MEASURED[-1]}"
 
 
-def read_recording_table(path: Path) -> dict[str, NDArray[Any]]:
+def read_recording_table(path: str | Path) -> dict[str, NDArray[Any]]:
     """Return ``q_cmd`` and ``q_phy`` (n, 6) of a CSV file, and ``t_s`` and ``valid`` (n,) where it has them.
 
     Its columns are :data:`COMMANDED` and :data:`MEASURED`, in any order, one of times, and ``valid`` (1 or 0). An empty
@@ -50,7 +50,7 @@ def read_recording_table(path: Path) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _require_columns(path: Path, names: list[str], times: list[str]) -> None:
+def _require_columns(path: str | Path, names: list[str], times: list[str]) -> None:
     """Raise TrocarError unless these are the columns of a recording."""
     known = {*COMMANDED, *MEASURED, VALID}
     for name in names:

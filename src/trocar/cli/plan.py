@@ -158,6 +158,8 @@ def _load(path: Path) -> NDArray[np.float64]:
         arrays = read_arrays(path)
     except FileNotFoundError:
         raise TrocarError(f"there is no file {path}; give a .npy or .npz with waypoints") from None
+    except TrocarError:
+        raise
     except (OSError, ValueError):
         raise TrocarError(f"{path} cannot be read as a .npy or .npz of numbers; save the waypoints again") from None
     try:

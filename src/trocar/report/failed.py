@@ -75,7 +75,9 @@ def picked(failed: Sequence[Failed], most: int) -> list[Failed]:
     return sorted(chosen, key=lambda one: (one.place, one.number))
 
 
-def draw_failed(folder: Path, trials: Sequence[Trial], failed: Sequence[Failed], report: TaskReport) -> list[Picture]:
+def draw_failed(
+    folder: str | Path, trials: Sequence[Trial], failed: Sequence[Failed], report: TaskReport
+) -> list[Picture]:
     """Draw a picture of each failed goal at the moment that shows its failure, and return them.
 
     Args:
@@ -90,7 +92,7 @@ def draw_failed(folder: Path, trials: Sequence[Trial], failed: Sequence[Failed],
         photographer = photographer_of(trial, report, SCALE)
         for one in of_trial:
             time_s = report.failed_s(trial, trial.scores[one.number])
-            path = write_png(folder / f"{one.stem}.png", photographer.picture(time_s))
+            path = write_png(Path(folder) / f"{one.stem}.png", photographer.picture(time_s))
             where = f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
             why = f". {one.reason[:1].upper()}{one.reason[1:]}" if one.reason else ""
             found.append(Picture(path, f"The cell at {time_s:.1f} s: {where}", f"{where}, at {time_s:.1f} s{why}"))

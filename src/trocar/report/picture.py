@@ -28,10 +28,10 @@ class Picture:
     caption: str
 
 
-def write_png(path: Path, image: Image.Image | NDArray[np.uint8]) -> Path:
+def write_png(path: str | Path, image: Image.Image | NDArray[np.uint8]) -> Path:
     """Write a camera's picture as a PNG of 256 colours, a third of the size of one of all, and return its path."""
     image = image if isinstance(image, Image.Image) else Image.fromarray(image)
-    mark = PngInfo()
+    path, mark = Path(path), PngInfo()
     mark.add_text("Software", mark_of(PICTURE))
     make_folder(path.parent)
     with writing(path, PICTURE) as draft:

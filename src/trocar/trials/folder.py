@@ -72,12 +72,13 @@ class KeptTrials(Sequence[Trial]):
             self._last = path, Trial.load(path)
         return self._last[1]
 
-    def only(self, path: Path) -> KeptTrials:
+    def only(self, path: str | Path) -> KeptTrials:
         """Return one of the trials alone.
 
         Raises:
             TrocarError: its file cannot be used, or is of another run.
         """
+        path = Path(path)
         if path not in self.paths:
             Trial.load(path)  # says what is wrong with it
             raise TrocarError(f"{str(path)!r} is not a trial of this run; choose another with --session and --trial")

@@ -27,7 +27,7 @@ class Played:
 
     def config(self, how):
         method, station = ("uncalibrated", str(self.stiff)) if how == "stiff" else (how, "")
-        cell = {"station": station, "difficulty": "mild", "calibration": "joints"}
+        cell = {"station": station, "difficulty": "mild", "calibration": "joints" if how == "calibrated" else ""}
         return RunConfig(CircleSutures(sutures=1), method=method, seed=3, **cell)
 
     def __getitem__(self, how):

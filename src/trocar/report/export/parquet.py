@@ -18,7 +18,7 @@ def require_parquet() -> None:
         raise TrocarError(f"--format parquet needs pyarrow; {how_to_install('parquet')}, or take csv") from None
 
 
-def write_parquet(table: FlatTable, path: Path) -> Path:
+def write_parquet(table: FlatTable, path: str | Path) -> Path:
     """Write a table as Parquet, its mark in the file's metadata, and return the path; raises as ``writing`` does."""
     import pyarrow as pa  # noqa: PLC0415
     import pyarrow.parquet as pq  # noqa: PLC0415
@@ -26,7 +26,7 @@ def write_parquet(table: FlatTable, path: Path) -> Path:
     types = {"text": pa.string(), "integer": pa.int64(), "number": pa.float64(), "truth": pa.bool_()}
     arrays = [pa.array(v, types[column.kind]) for column, v in zip(table.columns, table.values, strict=True)]
     filled = pa.Table.from_arrays(arrays, names=[column.name for column in table.columns])
-    kind = f"table of {table.name}"
+    path, kind = Path(path), f"table of {table.name}"
     with writing(path, kind) as draft, pq.ParquetWriter(draft, filled.schema, store_schema=False) as file:
         file.write_table(filled)
         file.add_key_value_metadata({MADE_BY: mark_of(kind)})  # at the very end of the file, where it is looked for

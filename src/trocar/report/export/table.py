@@ -55,7 +55,7 @@ class FlatTable:
         values = tuple(list(column) for column in zip(*rows, strict=True)) if rows else ([],) * len(columns)
         return FlatTable(name, tuple(columns), values)
 
-    def write_csv(self, path: Path) -> Path:
+    def write_csv(self, path: str | Path) -> Path:
         """Write it as CSV: an empty cell is no value, truth is ``true`` or ``false``, numbers have nine digits."""
         cells = [
             list(map(_SHOWN[column.kind], values)) for column, values in zip(self.columns, self.values, strict=True)

@@ -125,6 +125,7 @@ def pictures(shown: Iterable[Picture]) -> str:
     return f"<div class=pictures>{inside}</div>" if inside else ""
 
 
-def captioned(paths: Iterable[Path], captions: Mapping[str, str]) -> list[str]:
+def captioned(paths: Iterable[str | Path], captions: Mapping[str, str]) -> list[str]:
     """Return pictures one below the other, with captions by the files' names."""
-    return [picture(Picture(path, f"Chart: {captions[path.name]}", captions[path.name])) for path in paths]
+    files = map(Path, paths)
+    return [picture(Picture(file, f"Chart: {captions[file.name]}", captions[file.name])) for file in files]

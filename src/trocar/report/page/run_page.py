@@ -55,7 +55,7 @@ class RunReport:
     command: str
 
 
-def write_page(path: Path, run: RunReport) -> Path:
+def write_page(path: str | Path, run: RunReport) -> Path:
     """Write the page of a run and return its path; the replay, where there is one, lies beside it."""
     summary = run.summary
     names = (str(summary[key]) for key in ("task", "variant", "method") if summary[key])
@@ -64,7 +64,7 @@ def write_page(path: Path, run: RunReport) -> Path:
         "compared": ("Beside the paper" if len(run.compared[0].rows) > 1 else "In numbers", _compared(run)),
         "goals": (f"{summary['piece'].capitalize()}s", [of_table(table) for table in run.goals]),
         "failures": ("Failures", _failures(run)),
-        "replay": ("Replay", _replay(path, run)),
+        "replay": ("Replay", _replay(Path(path), run)),
         "pictures": ("Pictures", [picture(shown) for shown in run.storyboard]),
         "time": ("Time", _time(run)),
         "assumed": ("What was assumed", assumed(summary, run.notes)),

@@ -11,7 +11,7 @@ from trocar.report.page.elements import bullets, document, section
 
 
 def study_page(
-    path: Path, title: str, sub: str, parts: Sequence[str], notes: Sequence[str], folders: Sequence[str]
+    path: str | Path, title: str, sub: str, parts: Sequence[str], notes: Sequence[str], folders: Sequence[str]
 ) -> Path:
     """Write the page of a study of several runs and return its path.
 

@@ -109,7 +109,7 @@ def test_the_report_alone_is_made_from_what_is_there(made):
         (("--methods", "magic"), "choose from best"),
         (("--fragments", "0"), "give 1 to 12"),
         (("--jobs", "0"), "--jobs is 0"),
-        (("--report-only",), "no trial that can be read"),
+        (("--report-only",), "does not exist; give that of a study with --out"),
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path, words, said):

@@ -101,7 +101,7 @@ def test_trials_come_session_by_session_and_only_those_that_lack(tmp_path):
         (("--jobs", "0"), "--jobs is 0"),
         (("--backend", "ray"), "processes, dask"),
         (("--sessions", "0"), "give 1 or more"),
-        (("--report-only",), "no trial that can be read"),
+        (("--report-only",), "does not exist; give that of a study with --out"),
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path, words, said):
