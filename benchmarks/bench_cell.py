@@ -4,8 +4,9 @@
 
 Cables: the recorded commands are played through the cell's cables, a session at a time, and the play model is fitted
 to both: what it leaves, how that correlates along the way, and how it predicts the last fifth from the first four.
-Sessions: the spread of what is identified in three sessions of one instrument. Registration: what a rigid fit leaves,
-and how far it is off at the other half of the points. Nothing is timed: every machine prints the same figures.
+Sessions: mean and spread of what is identified in three sessions of one instrument, and by how much tips miss the
+places of one of them with no compensation, really and in the cell. Registration: what a rigid fit leaves, and how far
+it is off at the other half of the points. Nothing is timed: every machine prints the same figures.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.arms import PSM_CLASSIC, fk
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.plant import fit_plant
 from trocar.calibration.recording import Recording, load_recording
@@ -25,7 +27,7 @@ from trocar.geometry.rigid_fit import fit_rigid
 from trocar.station import TRANSMISSIONS, Registration, load_station
 from trocar.station.difficulty import LEVELS, RECORDED, Difficulty
 from trocar.station.session import points_of_registration
-from trocar.station.transmission import DriveTrain
+from trocar.station.transmission import Cables, DriveTrain
 
 INSTRUMENTS = {"psm1_grey_random": "psm1_grey", "psm2_grey_random": "psm2_grey", "psm1_new_random": "psm1_new"}
 SESSIONS = ("psm1_grey_random", "psm1_grey_pick_place", "psm1_grey_user_random")
@@ -36,16 +38,23 @@ UNITS = 1e3
 """Everything is printed in mrad and mm."""
 
 
-def in_the_cell(recording: Recording, plant: str, difficulty: Difficulty, seed: int) -> Recording:
+def of_cables(plant: str) -> Cables:
+    """Return the cables of an identified instrument."""
+    found = TRANSMISSIONS[plant]
+    assert isinstance(found, Cables)
+    return found
+
+
+def in_the_cell(recording: Recording, transmission: Cables, difficulty: Difficulty, seed: int) -> Recording:
     """Return the recording with the joints that the cell's cables make of its commands."""
     rng = np.random.default_rng([seed, len(recording)])
-    transmission = TRANSMISSIONS[plant].drawn(rng, difficulty)
-    train = DriveTrain(transmission, recording.q_cmd[0], rng)
+    drawn = transmission.drawn(rng, difficulty)
+    train = DriveTrain(drawn, recording.q_cmd[0], rng)
     joints = []
     for q, dt_s in zip(recording.q_cmd, np.diff(recording.t_s, prepend=recording.t_s[0]), strict=True):
         train.advance(float(dt_s))
         joints.append(train.joints(q))
-    noise = transmission.measurement_sd * rng.standard_normal(recording.q_cmd.shape)
+    noise = drawn.measurement_sd * rng.standard_normal(recording.q_cmd.shape)
     return replace(recording, q_phy=np.array(joints) + noise)
 
 
@@ -67,7 +76,7 @@ def cables(data: Path, difficulty: Difficulty, sessions: int) -> None:
     print("|---|---|---|---|---|")
     for name, plant in INSTRUMENTS.items():
         real = load_recording(data / f"{name}.npz")
-        cell = [left(in_the_cell(real, plant, difficulty, seed)) for seed in range(sessions)]
+        cell = [left(in_the_cell(real, of_cables(plant), difficulty, seed)) for seed in range(sessions)]
         ours = tuple(np.mean([found[k] for found in cell], axis=0) for k in range(3))
         for where, (sd, correlation, tail) in (("recorded", left(real)), ("in the cell", ours)):
             along = " ".join(f"{value:.2f}" for value in correlation[:, 4])
@@ -95,6 +104,31 @@ def spread(data: Path) -> None:
     print(f"logarithms of radii {rms(sd([np.log(p.radii) for p in plants])):.2f}, ", end="")
     print(f"a {sd([p.a for p in plants]):.3f}, b {sd([p.b for p in plants]):.3f}, ", end="")
     print(f"K {rms(sd([p.K for p in plants])):.3f}, C {rms(sd([p.C for p in plants])):.3f}")
+    middle = {name: np.mean([getattr(p, name) for p in plants], axis=0) for name in ("offset", "a", "b", "K", "C")}
+    middle["radii"] = np.exp(np.mean([np.log(p.radii) for p in plants], axis=0))
+    print("Its mean: " + ", ".join(f"{name} {np.round(value, 3).tolist()}" for name, value in middle.items()))
+    missed(data)
+
+
+def missed(data: Path) -> None:
+    """Print by how much tips miss the places of a recorded pick and place that nothing compensates, real and drawn."""
+    real = load_recording(data / "psm1_grey_pick_place.npz")
+    places = f"{len(real)} places of `psm1_grey_pick_place`"
+    print(f"\nUncompensated tips at the {places}, mm RMS: {miss_mm(real):.1f} recorded", end="")
+    recorded = Difficulty.of("recorded")
+    usual = of_cables("psm1_grey")
+    for what, transmission in (("in the cell", usual), ("about one session", replace(usual, usual=None))):
+        drawn = [miss_mm(in_the_cell(real.first(500), transmission, recorded, seed)) for seed in range(40)]
+        low, mean, high = np.percentile(drawn, [10, 50, 90])
+        print(f", {what} {mean:.1f} ({low:.1f} to {high:.1f} in 80 % of 40 sessions)", end="")
+    print()
+
+
+def miss_mm(recording: Recording) -> float:
+    """Return the RMS distance of tips from where the commands would have them, mm."""
+    q_cmd, q_phy = recording.q_cmd[recording.valid], recording.q_phy[recording.valid]
+    off_m = fk(PSM_CLASSIC, q_phy).translation_m - fk(PSM_CLASSIC, q_cmd).translation_m
+    return 1e3 * float(np.sqrt(np.mean(np.sum(off_m**2, axis=-1))))
 
 
 def rms(values: NDArray[np.float64]) -> float:

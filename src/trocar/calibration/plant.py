@@ -141,6 +141,19 @@ PSM1_NEW = CablePlant(
     source="recording psm1_new_random: newer instrument on PSM1",
 )
 
+PSM1_GREY_SESSIONS = CablePlant(
+    radii=np.array([0.038, 0.093, 0.105]),
+    a=0.078,
+    b=0.150,
+    offset=np.array([0.195, -0.081, 0.149]),
+    K=np.array([[-0.006, -0.003, 0.027], [0.036, -0.097, 0.041], [-0.018, 0.202, -0.045]]),
+    C=np.array([[-0.493, 0.020, -0.033], [-0.139, -0.394, 0.595], [0.097, 0.164, -0.655]]),
+    noise_sd=_GREY_NOISE,
+    source="worn instrument 'grey 1' on PSM1, mean of three recorded sessions",
+)
+"""Mean (of radii: geometric) of what is identified in the recordings ``psm1_grey_random``, ``psm1_grey_pick_place`` and
+``psm1_grey_user_random`` (``benchmarks/bench_cell.py`` prints it)."""
+
 PLANTS: dict[str, CablePlant] = {"psm1_grey": PSM1_GREY, "psm2_grey": PSM2_GREY, "psm1_new": PSM1_NEW}
 """Identified instruments by name."""
 

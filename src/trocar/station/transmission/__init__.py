@@ -1,6 +1,6 @@
 """What lies between an encoder and its joint: identified cables, or a field of errors."""
 
-from trocar.calibration.plant import PLANTS
+from trocar.calibration.plant import PLANTS, PSM1_GREY_SESSIONS
 from trocar.registry import Registry
 from trocar.station.transmission.base import DriveTrain, Transmission
 from trocar.station.transmission.cables import Cables
@@ -8,10 +8,14 @@ from trocar.station.transmission.jaw import JawCable
 from trocar.station.transmission.pose_error_field import PoseErrorField
 from trocar.station.transmission.stiff import Stiff
 
+SESSIONS = {"psm1_grey": PSM1_GREY_SESSIONS}
+"""Means over the recorded sessions of instruments that were recorded in several."""
+
 TRANSMISSIONS: Registry[Transmission] = Registry(
     "transmission",
     "trocar.transmissions",
-    {name: Cables(plant) for name, plant in PLANTS.items()} | {"raven2": PoseErrorField(), "stiff": Stiff()},
+    {name: Cables(plant, usual=SESSIONS.get(name)) for name, plant in PLANTS.items()}
+    | {"raven2": PoseErrorField(), "stiff": Stiff()},
 )
 """What a station's arm can have between encoder and joint, by name."""
 
