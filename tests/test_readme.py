@@ -26,7 +26,7 @@ def test_the_first_lines_of_python_run():
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_and_option_that_a_page_names_exists(page):
-    lines = re.findall(r"(?:`|^)trocar ([^`\n]+)", page.read_text(), re.MULTILINE)
+    lines = re.findall(r"(?:`|^)(?:\.venv/bin/)?trocar ([^`\n]+)", page.read_text(), re.MULTILINE)
     for line in lines:
         words = line.split("#")[0].split()
         command = path_of(words)
