@@ -31,10 +31,10 @@ def collect(
     station: Annotated[str, typer.Argument(metavar="STATION", help="Name of a station, or a TOML file.")],
     *,
     arm: Annotated[
-        list[str] | None, typer.Option(metavar="ARM", help="Which arm; may be given again.", show_default="all")
+        list[str] | None, typer.Option(metavar="ARM", help="Which arm; may be given several times.", show_default="all")
     ] = None,
     rows: Annotated[int, typer.Option(help="Samples of each arm; the paper has 1355.")] = 1355,
-    seed: Annotated[int, typer.Option(help="Of everything random: the day, the motion, the images.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of everything random: the day, the motion, the images.")] = 0,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Folder for the files; default out/calibration-STATION-SEED-OPTIONS."),

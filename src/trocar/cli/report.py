@@ -25,14 +25,12 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object an
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
     *,
-    session: Annotated[
-        int, typer.Option(metavar="S", help="Of --trial: of which session, as in the name of its folder.")
-    ] = 0,
+    session: Annotated[int, typer.Option(metavar="S", help="Session of --trial, as in the name of its folder.")] = 0,
     trial: Annotated[
         int | None,
         typer.Option(
             metavar="K",
-            help="Of this trial alone, as in the name of its file; the files go into a folder beside it.",
+            help="Report on this trial alone, as in the name of its file; writes into a folder beside it.",
             show_default="all trials; pictures of the first",
         ),
     ] = None,
