@@ -150,7 +150,7 @@ def main(words: Sequence[str] | None = None, root: Path = ROOT) -> int:
         print(error, file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("stopped; what was measured stands in the pages, and the same command goes on", file=sys.stderr)
+        print("stopped; what was measured stands in the pages; run the same command to continue", file=sys.stderr)
         return 130
     return 0
 

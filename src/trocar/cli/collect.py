@@ -49,7 +49,7 @@ def collect(
 ) -> None:
     """Calibrate arms of the simulated cell from images of spheres that they wear: joints, bases, cable models.
 
-    Interrupted, it keeps what it has; the same command goes on.
+    Interrupted, it keeps what it has; run the same command to continue.
     """
     need("sim", "mujoco", "cv2")
     given = {"rows": rows, "fit": fit, "model": model, "fraction": fraction, "difficulty": difficulty, "flaw": flaw}
@@ -63,7 +63,7 @@ def collect(
     try:
         summary, files = _chain(station, collections, folder, model if fit else None, fraction, seed)
     except KeyboardInterrupt:
-        beside().print(f"stopped; what was collected is in {folder}; the same command goes on")
+        beside().print(f"stopped; what was collected is in {folder}; run the same command to continue")
         raise typer.Exit(130) from None
     if as_json:
         typer.echo(json.dumps(summary))

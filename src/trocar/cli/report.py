@@ -147,7 +147,7 @@ def _show(
         console.print(sentence)
     console.print(headline(summary))
     if interrupted:
-        console.print(f"stopped; {counted(len(trials), 'finished trial')} kept; the same command goes on")
+        console.print(f"stopped; {counted(len(trials), 'finished trial')} kept; run the same command to continue")
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
     for replay in (file for file in files if file.name == "replay.html"):
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)

@@ -86,6 +86,6 @@ def worked(
             void = [] if workers is None else run_study(cells, read_row, workers, tick)
             results, missing = results_of(cells, tick)
     except KeyboardInterrupt:
-        beside().print("stopped; finished trials are kept, and the same command goes on")
+        beside().print("stopped; finished trials are kept; run the same command to continue")
         raise typer.Exit(130) from None
     return results, [*void, *missing]

@@ -66,7 +66,7 @@ def robustness(
     """Run a task against each flaw of a laboratory, at several sizes of it, and draw what its success depends on.
 
     Each size of each flaw is an ordinary run in a folder of the study's, and so is the laboratory as it is; all meet
-    the same sessions. Trials are kept as they end; the same command goes on where it stopped.
+    the same sessions. Trials are kept as they end; the same command continues where it stopped.
     """
     need("sim", "mujoco", "trio", "cv2")
     from trocar.report.robustness.conditions import cells_of, conditions_of  # noqa: PLC0415 (the simulator is heavy)

@@ -39,7 +39,7 @@ def peg_transfer(
 ) -> None:
     """Run every method on every variant in the same sessions, compare them, and set the paper's figures beside them.
 
-    Each condition is an ordinary run in DIR/VARIANT-METHOD. Trials are kept as they end; the same command goes on
+    Each condition is an ordinary run in DIR/VARIANT-METHOD. Trials are kept as they end; the same command continues
     where it stopped, whatever happened to it or its workers.
     """
     from trocar.tasks.peg_transfer.study.cells import cells_of  # noqa: PLC0415 (the simulator is heavy)
