@@ -107,7 +107,7 @@ FLAWS: dict[str, Flaw] = {
         "correlation of the play model's residuals at 100 samples (benchmarks/bench_cell.py)",
     ),
     "outer": Flaw(
-        "error of the outer joints: gains, play, and what is of no model's family (SD of q1 q2 at 150 mm, and of q3, "
+        "error of the outer joints: gains, play, and what fits no model's family (SD of q1 q2 at 150 mm and of q3 "
         "that a linear model leaves)",
         "m",
         (0.0011 * DEPTH_M, 0.0016 * DEPTH_M, 0.00034),
