@@ -1,4 +1,4 @@
-"""A method of one's own for the peg transfer: an agent that looks at a block once more before it lets go of it.
+"""A method of your own for the peg transfer: an agent that looks at a block once more before it lets go of it.
 
 trocar run --plugin examples/own_agent.py peg-transfer --method second-look --trials 1 --seed 3 --out out/second-look
 """

@@ -1,4 +1,4 @@
-"""A cable model of one's own: the error of each joint as a plane over the commands, without memory.
+"""A cable model of your own: the error of each joint as a plane over the commands, without memory.
 
 trocar calibrate fit RECORDING.npz --plugin examples/own_cable_model.py --model plane --out plane.npz
 trocar calibrate evaluate plane.npz RECORDING.npz --plugin examples/own_cable_model.py

@@ -1,4 +1,4 @@
-"""A perception of one's own for the peg transfer: colour and depth, but only what two fits agree on.
+"""A perception of your own for the peg transfer: colour and depth, but only what two fits agree on.
 
 trocar run --plugin examples/own_perception.py peg-transfer --perception twice --trials 1 --seed 3 --out out/twice
 """

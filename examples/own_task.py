@@ -1,4 +1,4 @@
-"""A task of one's own: touch coloured balls in order.
+"""A task of your own: touch coloured balls in order.
 
     trocar run --plugin examples/own_task.py own-task --trials 2 --seed 3 --out out/own-task
 

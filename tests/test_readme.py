@@ -24,9 +24,15 @@ def test_the_first_lines_of_python_run():
     assert bound < duration < 2 * bound
 
 
+def test_the_lines_of_python_of_the_quick_start_run():
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "quickstart.md").read_text(), re.DOTALL)
+    own = "\n".join(block for block in blocks if "--8<--" not in block)  # tests/test_examples.py runs the included ones
+    subprocess.run([sys.executable, "-c", own], check=True)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_and_option_that_a_page_names_exists(page):
-    lines = re.findall(r"(?:`|^)trocar ([^`\n]+)", page.read_text(), re.MULTILINE)
+    lines = re.findall(r"(?:`|^)(?:\.venv/bin/)?trocar ([^`\n]+)", page.read_text(), re.MULTILINE)
     for line in lines:
         words = line.split("#")[0].split()
         command = path_of(words)

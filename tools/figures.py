@@ -5,7 +5,7 @@
     python tools/figures.py check                 pages against records (exit code 1), and what is older than the code
 
 ``measure`` without names measures what the code has changed under; what was interrupted goes on where it stopped.
-How a figure is declared: docs/extend.md, "A figure in the docs".
+How a figure is declared: docs/figures.md, "Adding a figure".
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def main(words: Sequence[str] | None = None, root: Path = ROOT) -> int:
         print(error, file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("stopped; what was measured stands in the pages, and the same command goes on", file=sys.stderr)
+        print("stopped; what was measured stands in the pages; run the same command to continue", file=sys.stderr)
         return 130
     return 0
 

@@ -77,7 +77,7 @@ class Registry(Mapping[str, T], Generic[T]):
         return self[name]
 
     def register(self, name: str, thing: T) -> T:
-        """Add a thing of one's own under a name that is still free, and return it."""
+        """Add a thing of your own under a name that is still free, and return it."""
         if not (isinstance(name, str) and name):
             raise TrocarError(f"a {self.what} is registered as {name!r}; give it a name")
         if name in self:

@@ -87,7 +87,7 @@ def test_an_interrupted_collection_goes_on_to_the_same_files(done, tmp_path):
         time.sleep(0.05)
     os.kill(started.pid, signal.SIGINT)
     _, err = started.communicate(timeout=120)
-    assert started.returncode == 130 and "the same command goes on" in " ".join(err.split())
+    assert started.returncode == 130 and "run the same command to continue" in " ".join(err.split())
     assert not (folder / "report.json").exists()
     again = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "sphere distances" in again.stdout

@@ -188,7 +188,7 @@ def test_ctrl_c_keeps_finished_trials_and_says_so(trocar, played, monkeypatch, t
     interrupt_at(monkeypatch, 1)
     code, out, _ = trocar("run", "peg-transfer", "--trials", 3, "--out", tmp_path)
     assert code == 130
-    assert "stopped; 1 finished trial kept; the same command goes on" in " ".join(out.split())
+    assert "stopped; 1 finished trial kept; run the same command to continue" in " ".join(out.split())
     assert summary_of(tmp_path)["trials"] == 1
     assert not list(tmp_path.rglob(".*"))
     interrupt_at(monkeypatch, None)

@@ -39,10 +39,12 @@ def analyse(
     *,
     arm: Annotated[
         str,
-        typer.Option(help="CSV: model of the arm, for its tip (psm-classic). Trial: which arm (default: that worked)."),
+        typer.Option(
+            help="CSV: model of the arm, for its tip (psm-classic). Trial: which arm (default: the one that worked)."
+        ),
     ] = "",
     columns: Annotated[
-        str, typer.Option(metavar="A,B,...", help="CSV: the columns to analyse; default: q1 to q6 (rad, m), or all.")
+        str, typer.Option(metavar="A,B,...", help="CSV: columns to analyse; default: q1 to q6 (rad, m), or all.")
     ] = "",
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="CSV without a column of times (t_s, in s): samples a second.")

@@ -23,7 +23,7 @@ def apply(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="File written by `trocar calibrate fit`.")],
     path: Annotated[
         Path,
-        typer.Argument(metavar="PATH", help="CSV of where the joints are to be; its first line names the columns."),
+        typer.Argument(metavar="PATH", help="CSV of where the joints should go; its first line names the columns."),
     ],
     *,
     out: Annotated[Path, typer.Option(metavar="CSV", help=f"Commands to write: {','.join(COLUMNS)}.")],
@@ -31,7 +31,7 @@ def apply(
         str, typer.Option(metavar="A,B,...", help="Names of the six joints' columns in PATH, in the arm's order.")
     ] = ",".join(JOINT_NAMES),
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Of the rows, where PATH has no column of times (t_s).")
+        float | None, typer.Option(metavar="HZ", help="Rows a second, if PATH has no column of times (t_s).")
     ] = None,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -64,7 +64,7 @@ def apply(
     desired = np.column_stack([np.interp(at, rows, column) for column in wanted.T])
     commands = compensator.path(desired)
     if not np.isfinite(commands).all():
-        raise TrocarError(f"model {str(model)!r} gives commands that are not finite for this path; fit it anew")
+        raise TrocarError(f"model {str(model)!r} gives commands that are not finite for this path; fit it again")
     lines = np.column_stack([at * table.step_s, commands])
     write_table(out, COLUMNS, ([f"{value:.9g}" for value in line] for line in lines))
     largest = np.abs(commands - desired).max(axis=0)

@@ -42,7 +42,7 @@ def fit(
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Fit a cable model on a recording, by default on all of its rows; with a prior, a minute of it will do."""
+    """Fit a cable model to a recording; with a prior, a minute of it is enough."""
     from trocar.calibration.fleet import fit_from_prior, load_prior  # noqa: PLC0415 (SciPy only when needed)
     from trocar.calibration.models import MODELS, save_model  # noqa: PLC0415
     from trocar.calibration.models.model_file import FORMAT  # noqa: PLC0415
@@ -87,13 +87,16 @@ def evaluate(
     from_row: Annotated[int, typer.Option(metavar="K", help="Errors count from this row on.")] = 0,
     refit: Annotated[
         int,
-        typer.Option(metavar="N", help="First refit the offsets on N valid rows (new session); 0: do not."),
+        typer.Option(metavar="N", help="Refit the offsets on N valid rows first, as in a new session; 0: do not."),
     ] = 0,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     plot: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw joints and hysteresis loops.")] = None,
 ) -> None:
-    """Compare a model with a recording; its memory runs over all rows, errors count from row K."""
+    """Measure the errors of a model on a recording, from row K on.
+
+    Its memory runs over all rows, whatever K is.
+    """
     from trocar.calibration.evaluation import evaluate as score  # noqa: PLC0415
     from trocar.calibration.models import load_model  # noqa: PLC0415
     from trocar.calibration.recording import load_recording  # noqa: PLC0415

@@ -31,10 +31,10 @@ def collect(
     station: Annotated[str, typer.Argument(metavar="STATION", help="Name of a station, or a TOML file.")],
     *,
     arm: Annotated[
-        list[str] | None, typer.Option(metavar="ARM", help="Which arm; may be given again.", show_default="all")
+        list[str] | None, typer.Option(metavar="ARM", help="Which arm; may be given several times.", show_default="all")
     ] = None,
     rows: Annotated[int, typer.Option(help="Samples of each arm; the paper has 1355.")] = 1355,
-    seed: Annotated[int, typer.Option(help="Of everything random: the day, the motion, the images.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of everything random: the day, the motion, the images.")] = 0,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Folder for the files; default out/calibration-STATION-SEED-OPTIONS."),
@@ -49,7 +49,7 @@ def collect(
 ) -> None:
     """Calibrate arms of the simulated cell from images of spheres that they wear: joints, bases, cable models.
 
-    Interrupted, it keeps what it has; the same command goes on.
+    Interrupted, it keeps what it has; run the same command to continue.
     """
     need("sim", "mujoco", "cv2")
     given = {"rows": rows, "fit": fit, "model": model, "fraction": fraction, "difficulty": difficulty, "flaw": flaw}
@@ -63,7 +63,7 @@ def collect(
     try:
         summary, files = _chain(station, collections, folder, model if fit else None, fraction, seed)
     except KeyboardInterrupt:
-        beside().print(f"stopped; what was collected is in {folder}; the same command goes on")
+        beside().print(f"stopped; what was collected is in {folder}; run the same command to continue")
         raise typer.Exit(130) from None
     if as_json:
         typer.echo(json.dumps(summary))

@@ -16,7 +16,7 @@ CALIBRATE = {
         "trocar calibrate apply psm1_play.npz path.csv --out commands.csv",
     ),
     "excite": Known(
-        "Write commands that say most of an arm's cables in the least time: wide swings of the wrist.",
+        "Write commands that reveal most about an arm's cables in the least time: wide swings.",
         "trocar.cli.excite:excite",
         "trocar calibrate excite peg-transfer --arm psm1 --out minute.csv",
     ),
@@ -26,17 +26,17 @@ CALIBRATE = {
         "trocar calibrate prior psm1.npz psm2.npz --out mine.npz",
     ),
     "curve": Known(
-        "Print how well a play model predicts the last fifth of a recording after so many of its first rows.",
+        "Print how well a play model predicts a recording, by how many of its rows it was fitted on.",
         "trocar.cli.fleet:curve",
         "trocar calibrate curve psm3.npz --prior mine.npz --plot curve.png",
     ),
     "fit": Known(
-        "Fit a cable model on a recording, by default on all of its rows; with a prior, a minute of it will do.",
+        "Fit a cable model to a recording; with a prior, a minute of it is enough.",
         "trocar.cli.calibrate:fit",
         "trocar calibrate fit psm1.npz --rows 75 --prior fleet --out psm1_play.npz",
     ),
     "evaluate": Known(
-        "Compare a model with a recording; its memory runs over all rows, errors count from row K.",
+        "Measure the errors of a model on a recording, from row K on.",
         "trocar.cli.calibrate:evaluate",
         "trocar calibrate evaluate psm1_play.npz psm1.npz --from-row 867 --plot loops.png",
     ),
@@ -107,7 +107,7 @@ STUDY = {
         "trocar.cli.study_suture:suture",
         "trocar study suture --setups 300 --out out/study",
     ),
-    "robustness": Known("What a task's success hangs on, flaw by flaw.", "trocar.cli.study_robustness:app"),
+    "robustness": Known("What a task's success depends on, flaw by flaw.", "trocar.cli.study_robustness:app"),
 }
 
 COMMANDS = {
@@ -130,7 +130,7 @@ COMMANDS = {
         "trocar export out/ten --out out/tables --format parquet",
     ),
     "calibrate": Known(
-        "Collect recordings of commanded and measured joints, fit cable models on them, and evaluate these.",
+        "Collect recordings of commanded and measured joints, fit cable models to them, and evaluate these.",
         members=CALIBRATE,
     ),
     "plan": Known("Plan motions and print their quality.", members=PLAN),

@@ -24,7 +24,7 @@ def excite(
     out: Annotated[Path, typer.Option(metavar="CSV", help="File to write.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Write commands that say most of an arm's cables in the least time: wide swings of the wrist.
+    """Write commands that reveal most about an arm's cables in the least time: wide swings.
 
     Go to each command in turn, let the arm come to rest, measure its joints; the first two rows take up the slack and
     need no measurement. Then: trocar calibrate fit RECORDING --prior fleet.

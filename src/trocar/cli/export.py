@@ -21,7 +21,9 @@ def export(
     run: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, or the file of one trial.")],
     *,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the tables.")],
-    format: Annotated[str, typer.Option(metavar="csv|parquet", help="Of the tables; parquet needs pyarrow.")] = "csv",
+    format: Annotated[
+        str, typer.Option(metavar="csv|parquet", help="Format of the tables; parquet needs pyarrow.")
+    ] = "csv",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Write saved trials as flat tables: trials, goals, spans, events, collisions, and what was sampled at 100 Hz.

@@ -31,7 +31,9 @@ PriorName = Annotated[
 
 
 def prior(
-    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Of instruments, in any session.")],
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of instruments, in any session.")
+    ],
     *,
     out: Annotated[Path, typer.Option(metavar="PRIOR", help="File to write (.npz).")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -62,7 +64,7 @@ def curve(
     plot: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the curve.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Print how well a play model predicts the last fifth of a recording after so many of its first rows."""
+    """Print how well a play model predicts a recording, by how many of its rows it was fitted on."""
     from trocar.calibration.fleet import load_prior  # noqa: PLC0415
     from trocar.calibration.fleet.curve import curve as found_curve  # noqa: PLC0415
     from trocar.calibration.fleet.curve import draw_curve  # noqa: PLC0415

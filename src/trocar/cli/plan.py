@@ -57,7 +57,7 @@ def transfer(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Save the motions, sample by sample: .csv, .json or .npz.")
     ] = None,
-    step_ms: Annotated[float, typer.Option(help="Between samples in that file.")] = 10.0,
+    step_ms: Annotated[float, typer.Option(help="Time between samples in that file.")] = 10.0,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""``--plugin FILE``: a Python file that registers tasks, methods, planners, cable models, perceptions of one's own."""
+"""``--plugin FILE``: a Python file that registers tasks, methods, planners, cable models, perceptions of your own."""
 
 from __future__ import annotations
 

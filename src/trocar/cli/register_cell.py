@@ -29,7 +29,7 @@ FILES = {"station.toml": STATION, "report.json": REPORT, "corners.png": PICTURE}
 def cell(
     station: Annotated[str, typer.Argument(metavar="STATION", help="Name of a station, or a TOML file.")],
     *,
-    seed: Annotated[int, typer.Option(help="Of everything random: the hand, the brackets, the images.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of everything random: the hand, the brackets, the images.")] = 0,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/registration-STATION-SEED.")
     ] = None,

@@ -25,14 +25,12 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object an
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
     *,
-    session: Annotated[
-        int, typer.Option(metavar="S", help="Of --trial: of which session, as in the name of its folder.")
-    ] = 0,
+    session: Annotated[int, typer.Option(metavar="S", help="Session of --trial, as in the name of its folder.")] = 0,
     trial: Annotated[
         int | None,
         typer.Option(
             metavar="K",
-            help="Of this trial alone, as in the name of its file; the files go into a folder beside it.",
+            help="Report on this trial alone, as in the name of its file; writes into a folder beside it.",
             show_default="all trials; pictures of the first",
         ),
     ] = None,
@@ -149,7 +147,7 @@ def _show(
         console.print(sentence)
     console.print(headline(summary))
     if interrupted:
-        console.print(f"stopped; {counted(len(trials), 'finished trial')} kept; the same command goes on")
+        console.print(f"stopped; {counted(len(trials), 'finished trial')} kept; run the same command to continue")
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
     for replay in (file for file in files if file.name == "replay.html"):
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)

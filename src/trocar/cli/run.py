@@ -27,7 +27,7 @@ def run(
     *,
     task: type[Task],
     options: Mapping[str, Any],
-    method: Annotated[str, typer.Option(help="How it is done", show_default="the first")] = "",
+    method: Annotated[str, typer.Option(help="How the task is done", show_default="the first")] = "",
     model: Annotated[
         str,
         typer.Option(
@@ -45,17 +45,17 @@ def run(
         str,
         typer.Option(
             metavar="fleet|none|FILE",
-            help="Fit on a minute of wide swings, from what other instruments show, not on a long recording.",
+            help="Fit on a minute of wide swings and what other instruments have in common.",
         ),
     ] = "none",
-    planner: Annotated[str, typer.Option(help="Of the motions.", show_default="the method's")] = "",
-    perception: Annotated[str, typer.Option(help="What the agents see with", show_default="the method's")] = "",
+    planner: Annotated[str, typer.Option(help="How motions are planned.", show_default="the method's")] = "",
+    perception: Annotated[str, typer.Option(help="What turns images into poses.", show_default="the method's")] = "",
     station: Annotated[
         str, typer.Option(metavar="STATION", help="Name of a station, or a TOML file.", show_default="the task's")
     ] = "",
-    sessions: Annotated[int, typer.Option(help="How many days are drawn, each registered and calibrated anew.")] = 1,
+    sessions: Annotated[int, typer.Option(help="How many days are drawn, each registered and calibrated.")] = 1,
     trials: Annotated[int, typer.Option(help="How many trials in each session.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of everything random; the same seed gives the same trials.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of everything random; the same seed gives the same trials.")] = 0,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED-OPTIONS."),

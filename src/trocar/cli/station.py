@@ -35,7 +35,7 @@ def list_stations(*, as_json: JsonFlag = False) -> None:
 def show(
     station: Name,
     *,
-    toml: Annotated[bool, typer.Option("--toml", help="Print the file itself: the start of your own.")] = False,
+    toml: Annotated[bool, typer.Option("--toml", help="Print the file itself, to start your own from.")] = False,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:

@@ -25,13 +25,11 @@ def export(
     mjcf: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the whole station for MuJoCo (.xml); needs extra 'sim'.")
     ] = None,
-    urdf: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write the type of each arm there as URDF.")
-    ] = None,
+    urdf: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write each type of arm there as URDF.")] = None,
     task: Annotated[
-        str, typer.Option(metavar="TASK", help="Put on the table what this task has there.", show_default="nothing")
+        str, typer.Option(metavar="TASK", help="Put the objects of this task on the table.", show_default="nothing")
     ] = "",
-    seed: Annotated[int, typer.Option(help="Of the task's scene.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the task's scene.")] = 0,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:

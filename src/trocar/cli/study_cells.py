@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from trocar.trials.workers import Workers
 
 Methods = Annotated[str, typer.Option(metavar="A,B,...", show_default="all", help="How it is done.")]
-Sessions = Annotated[int, typer.Option(help="How many days are drawn; the same ones for all.")]
+Sessions = Annotated[int, typer.Option(help="How many days are drawn, the same for all conditions.")]
 Trials = Annotated[int, typer.Option(help="How many trials in each session.")]
 Model = Annotated[str, typer.Option(help="Cable model of methods that compensate.", show_default="play")]
 StationName = Annotated[str, typer.Option(help="Name of a station, or a TOML file.", show_default="the task's")]
-Seed = Annotated[int, typer.Option(help="Of everything random.")]
+Seed = Annotated[int, typer.Option(help="Seed of everything random.")]
 Out = Annotated[
     Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/study-TASK-SEED-OPTIONS.")
 ]
 Jobs = Annotated[int | None, typer.Option(help="How many trials at once.", show_default="one a core")]
 Backend = Annotated[str, typer.Option(help="Where the work is done: processes, dask.")]
 Scheduler = Annotated[
-    str, typer.Option(metavar="ADDRESS", help="Of a dask cluster.", show_default="a cluster on this machine")
+    str, typer.Option(metavar="ADDRESS", help="Address of a dask cluster.", show_default="a cluster on this machine")
 ]
 ReportOnly = Annotated[bool, typer.Option("--report-only", help="Run nothing; report on what is there.")]
 Plugin = Annotated[
@@ -86,6 +86,6 @@ def worked(
             void = [] if workers is None else run_study(cells, read_row, workers, tick)
             results, missing = results_of(cells, tick)
     except KeyboardInterrupt:
-        beside().print("stopped; finished trials are kept, and the same command goes on")
+        beside().print("stopped; finished trials are kept; run the same command to continue")
         raise typer.Exit(130) from None
     return results, [*void, *missing]

@@ -1,4 +1,4 @@
-"""``trocar study robustness TASK``: what success hangs on, flaw by flaw."""
+"""``trocar study robustness TASK``: what success depends on, flaw by flaw."""
 
 from __future__ import annotations
 
@@ -34,9 +34,14 @@ def robustness(
         str, typer.Option(metavar="A,B,...", show_default="all that the station feels", help="Which flaws are varied.")
     ] = "",
     scales: Annotated[
-        str, typer.Option(metavar="X,Y,...", help="Sizes of each, times what was recorded.", show_default="0,1,2,4")
+        str,
+        typer.Option(
+            metavar="X,Y,...", help="Sizes of each flaw, as multiples of what was recorded.", show_default="0,1,2,4"
+        ),
     ] = "",
-    difficulty: Annotated[str, typer.Option(help="Of all that is not varied: mild, recorded, harsh.")] = "recorded",
+    difficulty: Annotated[
+        str, typer.Option(help="Difficulty of all that is not varied: mild, recorded, harsh.")
+    ] = "recorded",
     calibration: Annotated[
         str,
         typer.Option(
@@ -58,10 +63,10 @@ def robustness(
     plugin: Plugins = None,
     as_json: shared.AsJson = False,
 ) -> None:
-    """Run a task against each flaw of a laboratory, at several sizes of it, and draw what its success hangs on.
+    """Run a task against each flaw of a laboratory, at several sizes of it, and draw what its success depends on.
 
     Each size of each flaw is an ordinary run in a folder of the study's, and so is the laboratory as it is; all meet
-    the same sessions. Trials are kept as they end; the same command goes on where it stopped.
+    the same sessions. Trials are kept as they end; the same command continues where it stopped.
     """
     need("sim", "mujoco", "trio", "cv2")
     from trocar.report.robustness.conditions import cells_of, conditions_of  # noqa: PLC0415 (the simulator is heavy)
@@ -127,13 +132,13 @@ def _table(flaw: str, rows: Sequence[Mapping[str, Any]]) -> Table:
 
 class _Tasks(TaskGroup):
     body = staticmethod(robustness)
-    told = "Runs trials against each flaw of a laboratory, at several sizes of it, and draws what success hangs on."
+    told = "Runs trials against each flaw of a laboratory, at several sizes of it, and draws what success depends on."
     example = "trocar study robustness {task} --flaws registration,residual --sessions 10 --seed 1"
 
 
 app = typer.Typer(
     cls=_Tasks,
-    help="What a task's success hangs on, flaw by flaw.",
+    help="What a task's success depends on, flaw by flaw.",
     no_args_is_help=True,
     rich_markup_mode=None,
     add_completion=False,
@@ -142,5 +147,5 @@ app = typer.Typer(
 
 @app.callback()
 def tasks(plugin: Plugins = None) -> None:
-    """Run a task against each flaw of a laboratory, at several sizes of it, and draw what its success hangs on."""
+    """Run a task against each flaw of a laboratory, at several sizes of it, and draw what its success depends on."""
     del plugin  # loaded when it was parsed

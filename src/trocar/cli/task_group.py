@@ -86,7 +86,7 @@ def task_command(task: type[Task], body: Callable[..., None], told: str, example
     methods = "; ".join(f"{name}: {getattr(method, 'about', 'from elsewhere')}" for name, method in ways)
     command.__doc__ = (
         f"{_about(task)}.\n\n"
-        f"{told} An interrupted run keeps its finished trials; the same command goes on where it stopped.\n\n"
+        f"{told} An interrupted run keeps its finished trials; the same command continues where it stopped.\n\n"
         f"Methods: {methods}."
     )
     plugin = "--plugin FILE " if task.__module__.startswith(PLUGIN_MODULE) else ""

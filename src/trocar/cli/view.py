@@ -16,9 +16,11 @@ from trocar.errors import TrocarError
 def view(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
     *,
-    session: Annotated[int, typer.Option(metavar="S", help="Of which session, as in the name of its folder.")] = 0,
-    trial: Annotated[int, typer.Option(metavar="K", help="Which trial, as in the name of its file.")] = 0,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="If it is taken, the next that is free.")] = 8080,
+    session: Annotated[int, typer.Option(metavar="S", help="Session, as in the name of its folder.")] = 0,
+    trial: Annotated[int, typer.Option(metavar="K", help="Trial, as in the name of its file.")] = 0,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page; if it is taken, the next free one.")
+    ] = 8080,
     open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")] = True,
 ) -> None:
     """Show a saved trial in 3D in the browser: where arms and objects were, what the scripts did, what cameras saw.

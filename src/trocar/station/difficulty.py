@@ -85,7 +85,7 @@ FLAWS: dict[str, Flaw] = {
         "three sessions of instrument 'grey 1' (benchmarks/bench_cell.py)",
     ),
     "residual": Flaw(
-        "error of the wrist that is of no model's family (SD of q4 q5 q6)",
+        "error of the wrist that fits no model's family (SD of q4 q5 q6)",
         "rad",
         (0.006, 0.022, 0.015),
         (0.0, 0.0, 0.0),
@@ -107,7 +107,7 @@ FLAWS: dict[str, Flaw] = {
         "correlation of the play model's residuals at 100 samples (benchmarks/bench_cell.py)",
     ),
     "outer": Flaw(
-        "error of the outer joints: gains, play, and what is of no model's family (SD of q1 q2 at 150 mm, and of q3, "
+        "error of the outer joints: gains, play, and what fits no model's family (SD of q1 q2 at 150 mm and of q3 "
         "that a linear model leaves)",
         "m",
         (0.0011 * DEPTH_M, 0.0016 * DEPTH_M, 0.00034),
@@ -115,14 +115,14 @@ FLAWS: dict[str, Flaw] = {
         "recordings of four instruments (benchmarks/bench_cell.py)",
     ),
     "kinematics": Flaw(
-        "joints of a Raven II against its encoders",
+        "error of a Raven II's joints against its encoders",
         "",
         (1.0,),
         (1.0,),
         "pose errors of a Raven II, gripper_pose_pairs",
     ),
     "registration": Flaw(
-        "place of a base as it was registered, besides what errors of the outer joints do to it (SD on each axis)",
+        "error of a base's registration, on top of what errors of the outer joints cause (SD on each axis)",
         "m",
         (0.0002,),
         (0.0,),
@@ -130,25 +130,25 @@ FLAWS: dict[str, Flaw] = {
         "`outer` (benchmarks/bench_cell.py)",
     ),
     "cameras": Flaw(
-        "place of a further camera against the first, as it was registered (SD on each axis)",
+        "error of a further camera's registration against the first (SD on each axis)",
         "m",
         (0.0001,),
         (0.0,),
         "assumed: what images of a checkerboard leave .35 m away",
     ),
     "tool": Flaw(
-        "length of the wrist, from its pitch axis to the jaws' axis, against what is said (SD)",
+        "error of the wrist's length, from its pitch axis to the jaws' axis (SD)",
         "m",
         (0.0002,),
         (0.0,),
         "assumed",
     ),
     "print": Flaw(
-        "pegs and blocks against their drawings: places of the pegs, sizes of both (SD)",
+        "deviation of pegs and blocks from their drawings: places of the pegs, sizes of both (SD)",
         "m",
         (0.0001,),
         (0.0,),
-        "assumed: what printers keep, as for the spheres of a calibration",
+        "assumed: tolerance of printers, as for the spheres of a calibration",
     ),
     "needle": Flaw(
         "place of a needle that a person loads against the agreed one (1 x: SD of .3 mm on each axis, 3 deg about it)",
@@ -165,7 +165,7 @@ FLAWS: dict[str, Flaw] = {
         "real capture of a block's top: .34 mm, against .16 mm",
     ),
     "jaw": Flaw(
-        "angle of the jaws against what they are told (SD of an offset in each session; their play is as wide)",
+        "error of the jaws' angle against the command (SD of an offset in each session; their play is as wide)",
         "rad",
         (0.03,),
         (0.0,),

@@ -128,7 +128,7 @@ def run_all(
         if deaths >= MAX_DEATHS:
             raise TrocarError(
                 f"workers died {deaths} times in a row without finishing anything ({broken[:200]}); if memory is "
-                "short, give fewer with --jobs; the same command goes on"
+                "short, give fewer with --jobs; run the same command to continue"
             )
         time.sleep(0.2)
 

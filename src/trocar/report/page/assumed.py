@@ -11,7 +11,7 @@ from trocar.report.tables import percent
 from trocar.station.difficulty import HARSH, HARSHER, MILD, RECORDED
 
 LEVELS = {
-    RECORDED: "The laboratory errs as much as recordings of real instruments show; where none are, as is assumed.",
+    RECORDED: "The laboratory errs as much as recordings of real instruments show, or as assumed where there are none.",
     MILD: "The laboratory errs less than recordings of real instruments show.",
     HARSH: f"The laboratory errs {HARSHER:g} times as much as recordings of real instruments show.",
 }
@@ -27,7 +27,7 @@ def assumed(summary: Mapping[str, Any], notes: Sequence[str]) -> list[str]:
     flaws = {str(what): str(how) for what, how in summary["flaws"].items()}
     difficulty = flaws.pop("difficulty", "")
     level, _, named = difficulty.partition(", ")
-    own = " Flaws that are named have a size of their own." if named else ""
+    own = " The flaws named have sizes of their own." if named else ""
     told = [(what, how) for what, how in flaws.items() if ": " not in what]
     sized = [(*what.split(": ", 1), how) for what, how in flaws.items() if ": " in what]
     rows = [(name, how, about) for name, about, how in sized]

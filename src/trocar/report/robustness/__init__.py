@@ -1,1 +1,1 @@
-"""How a task's success hangs on each flaw of a laboratory."""
+"""How a task's success depends on each flaw of a laboratory."""

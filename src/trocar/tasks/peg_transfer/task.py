@@ -68,7 +68,7 @@ class PegTransfer(Task):
             "cables compensated by a model that was fitted in this session",
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:compensated")},
         ),
-        "uncalibrated": Method("encoder readings taken for the joints", calibrated=False, **_AGENT),
+        "uncalibrated": Method("encoder readings taken at face value", calibrated=False, **_AGENT),
         "adaptive": Method(
             "no recording: cables are learned from looks at the wrist, before the first transfer and at each one",
             calibrated=False,

@@ -54,7 +54,7 @@ class CircleSutures(Task):
     preset: str | None = option(None, f"Setup and reward of the plan (default: {PRESET}).", choices=tuple(PRESETS))
     direction: str | None = option(
         None,
-        "Of all sutures, even where a joint cannot: clockwise or counterclockwise; best: each its own (default).",
+        "Direction: all clockwise or counterclockwise, even beyond a limit; or best: the better for each (default).",
         choices=tuple(DIRECTIONS_BY_NAME),
     )
     sutures: int | None = option(None, f"How many, evenly spaced (default: {SUTURES}).", metavar="N")
@@ -78,7 +78,7 @@ class CircleSutures(Task):
             "cables compensated by a model that was fitted in this session; a camera looks at the needle", **_LOOKING
         ),
         "blind": Method("cables compensated likewise; nobody looks at the needle", **_BLIND),
-        "uncalibrated": Method("encoder readings taken for the joints; nobody looks", calibrated=False, **_BLIND),
+        "uncalibrated": Method("encoder readings taken at face value; nobody looks", calibrated=False, **_BLIND),
     }
     report = Lazy("trocar.tasks.suture.report:SutureReport")
 

@@ -15,7 +15,7 @@ from trocar.tasks.debridement.perception.windows import MARGIN_M, gripper_window
 
 
 class StereoView:
-    """Fragments and grippers in a pair of pictures. A perception of one's own has these methods.
+    """Fragments and grippers in a pair of pictures. A perception of your own has these methods.
 
     All take poses of the left eye as ``T_world_camera``, and pictures of whole eyes or of windows.
     """

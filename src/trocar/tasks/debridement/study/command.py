@@ -42,7 +42,7 @@ def debridement(
 ) -> None:
     """Run every method with one arm and with two in the same sessions, and set Table I of the paper beside them.
 
-    Each condition is an ordinary run in DIR/ARMS-METHOD. Trials are kept as they end; the same command goes on where
+    Each condition is an ordinary run in DIR/ARMS-METHOD. Trials are kept as they end; the same command continues where
     it stopped, whatever happened to it or its workers.
     """
     from trocar.tasks.debridement.study.cells import cells_of  # noqa: PLC0415 (the simulator is heavy)

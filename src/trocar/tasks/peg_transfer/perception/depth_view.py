@@ -11,7 +11,7 @@ from trocar.tasks.peg_transfer.perception.board import BoardFit, find_board
 
 
 class DepthView:
-    """Board and blocks in one RGBD image. A perception of one's own has these methods."""
+    """Board and blocks in one RGBD image. A perception of your own has these methods."""
 
     def find_board(self, image: RgbdImage, T_world_camera: SE3, board: Pegboard, T_world_board_guess: SE3) -> BoardFit:
         """Return the board's pose, or why it was not found."""

@@ -19,11 +19,11 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @app.command(epilog="Example: trocar study peg-transfer --sessions 12 --trials 2 --seed 1 --out out/study")
 def peg_transfer(
     *,
-    variants: Annotated[str, typer.Option(metavar="A,B,...", show_default="all", help="Of the task.")] = "",
+    variants: Annotated[str, typer.Option(metavar="A,B,...", show_default="all", help="Variants of the task.")] = "",
     methods: options.Methods = "",
     sessions: options.Sessions = 10,
     trials: options.Trials = 1,
-    transfers: Annotated[int, typer.Option(help="Only the first so many of the twelve transfers.")] = 12,
+    transfers: Annotated[int, typer.Option(help="Only the first N of the twelve transfers.")] = 12,
     model: options.Model = "",
     station: options.StationName = "",
     difficulty: Level = DEFAULT,
@@ -39,7 +39,7 @@ def peg_transfer(
 ) -> None:
     """Run every method on every variant in the same sessions, compare them, and set the paper's figures beside them.
 
-    Each condition is an ordinary run in DIR/VARIANT-METHOD. Trials are kept as they end; the same command goes on
+    Each condition is an ordinary run in DIR/VARIANT-METHOD. Trials are kept as they end; the same command continues
     where it stopped, whatever happened to it or its workers.
     """
     from trocar.tasks.peg_transfer.study.cells import cells_of  # noqa: PLC0415 (the simulator is heavy)
