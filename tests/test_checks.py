@@ -6,11 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trocar.arms.instrument import FingerMarks
+from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.models import TrainingMotion
+from trocar.calibration.plant import PSM1_GREY
 from trocar.errors import TrocarError
+from trocar.perception.image import Intrinsics
 from trocar.station import CheckerboardRegistration, Registration, SensorFlaws
+from trocar.station.transmission import Cables, PoseErrorField
+from trocar.sutures import PRESETS, suture_joints
 
-VALUES = (Registration(), CheckerboardRegistration(), SensorFlaws())
+VALUES = (Registration(), CheckerboardRegistration(), SensorFlaws(), FingerMarks(((1, 0, 0), (0, 1, 0))))
 
 
 @pytest.mark.parametrize("value", VALUES, ids=lambda value: type(value).__name__)
@@ -23,3 +29,19 @@ def test_nan_in_a_value_made_by_hand_is_refused_by_its_name(value):
 def test_nan_in_an_array_is_refused_too():
     with pytest.raises(TrocarError, match="interval of TrainingMotion holds NaN"):
         TrainingMotion(np.full(6, np.nan), np.zeros(6), np.ones(6), 30)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: PoseErrorField(scale=(math.nan, *PoseErrorField().scale[1:])), "scale of PoseErrorField holds NaN"),
+        (lambda: Cables(PSM1_GREY, wander_sd=np.array([math.nan, 0, 0])), "wander_sd of Cables holds NaN"),
+        (lambda: Intrinsics(4, 3, 1, 1, 2, 1, (0, 0, math.nan, 0, 0)), "distortion of Intrinsics holds NaN"),
+        (lambda: replace(PSM1_BOX, step=PSM1_BOX.step * math.nan), "step of a motion's box must be finite"),
+        (lambda: replace(PSM1_BOX, lower=PSM1_BOX.lower[:5]), r"lower of a motion's box must have shape \(6,\)"),
+        (lambda: suture_joints(PRESETS["default"].setup, [0.0, math.inf]), "positions of sutures must be finite"),
+    ],
+)
+def test_what_is_not_finite_is_named_wherever_it_stands(make, words):
+    with pytest.raises(TrocarError, match=words):
+        make()

@@ -76,7 +76,8 @@ def test_trajectories_over_different_times_do_not_add():
         (lambda: Trajectory([0.0, 1.0], np.zeros((1, 2, 6))), r"must have shape \(k, 1, joints\), got \(1, 2, 6\)"),
         (lambda: Trajectory([0.0, 1.0], np.zeros((0, 1, 6))), "at least one power and one joint"),
         (lambda: Trajectory.hermite([0.0, 1.0], np.full((2, 6), np.nan), np.zeros((2, 6))), "positions must be finite"),
-        (lambda: Trajectory([0.0, 1.0], np.zeros((1, 1, 6))).stretched(np.inf), "finite factor above 0"),
+        (lambda: Trajectory([0.0, 1.0], np.zeros((1, 1, 6))).stretched(np.inf), "give a factor above 0 and below"),
+        (lambda: Trajectory([0.0, 1.0], np.zeros((1, 1, 6))).stretched(2**80), "give a factor above 0 and below"),
         (lambda: Trajectory([0.0, 1.0], np.zeros((1, 1, 6))).sample(1e-12), "give one above 0 that makes fewer than"),
     ],
 )

@@ -11,14 +11,14 @@ from trocar.errors import TrocarError
 
 
 def require_numbers(value: Any) -> None:
-    """Raise unless all numbers in a dataclass's own fields are numbers: for its ``__post_init__``.
+    """Raise unless all numbers in a dataclass's own fields are numbers, also those in tuples: for ``__post_init__``.
 
     Raises:
         TrocarError: one is NaN; the sentence names the class and the field.
     """
     for field in fields(value):
         held = getattr(value, field.name)
-        if isinstance(held, float | np.ndarray):
-            array = np.asarray(held)
-            if array.dtype.kind in "fc" and np.isnan(array).any():
+        parts = held if isinstance(held, tuple) else (held,)
+        for part in parts:
+            if isinstance(part, float | np.ndarray) and np.asarray(part).dtype.kind in "fc" and np.isnan(part).any():
                 raise TrocarError(f"{field.name} of {type(value).__name__} holds NaN ({held}); give a number")

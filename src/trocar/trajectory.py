@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb, factorial, inf
+from math import comb, factorial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,8 @@ from trocar.geometry.arrays import finite
 
 MAX_SAMPLES = 10_000_000
 """More than a day at 100 Hz; whoever asks for more has mistaken the unit of the step."""
+MAX_STRETCH = 1e9
+"""A motion that is slowed down more would last for years."""
 
 SAME_KNOT_S = 1e-7
 """Knots of two trajectories that are this near are one knot of their sum."""
@@ -95,8 +97,10 @@ class Trajectory:
 
     def stretched(self, factor: float) -> Trajectory:
         """Return the same path taking ``factor`` times as long."""
-        if not 0 < factor < inf:
-            raise TrocarError(f"a trajectory cannot be stretched by {factor}; give a finite factor above 0")
+        if not 0 < factor < MAX_STRETCH:
+            raise TrocarError(
+                f"a trajectory cannot be stretched by {factor}; give a factor above 0 and below {MAX_STRETCH:.0e}"
+            )
         powers = np.arange(len(self.coefficients) - 1, -1, -1)[:, None, None]
         start = self.times_s[0]
         return Trajectory(start + factor * (self.times_s - start), self.coefficients / factor**powers)

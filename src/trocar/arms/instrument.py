@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.checks import require_numbers
 from trocar.errors import TrocarError
 from trocar.geometry import shown
 from trocar.geometry.arrays import finite
@@ -38,6 +39,9 @@ class FingerMarks:
     behind_m: float = 1.7e-3
     radius_m: float = 1.6e-3
     proud_m: float = 0.3e-3
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
     def centers_m(self, side: int, jaw_rad: float) -> NDArray[np.float64]:
         """Return the middles (2, 3) of one finger's marks in the frame of :meth:`Instrument.finger_m`, jaws open so.

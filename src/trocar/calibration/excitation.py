@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import TURN
+from trocar.geometry.arrays import finite
 
 if TYPE_CHECKING:
     from trocar.arms import ArmModel
@@ -49,6 +50,10 @@ class MotionBox:
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
     step: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name in ("lower", "upper", "step"):
+            object.__setattr__(self, name, finite(f"{name} of a motion's box", getattr(self, name), 6))
 
     def mirrored(self) -> MotionBox:
         """Return the box for the other arm: q1, q4 and q6 change sign."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.checks import require_numbers
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 
@@ -32,6 +33,9 @@ class Intrinsics:
     cx: float
     cy: float
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
     @property
     def matrix(self) -> NDArray[np.float64]:

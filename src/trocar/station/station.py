@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, ik, wrist_depth_m
 from trocar.calibration.excitation import MotionBox
+from trocar.checks import require_numbers
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.notebook import table
@@ -97,6 +98,9 @@ class StationCamera:
     ambient: float = 0.06
     T_world_camera_registered: SE3 | None = None
     rig_registered: StereoRig | None = None
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
     def __repr__(self) -> str:
         kind = "stereo pair" if isinstance(self.model, StereoRig) else "RGBD camera"

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, ik_unbounded, wrist_depth_m
 from trocar.geometry import SE3, TURN
+from trocar.geometry.arrays import finite
 from trocar.sutures.primitive import Places, places, tip_poses
 from trocar.sutures.setup import SutureSetup
 
@@ -59,8 +60,12 @@ class SutureJoints:
 
 
 def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
-    """Return the joints along the sutures at these positions (n,), in both directions, in closed form."""
-    thetas = np.atleast_1d(np.asarray(thetas_rad, dtype=np.float64))
+    """Return the joints along the sutures at these positions (n,), in both directions, in closed form.
+
+    Raises:
+        TrocarError: a position is not finite.
+    """
+    thetas = np.atleast_1d(finite("positions of sutures", thetas_rad, ...))
     along = places(setup)
     harmonics = tip_harmonics(setup, along)
     turns = np.stack([np.ones_like(thetas), np.cos(thetas), np.sin(thetas)], -1)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.calibration.plant import WRIST, CablePlant, PlayState
+from trocar.checks import require_numbers
 from trocar.station.difficulty import MILD, Difficulty
 from trocar.station.transmission.history_field import HistoryField
 from trocar.station.transmission.outer import OuterErrors, OuterMemory
@@ -53,6 +54,9 @@ class Cables:
     wander_sd: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     residual: HistoryField | None = None
     outer: OuterErrors | None = None
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
     @property
     def source(self) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.checks import require_numbers
 from trocar.geometry import TURN
 from trocar.station.difficulty import Difficulty
 
@@ -46,6 +47,9 @@ class PoseErrorField:
     amplitudes: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
 
     WAVES = 24
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
     @property
     def source(self) -> str:
