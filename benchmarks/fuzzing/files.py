@@ -129,7 +129,8 @@ def _member(draw: st.DrawFn, data: bytes, folder: Path) -> bytes:
     if way == "content":
         members[place] = name, _altered_member(draw, name, content, folder)
     elif way == "rename":
-        members[place] = draw(st.sampled_from(["x.npy", "header.json", "../x.npy", "q_cmd.npy", ".npy", "ä.npy"])), content
+        names = ["x.npy", "header.json", "../x.npy", "q_cmd.npy", ".npy", "ä.npy"]
+        members[place] = draw(st.sampled_from(names)), content
     elif way == "double":
         members.append((name, _altered_member(draw, name, content, folder)))
     elif way == "missing":
