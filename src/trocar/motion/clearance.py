@@ -9,6 +9,7 @@ from math import ceil, inf
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.checks import require_numbers
 from trocar.errors import TrocarError
 from trocar.geometry.capsules import segment_gaps_m
 from trocar.motion.bodies import Bodies
@@ -44,6 +45,9 @@ class Clearance:
     sampled_m: float
     time_s: float
     between: tuple[str, str]
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
 
 def swept_clearance(

@@ -53,6 +53,9 @@ class StationArm:
     calibration: MotionBox | None = None
     T_world_base_registered: SE3 | None = None
 
+    def __post_init__(self) -> None:
+        require_numbers(self)
+
     def __repr__(self) -> str:
         return f"<StationArm {self.model.name}, transmission {self.transmission_name!r}, base at {self.T_world_base!r}>"
 
