@@ -16,6 +16,7 @@ import argparse
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -44,6 +45,11 @@ RUNS = {
 MAX_KILLS_A_ROUND = 6
 OF_REAL_TIME = ("compute_ms", "missed_budgets", "realtime_factor")
 """Keys of a summary that depend on the machine's speed."""
+REAL_TIME_ROWS = re.compile(
+    rb"<p class=warning>[^<]* of computations took longer.*?</p>"
+    rb"|<tr><th scope=row>(?:computations|speed of the simulation)[^<]*</th><td>[^<]*</td></tr>"
+)
+"""What a page says of them."""
 ENDED = (0, 1)
 """Exit codes of a run that came to its end: all goals reached, or some missed."""
 
@@ -65,6 +71,8 @@ def contents(folder: Path) -> dict[str, Any]:
             found[name] = "real times"
         elif name == "summary.json":
             found[name] = {k: v for k, v in json.loads(path.read_text()).items() if k not in OF_REAL_TIME}
+        elif name == "report.html":
+            found[name] = REAL_TIME_ROWS.sub(b"", path.read_bytes())
         else:
             found[name] = path.read_bytes()
     return found
