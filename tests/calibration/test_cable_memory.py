@@ -75,10 +75,17 @@ def test_a_window_spans_motion_and_not_time(models):
 
 def test_a_joint_that_never_moved_in_training_takes_no_samples(models):
     training = models["ridge"].training
-    still = replace(training, interval=np.where(np.arange(6) == 0, 0.0, training.interval))
+    still = replace(training, interval=np.where(np.arange(6) == 3, 0.0, training.interval))
     memory = CableMemory.at_rest(replace(models["ridge"], training=still), HOME)
     assert memory.step(HOME + 1e-6)[1] is memory
     assert memory.step(HOME + 0.2)[1] is not memory
+
+
+def test_a_lift_with_a_still_wrist_leaves_the_window_as_it_was(models):
+    memory = CableMemory.at_rest(models["ridge"], HOME).after(there_and_back(), 0.7)
+    lifted = memory.q_cmd + np.array([0.1, 0.1, 0.03, 0.0, 0.0, 0.0])
+    assert memory.step(lifted)[1] is memory
+    assert np.abs(memory.joints(lifted) - memory.joints(memory.q_cmd))[:3].max() > 0.09
 
 
 @pytest.mark.parametrize("name", ["play", "ridge", "offset"])

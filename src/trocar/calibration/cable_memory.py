@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.calibration.models.base import CableModel, commands
 from trocar.calibration.models.play import PlayModel
+from trocar.calibration.plant import WRIST
 from trocar.trajectory import Trajectory
 
 REPLAY_S = 0.004
@@ -21,8 +22,9 @@ class CableMemory:
     """One arm's cables as a model knows them after the commands so far.
 
     A rate-independent model takes every command into its state. A model with a window takes a sample only where a
-    joint has gone on by its step in the training motion: however often an arm is stopped, slowed down or replanned,
-    the window spans as much motion as it was trained on.
+    joint of the wrist has gone on by its step in the training motion: however often an arm is stopped, slowed down or
+    replanned, the window spans as much of the wrist's motion as it was trained on. The outer joints do not count: their
+    cables remember nothing, and a lift with a still wrist would push out of the window what the wrist did before.
 
     Attributes:
         model: the cables.
@@ -71,5 +73,5 @@ class CableMemory:
     def _is_sample(self, q_cmd: NDArray[np.float64]) -> bool:
         if self.model.rate_independent:
             return True
-        interval = self.model.training.interval
-        return bool(np.any(np.abs(q_cmd - self.q_cmd) >= np.where(interval > 0, interval, np.inf)))
+        interval = self.model.training.interval[WRIST]
+        return bool(np.any(np.abs(q_cmd - self.q_cmd)[WRIST] >= np.where(interval > 0, interval, np.inf)))
