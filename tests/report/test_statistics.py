@@ -1,7 +1,7 @@
 """Rates and their intervals."""
 
 import math
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def interval_of():
         key = a.tobytes(), b.tobytes()
         return kept[key] if key in kept else kept.setdefault(key, betaln(a, b))
 
-    @lru_cache(maxsize=None)
+    @cache
     def of(succeeded):
         return session_interval(succeeded, [12] * len(succeeded))
 
