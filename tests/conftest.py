@@ -31,6 +31,23 @@ settings.register_profile("explore", deadline=None, derandomize=False)
 settings.load_profile("same")
 
 
+LONGEST = (
+    *("tasks/peg_transfer/agents/test_faults", "trials/test_run_trial", "test_examples", "tasks/test_truth_barrier"),
+    *("cli/test_run", "tasks/suture/test_trial", "tasks/debridement/agents/test_faults", "cli/test_run_suture"),
+    *("tasks/suture/agents/test_circle", "trials/test_folder", "calibration/test_models", "cli/test_collect"),
+    *("tasks/peg_transfer/study/test_command", "tasks/peg_transfer/agents/test_learner", "calibration/fleet/test_fleet"),
+    *("tasks/debridement/world/test_debridement_world", "tasks/suture/agents/test_watch", "trials/test_workers"),
+    *("calibration/test_command_path", "report/test_summary", "collect/test_collection", "report/test_statistics"),
+)
+"""Files that take longest: first, for at the end one of them would keep one core busy, and the others idle."""
+
+
+def pytest_collection_modifyitems(items):
+    """Put the tests of the longest files first; the others stay in their order."""
+    places = {f"tests/{name}.py": place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.nodeid.partition("::")[0], len(places)))
+
+
 def pytest_collection_finish():
     """Let nobody look again and again through what was collected and stays: a third of a second each time."""
     gc.collect()
