@@ -9,7 +9,7 @@ demo: .venv/sim.stamp
 	$(BIN)/trocar run peg-transfer --method calibrated --trials 1 --seed 1 --out out/demo
 
 test: .venv/dev.stamp
-	$(BIN)/pytest -n auto --dist loadfile
+	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 
 # Which small mistakes the tests would not notice: minutes for each mutant, so not in CI. MUTANTS="--changed", say.
 mutants: .venv/dev.stamp

@@ -1,5 +1,7 @@
+import gc
 import os
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,14 @@ from hypothesis import settings
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
     os.environ.setdefault(_threads, "1")
 
+# Processes that tests start compile nothing that another one has compiled: where no bytecode is kept, each of a hundred
+# spends seconds on NumPy, SciPy and Matplotlib. It lies apart, so that no folder changes that a test looks at.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+if sys.pycache_prefix is None:
+    sys.pycache_prefix = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+
 # A shell that starts the tests in the background has them ignore Ctrl-C, and all that they start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -19,6 +29,29 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 settings.register_profile("same", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None, derandomize=False)
 settings.load_profile("same")
+
+
+LONGEST = (
+    *("tasks/peg_transfer/agents/test_faults", "trials/test_run_trial", "test_examples", "tasks/test_truth_barrier"),
+    *("cli/test_run", "tasks/suture/test_trial", "tasks/debridement/agents/test_faults", "cli/test_run_suture"),
+    *("tasks/suture/agents/test_circle", "trials/test_folder", "calibration/test_models", "cli/test_collect"),
+    *("tasks/peg_transfer/study/test_command", "tasks/peg_transfer/agents/test_learner", "trials/test_workers"),
+    *("tasks/debridement/world/test_debridement_world", "tasks/suture/agents/test_watch", "report/test_summary"),
+    *("calibration/test_command_path", "calibration/fleet/test_fleet", "collect/test_collection"),
+)
+"""Files that take longest: first, for at the end one of them would keep one core busy, and the others idle."""
+
+
+def pytest_collection_modifyitems(items):
+    """Put the tests of the longest files first; the others stay in their order."""
+    places = {f"tests/{name}.py": place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.nodeid.partition("::")[0], len(places)))
+
+
+def pytest_collection_finish():
+    """Let nobody look again and again through what was collected and stays: a third of a second each time."""
+    gc.collect()
+    gc.freeze()
 
 
 def recordings_folder() -> Path:

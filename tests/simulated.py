@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trocar.arms import MOTION_LIMITS, MotionLimits, fk, ik
 from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest, straight
-from trocar.perception.image import Intrinsics
+from trocar.perception.image import CameraModel, Intrinsics
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory, arrays_of
 from trocar.sim.mjcf import CellModel, Surface
@@ -41,12 +41,15 @@ def mild(name: str) -> Station:
 
 
 def coarse(station: Station) -> Station:
-    """Return a station whose depth cameras combine 2 x 2 pixels more, for tests of what looks, not of what it sees."""
-    cameras = {
-        name: replace(camera, model=camera.model.binned(2)) if isinstance(camera.model, Intrinsics) else camera
-        for name, camera in station.cameras.items()
-    }
+    """Return a station whose cameras combine 2 x 2 pixels more, for tests of what looks, not of what it sees."""
+    cameras = {name: replace(camera, model=_binned(camera.model)) for name, camera in station.cameras.items()}
     return replace(station, cameras=cameras)
+
+
+def _binned(model: CameraModel) -> CameraModel:
+    if isinstance(model, Intrinsics):
+        return model.binned(2)
+    return replace(model, left=model.left.binned(2), right=model.right.binned(2))
 
 
 STATION = mild("peg-transfer")

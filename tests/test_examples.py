@@ -28,7 +28,7 @@ import trocar.trials.prepare
 from trocar.tasks.peg_transfer.task import PegTransfer
 goals = PegTransfer.goals
 PegTransfer.goals = lambda task: goals(task)[:1]
-trocar.trials.prepare.IMAGES_ROWS = 100
+trocar.trials.prepare.IMAGES_ROWS = 40
 runpy.run_path(sys.argv.pop(1), run_name="__main__")
 """
 

@@ -251,7 +251,7 @@ def real(tmp_path_factory):
     """A real run of one transfer in each of two sessions, in a process of its own; its folder and its summary."""
     folder = tmp_path_factory.mktemp("real")
     words = "run peg-transfer --transfers 1 --sessions 2 --trials 1 --new-session --refit-offsets --seed 21 "
-    words += "--calibration joints --json"
+    words += "--calibration joints --model offset --json"
     result = subprocess.run(
         [sys.executable, "-c", COMMAND, *words.split(), "--out", str(folder)],
         capture_output=True,
@@ -259,8 +259,9 @@ def real(tmp_path_factory):
         check=False,
         timeout=300,
     )
-    assert result.returncode == 0, result.stderr
-    return folder, json.loads(result.stdout)
+    summary = json.loads(result.stdout)
+    assert result.returncode == (summary["succeeded"] < summary["attempted"]), result.stderr
+    return folder, summary
 
 
 def test_a_real_run_counts_its_transfers_and_its_time(real):

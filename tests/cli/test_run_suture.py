@@ -7,7 +7,8 @@ import pytest
 from synthetic import unmarked
 
 
-def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path):
+def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path, request):
+    """The second report, of which only what it prints is looked at, draws no pictures."""
     words = (
         "run",
         "suture",
@@ -32,6 +33,7 @@ def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path):
     for picture in ("storyboard", "joints", "needle", "timechart"):
         assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
     assert json.loads((tmp_path / "run.json").read_text())["options"]["preset"] == "default"
+    request.getfixturevalue("unpictured")
     code, out, _ = trocar("report", tmp_path)
     shown = " ".join(out.split())
     for sentence in ("no tissue mechanics", "needle's tip off its path", "wrist pitch, deg", "loading"):

@@ -64,12 +64,14 @@ def _column_by_column(
 
 def _play_of_one(u: NDArray[np.float64], r: float, start: float | None) -> NDArray[np.float64]:
     """Return the play operator of one sequence (n,) at one radius; plain floats are ten times faster than arrays."""
-    values = u.tolist()
-    if not values:
+    if not len(u):
         return np.empty(0)
-    p = values[0] if start is None else start
+    p = float(u[0]) if start is None else start
     out = []
-    for x in values:
-        p = max(x - r, min(x + r, p))
+    for low, high in zip((u - r).tolist(), (u + r).tolist(), strict=True):
+        if p < low:
+            p = low
+        elif p > high:
+            p = high
         out.append(p)
     return np.array(out)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.calibration.cable_memory import REPLAY_S, CableMemory
@@ -24,7 +24,7 @@ from trocar.trajectory import Trajectory
 
 THINNED = 1e-3
 """Commands that lie this near (rad, m) to the straight line between their neighbours need not be kept."""
-UNLIKELY = float(chi2.ppf(0.999, 3))
+UNLIKELY = float(chdtri(3, 0.001))
 """Squared Mahalanobis distance that one look of a thousand exceeds by chance."""
 
 

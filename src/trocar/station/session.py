@@ -152,11 +152,10 @@ def points_of_registration(
 
 def _tour(points: NDArray[np.float64]) -> list[int]:
     """Return the numbers of points (n, 3), each followed by the nearest of the rest: as anybody goes through them."""
-    rest, order = set(range(1, len(points))), [0]
-    while rest:
-        here = points[order[-1]]
-        order.append(min(rest, key=lambda number: float(np.sum((points[number] - here) ** 2))))
-        rest.remove(order[-1])
+    order, been = [0], np.zeros(len(points))
+    for _ in points[1:]:
+        been[order[-1]] = np.inf
+        order.append(int(np.argmin(np.sum((points - points[order[-1]]) ** 2, axis=1) + been)))
     return order
 
 

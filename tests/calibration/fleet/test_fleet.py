@@ -11,7 +11,9 @@ from trocar.calibration.excitation import random_smooth_path, wide_path
 from trocar.calibration.fleet import fit_from_prior, learn_prior, load_prior
 from trocar.calibration.fleet.curve import WITH, WITHOUT, curve, draw_curve
 from trocar.calibration.fleet.fit import ENOUGH_ROWS, OWN_ROWS
+from trocar.calibration.fleet.loop_fit import fit_loops
 from trocar.calibration.fleet.loops import LoopShape
+from trocar.calibration.fleet.prior import FleetPrior
 from trocar.calibration.models import load_model, save_model
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.plant import PLANTS, PSM2_GREY
@@ -53,8 +55,14 @@ LIMITS_RAD = {
 
 
 @cache
+def loops(path):
+    return fit_loops(load_recording(path))
+
+
+@cache
 def learned(folder, names):
-    return learn_prior([load_recording(folder / f"{name}.npz") for name in names])
+    """Return what `learn_prior` makes of these recordings, each of which is fitted once in all tests."""
+    return FleetPrior.of([loops(folder / f"{name}.npz") for name in names])
 
 
 def recorded(plant, seed, rows):
@@ -202,7 +210,7 @@ def test_instruments_that_the_prior_never_saw(name, rows, recordings):
 def test_another_session_of_an_instrument(name, rows, limits, recordings):
     """A constant alone leaves .017 .051 .036 of the first one."""
     folder = recordings / "dvrk/trajectories"
-    prior = learn_prior([load_recording(path) for path in sorted(folder.glob("*.npz")) if path.stem != name])
+    prior = learned(folder, tuple(path.stem for path in sorted(folder.glob("*.npz")) if path.stem != name))
     data = load_recording(folder / f"{name}.npz")
     last = int(np.flatnonzero(data.valid)[rows - 1]) + 1
     error = fit_from_prior(data.first(last), prior).predict(data.q_cmd) - data.q_phy

@@ -15,6 +15,8 @@ T_CAMERA_FLOOR = SE3.from_parts(SO3.axis("x", np.pi - 0.5), [0.0, 0.0, 0.36])
 SD = np.repeat([0.6e-3, 0.06], 3)
 FLOOR_RGB, STEEL_RGB = (220, 163, 140), (190, 195, 204)
 DEPTHS_M = np.arange(-0.02, 0.02, 0.1e-3)
+REACH_M = ARC.radius_m + ARC.wire_m
+"""No point of the wire is farther from its centre."""
 
 
 def over_floor(rng):
@@ -30,8 +32,11 @@ def picture(T_camera_needle, rng, depth_sd_m=0.15e-3):
     normal, height = T_floor.rotation.matrix[2], T_floor.translation_m[2]
     depth = -height / (rays @ normal)
     color = np.tile(np.array(FLOOR_RGB, dtype=np.uint8), (len(rays), 1))
-    z = T_camera_needle.translation_m[2] + DEPTHS_M
-    for row, ray in enumerate(rays):
+    centre = T_camera_needle.translation_m
+    z = centre[2] + DEPTHS_M[np.abs(DEPTHS_M) < REACH_M]
+    beside = np.linalg.norm(np.cross(rays, centre), axis=1) / np.linalg.norm(rays, axis=1)
+    for row in np.flatnonzero(beside < REACH_M):
+        ray = rays[row]
         near = ARC.distance_m(T_camera_needle.inverse().apply(ray * z[:, None])) < 0.0
         if near.any():
             depth[row], color[row] = z[near.argmax()], STEEL_RGB

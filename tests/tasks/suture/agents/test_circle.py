@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulated import ideal_session
+from simulated import coarse, ideal_session
 from trocar.arms import limit_violations
 from trocar.errors import TrocarError
 from trocar.motion import PLANNERS
@@ -22,7 +22,7 @@ from trocar.tasks.suture.task import CircleSutures
 
 TASK = CircleSutures()
 GOALS = TASK.goals()
-STATION = TASK.at(load_station("suture"))
+STATION = coarse(TASK.at(load_station("suture")))
 SETUP = TASK.setup
 QUICK = Settings(driving_speed_m_s=0.016, travel_speed_m_s=0.05)
 """Twice as fast as the defaults, so that the tests are too."""

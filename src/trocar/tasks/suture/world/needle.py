@@ -96,7 +96,8 @@ class HeldNeedle:
     """
 
     def __init__(self, world: World, scene: SutureScene, arm: str, tissue: Tissue | None = None):
-        self._world, self._scene = world, scene
+        self._world = world
+        self._T_circle_world, self._wire_m = scene.T_world_circle.inverse(), scene.wire_points_m
         self._tissue = tissue or Tissue()
         joint = world.model.joint("needle")
         self._body = world.model.body("needle").id
@@ -121,8 +122,8 @@ class HeldNeedle:
     @property
     def inserted(self) -> bool:
         """Return whether a part of the wire is below the phantom's surface."""
-        T_circle_needle = self._scene.T_world_circle.inverse() @ self.T_world_needle
-        return bool((T_circle_needle.apply(self._scene.wire_points_m)[:, 2] < 0.0).any())
+        T_circle_needle = self._T_circle_world @ self.T_world_needle
+        return bool((T_circle_needle.apply(self._wire_m)[:, 2] < 0.0).any())
 
     def give(self, T_world_needle: SE3) -> None:
         """Have a person take the needle from where it is and hold it here until both fingers press."""
