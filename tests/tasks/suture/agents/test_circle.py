@@ -134,8 +134,7 @@ class Refusing:
 
     async def move(self, motions):
         for motion in motions.values():
-            times = np.linspace(0.0, motion.duration_s, 50)
-            if motion.sample(times)[0][:, self._joint].max() > self._most_rad:
+            if motion.sample(0.01)[1][:, self._joint].max() > self._most_rad:
                 raise TrocarError("joint would need the command 82.0 deg to make up for its cables")
         return await self._robot.move(motions)
 
