@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from trocar.arms import ARMS, fk, wrist_depth_m
 from trocar.errors import TrocarError
 from trocar.sutures import DIRECTIONS, PRESETS, Insertion, suture_joints
-from trocar.sutures.drive import ROOM_RAD, Suture, drive, ranges
-from trocar.sutures.primitive import bite_m, grasp_pose, places, steps
+from trocar.sutures.drive import BEYOND_RAD, ROOM_RAD, SPACING_RAD, Suture, drive, ranges, way_out
+from trocar.sutures.primitive import bite_m, driven_steps, grasp_pose, places, steps
 
 SETUP = PRESETS["default"].setup
 ANGLES = st.floats(0.0, 2 * math.pi)
@@ -27,7 +27,7 @@ def test_the_pieces_join_and_pass_the_primitives_stations(theta, direction):
     assert [p.name for p in pieces] == ["lower", "approach", *(step.name for step in steps(SETUP)), "withdraw", "rise"]
     inner = [p for p in pieces if len(p.q)]
     for before, after in pairwise(inner):
-        np.testing.assert_allclose(before.q[-1], after.q[0], atol=1e-6)
+        np.testing.assert_allclose(before.q[len(before.q) - 1 - before.beyond], after.q[0], atol=1e-6)
     planned = suture_joints(SETUP, [theta])
     row = DIRECTIONS.index(direction)
     primitive = np.concatenate([p.q for p in pieces[2:-2]])
@@ -36,6 +36,44 @@ def test_the_pieces_join_and_pass_the_primitives_stations(theta, direction):
     met = np.abs(places(SETUP).jaws_rad[planned.station] - again) > 1e-9
     np.testing.assert_array_less(np.where(met, nearest, 0.0), 1e-6)
     assert sum(~met) == 1 and max(nearest) < 0.04
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_open_jaws_go_back_further_than_where_they_close_and_forward_again(direction):
+    pieces = drive(Suture(SETUP, 1.0, direction))
+    for piece, then in pairwise(pieces):
+        if not piece.regrasps:
+            assert piece.beyond == 0
+            continue
+        assert piece.beyond == round(BEYOND_RAD / SPACING_RAD)
+        back = piece.back
+        np.testing.assert_array_equal(back.q[0], piece.q[-1])
+        np.testing.assert_allclose(back.q[-1], then.q[0], atol=1e-6)
+        assert back.length_m == pytest.approx(SETUP.needle.radius_m * BEYOND_RAD, rel=0.1)
+        end, beyond, pushed = (fk(SETUP.arm, q).translation_m for q in (then.q[0], piece.q[-1], then.q[5]))
+        assert np.dot(beyond - end, pushed - end) < 0.0  # away from where they push
+
+
+def test_jaws_do_not_go_back_beyond_where_the_primitive_takes_them():
+    insertion = replace(SETUP.insertion, regrasp_rad=SETUP.insertion.rotation_rad, pushes=1)
+    setup = replace(SETUP, insertion=insertion)
+    for piece, step in zip(drive(Suture(setup, 1.0, 1))[2:-2], driven_steps(setup), strict=True):
+        if piece.regrasps:
+            assert piece.beyond * SPACING_RAD <= max(step.jaws_rad[1], 0.0) + 1e-9 < BEYOND_RAD
+
+
+def test_from_anywhere_the_jaws_come_off_along_themselves_and_up():
+    suture = Suture(SETUP, 1.0, 1)
+    q = drive(suture)[3].q[20]
+    withdraw, rise = way_out(SETUP, q)
+    assert (withdraw.name, rise.name) == ("withdraw", "rise")
+    np.testing.assert_allclose(withdraw.q[0], q, atol=1e-6)
+    np.testing.assert_allclose(rise.q[0], withdraw.q[-1], atol=1e-6)
+    here, off, up = (fk(SETUP.arm, at) for at in (q, withdraw.q[-1], rise.q[-1]))
+    np.testing.assert_allclose(here.inverse().apply(off.translation_m), [0.0, 0.0, -0.010], atol=1e-6)
+    normal = SETUP.T_base_circle.rotation.matrix[:, 2]
+    along = (up.translation_m - off.translation_m) / np.linalg.norm(up.translation_m - off.translation_m)
+    np.testing.assert_allclose(along, normal, atol=1e-6)
 
 
 @given(ANGLES, st.sampled_from(DIRECTIONS))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, ik_unbounded
+from trocar.arms import ArmModel, fk, ik_unbounded
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, TURN
 from trocar.sutures.joints import INSERTION, LIMIT_TOLERANCE, ROLL
@@ -18,6 +18,9 @@ from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
 SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
 """Spacing of the places along a path."""
+BEYOND_RAD = math.radians(10.0)
+"""Open jaws go back along the wire so far beyond where they close, and then forward again: so cables that turn them
+have taken up their play in the direction in which they push."""
 ROOM_RAD = math.radians(15.0)
 """Above the tissue, where the path is free to end early, joints keep this margin: compensated commands may need it."""
 UP = np.array([0.0, 0.0, 1.0])
@@ -95,16 +98,24 @@ class Segment:
         name: lower, approach, the name of a step of the primitive, withdraw, or rise.
         q: (k, 6) joints; NaN where the arm has no solution. The roll is continuous over all segments.
         length_m: length of the path of the jaws.
+        beyond: its last so many places are beyond its end: the jaws go there, and back to the end.
     """
 
     name: str
     q: NDArray[np.float64]
     length_m: float
+    beyond: int = 0
 
     @property
     def regrasps(self) -> bool:
         """Return whether the open jaws move back along the wire."""
         return self.name.startswith("regrasp")
+
+    @property
+    def back(self) -> Segment:
+        """Return the way from beyond the end back to it."""
+        q = self.q[::-1][: self.beyond + 1]
+        return Segment(self.name, q, self.length_m * self.beyond / max(1, len(self.q) - 1))
 
     def first_outside(self, arm: ArmModel, room_rad: float = 0.0) -> tuple[int, int] | None:
         """Return (place, joint) where the path first leaves a joint's range, or None; joint -1: no solution there.
@@ -143,25 +154,43 @@ def drive(
     into = suture.turned(tip_poses(setup, _spread(-approach_m, 0.0, SPACING_M), 0.0))
     above = _shifted(into[0], UP, lift_m, 0.0)
     names, lengths = ["lower", "approach"], [lift_m, approach_m]
-    poses = [above.matrix, into.matrix]
+    poses, beyond = [above.matrix, into.matrix], [0, 0]
     for step in driven_steps(setup):
         count = max(len(_spread(*step.advance_m, SPACING_M)), len(_spread(*step.jaws_rad, SPACING_RAD)))
         advance, jaws = np.linspace(*step.advance_m, count), np.linspace(*step.jaws_rad, count)
+        further = np.zeros(0) if step.holds else _further(jaws)
+        jaws, advance = np.append(jaws, further), np.append(advance, np.full(len(further), advance[-1]))
         names.append(step.name)
         lengths.append(float(abs(advance[-1] - advance[0]) + setup.needle.radius_m * abs(jaws[-1] - jaws[0])))
+        beyond.append(len(further))
         poses.append(suture.turned(tip_poses(setup, advance, jaws)).matrix)
     last = SE3.unchecked(poses[-1][-1])
     back = _shifted(last, last.matrix[:3, 2], 0.0, withdraw_m)
     out = _shifted(back[-1], UP, 0.0, lift_m)
     names += ["withdraw", "rise"]
     lengths += [withdraw_m, lift_m]
+    beyond += [0, 0]
     poses += [back.matrix, out.matrix]
     ends = np.cumsum([len(matrices) for matrices in poses])
     q = ik_unbounded(setup.arm, setup.T_base_circle @ SE3.unchecked(np.concatenate(poses)))
     q[:, ROLL] = _unwound(q[:, ROLL], slice(int(ends[1]), int(ends[-3])), setup.arm.middle_floats[ROLL])
-    found = [Segment(*parts) for parts in zip(names, np.split(q, ends[:-1]), lengths, strict=True)]
+    found = [Segment(*parts) for parts in zip(names, np.split(q, ends[:-1]), lengths, beyond, strict=True)]
     approach, lower = cut_short(found[1::-1], setup.arm, -1)
     return (lower, approach, *found[2:-2], *cut_short(found[-2:], setup.arm))
+
+
+def way_out(
+    setup: SutureSetup, q: NDArray[np.float64], lift_m: float = 0.025, withdraw_m: float = 0.010
+) -> tuple[Segment, ...]:
+    """Return ``withdraw`` and ``rise`` from any joints (6,), cut short where they would leave the joints' ranges."""
+    here = setup.T_base_circle.inverse() @ fk(setup.arm, q)
+    back = _shifted(here, here.matrix[:3, 2], 0.0, withdraw_m)
+    parts = {"withdraw": (back, withdraw_m), "rise": (_shifted(back[-1], UP, 0.0, lift_m), lift_m)}
+    found = [
+        Segment(name, ik_unbounded(setup.arm, setup.T_base_circle @ T, near=np.broadcast_to(q, (len(T.matrix), 6))), m)
+        for name, (T, m) in parts.items()
+    ]
+    return tuple(cut_short(found, setup.arm))
 
 
 def cut_short(segments: Sequence[Segment], arm: ArmModel, order: int = 1) -> list[Segment]:
@@ -183,6 +212,13 @@ def cut_short(segments: Sequence[Segment], arm: ArmModel, order: int = 1) -> lis
             segment = replace(segment, q=q, length_m=segment.length_m * len(q) / len(segment.q))  # noqa: PLW2901
         kept.append(segment)
     return kept
+
+
+def _further(jaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the turns beyond the end of a way back, none of them before the primitive's first; there may be none."""
+    end, step = jaws_rad[-1], jaws_rad[-1] - jaws_rad[-2]
+    most = min(BEYOND_RAD, max(end, 0.0))
+    return end + step * np.arange(1, 1 + math.floor(most / abs(step) + 1e-9)) if step else np.zeros(0)
 
 
 def _spread(start: float, end: float, spacing: float) -> NDArray[np.float64]:

@@ -87,6 +87,20 @@ def test_a_needle_far_from_where_it_is_expected_is_found_if_that_is_said_to_be_u
     assert np.linalg.norm(found.T_camera_needle.apply(tip) - true.apply(tip)) < 0.5e-3
 
 
+@pytest.mark.parametrize("axis", "xy")
+def test_a_pose_that_does_not_explain_all_the_steel_is_not_taken_for_the_needle(axis):
+    """The wire's part near the jaws lies where it is expected, its tip far away: that was once taken for the needle."""
+    rng = np.random.default_rng(4)
+    true, tip = over_floor(rng), ARC.point_m(np.zeros(1))
+    held = SE3.from_parts(translation_m=ARC.point_m(np.array([2.36]))[0])
+    for turn in (-0.35, 0.35):
+        expected = true @ held @ SE3.from_parts(SO3.axis(axis, turn)) @ held.inverse()
+        for sd in (SD, UNSURE_SD):
+            found = sight_needle([picture(true, rng)], expected, np.diag(sd**2), ARC, T_CAMERA_FLOOR)
+            off_m = 0.0 if found is None else np.linalg.norm(found.T_camera_needle.apply(tip) - true.apply(tip))
+            assert off_m < 1.2e-3
+
+
 def test_what_shows_no_needle_is_refused():
     rng = np.random.default_rng(1)
     away = over_floor(rng)

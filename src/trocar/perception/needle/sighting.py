@@ -25,9 +25,14 @@ FIRST_M, THEN_M = 2.5e-3, 1.3e-3
 """What is this near to the wire is taken for it: where the wire is expected, and then where it was found."""
 WIDE_M = 5.0e-3
 """What is this near to the expected wire decides between what was found from several starts."""
-SURE_M, AWAY = 0.8e-3, 1.5
+SURE_M, AWAY, FAR_AWAY = 0.8e-3, 1.5, 3.0
 """The search begins in several places where the wire's end is less sure than this (SD), so many SDs away from where it
-is expected."""
+is expected; if it ends somewhere that does not explain what is seen, it begins anew still further away."""
+ASIDE_M, UNEXPLAINED = 0.5e-3, 0.1
+"""Pixels of steel within ``WIDE_M`` whose rays pass the wire so far aside show another place of it, as those of the
+floor do whose rays go through it. Where there are more of them than this share of those that show steel, the pose is
+not the needle's. (In the cell there is none of them about a needle that was found, and a fifth about one that was not.)
+"""
 BEHIND_M = 1.5e-3
 """What lies this far behind the wire was seen past it."""
 OVER_FLOOR_M = 0.7e-3
@@ -150,27 +155,37 @@ def sight_needle(
                 break
         return at, information, left
 
+    def searched(starts: Sequence[SE3]) -> NeedleSighting | None:
+        near = [(start, found) for start in starts if (found := gathered(start, FIRST_M, sparsely)) is not None]
+        first = [fitted(found, start)[0] for start, found in near]
+        if len(starts) > 1 and (wide := gathered(T_camera_needle, WIDE_M, sparsely)) is not None:
+            first.sort(key=lambda at: _missed_by(wide, at, arc))
+        evidence = gathered(first[0], THEN_M) if first else None
+        if evidence is None:
+            return None
+        at, information, left = fitted(evidence, first[0])
+        around = gathered(at, WIDE_M, sparsely)
+        if left > WORST_M or around is None or _unexplained(around, at, arc) > UNEXPLAINED:
+            return None
+        return NeedleSighting(at, information, len(evidence.through), left)
+
     starts = search_starts(T_camera_needle, covariance, arc)
-    near = [(start, found) for start in starts if (found := gathered(start, FIRST_M, sparsely)) is not None]
-    first = [fitted(found, start)[0] for start, found in near]
-    if len(starts) > 1 and (wide := gathered(T_camera_needle, WIDE_M, sparsely)) is not None:
-        first.sort(key=lambda at: _missed_by(wide, at, arc))
-    evidence = gathered(first[0], THEN_M) if first else None
-    if evidence is None:
-        return None
-    at, information, left = fitted(evidence, first[0])
-    if left > WORST_M:
-        return None
-    return NeedleSighting(at, information, len(evidence.through), left)
+    found = searched(starts)
+    if found is None and len(starts) > 1:
+        found = searched([T_camera_needle, *search_starts(T_camera_needle, covariance, arc, FAR_AWAY)[1:]])
+    return found
 
 
-def search_starts(T_camera_needle: SE3, covariance: NDArray[np.float64], arc: NeedleArc) -> list[SE3]:
+def search_starts(
+    T_camera_needle: SE3, covariance: NDArray[np.float64], arc: NeedleArc, away: float = AWAY
+) -> list[SE3]:
     """Return where the search for a needle begins: where it is expected, and around that where its tip is unsure.
 
     Args:
         T_camera_needle: where it is expected.
         covariance: (6, 6) of a twist of the needle in its own frame about there, m and rad.
         arc: its shape.
+        away: so many SDs around.
     """
     tip = arc.point_m(np.zeros(1))[0]
     lever = np.column_stack([np.eye(3), np.cross(np.eye(3), tip).T])
@@ -179,7 +194,7 @@ def search_starts(T_camera_needle: SE3, covariance: NDArray[np.float64], arc: Ne
     for variance, axis in zip(sd, axes.T, strict=True):
         if variance > SURE_M**2:
             likeliest = covariance @ lever.T @ axis / np.sqrt(variance)  # twist that has the tip one SD away along it
-            starts += [T_camera_needle @ SE3.exp(share * likeliest) for share in (AWAY, -AWAY)]
+            starts += [T_camera_needle @ SE3.exp(share * likeliest) for share in (away, -away)]
     return starts
 
 
@@ -301,6 +316,14 @@ def _missed_by(evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc) -> flo
     missed, entered = np.maximum(_closest(evidence.through, T, arc)[0], 0.0), _closest(evidence.past, T, arc)[0]
     off = np.concatenate([missed, np.minimum(entered, 0.0)]) / (RAY_SD_PX * evidence.pixel_m)
     return float(np.log1p((off / ROBUST) ** 2).sum())
+
+
+def _unexplained(evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc) -> float:
+    """Return how many rays a pose contradicts, against how many meet steel."""
+    T = T_camera_needle.inverse()
+    missed, entered = _closest(evidence.through, T, arc)[0], _closest(evidence.past, T, arc)[0]
+    within_m = -0.25 * arc.wire_m
+    return float((missed > ASIDE_M).sum() + (entered < within_m).sum()) / max(1, len(missed))
 
 
 def _behind(

@@ -14,8 +14,10 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.station import SensorFlaws, load_station
 from trocar.sutures import suture_joints
 from trocar.sutures.drive import Suture
+from trocar.sutures.drive import drive as plan
 from trocar.tasks.kit import Brief
-from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings, along
+from trocar.tasks.suture.agents import circle
+from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings, along, run_up
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.score import score_sutures
 from trocar.tasks.suture.task import CircleSutures
@@ -120,6 +122,61 @@ def test_a_joint_limit_stops_it_there_and_it_says_which():
     near = np.minimum(SETUP.arm.upper - last, last - SETUP.arm.lower)[[0, 1, 3, 4, 5]]
     assert 0.0 <= near.min() < math.radians(3.0)  # it drove up to the limit
     assert {(score.succeeded, score.failure) for score in scores} == {(False, "JOINT_LIMIT")}
+
+
+class Refusing:
+    """A robot that refuses motions which bring a joint beyond a limit, as one does that makes up for cables."""
+
+    def __init__(self, robot, joint, most_rad):
+        self._robot, self._joint, self._most_rad = robot, joint, most_rad
+
+    def __getattr__(self, name):
+        return getattr(self._robot, name)
+
+    async def move(self, motions):
+        for motion in motions.values():
+            if motion.sample(0.01)[1][:, self._joint].max() > self._most_rad:
+                raise TrocarError("joint would need the command 82.0 deg to make up for its cables")
+        return await self._robot.move(motions)
+
+
+def refused(sutures, joint, most_rad):
+    """Return the laboratory in which these sutures were driven by a robot that refuses to go further, and scores."""
+    lab = laboratory()
+    lab.cell = replace(lab.cell, robot=Refusing(lab.cell.robot, joint, most_rad))
+    agent = CircleSuturing(briefed(lab.cell, sutures))
+    assert lab.run(lambda cell: agent.run(), TASK.budget_s)
+    return lab, score_sutures(sutures, lab.truth(), lab.log.events)
+
+
+def test_the_arm_comes_down_from_as_high_as_commands_allow():
+    lower = plan(GOALS[3])[0].q[:, 5]
+    lab, (score,) = refused([GOALS[3]], 5, float(lower[0]) - math.radians(1.0))
+    assert outcomes(lab) == [SutureOutcome.DONE.name] and score.succeeded
+
+
+def test_a_command_that_leaves_a_joints_range_costs_one_suture_only(monkeypatch):
+    monkeypatch.setattr(circle, "SHORT", ())
+    pushed = plan(GOALS[1])[3].q[:, 4]
+    lab, scores = refused([GOALS[1], GOALS[0]], 4, float(pushed.max()) - math.radians(5.0))
+    assert outcomes(lab) == [SutureOutcome.JOINT_LIMIT.name, SutureOutcome.DONE.name]
+    assert "suture 1, rotate: joint would need the command 82.0 deg" in named(lab, "suture")[0]["reason"]
+    steps = [event["step"] for event in named(lab, "step") if event["suture"] == 0]
+    assert steps[-2:] == ["withdraw", "rise"] and named(lab, "stopped") == []
+    assert [score.succeeded for score in scores] == [False, True]
+
+
+def test_a_turn_that_commands_do_not_allow_to_the_end_stops_short_of_it():
+    pushed = plan(GOALS[1])[3].q[:, 4]
+    lab, (score,) = refused([GOALS[1]], 4, float(pushed.max()) - math.radians(4.0))
+    assert outcomes(lab) == [SutureOutcome.DONE.name]
+    assert score.entry_error_m < 0.5e-3 and score.exit_error_m < 1e-3
+
+
+def test_the_start_of_a_way_is_come_to_along_it():
+    q = np.linspace(np.zeros(6), np.ones(6), 11)
+    np.testing.assert_allclose(run_up(q, 5e-3), np.full(6, -0.2))  # 1 mm of 5 behind the start
+    np.testing.assert_allclose(run_up(q[:2], 0.5e-3), -q[1])
 
 
 def test_jaws_that_were_given_nothing_say_so():

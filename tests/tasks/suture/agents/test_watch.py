@@ -72,9 +72,16 @@ def test_the_way_is_cut_where_the_needle_is_looked_at_and_stays_the_same():
 
 def test_after_the_last_looks_the_needle_goes_through_the_surface_without_a_stop():
     setup, segments = TASK.setup, drive(GOALS[0])
-    entry, leaving = (stretch for stretch in stretches(segments, setup) if stretch.aim is Aim.TIP)
-    assert (entry.segment.name, leaving.segment.name) == ("penetrate", "push 1")
-    assert entry.segment.length_m == pytest.approx(setup.insertion.straight_m + 2e-3, abs=0.3e-3)
+    tips = [stretch for stretch in stretches(segments, setup) if stretch.aim is Aim.TIP]
+    assert [stretch.segment.name for stretch in tips] == ["penetrate", "penetrate", "push 1", "push 1"]
+    assert [stretch.looks for stretch in tips] == [4, 0, 1, 3]
+    entry, further, before, leaving = tips
+    assert [stretch.rests for stretch in tips] == [True, False, False, False]
+    assert entry.segment.length_m == pytest.approx(2e-3 + 2.5e-3, abs=0.5e-3)  # the tip goes in on the way
+    assert entry.segment.length_m + further.segment.length_m == pytest.approx(
+        setup.insertion.straight_m + 2e-3, abs=3e-4
+    )
+    assert np.degrees(before.segment.length_m / setup.needle.radius_m) == pytest.approx(16.0 - 8.0, abs=1.5)
     turned = np.degrees(leaving.segment.length_m / setup.needle.radius_m)
     assert turned == pytest.approx(8.0 + 8.0, abs=1.5)  # from so far before the exit to so far past it
 
@@ -101,10 +108,12 @@ def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_a
         there = watch._belief.needle(fk(arm, corrected[place])).T_base_needle
         planned = fk(arm, entry.segment.q[place]) @ grasp_pose(TASK.setup).inverse()
         np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=1e-6)
-    rests, wrist = entry.rests, corrected[:, 3:]
-    assert 2 < rests < len(wrist) - 10
-    np.testing.assert_array_equal(wrist[:rests], np.broadcast_to(agent.hand.q[3:], (rests, 3)))
+    np.testing.assert_array_equal(corrected[:, 3:], np.broadcast_to(agent.hand.q[3:], (len(corrected), 3)))
+    turning = replace(entry, rests=False)
+    watch.aim(turning)
+    wrist = watch.corrected(turning.segment).q[:, 3:]
     np.testing.assert_allclose(wrist[-1] - wrist[0], (entry.segment.q[-1] - entry.segment.q[0])[3:])
+    assert np.abs(wrist[-1] - wrist[0]).max() > 1e-3
 
 
 @pytest.mark.parametrize(("seen", "anew"), [(False, 2), (True, 0)])

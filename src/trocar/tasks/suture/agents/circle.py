@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,10 @@ from scipy.interpolate import CubicSpline
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.errors import TrocarError
-from trocar.sutures.drive import Segment, Suture, cut_short, drive, ranges
+from trocar.sutures import SutureSetup
+from trocar.sutures.drive import Segment, Suture, cut_short, drive, ranges, way_out
 from trocar.tasks.kit import ArmScript, Brief
-from trocar.tasks.suture.agents.watch import ENOUGH_M, Aim, NeedleWatch, Stretch, stretches
+from trocar.tasks.suture.agents.watch import ENOUGH_M, RUN_UP_M, Aim, NeedleWatch, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.trajectory import Trajectory
 
@@ -26,6 +28,13 @@ TRAVELS = ("lower", "withdraw", "rise")
 JOINED = 1e-3
 """A segment that starts no further (rad, m) from where the arm is goes on from there."""
 
+
+LOWERED = (1.0, 2 / 3, 1 / 3, 0.0)
+"""Shares of the way down that are tried: its upper end matters least."""
+
+TURNS, SHORT = ("rotate", "push"), (3, 6, 9)
+"""Turns of the needle that commands do not allow to the end stop so many places, of 1 deg, short of it. What is lacking
+is made up for on the way after them, where the needle is where it is seen."""
 
 LOAD = "load needle"
 """What a person does: ``await assistants[LOAD](arm)`` puts the needle between the open jaws and holds it there until
@@ -46,7 +55,8 @@ class Settings:
         settle_s: rest after a motion before the jaws act.
         driving_speed_m_s: mean speed of the jaws along the primitive, m/s; cables that have time to take up their play
             end where the needle's next movement needs no other.
-        crossing_speed_m_s: the same through the surface, after the last looks.
+        entry_speed_m_s: the same where the tip goes in, after the last looks.
+        exit_speed_m_s: likewise where it comes out.
         travel_speed_m_s: mean speed on the way in and out, m/s.
         jaw_open_rad: opening that clears the wire.
         jaw_closed_rad: target that lets the drive press.
@@ -61,7 +71,8 @@ class Settings:
     planning_budget_s: float = 0.05
     settle_s: float = 0.1
     driving_speed_m_s: float = 0.004
-    crossing_speed_m_s: float = 0.002
+    entry_speed_m_s: float = 0.004
+    exit_speed_m_s: float = 0.002
     travel_speed_m_s: float = 0.020
     jaw_open_rad: float = 0.40
     jaw_closed_rad: float = -0.17
@@ -69,13 +80,21 @@ class Settings:
     limits: MotionLimits = field(default_factory=_gentle)
     loadings: int = 3
     images: int = 3
-    sighting_budget_s: float = 0.15
-    searching_budget_s: float = 0.6
+    sighting_budget_s: float = 0.25
+    searching_budget_s: float = 0.8
 
 
 def blind() -> Settings:
     """Return the settings of an agent that does not look at the needle."""
     return Settings(images=0)
+
+
+class _End(NamedTuple):
+    """How a suture ended, a sentence where it went wrong, and whether the arm has to stay where it is."""
+
+    outcome: SutureOutcome
+    reason: str = ""
+    stops: bool = False
 
 
 class CircleSuturing:
@@ -96,13 +115,13 @@ class CircleSuturing:
         )
 
     async def run(self) -> None:
-        """Drive the sutures one after the other; where a joint's limit is hit, stop there and do no more."""
+        """Drive the sutures one after the other; where the plan itself leaves a joint's range, stop there for good."""
         await self.hand.wake()
         await self.hand.zero_jaw(self.settings.jaw_closed_rad)
         for number, suture in enumerate(self.sutures):
             start_s = self.cell.clock.now_s()
-            outcome, reason = await self._suture(number, suture)
-            if outcome is not SutureOutcome.JOINT_LIMIT:
+            outcome, reason, stops = await self._suture(number, suture)
+            if not stops:
                 await self.hand.go(self.home)
             self.cell.log.event(
                 "suture",
@@ -113,12 +132,15 @@ class CircleSuturing:
                 outcome=outcome.name,
                 reason=reason,
             )
-            if outcome is SutureOutcome.JOINT_LIMIT:
+            if stops:
                 self.cell.log.event("stopped", outcome=outcome.name, reason=reason)
                 return
 
-    async def _suture(self, number: int, suture: Suture) -> tuple[SutureOutcome, str]:
-        """Load, drive, let go; return how it ended, and a sentence where it went wrong."""
+    async def _suture(self, number: int, suture: Suture) -> _End:
+        """Load, drive, let go; return how it ended.
+
+        A suture whose plan is within the joints' ranges, but not what makes up for cables and needle, is given up.
+        """
         here = self._here(suture)
         segments = await self.hand.compute("planning", self.settings.planning_budget_s, lambda: drive(here))
         if not await self._load():
@@ -129,32 +151,56 @@ class CircleSuturing:
             self.watch.loaded(here.setup)
             way = stretches(way_in, here.setup)
         for stretch in way:
-            segment = stretch.segment
-            if stretch.first:
-                self.cell.log.event("step", suture=number, step=segment.name)
-            if self.watch:
-                await self._look(stretch, self.watch)
-                if segment.name == "approach" and stretch.first:
-                    await self._reload(stretch, self.watch)
-            if segment.regrasps:
-                await self._open()
-            if self.watch:
-                segment = self.watch.way(stretch)
-            crosses = stretch.aim is Aim.TIP
-            reason = await self._follow(number, segment, self.settings.crossing_speed_m_s if crosses else None)
-            if reason:
-                return SutureOutcome.JOINT_LIMIT, reason
-            if stretch.looks and segment.regrasps and self.watch:
-                await self.watch.look()
-            if segment.regrasps and not await self._grip():
-                await self.hand.jaw(self.settings.jaw_open_rad)
-                await self._leave(number, withdraw, rise)
-                return _missed(number, f"the jaws closed on nothing after {segment.name}")
-            if segment.regrasps and self.watch:
-                self.watch.gripped()
+            end = await self._stretch(number, stretch, here.setup, withdraw, rise)
+            if end:
+                return end
         await self._open()
-        reason = await self._leave(number, withdraw, rise)
-        return (SutureOutcome.JOINT_LIMIT, reason) if reason else (SutureOutcome.DONE, "")
+        await self._leave(number, withdraw, rise)
+        return _End(SutureOutcome.DONE)
+
+    async def _stretch(self, number: int, stretch: Stretch, setup: SutureSetup, *leaving: Segment) -> _End | None:
+        """Look, go along a stretch and close the jaws where they were open; return how the suture ended, if it did."""
+        segment = stretch.segment
+        if stretch.first:
+            self.cell.log.event("step", suture=number, step=segment.name)
+        if self.watch:
+            await self._look(stretch, self.watch)
+            if segment.name == "approach" and stretch.first:
+                await self._reload(stretch, self.watch)
+        if segment.regrasps:
+            await self._open()
+        if self.watch:
+            segment = self.watch.way(stretch)
+        if reason := await self._go_along(number, segment, self._speed_m_s(stretch)):
+            if stretch.segment.first_outside(self.arm) is not None:
+                return _End(SutureOutcome.JOINT_LIMIT, reason, stops=True)
+            await self._open()
+            await self._leave(number, *way_out(setup, self.hand.q))
+            return _End(SutureOutcome.JOINT_LIMIT, reason)
+        if not segment.regrasps:
+            return None
+        if stretch.looks and self.watch:
+            await self.watch.look()
+        if not await self._grip():
+            await self.hand.jaw(self.settings.jaw_open_rad)
+            await self._leave(number, *leaving)
+            return _missed(number, f"the jaws closed on nothing after {segment.name}")
+        if self.watch:
+            self.watch.gripped()
+        return None
+
+    async def _go_along(self, number: int, segment: Segment, speed_m_s: float | None) -> str:
+        """Go along a segment and, if it goes beyond its end, back to it; return a sentence where the arm does not."""
+        if segment.name == "lower":
+            return await self._lower(number, segment)
+        reason = await self._follow(number, segment, speed_m_s)
+        if reason and self.watch and segment.name.startswith(TURNS) and segment.first_outside(self.arm) is None:
+            for lacking in SHORT:
+                q = segment.q[:-lacking]
+                length_m = segment.length_m * len(q) / len(segment.q)
+                if len(q) > 1 and not await self._follow(number, replace(segment, q=q, length_m=length_m), speed_m_s):
+                    return ""
+        return await self._follow(number, segment.back) if segment.beyond and not reason else reason
 
     async def _load(self) -> bool:
         """Have a person put the needle into the jaws; return whether they hold it."""
@@ -186,11 +232,14 @@ class CircleSuturing:
             if doubted:
                 continue
             watch.aim(stretch)
-            start = watch.corrected(stretch.segment).q[:1].ravel()
-            off_m = watch.off_m(start) if len(start) and np.isfinite(start).all() else 0.0
+            way = watch.corrected(stretch.segment).q
+            start = way[:1].ravel()
+            off_m = watch.off_m(start) if len(start) and np.isfinite(way).all() else 0.0
             if off_m < (number + 1) * ENOUGH_M:
                 return
             try:
+                if stretch.aim is Aim.TIP:
+                    await self.hand.go(run_up(way, stretch.segment.length_m))
                 await self.hand.go(start)
             except TrocarError:  # a joint's range ends there: the way itself will say so
                 return
@@ -207,6 +256,12 @@ class CircleSuturing:
         circle = replace(setup.circle, T_world_circle=self.cell.T_world_fixture["circle"])
         base = self.cell.T_world_base_registered[self.name]
         return replace(suture, setup=replace(setup, arm=self.arm, T_world_base=base, circle=circle))
+
+    def _speed_m_s(self, stretch: Stretch) -> float | None:
+        """Return the mean speed of a stretch where it is not the usual one: through the surface."""
+        if stretch.aim is not Aim.TIP or not stretch.looks:
+            return None
+        return self.settings.entry_speed_m_s if stretch.rests else self.settings.exit_speed_m_s
 
     async def _follow(self, number: int, segment: Segment, speed_m_s: float | None = None) -> str:
         """Move along a segment, as far as the joints' ranges allow; return a sentence where they do not."""
@@ -241,20 +296,28 @@ class CircleSuturing:
             f"[{limits.shown(lower)}, {limits.shown(upper)}]; stopped there"
         )
 
-    async def _leave(self, number: int, *way_out: Segment) -> str:
-        """Go from where the jaws let go as it was planned from a suture's end; return a sentence if the arm does not.
+    async def _lower(self, number: int, segment: Segment) -> str:
+        """Come down along a segment, from as far up as the arm can; return a sentence where it cannot at all."""
+        reason = ""
+        for left in LOWERED:
+            q = segment.q[round((1.0 - left) * (len(segment.q) - 1)) :]
+            reason = await self._follow(number, replace(segment, q=q, length_m=left * segment.length_m))
+            if not reason:
+                break
+        return reason
+
+    async def _leave(self, number: int, *planned: Segment) -> None:
+        """Go from where the jaws let go as it was planned from a suture's end, as far as the arm can.
 
         Corrections that were made for the needle do not apply to empty jaws. Like the plan, the way is cut short where
         it would leave the joints' ranges.
         """
-        off = self.hand.q - next((segment.q[0] for segment in way_out if len(segment.q)), self.hand.q)
-        from_here = [replace(segment, q=segment.q + off) for segment in way_out]
+        off = self.hand.q - next((segment.q[0] for segment in planned if len(segment.q)), self.hand.q)
+        from_here = [replace(segment, q=segment.q + off) for segment in planned]
         for segment in cut_short(from_here, self.arm):
             self.cell.log.event("step", suture=number, step=segment.name)
-            reason = await self._follow(number, segment) if len(segment.q) else ""
-            if reason:
-                return reason
-        return ""
+            if len(segment.q) and await self._follow(number, segment):
+                return
 
     async def _grip(self) -> bool:
         """Close the jaws; return whether they stalled on a wire."""
@@ -264,8 +327,14 @@ class CircleSuturing:
         return self.hand.jaw_rad > self.settings.jaw_empty_rad
 
 
-def _missed(number: int, why: str) -> tuple[SutureOutcome, str]:
-    return SutureOutcome.NEEDLE_MISSED, f"suture {number + 1}: {why}"
+def _missed(number: int, why: str) -> _End:
+    return _End(SutureOutcome.NEEDLE_MISSED, f"suture {number + 1}: {why}")
+
+
+def run_up(q: NDArray[np.float64], length_m: float) -> NDArray[np.float64]:
+    """Return joints (6,) that lie ``RUN_UP_M`` behind the start of a path (k, 6) of this length."""
+    place = min(len(q) - 1, max(1, round(RUN_UP_M / length_m * (len(q) - 1))))
+    return q[0] - (q[place] - q[0])
 
 
 def along(q: NDArray[np.float64], seconds: float) -> Trajectory:

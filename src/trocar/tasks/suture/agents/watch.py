@@ -28,10 +28,17 @@ from trocar.tasks.suture.agents.needle_belief import Believed, NeedleBelief
 
 BEFORE_ENTRY_M = 2e-3
 """The last look before the tissue is so far before it, along the needle's way."""
-PAST_ENTRY_M = 1.5e-3
-"""The wrist rests from there until the tip is so deep: cables that are turned round would move it where it goes in."""
+PAST_ENTRY_M = 2.5e-3
+"""From there the tip goes in so far at a stretch, the wrist at rest: cables that are turned round would move it where
+it goes in. And what no model repeats changes within a second: the sooner it is there, the better what was seen holds.
+"""
+RUN_UP_M = 1.0e-3
+"""The start of a way whose start is corrected is come to from so far behind it, along the way: then the outer joints
+have taken up their play in the direction in which they go on."""
 BEFORE_EXIT_RAD = np.radians(8.0)
 """And the last one before the tip comes out, about the needle's centre."""
+WELL_BEFORE_EXIT_RAD = np.radians(16.0)
+"""There it is looked at once more: after jaws have closed elsewhere, what cables leave may bring the tip out early."""
 HIGH_LOOKS, ENTRY_LOOKS, EXIT_LOOKS = 2, 4, 3
 """At most so many looks above the tissue, just before the needle goes in, and just before it comes out."""
 ENOUGH_M = 0.2e-3
@@ -61,14 +68,14 @@ class Stretch:
         looks: how often the needle is looked at, at most, before it. Where more than one is allowed, the arm goes to
             the stretch's corrected start after each; else it comes to the corrected way on the way.
         aim: what is corrected.
-        rests: on so many places of the segment the wrist does not turn at all.
+        rests: whether the wrist does not turn at all.
     """
 
     segment: Segment
     first: bool = True
     looks: int = 0
     aim: Aim = Aim.POSE
-    rests: int = 0
+    rests: bool = False
 
 
 def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
@@ -90,7 +97,11 @@ def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
         elif step.holds:
             start, end = step.needle_rad
             whole = Stretch(segment, looks=0 if segment.name == "rotate" or start > exit_rad else 1)
-            found += _cut(whole, (exit_rad - BEFORE_EXIT_RAD - start) / (end - start), EXIT_LOOKS)
+            last = exit_rad - BEFORE_EXIT_RAD
+            before, *after = _cut(whole, (last - start) / (end - start), EXIT_LOOKS)
+            if after:
+                after = [*_cut(before, (exit_rad - WELL_BEFORE_EXIT_RAD - start) / (last - start), 1), *after]
+            found += after or [before]
         else:
             found.append(Stretch(segment, looks=1 if step.needle_rad[0] < exit_rad else 0))
     return _through_the_surface(found)
@@ -109,15 +120,20 @@ def _cut(whole: Stretch, share: float, looks: int) -> list[Stretch]:
 
 
 def _through_the_surface(found: Sequence[Stretch]) -> list[Stretch]:
-    """Return the stretches with what is left of the approach after the last looks and the penetration as one."""
+    """Return the stretches with what is left of the approach after the last looks and the tip's going in as one."""
     joined: list[Stretch] = []
     for stretch in found:
         last = joined[-1] if joined else stretch
         if stretch.segment.name == "penetrate" and last.aim is Aim.TIP:
-            q = np.concatenate([last.segment.q, stretch.segment.q[1:]])
-            way = replace(stretch.segment, q=q, length_m=last.segment.length_m + stretch.segment.length_m)
-            deep = round(PAST_ENTRY_M / stretch.segment.length_m * len(stretch.segment.q))
-            joined[-1] = replace(last, segment=way, first=True, rests=len(last.segment.q) + deep)
+            whole, steps = stretch.segment, len(stretch.segment.q) - 1
+            deep = min(steps, max(1, round(PAST_ENTRY_M / max(whole.length_m, PAST_ENTRY_M) * steps)))
+            deep_m = whole.length_m * deep / steps
+            q = np.concatenate([last.segment.q, whole.q[1 : deep + 1]])
+            way = replace(whole, q=q, length_m=last.segment.length_m + deep_m)
+            joined[-1] = replace(last, segment=way, first=True, rests=True)
+            if deep < steps:
+                left = replace(whole, q=whole.q[deep:], length_m=whole.length_m - deep_m)
+                joined.append(Stretch(left, first=False, aim=Aim.TIP))
         else:
             joined.append(stretch)
     return joined
@@ -229,14 +245,12 @@ class NeedleWatch:
     def _with_still_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joints (k, 6) that take the needle's tip along its way, the wrist turning no more than was planned.
 
-        The needle keeps the attitude error that it has. A wrist that rests at first catches up on the rest of the way.
+        The needle keeps the attitude error that it has.
         """
         p_needle_tip = self._arc.point_m(np.zeros(1))[0]
         wanted_m = (self._fk(planned) @ self._grasp(self._grips)).apply(p_needle_tip) - self._off[:3]
-        turned = np.clip((np.arange(len(planned)) - self._rests) / max(1, len(planned) - 1 - self._rests), 0.0, 1.0)
-        turned = turned if self._rests else np.ones(len(planned))
         q = planned.copy()
-        q[:, OUTER:] = self._hand.q[OUTER:] + turned[:, None] * (planned - planned[0])[:, OUTER:]
+        q[:, OUTER:] = self._hand.q[OUTER:] + (0.0 if self._rests else 1.0) * (planned - planned[0])[:, OUTER:]
         for _ in range(2):  # where the jaws' turn is wrong by what it is hangs on the attitude that is found
             R = self._fk(q).rotation
             held_m = (R.inverse() @ SO3.exp(self._off[3:]) @ R).apply(self._in_jaws.apply(p_needle_tip))
