@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from trocar.arms import fk
 from trocar.calibration.excitation import MotionBox
+from trocar.calibration.plant import PSM1_GREY, PSM1_GREY_SESSIONS, PSM2_GREY
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.geometry.rigid_fit import fit_rigid
@@ -109,8 +111,13 @@ def test_errors_of_the_outer_joints_are_in_the_registration_and_neighbours_err_a
 def test_a_flaw_leaves_the_draws_of_others_alone():
     one = day(Difficulty.of("mild"), np.random.default_rng(0))
     other = day(Difficulty.of("mild", ["wear=1", "residual=1deg", "jaw=1deg", "tool=1mm"]), np.random.default_rng(0))
+    middles = {"psm1": (PSM1_GREY.offset, PSM1_GREY_SESSIONS.offset), "psm2": (PSM2_GREY.offset, PSM2_GREY.offset)}
     for arm in STATION.arms:
-        assert np.array_equal(one.transmissions[arm].plant.offset, other.transmissions[arm].plant.offset)
+        drawn = [
+            session.transmissions[arm].plant.offset - middle
+            for session, middle in zip((one, other), middles[arm], strict=True)
+        ]
+        assert_allclose(*drawn, atol=1e-12)
         assert np.array_equal(one.T_world_base_registered[arm].matrix, other.T_world_base_registered[arm].matrix)
     lengths = [drawn.models[arm].wrist_length_m for drawn in (one, other) for arm in STATION.arms]
     assert lengths[0] == lengths[1] == STATION.arm("psm1").model.wrist_length_m and len(set(lengths)) == 3

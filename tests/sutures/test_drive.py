@@ -70,7 +70,8 @@ def test_from_anywhere_the_jaws_come_off_along_themselves_and_up():
     np.testing.assert_allclose(withdraw.q[0], q, atol=1e-6)
     np.testing.assert_allclose(rise.q[0], withdraw.q[-1], atol=1e-6)
     here, off, up = (fk(SETUP.arm, at) for at in (q, withdraw.q[-1], rise.q[-1]))
-    np.testing.assert_allclose(here.inverse().apply(off.translation_m), [0.0, 0.0, -0.010], atol=1e-6)
+    # at q = 0 the tool points along -z of a frame that is the base's: away from what it holds is +z
+    np.testing.assert_allclose(here.inverse().apply(off.translation_m), [0.0, 0.0, 0.010], atol=1e-6)
     normal = SETUP.T_base_circle.rotation.matrix[:, 2]
     along = (up.translation_m - off.translation_m) / np.linalg.norm(up.translation_m - off.translation_m)
     np.testing.assert_allclose(along, normal, atol=1e-6)
