@@ -40,8 +40,8 @@ class Cables:
     Attributes:
         plant: the identified instrument, or what it is in a session.
         usual: what sessions scatter about where the instrument changes between them (the flaw ``wear``): the mean of
-            those recorded. One session alone may be an unusual one: about `psm1_grey_random` tips miss recorded places by
-            4.6 mm where they really missed them by 3.7 (``benchmarks/bench_cell.py``). None: the plant.
+            those recorded. One session alone may be an unusual one: about `psm1_grey_random` tips miss recorded
+            places by 4.6 mm where they really missed them by 3.7 (``benchmarks/bench_cell.py``). None: the plant.
         noise_sd: (3,) SD of the wrist that no run repeats, rad.
         wander_sd: (3,) SD of the wrist's offsets over minutes, rad.
         residual: error of the wrist of no model's family.
