@@ -131,7 +131,7 @@ def _show(
         console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
     use = summary["command_limit_use"]
     console.print(
-        f"collisions a trial: {summary['collisions_per_trial']:.2f}; largest share of the limits that was sent: "
+        f"collisions per trial: {summary['collisions_per_trial']:.2f}; largest share of the limits that was sent: "
         f"velocity {use['velocity']:.2f}, acceleration {use['acceleration']:.2f}"
     )
     if summary["missed_budgets"] > MISSED_WARNING:

@@ -114,7 +114,7 @@ def robustness(
 
 def _table(flaw: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     table = Table(title=f"{flaw}: {FLAWS[flaw].about}", box=box.SIMPLE, padding=(0, 1, 0, 0))
-    for column in ("method", "size", "goals reached", "%", "collisions a trial", "s for each"):
+    for column in ("method", "size", "goals reached", "%", "collisions per trial", "s for each"):
         table.add_column(column, justify="left" if column == "method" else "right")
     for row in rows:
         low, high = (100 * end for end in row["success_ci95"])

@@ -34,7 +34,7 @@ def headline(summary: Mapping[str, Any]) -> str:
             f"a whole trial: {whole['mean']:.1f}{spread} s",
         ),
         (
-            "collisions a trial",
+            "collisions per trial",
             f"{summary['collisions_per_trial']:.2f}",
             f"{summary['trials']} trial{'' if summary['trials'] == 1 else 's'}",
         ),

@@ -47,7 +47,7 @@ def draw_curves(summaries: Sequence[Mapping[str, Any]], path: str | Path) -> Pat
         grid[0, 0].set_ylim(0.0, 102.0)
         grid[1, 0].set_ylim(bottom=0.0)
         grid[0, 0].set_ylabel("goals reached, %")
-        grid[1, 0].set_ylabel("collisions a trial")
+        grid[1, 0].set_ylabel("collisions per trial")
         figure.legend(
             loc="outside lower center",
             ncols=len(methods),

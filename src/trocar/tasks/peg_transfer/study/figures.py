@@ -53,7 +53,7 @@ def draw_performance(results: Sequence[Result], path: Path) -> Path:
     """Draw success, distance, collisions and completion time (Fig. 10), and return the path."""
     panels: list[tuple[str, Callable[[Row], float]]] = [
         ("distance of the tips, m a trial", lambda row: row.path_m),
-        ("collisions a trial", lambda row: float(row.collisions)),
+        ("collisions per trial", lambda row: float(row.collisions)),
         ("completion time, s", lambda row: row.duration_s),
     ]
     variants, methods = _axes_of(results)

@@ -69,8 +69,8 @@ CLAIMS = (
     ),
     _Claim("H2", "optimized", "calibrated", "mean transfer time, s", transfer_time_s, less=True),
     _Claim("H2", "best", "optimized", "mean transfer time, s", transfer_time_s, less=True),
-    _Claim("H3", "calibrated", "uncalibrated", "collisions a trial", lambda row: float(row.collisions), less=True),
-    _Claim("H3", "optimized", "uncalibrated", "collisions a trial", lambda row: float(row.collisions), less=True),
+    _Claim("H3", "calibrated", "uncalibrated", "collisions per trial", lambda row: float(row.collisions), less=True),
+    _Claim("H3", "optimized", "uncalibrated", "collisions per trial", lambda row: float(row.collisions), less=True),
     _Claim("H4", "optimized", "calibrated", "distance a trial, m", lambda row: row.path_m, less=True),
     _Claim("H4", "best", "optimized", "distance a trial, m", lambda row: row.path_m, less=True),
 )
