@@ -26,7 +26,7 @@ def test_the_floor_is_that_of_the_arm_that_moves_most_and_the_rest_adds_up():
 
 def test_the_sentence_names_the_largest_part_first():
     said = floor_sentence({"motion": 2.0, "jaw": 0.3, "waiting": 0.7, "other": 0.001})
-    assert "2.00 s a transfer" in said and said.endswith("the 1.00 s above that are waiting 0.70, jaw 0.30")
+    assert "2.00 s per transfer" in said and said.endswith("the 1.00 s above that are waiting 0.70, jaw 0.30")
 
 
 def test_trials_without_transfers_have_no_floor():
