@@ -94,7 +94,7 @@ def row(summary):
     use = summary["command_limit_use"]
     print(
         f"failures, {summary['method']}: {summary['failures'] or 'none'}; slip at most "
-        f"{figure(summary['slip_mm']['max'])} mm; largest share of the limits that was sent: velocity "
+        f"{figure(summary['slip_mm']['max'])} mm; largest share of the limits in the commands sent: velocity "
         f"{use['velocity']:.2f}, acceleration {use['acceleration']:.4f}; "
         f"{summary['mean_time_s']:.1f} s a suture, {summary['realtime_factor']:.1f} x real time",
         flush=True,

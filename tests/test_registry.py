@@ -28,7 +28,7 @@ def test_a_name_can_be_taken_once():
     table = fresh()
     table.register("blue", 3)
     assert table["blue"] == 3
-    with pytest.raises(TrocarError, match="colour 'blue' is there already"):
+    with pytest.raises(TrocarError, match="colour 'blue' is already registered"):
         table.register("blue", 4)
 
 
@@ -53,7 +53,7 @@ def test_a_plugin_is_run_once_and_told_by_its_text(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("text", "match"),
-    [(None, "is no Python file"), ("1 / 0", "cannot be loaded, line 1: ZeroDivisionError"), ("def", "SyntaxError")],
+    [(None, "is not a Python file"), ("1 / 0", "cannot be loaded, line 1: ZeroDivisionError"), ("def", "SyntaxError")],
 )
 def test_a_plugin_that_is_not_there_or_fails_is_a_sentence(tmp_path, text, match):
     file = tmp_path / "broken.py"

@@ -1,4 +1,4 @@
-"""Files that hold a header, arrays and images: one zip, the header readable by itself, nothing in it believed."""
+"""Files that hold a header, arrays and images: one zip, the header readable by itself, everything checked."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def read_archive(path: str | Path, kind: str, version: int) -> Archive:
     with _opened(path, kind) as file:
         header = _header(file, path, kind, version)
         if sum(member.file_size for member in file.infolist()) > MAX_BYTES:
-            raise TrocarError(f"{str(path)!r} claims to unpack to more than {MAX_BYTES >> 20} MB; it is no {kind}")
+            raise TrocarError(f"{str(path)!r} claims to unpack to more than {MAX_BYTES >> 20} MB; it is not a {kind}")
         arrays: dict[str, NDArray] = {}
         blobs: dict[str, bytes] = {}
         for member in file.infolist():
@@ -113,7 +113,7 @@ class _opened:
             self._file = zipfile.ZipFile(self._path)
         except UNREADABLE:
             raise TrocarError(
-                f"{str(self._path)!r} is no readable {self._kind}; move it away and make it again"
+                f"{str(self._path)!r} is not a readable {self._kind}; move it away and make it again"
             ) from None
         return self._file
 
@@ -124,14 +124,14 @@ class _opened:
 def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) -> dict[str, Any]:
     if HEADER not in file.namelist():
         held = ", ".join(repr(name.removesuffix(".npy"))[1:-1] for name in file.namelist()[:8]) or "nothing"
-        raise TrocarError(f"{str(path)!r} is no {kind}, it holds {held}; give another file")
+        raise TrocarError(f"{str(path)!r} is not a {kind}, it holds {held}; give another file")
     try:
         if file.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
             raise ValueError
         header = parsed_json(file.read(HEADER))
         found = header["format"], header["version"]
     except UNREADABLE:
-        raise TrocarError(f"{str(path)!r} is no readable {kind}; move it away and make it again") from None
+        raise TrocarError(f"{str(path)!r} is not a readable {kind}; move it away and make it again") from None
     if found != (kind, version):
         raise TrocarError(
             f"{str(path)!r} is a {str(found[0])[:40]!r} of version {str(found[1])[:10]}, not a {kind!r} of version "

@@ -50,13 +50,13 @@ class JointReading:
 
 @dataclass(frozen=True)
 class SetPoint:
-    """What one arm is told now (CRTK ``setpoint_js``): where a motion that follows has to start.
+    """What one arm is commanded now (CRTK ``setpoint_js``): where a motion that follows has to start.
 
     Attributes:
         time_s: clock of the cell.
         q: (6,) joints, rad and m.
         velocity: (6,) per second; zero at rest.
-        moving: whether a motion is under way, or its braking.
+        moving: whether a motion, or its braking, is running.
         path_s: time along the motion that runs or ran last, as it was handed to ``move``; it runs slower than the
             clock while the arm brakes.
         path_rate: how fast ``path_s`` runs: 1 in an ordinary motion, 0 at rest.
@@ -104,7 +104,7 @@ class Robot(Protocol):
         ...
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return what the arm is told now; plan from here, not from what the encoders read."""
+        """Return what the arm is commanded now; plan from here, not from what the encoders read."""
         ...
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:

@@ -41,7 +41,9 @@ def read_csv(path: str | Path, example: str) -> tuple[list[str], NDArray[np.floa
     numbers = np.empty((len(lines) - 1, len(names)))
     for row, line in enumerate(lines[1:]):
         if len(line) != len(names):
-            raise TrocarError(f"row {row + 2} of {str(path)!r} has {len(line)} cells, not {len(names)}; mend the file")
+            raise TrocarError(
+                f"row {row + 2} of {str(path)!r} has {len(line)} cells, not {len(names)}; repair the file"
+            )
         for column, cell in enumerate(line):
             value = np.nan if not cell.strip() else _number(cell)
             if value is None or np.isinf(value):

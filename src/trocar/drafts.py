@@ -22,9 +22,9 @@ _NUMBERS = itertools.count()
 def drafted(path: str | Path) -> Iterator[Path]:
     """Give an empty draft beside a file that is to be written, and remove it where it has not become that file.
 
-    Drafts in the same folder whose process was killed are removed first. A lock tells them from those under way, also
-    where processes of several machines or containers write, whose numbers mean nothing to each other. The system frees
-    the lock of a process that ends, however it ends.
+    Drafts in the same folder whose process was killed are removed first. A lock tells them from those still being
+    written, also where processes of several machines or containers write, whose numbers mean nothing to each other. The
+    system frees the lock of a process that ends, however it ends.
 
     Raises:
         OSError: the folder is not there, is full, or may not be written into.

@@ -1,7 +1,7 @@
-"""The one door through which files leave: whole or not at all, and never over what is somebody else's.
+"""The one door through which files leave: whole or not at all, and never over other people's files.
 
 Every file that Trocar writes says what it is: a mark in it, ``made by Trocar: KIND``. A file is replaced only by one of
-its own kind; whatever else has its name stays, and the user is told.
+its own kind; any other file of that name stays, and the user is told.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def require_place(path: str | Path, kind: str, inputs: Sequence[str | Path] = ()
             raise TrocarError(f"{str(path)!r} is a folder where a file is to be; give another name or folder")
         if path.exists() and not bears(path, mark or mark_of(kind)):
             raise TrocarError(
-                f"{str(path)!r} is there already and is not a {kind} that Trocar wrote, so it is not replaced; "
+                f"{str(path)!r} already exists and is not a {kind} that Trocar wrote, so it is not replaced; "
                 "give another name or folder, or move it away"
             )
     except OSError as error:
@@ -177,7 +177,7 @@ def require_picture(path: str | Path) -> Path:
     """
     path = Path(path)
     if path.suffix.lower() not in PICTURES:
-        raise TrocarError(f"picture {str(path)!r} must end in {', '.join(PICTURES)}; choose such a name")
+        raise TrocarError(f"picture {str(path)!r} must end in {', '.join(PICTURES)}; choose another name")
     if not path.parent.is_dir():
         raise TrocarError(f"cannot write {str(path)!r} (No such file or directory); choose another folder")
     return require_place(path, PICTURE)

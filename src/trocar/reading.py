@@ -1,4 +1,4 @@
-"""The one door through which numbers of others come in: nothing that a file claims is believed before it is checked."""
+"""The only way in for numbers from outside: nothing that a file claims is trusted before it is checked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of what can be chosen by name: built in, brought by other packages, or by one file of somebody's own."""
+"""Tables of what can be chosen by name: built in, from other packages, or from a user's file."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Registry(Mapping[str, T], Generic[T]):
         if not (isinstance(name, str) and name):
             raise TrocarError(f"a {self.what} is registered as {name!r}; give it a name")
         if name in self:
-            raise TrocarError(f"{self.what} {name!r} is there already; register yours under another name")
+            raise TrocarError(f"{self.what} {name!r} is already registered; register yours under another name")
         self._known[name] = thing
         return thing
 
@@ -97,7 +97,7 @@ _LOADED: dict[str, str] = {}
 
 
 def _line_of(error: BaseException, file: Path) -> str:
-    """Return at which line of a file an error arose, with words around it; empty where nobody knows."""
+    """Return at which line of a file an error arose, with words around it; empty if unknown."""
     if isinstance(error, SyntaxError):
         return ""  # it says so itself
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
@@ -112,7 +112,7 @@ def load_plugin(path: str | Path) -> str:
     """
     file = Path(path).resolve()
     if not file.is_file() or file.suffix != ".py":
-        raise TrocarError(f"plugin {str(path)!r} is no Python file; give one that registers what it adds")
+        raise TrocarError(f"plugin {str(path)!r} is not a Python file; give one that registers what it adds")
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     if _LOADED.get(str(file)) == digest:
         return digest

@@ -249,7 +249,7 @@ def test_unknown_models_and_broken_files_are_one_sentence(tmp_path, fitted):
     spoiled[-len(good) // 2] ^= 0xFF
     (tmp_path / "spoiled.npz").write_bytes(spoiled)
     for name in ("none", "other", "cut", "text", "spoiled"):
-        refused(tmp_path / f"{name}.npz", "does not exist|is no (readable )?trocar cable model|is damaged")
+        refused(tmp_path / f"{name}.npz", "does not exist|is not a (readable )?trocar cable model|is damaged")
     with pytest.raises(TrocarError, match="npz"):
         save_model(fitted["play"], tmp_path / "model.txt")
     with pytest.raises(TrocarError, match="cannot write"):

@@ -128,7 +128,7 @@ def test_rows_that_do_not_count_are_counted_by_the_rule_that_says_so(arrays):
     recording = Recording(**arrays)
     assert recording.valid.sum() == N - 22
     assert why_invalid(recording) == (
-        "10 have a measurement that is no number, 7 are misdetected, a wrist angle 1 rad or more from its command, "
+        "10 have a measurement that is not a number, 7 are misdetected, a wrist angle 1 rad or more from its command, "
         "5 are marked as not valid"
     )
     assert why_invalid(Recording(arrays["q_cmd"], arrays["q_cmd"], np.ones(N, bool), arrays["t_s"])) == ""

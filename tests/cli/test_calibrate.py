@@ -165,7 +165,7 @@ def test_a_minutes_commands_are_written_for_a_robot(trocar, tmp_path):
     ("more", "what"),
     [
         (("peg-transfer", "--arm", "psm3"), "psm3"),
-        (("raven-pair",), "does not say where arm 'left' moves"),
+        (("raven-pair",), "does not define where arm 'left' moves"),
         (("peg-transfer", "--rows", 1), "1 samples"),
         (("peg-transfer", "--rows", 10**9), "1000000000 samples"),
         (("peg-transfer", "--out", "nowhere/minute.csv"), "nowhere"),

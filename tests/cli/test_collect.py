@@ -100,7 +100,7 @@ def test_an_interrupted_collection_goes_on_to_the_same_files(done, tmp_path):
     [
         (("kitchen",), "station 'kitchen' is unknown"),
         (("peg-transfer", "--arm", "psm3"), "no arm 'psm3'; it has psm1, psm2"),
-        (("raven-pair",), "does not say where arm 'left' moves to be calibrated"),
+        (("raven-pair",), "does not define where arm 'left' moves during calibration"),
         (("peg-transfer", "--rows", "10"), "10 rows is too small to fit on; give 30 or more"),
         (("peg-transfer", "--rows", "60", "--fraction", "0.8"), "leaves too few to fit on (60 or more)"),
         (("peg-transfer", "--fraction", "1"), "--fraction 1 of 1355 rows"),

@@ -36,8 +36,8 @@ def test_only_the_runs_own_trials_are_exported_and_strangers_are_named(trocar, r
     assert said["trials"] == 1 and said["tables"]["goals.csv"]["rows"] == 12
     assert "samples/session_00_trial_000.csv" in said["tables"]
     assert [path.name for path in (tmp_path / "tables" / "samples").iterdir()] == ["session_00_trial_000.csv"]
-    assert "trial_001.npz' is of another run" in err and "trial_002.npz' is no readable" in err
-    assert "1 of the run's 3 trials are there" in err
+    assert "trial_001.npz' is of another run" in err and "trial_002.npz' is not a readable" in err
+    assert "1 of the run's 3 trials exist" in err
     assert len(said["left_aside"]) == 3
 
 
@@ -46,7 +46,7 @@ def test_one_file_is_exported_unless_it_is_a_stranger_where_it_lies(trocar, run,
     assert code == 0
     assert f"{tmp_path / 'tables' / 'goals.csv'}: 12 rows of 14 columns" in out
     code, _, err = trocar("export", trial_file(run, 0, 1), "--out", tmp_path / "more")
-    assert code == 2 and "is of another run than the folder in which it lies" in err
+    assert code == 2 and "belongs to another run than its folder" in err
     moved = trial_file(run, 0, 0).rename(run / "session_00" / "trial_007.npz")
     code, _, err = trocar("export", moved, "--out", tmp_path / "more")
     assert code == 2 and "is session 0, trial 0 under another name" in err
@@ -59,7 +59,7 @@ def test_tables_of_ones_own_are_written_again_and_those_of_others_are_not(trocar
     assert trocar(*words)[0] == trocar(*words)[0] == 0
     (tmp_path / "tables" / "goals.csv").write_text("my,own\n1,2\n")
     code, _, err = trocar(*words)
-    assert code == 2 and "goals.csv' is there already" in err
+    assert code == 2 and "goals.csv' already exists" in err
     with (tmp_path / "tables" / "goals.csv").open() as file:
         assert next(csv.reader(file)) == ["my", "own"]
 
@@ -69,7 +69,7 @@ def test_tables_of_ones_own_are_written_again_and_those_of_others_are_not(trocar
     [
         ("nowhere", (), "folder .* does not exist"),
         ("nowhere.npz", (), "does not exist; give another"),
-        ("run/run.json", (), "is no trial; give the folder of a run, or a file such as trial_000.npz"),
+        ("run/run.json", (), "is not a trial; give the folder of a run, or a file such as trial_000.npz"),
         ("run", ("--format", "xlsx"), "format 'xlsx' is unknown; choose one of csv, parquet"),
     ],
 )

@@ -173,7 +173,7 @@ def test_a_plugin_is_loaded_before_the_other_options_are_looked_at(run, tmp_path
     assert code == 1 and err == ""
 
 
-@pytest.mark.parametrize(("text", "words"), [(None, "is no Python file"), ("1 / 0", "ZeroDivisionError")])
+@pytest.mark.parametrize(("text", "words"), [(None, "is not a Python file"), ("1 / 0", "ZeroDivisionError")])
 def test_a_bad_plugin_is_one_sentence_and_code_2(run, tmp_path, text, words):
     np.save(tmp_path / "four.npy", FOUR)
     if text is not None:

@@ -43,7 +43,7 @@ def said(trocar, tmp_path, monkeypatch):
 
 @EVERY_COMMAND
 def test_a_file_that_is_not_there_is_named(said, line):
-    assert "plugin 'mine.py' is no Python file; give one that registers what it adds" in said(line)
+    assert "plugin 'mine.py' is not a Python file; give one that registers what it adds" in said(line)
 
 
 @EVERY_COMMAND
@@ -65,7 +65,7 @@ def test_whatever_is_wrong_with_a_file_is_one_sentence(said, text, words):
 
 
 def test_a_file_of_another_kind_is_named(said):
-    assert "plugin 'mine.txt' is no Python file" in said(COMMANDS["run"], "VALUE = 1\n", "mine.txt")
+    assert "plugin 'mine.txt' is not a Python file" in said(COMMANDS["run"], "VALUE = 1\n", "mine.txt")
 
 
 @pytest.mark.parametrize(
@@ -73,11 +73,11 @@ def test_a_file_of_another_kind_is_named(said):
     [
         (
             "from trocar.tasks import TASKS\nTASKS.register('suture', TASKS['suture'])\n",
-            "task 'suture' is there already; register yours under another name",
+            "task 'suture' is already registered; register yours under another name",
         ),
         (
             "from trocar.motion import PLANNERS\nPLANNERS.register('spline', None)\n",
-            "planner 'spline' is there already; register yours under another name",
+            "planner 'spline' is already registered; register yours under another name",
         ),
     ],
 )
@@ -185,8 +185,8 @@ def test_a_run_knows_its_plugins_wherever_they_stand_in_the_line(trocar, played,
 @pytest.mark.parametrize(
     ("body", "said"),
     [
-        ("TASKS.register('my-task', 3)", "3 is no task; register a frozen dataclass derived from trocar.tasks.Task"),
-        ("class Mine(Task): pass\nTASKS.register('my-task', Mine)", "is no task; register a frozen dataclass"),
+        ("TASKS.register('my-task', 3)", "3 is not a task; register a frozen dataclass derived from trocar.tasks.Task"),
+        ("class Mine(Task): pass\nTASKS.register('my-task', Mine)", "is not a task; register a frozen dataclass"),
         (
             "@dataclass(frozen=True)\nclass Mine(Task):\n    name, about = 'my-task', 'knots'\n"
             "TASKS.register('my-task', Mine)",

@@ -58,7 +58,7 @@ def _claim_long_list(path):
         (f"{RUN} --out file", "'file' is a file; choose a folder with --out"),
         ("calibrate evaluate recording.npz model.npz", "'recording.npz' is a recording, not a cable model"),
         ("calibrate evaluate model.npz model.npz", "'model.npz' is a 'trocar cable model', not a recording"),
-        ("calibrate evaluate other.npz recording.npz", "'other.npz' is no trocar cable model, it holds something"),
+        ("calibrate evaluate other.npz recording.npz", "'other.npz' is not a trocar cable model, it holds something"),
         ("calibrate evaluate folder recording.npz", "'folder' is a folder; give a file, a trocar cable model"),
         ("calibrate evaluate many.npz recording.npz", "is a zip whose list of members alone is 16 MB long"),
         ("calibrate evaluate model.npz many.npz", "is a zip whose list of members alone is 16 MB long"),

@@ -45,7 +45,15 @@ def test_json_is_one_object_equal_to_the_summary(trocar, played, tmp_path):
 def test_the_table_names_task_figures_and_files(trocar, played, tmp_path):
     code, out, _ = trocar("run", "peg-transfer", "--out", tmp_path / "run")
     assert code == 0
-    for words in ("peg-transfer", "12 of 12", "5.0", "collisions per trial", "real time", "summary.json", "took longer"):
+    for words in (
+        "peg-transfer",
+        "12 of 12",
+        "5.0",
+        "collisions per trial",
+        "real time",
+        "summary.json",
+        "took longer",
+    ):
         assert words in out
 
 

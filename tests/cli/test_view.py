@@ -84,7 +84,7 @@ def test_a_damaged_trial_is_told(trocar, tmp_path, served):
     path.write_bytes(b"PK")
     code, _, err = trocar("view", tmp_path)
     assert code == 2 and err.count("\n") == 1
-    assert f"{str(path)!r} is no readable trocar trial" in err
+    assert f"{str(path)!r} is not a readable trocar trial" in err
 
 
 def test_a_folder_without_trials_is_told(trocar, tmp_path, served):

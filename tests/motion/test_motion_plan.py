@@ -154,14 +154,14 @@ def test_a_motion_out_of_a_range_is_refused_unless_allowed():
 def test_a_jerk_that_is_limited_is_checked_and_so_is_an_acceleration_that_jumps():
     limits = MotionLimits(PAPER.velocity, PAPER.acceleration, jerk=np.full(6, 1e9))
     plan = plan_motion(asking(ArmMotion(PSM, FOUR, limits)))
-    assert "uses inf of its jerk limit; 'spline' does not look at jerk" in plan.reason
+    assert "uses inf of its jerk limit; 'spline' ignores jerk" in plan.reason
 
 
 def test_straight_pieces_are_checked():
     asked = ArmMotion(PSM, FOUR, PAPER, straight=(True, False, True))
     plan = plan_motion(asking(asked))
     assert "strays" in plan.reason and "straight piece 0, not 0.100 mm (and 1 more)" in plan.reason
-    assert "'spline' does not look at straight pieces" in plan.reason
+    assert "'spline' ignores straight pieces" in plan.reason
     assert plan_motion(asking(asked, straight_tolerance_m=2e-3)).found
 
     def upright(problem):
@@ -185,7 +185,7 @@ def test_what_a_planner_does_not_see_is_told_only_where_it_matters():
     plan = plan_motion(hit)
     assert not plan.found
     assert "overlaps peg at 0." in plan.reason and "2.00 mm were to be kept" in plan.reason
-    assert "'spline' does not look at distances" in plan.reason
+    assert "'spline' ignores distances" in plan.reason
     low = replace(aside, obstacles={"table": HalfSpace([0, 0, -0.004], [0, 0, 1])}, min_distance_m=2e-3)
     assert "may come within 1." in plan_motion(low).reason  # the capsule of a finger ends 2.3 mm beyond it
 
@@ -204,7 +204,7 @@ def test_a_registered_planner_that_sees_more_is_recommended():
         reason = plan_motion(asking(ArmMotion(PSM, FOUR, PAPER, straight=(True,) * 3))).reason
     finally:
         PLANNERS.forget("sees-all")
-    assert "'spline' does not look at straight pieces, try " in reason and reason.endswith(", sees-all")
+    assert "'spline' ignores straight pieces, try " in reason and reason.endswith(", sees-all")
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
@@ -242,9 +242,9 @@ def test_arms_that_are_not_asked_may_be_where_they_are():
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        (lambda path: {}, r"planner '<lambda>' answered for \[\]; it was asked for \['psm1'\]"),
-        (lambda path: 3, "planner '<lambda>' answered 3; it must answer a TimedPath for each arm"),
-        (lambda path: {"psm1": path.trajectory}, "it must answer a TimedPath for each arm"),
+        (lambda path: {}, r"planner '<lambda>' returned paths for \[\]; it was asked for \['psm1'\]"),
+        (lambda path: 3, "planner '<lambda>' returned 3; it must return a TimedPath for each arm"),
+        (lambda path: {"psm1": path.trajectory}, "it must return a TimedPath for each arm"),
         (lambda path: {"psm1": TimedPath(path.trajectory, path.waypoint_times_s[1:])}, "for the 4 waypoints of arm"),
         (lambda path: {"psm1": TimedPath(path.trajectory, path.waypoint_times_s[[0, 2, 1, 3]])}, "in order"),
         (lambda path: {"psm1": TimedPath(path.trajectory, path.waypoint_times_s + 0.1)}, "all start at 0"),
@@ -254,7 +254,7 @@ def test_arms_that_are_not_asked_may_be_where_they_are():
                     Trajectory(path.trajectory.times_s, path.trajectory.coefficients[..., :5]), path.waypoint_times_s
                 )
             },
-            "answered 5 joints for arm 'psm1'; it has 6",
+            "returned 5 joints for arm 'psm1'; it has 6",
         ),
     ],
 )

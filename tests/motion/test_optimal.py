@@ -147,7 +147,7 @@ def test_an_approach_from_a_moving_start_saves_time_and_a_lift_from_one_is_refus
     assert going.duration_s < resting.duration_s
     np.testing.assert_allclose(going.trajectory(0.0, 1), towards, atol=1e-9)
     refused = plan_through(PSM, FOUR, PAPER, planner="optimal", start_velocity=towards)
-    assert not refused.found and "under way at the start of a straight piece" in refused.reason
+    assert not refused.found and "already moving at the start of a straight piece" in refused.reason
 
 
 def test_each_of_several_arms_moves_as_if_it_were_alone():

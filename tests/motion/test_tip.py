@@ -56,7 +56,7 @@ def test_a_planner_that_does_not_heed_the_tip_is_told_so_where_it_matters():
     assert plan_motion(asked(max_tip_m_s=1.0)).found
     plan = plan_motion(asked(max_tip_m_s=0.01))
     assert "the tip of 'psm1' moves at up to 0." in plan.reason and "m/s, not 0.0100" in plan.reason
-    assert "'spline' does not look at the speed of the tip, try " in plan.reason
+    assert "'spline' ignores the speed of the tip, try " in plan.reason
     assert plan_motion(asked(max_tip_m_s=0.01), "convex").found
 
 
@@ -64,4 +64,4 @@ def test_a_tip_that_faces_aside_is_told():
     facing = Facing([0.0, 1.0, 0.0], [0.0, 1.0, 0.0], 0.1)
     plan = plan_motion(asked(facing=facing))
     assert "the tip of 'psm1' faces aside by up to" in plan.reason and "rad, not 0.1000" in plan.reason
-    assert "'spline' does not look at what the tip faces" in plan.reason
+    assert "'spline' ignores what the tip faces" in plan.reason

@@ -89,7 +89,7 @@ def test_each_goal_and_each_trial_has_a_row(run):
 
 def test_it_says_what_was_assumed_and_how_to_run_it_again(run):
     _, page, summary = run
-    assert "Difficulty: mild. The laboratory errs less than recordings" in page.text
+    assert "Difficulty: mild. The laboratory's errors are smaller than in recordings" in page.text
     for what, how in summary["flaws"].items():
         assert all(part in page.text for part in what.split(": ", 1)) and how in page.text
     assert "trocar run peg-transfer --method calibrated --calibration joints --difficulty mild" in page.text

@@ -109,7 +109,7 @@ def test_a_leap_in_position_is_refused():
 def test_a_leap_in_velocity_is_refused():
     arms, _ = guarded()
     leap = Trajectory.hermite([0.0, 1.0], [HOME, GOAL], [[0, 0, 0, 1.0, 0, 0], np.zeros(6)])
-    refused(arms, {"a": leap}, "leap in the velocity of joint 'roll'")
+    refused(arms, {"a": leap}, "jump in the velocity of joint 'roll'")
 
 
 def test_a_motion_that_takes_over_too_fast_is_refused_and_the_old_one_goes_on():

@@ -67,5 +67,5 @@ def test_a_board_too_large_and_a_camera_with_one_eye_are_refused(station):
     large = CheckerboardCell(station, "stereo", Checkerboard(square_m=0.03), TABLE_Z_M)
     with pytest.raises(TrocarError, match=r"330 x 240 mm is not seen whole by both eyes at 232 mm"):
         large.hand_pose(np.random.default_rng(0), DISTANCE_M)
-    with pytest.raises(TrocarError, match="camera 'overhead' of station 'peg-transfer' is no stereo pair"):
+    with pytest.raises(TrocarError, match="camera 'overhead' of station 'peg-transfer' is not a stereo pair"):
         CheckerboardCell(load_station("peg-transfer"), "overhead", BOARD, TABLE_Z_M)

@@ -55,7 +55,7 @@ def numbers(trials):
         ({"trials": 0}, "trials is 0; give 1 or more with --trials"),
         ({"seed": -1}, "seed is -1; give 0 or more with --seed"),
         ({"refit_offsets": True, "method": "uncalibrated"}, "no model to refit with --method uncalibrated"),
-        ({"plugins": ("nowhere.py",)}, "plugin 'nowhere.py' is no Python file"),
+        ({"plugins": ("nowhere.py",)}, "plugin 'nowhere.py' is not a Python file"),
     ],
 )
 def test_a_run_that_is_impossible_is_refused(bad, words):
@@ -368,7 +368,7 @@ def test_a_station_that_does_not_say_where_to_calibrate_is_refused_before_anythi
     mine = tmp_path / "mine.toml"
     text = "\n".join(line for line in station_text("peg-transfer").splitlines() if not line.startswith("calibration"))
     mine.write_text(text)
-    with pytest.raises(TrocarError, match="does not say where arm 'psm1' moves to be calibrated"):
+    with pytest.raises(TrocarError, match="does not define where arm 'psm1' moves during calibration"):
         config(station=str(mine))
     assert config(station=str(mine), method="uncalibrated").laboratory.arms
 

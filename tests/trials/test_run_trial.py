@@ -248,7 +248,7 @@ def test_a_spent_budget_is_kept_as_an_unfinished_trial_with_all_its_goals(day):
     heard = []
     trial = run_trial(replace(config, task=task, _built={}), prepared, 0, heard.append)
     assert not trial.finished and trial.ended == "OUT_OF_TIME"
-    assert trial.reason == "the script was not done after 2.5 s"
+    assert trial.reason == "the script had not finished after 2.5 s"
     assert 2.5 <= trial.duration_s < 3.5, "the arms come to rest, then it is over"
     # it rests at the last sample: since the one before, it has moved by no more than the last bit of braking
     last_step, step_s = np.diff(trial.arrays["commanded_psm1"][-2:, :6], axis=0)[0], np.diff(trial.times_s[-2:])[0]

@@ -127,7 +127,7 @@ def test_the_header_is_read_without_the_arrays(path):
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.5, 0.99])
 def test_a_truncated_file_is_named(path, saved, share):
     path.write_bytes(saved[: int(share * len(saved))])
-    assert_refused(path, "no readable trocar trial")
+    assert_refused(path, "not a readable trocar trial")
 
 
 def test_a_damaged_file_is_named(path, saved):
@@ -139,11 +139,11 @@ def test_a_damaged_file_is_named(path, saved):
 
 def test_files_of_others_are_named(path):
     path.write_text("not a trial at all")
-    assert_refused(path, "no readable trocar trial")
+    assert_refused(path, "not a readable trocar trial")
     for save, what in ((np.savez, np.zeros(3)), (np.save, np.zeros(3)), (np.savez, np.array([{}], dtype=object))):
         with path.open("wb") as file:
             save(file, what)
-        assert_refused(path, "is no trocar trial|no readable trocar trial")
+        assert_refused(path, "is not a trocar trial|not a readable trocar trial")
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def test_a_header_without_one_of_its_keys_is_no_trial(path, key):
     header = header_of(path)
     del header[key]
     changed(path, header)
-    assert_refused(path, "no readable trocar trial; run that trial again")
+    assert_refused(path, "not a readable trocar trial; run that trial again")
 
 
 @pytest.mark.parametrize("value", [None, 3, "words", [1, 2], [[1], [2]], {"a": 1}, {"a": [1, 2, 3]}], ids=str)
@@ -179,7 +179,7 @@ def test_a_header_with_something_else_under_a_key_is_no_trial(path, key, value):
     if key == "duration_s" and value == 3:
         return
     changed(path, header_of(path) | {key: value})
-    assert_refused(path, "no readable trocar trial; run that trial again")
+    assert_refused(path, "not a readable trocar trial; run that trial again")
 
 
 @pytest.mark.parametrize("key", ["fingerprint", "task", "piece", "arms", "session", "index", "seed", "versions"])
@@ -187,7 +187,7 @@ def test_a_trial_that_does_not_say_what_it_is_is_no_trial(path, key):
     header = header_of(path)
     del header["about"][key]
     changed(path, header)
-    assert_refused(path, "no readable trocar trial; run that trial again")
+    assert_refused(path, "not a readable trocar trial; run that trial again")
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_a_scenery_that_is_none_is_no_trial(path, key, change):
     header = header_of(path)
     header["scenery"][key] = change
     changed(path, header)
-    assert_refused(path, "is no (readable )?trocar trial|is damaged")
+    assert_refused(path, "is not a (readable )?trocar trial|is damaged")
 
 
 @pytest.mark.parametrize("name", ["asked_psm1", "commanded_psm1", "measured_psm2", "true_psm2", "body_block0"])
@@ -243,7 +243,7 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
 def test_a_header_that_is_no_json_is_no_trial(path):
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("header.json", "{")
-    assert_refused(path, "no readable trocar trial")
+    assert_refused(path, "not a readable trocar trial")
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("header.json", json.dumps([module.FORMAT, module.VERSION]))
-    assert_refused(path, "no readable trocar trial")
+    assert_refused(path, "not a readable trocar trial")

@@ -194,7 +194,7 @@ def test_title_and_legend_are_in_the_page_whatever_the_title_is(tmp_path):
     text = write_replay(named, tmp_path / "replay.html").read_text()
     assert "<script>alert" not in text
     assert text.count("&lt;/head&gt;&lt;script&gt;alert(&quot;x&quot;)&lt;/script&gt; &amp; more") == 2
-    for words in ("tip, planned", "tip, driven", "30 frames a second", "For research, not for use on patients"):
+    for words in ("tip, planned", "tip, driven", "30 frames per second", "For research, not for use on patients"):
         assert words in text
 
 
@@ -208,14 +208,14 @@ def test_a_minute_of_two_arms_is_small_and_keeps_its_frames(tmp_path):
 def test_a_long_trial_gets_fewer_frames_a_second_and_stays_small(tmp_path):
     page = write_replay(made_up_replay(200.0), tmp_path / "replay.html")
     assert page.stat().st_size <= LARGEST_BYTES
-    assert "15 frames a second" in page.read_text()
+    assert "15 frames per second" in page.read_text()
     assert len(read_replay_poses(page)[0]) == pytest.approx(3001, abs=3)
 
 
 def test_much_beside_the_poses_costs_frames(tmp_path, monkeypatch):
     monkeypatch.setattr("trocar.view.replay.LARGEST_BYTES", 1_000_000)
     monkeypatch.setattr("trocar.view.replay.MAX_POSES", 4200)
-    assert "7.5 frames a second" in write_replay(REPLAY, tmp_path / "replay.html").read_text()
+    assert "7.5 frames per second" in write_replay(REPLAY, tmp_path / "replay.html").read_text()
 
 
 def test_the_same_replay_makes_the_same_page(tmp_path):

@@ -162,7 +162,9 @@ def ik_near(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64]) -> NDArra
     """
     q = ik_unbounded(arm, T_base_tip, near)
     if not np.isfinite(q).all():
-        raise Unreachable(f"no joints of {arm.name} have this pose of the tip, in their ranges or not; go elsewhere")
+        raise Unreachable(
+            f"no joints of {arm.name} have this pose of the tip, in their ranges or not; choose another pose"
+        )
     return q
 
 

@@ -205,7 +205,7 @@ def _finished(found: _Fit) -> CommandPath:
 
 
 def _last_step(found: _Fit, commands: Trajectory) -> Trajectory | None:
-    """Return the way from where these commands end to where the joints are at their end; None if not worth it."""
+    """Return the way from where these commands end to where the joints are at their end; None if that is negligible."""
     if found.short < MET:
         return None
     sketch, fit, best = found.sketch, found.fit, found.best

@@ -31,7 +31,7 @@ SPREAD = 0.7
 WIDE_ROWS = 75
 """Samples of a recording of wide swings: a minute."""
 WIDE_CYCLES = (1.0, 2.0, 3.0)
-"""So often the outer joints q1 q2 q3 go to and fro in such a recording: slowly, for a large move takes its time."""
+"""How often the outer joints q1 q2 q3 go back and forth in such a recording: slowly, since large moves take time."""
 
 WAKE_RAD = (0.35, 0.30, 0.30)
 """Swing of roll, pitch and yaw that takes up all slack: more than twice the widest identified backlash (.128)."""
@@ -107,7 +107,7 @@ def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> N
 
 
 def slack_taken_up(arm: ArmModel, path: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return commands (2 + n, 6): two that swing the wrist to and fro, which takes up its slack, then a path."""
+    """Return commands (2 + n, 6): two that swing the wrist back and forth, which takes up its slack, then a path."""
     swing = np.append(np.zeros(3), WAKE_RAD)
     return np.concatenate([np.clip([path[0] + swing, path[0] - swing], arm.lower, arm.upper), path])
 

@@ -105,7 +105,7 @@ class Recording:
         """
         path = Path(path)
         if path.suffix != ".npz":
-            raise TrocarError(f"recording {str(path)!r} must end in .npz; choose such a name")
+            raise TrocarError(f"recording {str(path)!r} must end in .npz; choose another name")
         with writing(path, "recording") as draft:
             np.savez(draft, q_cmd=self.q_cmd, q_phy=self.q_phy, valid=self.valid, t_s=self.t_s)
             mark_zip(draft, "recording")
@@ -165,7 +165,7 @@ def require_motion(recording: Recording) -> None:
         if len(commanded) and np.ptp(commanded) < NO_MOTION_RAD:
             raise TrocarError(
                 f"{recording.name}: {JOINT_NAMES[joint]} rests at {commanded[0]:.4f} rad in all {len(commanded)} valid "
-                "rows, and says nothing of its cable; give a recording in which all joints of the wrist move"
+                "rows, and shows nothing about its cable; give a recording in which all joints of the wrist move"
             )
 
 
@@ -174,7 +174,7 @@ def why_invalid(recording: Recording) -> str:
     finite = np.isfinite(recording.q_phy).all(axis=1)
     plausible = _plausible(recording.q_cmd, recording.q_phy)
     reasons = {
-        "have a measurement that is no number": ~finite,
+        "have a measurement that is not a number": ~finite,
         f"are misdetected, a wrist angle {MISDETECTION_RAD:g} rad or more from its command": finite & ~plausible,
         "are marked as not valid": plausible & ~recording.valid,
     }
@@ -213,7 +213,9 @@ def _arrays(path: Path) -> dict[str, NDArray]:
         return read_recording_table(path)
     if path.suffix == ".npz":
         return _npz_arrays(path)
-    raise TrocarError(f"recording {str(path)!r} is no .npz or .csv file and no folder; convert it to one of these")
+    raise TrocarError(
+        f"recording {str(path)!r} is neither an .npz or .csv file nor a folder; convert it to one of these"
+    )
 
 
 def _npz_arrays(path: Path) -> dict[str, NDArray]:

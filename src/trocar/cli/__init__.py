@@ -85,7 +85,7 @@ def main() -> None:
 
 
 def _end(code: int, sentence: str) -> NoReturn:
-    """Print a sentence and end; where nobody reads any more, as after ``| head``, end alone."""
+    """Print a sentence and end; if the output is no longer read, as after ``| head``, only end."""
     with suppress(OSError):
         sys.stderr.write(f"trocar: {sentence}\n")
     raise SystemExit(code) from None

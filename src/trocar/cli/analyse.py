@@ -47,7 +47,7 @@ def analyse(
         str, typer.Option(metavar="A,B,...", help="CSV: columns to analyse; default: q1 to q6 (rad, m), or all.")
     ] = "",
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="CSV without a column of times (t_s, in s): samples a second.")
+        float | None, typer.Option(metavar="HZ", help="CSV without a column of times (t_s, in s): samples per second.")
     ] = None,
     smoothness: Annotated[
         float | None, typer.Option(help="Weight of smoothness.", show_default="by cross-validation, for each joint")

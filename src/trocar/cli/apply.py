@@ -1,4 +1,4 @@
-"""``trocar calibrate apply``: the commands that bring an arm's joints where somebody wants them."""
+"""``trocar calibrate apply``: the commands that bring an arm's joints to where they should be."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def apply(
         str, typer.Option(metavar="A,B,...", help="Names of the six joints' columns in PATH, in the arm's order.")
     ] = ",".join(JOINT_NAMES),
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Rows a second, if PATH has no column of times (t_s).")
+        float | None, typer.Option(metavar="HZ", help="Rows per second, if PATH has no column of times (t_s).")
     ] = None,
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Write the commands that move an arm's joints along a path, for a controller of your own; rad, and m for q3.
+    """Write the commands that move an arm's joints along a path, for your own controller; rad, and m for q3.
 
     The arm has to be at rest at the first row. A model with a window (lstm, ridge) gets rows as dense as those that it
     was fitted on, others keep yours.
@@ -50,9 +50,9 @@ def apply(
     if len(set(names)) != len(JOINT_NAMES):
         raise TrocarError(f"--columns {columns!r} names {len(set(names))} different columns; an arm has six joints")
     if rate is not None and not 0 < rate < np.inf:
-        raise TrocarError(f"--rate {rate} is no rate; give a number above 0, in Hz")
+        raise TrocarError(f"--rate {rate} is not a rate; give a number above 0, in Hz")
     if out.suffix != ".csv":
-        raise TrocarError(f"file {str(out)!r} must end in .csv; choose such a name")
+        raise TrocarError(f"file {str(out)!r} must end in .csv; choose another name")
     require_place(out, "table of commands", [model, path], mark=",".join(COLUMNS))
     fitted, table = load_model(model), read_joint_table(path, rate)
     wanted = table.columns(names, path)

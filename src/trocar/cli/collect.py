@@ -110,7 +110,7 @@ def _collections(
         box = station.arm(arm).calibration
         if box is None:
             raise TrocarError(
-                f"station {station.name!r} does not say where arm {arm!r} moves to be calibrated; "
+                f"station {station.name!r} does not define where arm {arm!r} moves during calibration; "
                 f"add 'calibration' to [arms.{arm}]"
             )
         place = list(station.arms).index(arm)

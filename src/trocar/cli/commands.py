@@ -11,7 +11,7 @@ CALIBRATE = {
         "trocar calibrate collect peg-transfer --arm psm1 --out out/cal",
     ),
     "apply": Known(
-        "Write the commands that move an arm's joints along a path, for a controller of your own; rad, and m for q3.",
+        "Write the commands that move an arm's joints along a path, for your own controller; rad, and m for q3.",
         "trocar.cli.apply:apply",
         "trocar calibrate apply psm1_play.npz path.csv --out commands.csv",
     ),
@@ -67,7 +67,7 @@ REGISTER = {
         "trocar register points robot.npy camera.npy --json",
     ),
     "cell": Known(
-        "Register a simulated cell by a checkerboard: lenses of the stereo pair, camera, bases; errors against truth.",
+        "Register a simulated cell with a checkerboard: lenses, camera and bases; print errors against the truth.",
         "trocar.cli.register_cell:cell",
         "trocar register cell raven-pair --seed 3 --out out/cell",
     ),
@@ -85,7 +85,7 @@ STATION = {
         "trocar station show raven-pair   (trocar station show raven-pair --toml > mine.toml)",
     ),
     "check": Known(
-        "Check keys and values, reach, distances between arms, and what the cameras see; exit code 1 if wrong.",
+        "Check keys, values, reach, distances between arms and what cameras see; exit code 1 if something is wrong.",
         "trocar.cli.station:check",
         "trocar station check mine.toml",
     ),
@@ -146,7 +146,7 @@ COMMANDS = {
         "trocar analyse joints.csv --rate 100 --out out/motion",
     ),
     "doctor": Known(
-        "Say what is installed, what is optional and missing, and what to type next.",
+        "List what is installed, which optional parts are missing, and what to type next.",
         "trocar.cli.doctor:doctor",
         "trocar doctor",
     ),

@@ -10,7 +10,9 @@ from trocar.station.difficulty import DEFAULT, LEVELS
 
 __all__ = ["DEFAULT", "Flaws", "Level"]
 
-Level = Annotated[str, typer.Option(help=f"How far the laboratory is from what is known of it: {', '.join(LEVELS)}.")]
+Level = Annotated[
+    str, typer.Option(help=f"How far the laboratory departs from what is known about it: {', '.join(LEVELS)}.")
+]
 Flaws = Annotated[
     list[str] | None,
     typer.Option(metavar="NAME=SIZE", help="Give a flaw another size, as registration=1.0mm; may be repeated."),

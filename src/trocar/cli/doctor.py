@@ -26,7 +26,7 @@ PURPOSE = {
 def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Say what is installed, what is optional and missing, and what to type next."""
+    """List what is installed, which optional parts are missing, and what to type next."""
     if as_json:
         extras = {extra: {name: _installed(name) for name in modules} for extra, modules in EXTRAS.items()}
         said = {"trocar": __version__, "python": platform.python_version(), "platform": platform.platform()}

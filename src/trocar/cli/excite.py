@@ -37,7 +37,7 @@ def excite(
     box = there.arm(name).calibration
     if box is None:
         raise TrocarError(
-            f"station {there.name!r} does not say where arm {name!r} moves to be calibrated; "
+            f"station {there.name!r} does not define where arm {name!r} moves during calibration; "
             f"add 'calibration' to [arms.{name}]"
         )
     if out.suffix != ".csv" or not out.parent.is_dir():

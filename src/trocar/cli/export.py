@@ -60,6 +60,6 @@ def _chosen(run: Path) -> tuple[Sequence[Trial], list[str]]:
     if run.suffix == ".npz" and not run.is_dir():
         return [load_trial(run)], []
     if run.is_file():
-        raise TrocarError(f"{str(run)!r} is no trial; give the folder of a run, or a file such as trial_000.npz")
+        raise TrocarError(f"{str(run)!r} is not a trial; give the folder of a run, or a file such as trial_000.npz")
     trials, strange = load_trials(run)
     return trials, [*strange, *still_to_do(run, len(trials))]

@@ -107,4 +107,4 @@ def _numbers(rows: str) -> list[int] | None:
     try:
         return [int(number) for number in rows.split(",")] if rows else None
     except ValueError:
-        raise TrocarError(f"--rows {rows!r} is no list of numbers; give one such as 50,100,200") from None
+        raise TrocarError(f"--rows {rows!r} is not a list of numbers; give one such as 50,100,200") from None

@@ -25,7 +25,7 @@ def columns_of(joints: Sequence[str]) -> list[str]:
 def require_motion_file(path: Path, joints: Sequence[str], inputs: Sequence[Path]) -> None:
     """Raise TrocarError unless motions can be written there: ask before they are planned."""
     if path.suffix not in SUFFIXES:
-        raise TrocarError(f"file {str(path)!r} must end in {', '.join(SUFFIXES)}; choose such a name")
+        raise TrocarError(f"file {str(path)!r} must end in {', '.join(SUFFIXES)}; choose another name")
     require_place(path, KIND, inputs, mark=",".join(columns_of(joints)) if path.suffix == ".csv" else "")
 
 

@@ -239,6 +239,6 @@ def _print(summary: dict[str, Any]) -> None:
     console.print(f"manipulability: {summary['manipulability_source']}")
     for warning in tissue_warnings(summary):
         console.print(warning)
-    console.print(f"to plan there (with a scale of its own): {summary['command']}", soft_wrap=True)
+    console.print(f"to plan there (with its own scale): {summary['command']}", soft_wrap=True)
     if "files" in summary:
         console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)

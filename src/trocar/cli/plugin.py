@@ -26,7 +26,7 @@ Plugins = Annotated[
     typer.Option(
         FLAG,
         metavar="FILE",
-        help="Python file that registers something of your own; may be given several times.",
+        help="Python file that registers your own parts; may be given several times.",
         is_eager=True,
         callback=_load,
     ),

@@ -88,7 +88,7 @@ def _clock_time(seconds: float) -> str:
 
 @contextmanager
 def progress() -> Iterator[Tick]:
-    """Show how far work is while it lasts; yield what is told of it."""
+    """Show the progress of work; yield the function to report it to."""
     console = beside()
     if console.quiet:
         yield _untold

@@ -36,7 +36,7 @@ def cell(
     plugin: Plugins = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
-    """Register a simulated cell by a checkerboard: lenses of the stereo pair, camera, bases; errors against truth."""
+    """Register a simulated cell with a checkerboard: lenses, camera and bases; print errors against the truth."""
     need("sim", "mujoco", "cv2")
     del plugin  # loaded when it was parsed
     if seed < 0:

@@ -30,12 +30,12 @@ def report(
         int | None,
         typer.Option(
             metavar="K",
-            help="Report on this trial alone, as in the name of its file; writes into a folder beside it.",
+            help="Report only on this trial, as in the name of its file; writes into a folder beside it.",
             show_default="all trials; pictures of the first",
         ),
     ] = None,
     video: Annotated[
-        bool, typer.Option("--video", help="Also make a short moving picture of the trial, video.webp.")
+        bool, typer.Option("--video", help="Also make a short animation of the trial, video.webp.")
     ] = False,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
@@ -43,7 +43,7 @@ def report(
     """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
     del plugin  # loaded when it was parsed
     if trial is None and session:
-        raise TrocarError(f"--session {session} is given without --trial; say which of its trials")
+        raise TrocarError(f"--session {session} is given without --trial; add --trial K")
     place = None if trial is None else (session, trial)
     finish(folder, as_json, interrupted=False, place=place)
     if video:
@@ -62,7 +62,7 @@ def _draw_video(folder: Path, place: tuple[int, int] | None) -> None:
             trial,
             (trial_file(folder, *place).with_suffix("") if place else folder) / "video.webp",
             report_of(trial),
-            lambda done, total: tick("pictures of video.webp", done, total),
+            lambda done, total: tick("frames of video.webp", done, total),
         )
     beside().print(f"video: {path}", soft_wrap=True)
 
@@ -131,7 +131,8 @@ def _show(
         console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
     use = summary["command_limit_use"]
     console.print(
-        f"collisions per trial: {summary['collisions_per_trial']:.2f}; largest share of the limits that was sent: "
+        f"collisions per trial: {summary['collisions_per_trial']:.2f}; "
+        f"largest share of the limits in the commands sent: "
         f"velocity {use['velocity']:.2f}, acceleration {use['acceleration']:.2f}"
     )
     if summary["missed_budgets"] > MISSED_WARNING:

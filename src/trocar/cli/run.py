@@ -27,7 +27,7 @@ def run(
     *,
     task: type[Task],
     options: Mapping[str, Any],
-    method: Annotated[str, typer.Option(help="How the task is done", show_default="the first")] = "",
+    method: Annotated[str, typer.Option(help="Which method does the task", show_default="the first")] = "",
     model: Annotated[
         str,
         typer.Option(
@@ -38,7 +38,7 @@ def run(
         str,
         typer.Option(
             help="What cable models are fitted on: images (of spheres on the arm) or joints (with drawn noise; fast).",
-            show_default="images where the station's cameras can",
+            show_default="images if the station's cameras allow it",
         ),
     ] = "",
     prior: Annotated[
@@ -61,17 +61,17 @@ def run(
         typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED-OPTIONS."),
     ] = None,
     new_session: Annotated[
-        bool, typer.Option("--new-session", help="Mount the instruments again between calibration and trials.")
+        bool, typer.Option("--new-session", help="Remount the instruments between calibration and trials.")
     ] = False,
     refit_offsets: Annotated[
         bool, typer.Option("--refit-offsets", help="Refit the model's offsets from 30 samples before the trials.")
     ] = False,
     flawless_camera: Annotated[
-        bool, typer.Option("--flawless-camera", help="Switch the sensors' flaws off; the run says so.")
+        bool, typer.Option("--flawless-camera", help="Switch off the sensors' flaws; the run states this.")
     ] = False,
     difficulty: Level = DEFAULT,
     flaw: Flaws = None,
-    jobs: Annotated[int, typer.Option(help="How many trials at once, each in a process of its own.")] = 1,
+    jobs: Annotated[int, typer.Option(help="How many trials to run at once, each in its own process.")] = 1,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:

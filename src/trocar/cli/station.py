@@ -53,7 +53,7 @@ def show(
 
 
 def check(station: Name, *, plugin: Plugins = None, as_json: JsonFlag = False) -> None:
-    """Check keys and values, reach, distances between arms, and what the cameras see; exit code 1 if wrong."""
+    """Check keys, values, reach, distances between arms and what cameras see; exit code 1 if something is wrong."""
     from trocar.station import check_station, load_station  # noqa: PLC0415
 
     del plugin  # loaded when it was parsed

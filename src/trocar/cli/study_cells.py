@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from trocar.trials.study import ReadRow
     from trocar.trials.workers import Workers
 
-Methods = Annotated[str, typer.Option(metavar="A,B,...", show_default="all", help="How it is done.")]
+Methods = Annotated[str, typer.Option(metavar="A,B,...", show_default="all", help="Which methods do the task.")]
 Sessions = Annotated[int, typer.Option(help="How many days are drawn, the same for all conditions.")]
 Trials = Annotated[int, typer.Option(help="How many trials in each session.")]
 Model = Annotated[str, typer.Option(help="Cable model of methods that compensate.", show_default="play")]
@@ -27,15 +27,13 @@ Seed = Annotated[int, typer.Option(help="Seed of everything random.")]
 Out = Annotated[
     Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/study-TASK-SEED-OPTIONS.")
 ]
-Jobs = Annotated[int | None, typer.Option(help="How many trials at once.", show_default="one a core")]
+Jobs = Annotated[int | None, typer.Option(help="How many trials to run at once.", show_default="one per core")]
 Backend = Annotated[str, typer.Option(help="Where the work is done: processes, dask.")]
 Scheduler = Annotated[
     str, typer.Option(metavar="ADDRESS", help="Address of a dask cluster.", show_default="a cluster on this machine")
 ]
 ReportOnly = Annotated[bool, typer.Option("--report-only", help="Run nothing; report on what is there.")]
-Plugin = Annotated[
-    list[Path] | None, typer.Option(metavar="FILE", help="Python file that registers methods of your own.")
-]
+Plugin = Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Python file that registers your own methods.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 

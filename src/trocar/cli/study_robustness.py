@@ -31,7 +31,7 @@ def robustness(
     options: Mapping[str, Any],
     methods: shared.Methods = "",
     flaws: Annotated[
-        str, typer.Option(metavar="A,B,...", show_default="all that the station feels", help="Which flaws are varied.")
+        str, typer.Option(metavar="A,B,...", show_default="all that affect the station", help="Which flaws are varied.")
     ] = "",
     scales: Annotated[
         str,
@@ -40,7 +40,7 @@ def robustness(
         ),
     ] = "",
     difficulty: Annotated[
-        str, typer.Option(help="Difficulty of all that is not varied: mild, recorded, harsh.")
+        str, typer.Option(help="Difficulty of everything that is not varied: mild, recorded, harsh.")
     ] = "recorded",
     calibration: Annotated[
         str,
@@ -132,7 +132,7 @@ def _table(flaw: str, rows: Sequence[Mapping[str, Any]]) -> Table:
 
 class _Tasks(TaskGroup):
     body = staticmethod(robustness)
-    told = "Runs trials against each flaw of a laboratory, at several sizes of it, and draws what success depends on."
+    told = "Runs trials against each flaw of a laboratory, at several sizes of it, and plots what success depends on."
     example = "trocar study robustness {task} --flaws registration,residual --sessions 10 --seed 1"
 
 

@@ -41,7 +41,7 @@ DemonstrationsPath = Annotated[
     ),
 ]
 Margin = Annotated[str | None, option(REWARD, f"Formula of the joint margin: {', '.join(MARGINS)}.")]
-Weight = Annotated[float | None, option(REWARD, "lambda, the weight of the margin; manipulability has the rest.")]
+Weight = Annotated[float | None, option(REWARD, "lambda, the weight of the margin; manipulability gets the rest.")]
 Scaling = Annotated[str | None, option(REWARD, f"How margin and manipulability are scaled: {', '.join(SCALINGS)}.")]
 Joints = Annotated[str | None, option(REWARD, f"Joints that the margin considers: {', '.join(JOINTS)}.")]
 At = Annotated[str | None, option(REWARD, "Where it is evaluated: stations (start and end of movements) or path.")]

@@ -66,7 +66,9 @@ def task_command(task: type[Task], body: Callable[..., None], told: str, example
     usual = [p for p in inspect.signature(body, eval_str=True).parameters.values() if p.name not in ("task", "options")]
     taken = [name for name in own if name in {p.name for p in usual}]
     if taken:
-        raise TrocarError(f"option {taken[0]!r} of task {task.name!r} is one of every run; call it otherwise")
+        raise TrocarError(
+            f"option {taken[0]!r} of task {task.name!r} is already an option of every run; give it another name"
+        )
     hints = {
         k: v
         for kind in reversed(task.__mro__)

@@ -53,7 +53,7 @@ def commands_in_view(
     *,
     wide: bool = False,
 ) -> NDArray[np.float64]:
-    """Return commands (2 + rows, 6): two that swing the wrist to and fro, which takes up the slack, then the path.
+    """Return commands (2 + rows, 6): two that swing the wrist back and forth, which takes up the slack, then the path.
 
     Where the path leaves the view, the outer joints are drawn towards the middle of their ranges; the wrist, whose
     cables are what is to be learnt, keeps its path.

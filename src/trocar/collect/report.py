@@ -42,7 +42,7 @@ def draw_calibration(found: Calibrated, path: str | Path) -> Path:
 
 
 def _draw_image(axes: Axes, found: Calibrated) -> None:
-    """Draw the image of the middle good row, and round each sphere that was believed its outline."""
+    """Draw the image of the middle good row, with an outline round each accepted sphere."""
     rows = np.flatnonzero(found.recording.valid)
     row = int(rows[len(rows) // 2])
     image = found.collection.image(row)

@@ -190,7 +190,7 @@ def require_rotation(what: str, matrix: NDArray[np.float64]) -> None:
     if np.any(off > RIGID):
         raise TrocarError(
             f"{what} needs columns of length 1 at right angles to each other, but these are off by {off.max():.2g}"
-            f"{_which(off > RIGID)}; mend what was rounded with SO3.nearest(R), and take scale out"
+            f"{_which(off > RIGID)}; repair rounding with SO3.nearest(R), and remove any scale"
         )
     mirrored = np.linalg.det(matrix) < 0
     if np.any(mirrored):

@@ -44,7 +44,7 @@ class ArmMotion:
         limits: bounds of velocity and acceleration, perhaps of jerk.
         T_world_base: pose of its base; needed where arms or obstacles can meet.
         up: (3,) direction in its base, of any length, along which the tip passes the waypoints between the first
-            and the last without turning; a unit vector afterwards. Planners that stop there need not heed it.
+            and the last without turning; a unit vector afterwards. Planners that stop there may ignore it.
         still_wrist: whether the wrist's joints rest when it passes these waypoints, so that the tip turns a little;
             planners that keep the tip on a straight line turn the wrist by milliradians.
         straight: for each piece between two waypoints, whether the tip keeps to the straight line between
@@ -111,7 +111,7 @@ class ArmMotion:
 
     @property
     def moves(self) -> bool:
-        """Return whether it is under way at the start."""
+        """Return whether it is moving at the start."""
         return bool(self.start_velocity.any())
 
     def resolved(self) -> ArmMotion:

@@ -90,7 +90,7 @@ def _least_straying_s(
     """Return a time that one joint needs at least to rest at the last of its values, passing near the others.
 
     Each choice of waypoints in which it turns, by more than it may stray, gives a bound; the greatest counts. From a
-    start under way only the end is looked at.
+    moving start only the end is considered.
     """
     bounds_s = [_least_s(values[[0, -1]], v0, velocity, acceleration)]
     inner = [] if v0 else range(1, len(values) - 1)

@@ -59,7 +59,7 @@ def brake(
     lower: NDArray[np.float64],
     upper: NDArray[np.float64],
 ) -> Brake:
-    """Return how to come to rest from a motion that is ``path_s`` under way, as fast as the limits allow.
+    """Return how to come to rest from a motion ``path_s`` after its start, as fast as the limits allow.
 
     The path is kept by running its time slower and slower: with ``s`` for the time along the path, every joint
     accelerates by ``q' s'' + q'' s'^2``, which bounds ``s''`` from below; running on is always allowed. Where a joint

@@ -85,11 +85,11 @@ def _require_shape(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> No
         path, count = paths[name], len(arm.waypoints)
         joints = path.trajectory.coefficients.shape[2]
         if joints != len(arm.model.joints):
-            raise TrocarError(f"a planner answered {joints} joints for arm '{name}'; it has {len(arm.model.joints)}")
+            raise TrocarError(f"a planner returned {joints} joints for arm '{name}'; it has {len(arm.model.joints)}")
         times = path.waypoint_times_s
         if times.shape != (count,) or not np.isfinite(times).all() or np.any(np.diff(times) < 0):
             raise TrocarError(
-                f"a planner answered {times.tolist()} s for the {count} waypoints of arm '{name}'; "
+                f"a planner returned {times.tolist()} s for the {count} waypoints of arm '{name}'; "
                 "it must say when each is passed, in order"
             )
         starts_s = float(path.trajectory.times_s[0]), float(times[0])

@@ -1,4 +1,4 @@
-"""Plain moves: straight in joint space, to rest from under way, or straight for the tip."""
+"""Plain moves: straight in joint space, to rest from a moving start, or straight for the tip."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def rest_to_rest(q0: ArrayLike, q1: ArrayLike, limits: MotionLimits) -> Trajecto
 
 
 def move_to(q: ArrayLike, velocity: ArrayLike, q_goal: ArrayLike, limits: MotionLimits) -> Trajectory:
-    """Return a short motion from a moving start to rest at the goal: what replaces another motion under way.
+    """Return a short motion from a moving start to rest at the goal: to replace a running motion.
 
     From rest, or moving along the straight line in joint space to the goal (or away from it), it keeps to that
     line and takes the least time on it: from rest it is ``rest_to_rest``. Else every joint goes its own way in

@@ -1,4 +1,4 @@
-"""An arm whose motion is known: under way, or resting."""
+"""An arm whose motion is known: moving or at rest."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class MovingArm:
     """An arm on a trajectory, in the world; before and after it rests.
 
     >>> waiting = MovingArm.resting(arm, q_now, T_world_right)
-    >>> MovingArm(arm, trajectory, T_world_left, start_s=-0.2).ends_m(0.0).shape  # under way for .2 s
+    >>> MovingArm(arm, trajectory, T_world_left, start_s=-0.2).ends_m(0.0).shape  # has been moving for .2 s
     (4, 2, 3)
 
     Attributes:
         model: of the arm.
         trajectory: of its six joints, without jumps; its own time starts at its first knot.
         T_world_base: pose of its base.
-        start_s: when it starts, on the clock of who asks; below 0 if it is under way already.
+        start_s: when it starts, on the caller's clock; below 0 if it is already running.
         jaw_rad: opening between the fingers.
     """
 

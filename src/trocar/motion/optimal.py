@@ -53,7 +53,7 @@ def optimal(problem: MotionProblem) -> dict[str, TimedPath]:
 
     A free piece next to one along ``up`` never sags below its lower end: what is passed over with clearance at the
     waypoints is passed over between them. Where every joint going its own way would sag (a wide transfer after a low
-    lift), that piece is straight too. A start under way may lead below it by itself; there nothing is promised.
+    lift), that piece is straight too. A moving start may lead below it by itself; then nothing is guaranteed.
     """
     return {name: _planned(arm) for name, arm in problem.arms.items()}
 
@@ -188,7 +188,7 @@ def _planned(arm: ArmMotion) -> TimedPath:
     straight = straight_pieces(arm)
     if straight[0] and arm.moves:
         raise TrocarError(
-            f"{arm.model.name} is under way at the start of a straight piece; 'optimal' lifts from rest, "
+            f"{arm.model.name} is already moving at the start of a straight piece; 'optimal' lifts from rest, "
             "let the arm come to rest or put a free piece first"
         )
     share, most = 1 - HEADROOM, np.asarray(arm.limits.acceleration)

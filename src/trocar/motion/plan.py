@@ -1,4 +1,4 @@
-"""What a planner's answer is worth: the plan, checked."""
+"""A planner's answer, checked: the plan."""
 
 from __future__ import annotations
 
@@ -187,9 +187,11 @@ def plan_through(
 def _answered(name: str, problem: MotionProblem, paths: object) -> dict[str, TimedPath]:
     """Return a planner's answer, or raise a sentence that says whose it is and what is wrong with it."""
     if not (isinstance(paths, Mapping) and all(isinstance(path, TimedPath) for path in paths.values())):
-        raise TrocarError(f"planner '{name}' answered {paths!r:.80}; it must answer a TimedPath for each arm by name")
+        raise TrocarError(f"planner '{name}' returned {paths!r:.80}; it must return a TimedPath for each arm by name")
     if set(paths) != set(problem.arms):
-        raise TrocarError(f"planner '{name}' answered for {sorted(paths)}; it was asked for {sorted(problem.arms)}")
+        raise TrocarError(
+            f"planner '{name}' returned paths for {sorted(paths)}; it was asked for {sorted(problem.arms)}"
+        )
     return dict(paths)
 
 
@@ -202,7 +204,7 @@ def _reason(name: str, solve: Planner, violations: Sequence[Violation]) -> str:
     unseen = [demand.value for demand in Demand if demand in {v.demand for v in violations} & ignored(solve)]
     if unseen:
         others = [other for other in PLANNERS if other != name]
-        reason += f"; '{name}' does not look at {', '.join(unseen)}" + f", try {', '.join(others)}" * bool(others)
+        reason += f"; '{name}' ignores {', '.join(unseen)}" + f", try {', '.join(others)}" * bool(others)
     return reason
 
 

@@ -1,4 +1,4 @@
-"""The planners by name: built in, brought by installed packages, or by a file of somebody's own."""
+"""The planners by name: built in, from installed packages, or from a user's file."""
 
 from __future__ import annotations
 

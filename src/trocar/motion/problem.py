@@ -24,7 +24,7 @@ SETTINGS = (
     "waypoint_tolerance_rad",
 )
 SAME_PLACE_M = 1e-3
-"""Remote centres closer than this belong to arms of which nobody said where they stand."""
+"""Remote centres closer than this belong to arms whose place was not given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class MotionProblem:
     Attributes:
         arms: what each arm is asked, by name.
         others: arms that are not asked, by name: they rest or follow a known trajectory. Their clock starts with
-            the plan's, so that one that is under way already has a ``start_s`` below 0.
+            the plan's, so that one that is already running has a ``start_s`` below 0.
         obstacles: what stands still in the world, by name.
         min_distance_m: to keep between the parts of different arms, and to obstacles.
         range_slack: share of each joint's range by which it may be left, for recordings of arms whose real
@@ -78,7 +78,7 @@ class MotionProblem:
         names = [*self.arms, *self.others, *self.obstacles]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise TrocarError(f"two things are called {', '.join(twice)}; give arms and obstacles names of their own")
+            raise TrocarError(f"two things are called {', '.join(twice)}; give arms and obstacles distinct names")
         for name, arm in self.arms.items():
             try:
                 arm.require_ranges(self.range_slack)
@@ -97,7 +97,7 @@ class MotionProblem:
         centers = {name: arm.T_world_base.translation_m for name, arm in (*self.arms.items(), *self.others.items())}
         for a, b in combinations(centers, 2):
             if np.linalg.norm(centers[a] - centers[b]) < SAME_PLACE_M:
-                raise TrocarError(f"arms '{a}' and '{b}' share one remote centre; say where each T_world_base is")
+                raise TrocarError(f"arms '{a}' and '{b}' share one remote centre; give each its own T_world_base")
 
     def resolved(self) -> MotionProblem:
         """Return the same with all goals as waypoints, as planners get it.

@@ -54,7 +54,7 @@ def relaxed(problem: MotionProblem) -> dict[str, TimedPath]:
     ``straight_tolerance_m`` and ``_rad``, and over the free piece it is never lower than the lower inner waypoint less
     ``waypoint_tolerance_m``. The first motion is that of 'optimal'; the programmes settle after two or three.
 
-    Where there is nothing to gain from (no tolerance, a start under way, waypoints other than a lift and a lowering
+    Where there is nothing to gain from (no tolerance, a moving start, waypoints other than a lift and a lowering
     along ``up`` or one of them), it answers what 'optimal' does.
     """
     exact = optimal(problem)
@@ -66,7 +66,7 @@ class _Clearance:
     """Where the tip may be.
 
     Attributes:
-        arm: what it is asked.
+        arm: its waypoints and constraints.
         lifts: whether the first piece is a straight one along ``up``.
         lowers: whether the last one is.
         tips: (n,) poses at the waypoints.

@@ -70,7 +70,7 @@ class _Refinement:
     """One arm's motion, to be refined.
 
     Attributes:
-        arm: what it is asked.
+        arm: its waypoints and constraints.
         problem: with the tolerances.
     """
 

@@ -29,7 +29,7 @@ def tip_speeds_m_s(arm: ArmMotion, q: Array, velocity: Array) -> Array:
 def tip_use(arm: ArmMotion, motion: Trajectory) -> tuple[float, float]:
     """Return the greatest speed of the tip (m/s), and how far it faces aside at most (rad), at 50 Hz and at all knots.
 
-    Each is 0 where the arm is not asked to heed it.
+    Each is 0 if the arm has no such constraint.
     """
     if arm.max_tip_m_s == inf and arm.facing is None:
         return 0.0, 0.0

@@ -40,7 +40,7 @@ def sag_m(arm: ArmMotion, path: TimedPath, piece: int) -> float:
 def passed_over(arm: ArmMotion) -> list[int]:
     """Return the pieces on which the tip must not sag where waypoints have a tolerance.
 
-    These are all that are not straight and have an inner waypoint; not the first one of a start under way.
+    These are all that are not straight and have an inner waypoint; not the first one of a moving start.
     """
     last = len(arm.waypoints) - 2
     if not last:

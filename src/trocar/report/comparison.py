@@ -15,7 +15,7 @@ from trocar.report.statistics import session_posterior
 EXACT_UP_TO = 1 << 14
 """Sign patterns that are counted all; of more sessions so many are drawn."""
 DRAWS = 10_000
-"""So often sessions are drawn anew for the interval of a ratio."""
+"""How often sessions are resampled for the interval of a ratio."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def ratio_estimate(values: Pairs) -> Estimate | None:
 def ratio_of_ratios(first: Pairs, second: Pairs) -> Estimate | None:
     """Return one ratio of sums over another's, of the sessions that both have; None where that cannot be divided.
 
-    The 95 % interval is that of the percentiles when sessions are drawn anew with replacement, the same ones for both.
+    The 95 % interval is that of the percentiles when sessions are resampled with replacement, the same ones for both.
     With few sessions it is somewhat narrow. Draws in which nothing can be divided are left out.
 
     Args:

@@ -110,7 +110,7 @@ def _pictures(
         said = next((text for name, text in report.captions.items() if path.stem.startswith(name)), path.stem)
         found.append(Picture(path, f"Chart: {said}", said))
     chart = draw_timechart(first, folder / "timechart.png", title=f"Time chart, {what}")
-    said = f"What took the time in {place}: a row for each {first.piece} and arm, a bar for each thing that was done"
+    said = f"Where the time went in {place}: a row for each {first.piece} and arm, a bar for each step"
     return found, Picture(chart, f"Chart: {said}", said)
 
 
@@ -125,7 +125,7 @@ def _place(trial: Trial) -> str:
 
 
 def draw_trial(trial: Trial, path: str | Path, title: str = "", report: TaskReport | None = None) -> Path:
-    """Draw what is worth a picture in a trial as a storyboard, and return its path.
+    """Draw the telling moments of a trial as a storyboard, and return its path.
 
     Raises:
         TrocarError: there is no simulator here, whose rays draw the pictures.

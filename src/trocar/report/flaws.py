@@ -14,7 +14,7 @@ def brief_flaws(flaws: Mapping[str, str]) -> str:
         flaws: as ``summary.json`` has them, with the difficulty's level and the flaws that were given sizes.
     """
     level, *named = flaws["difficulty"].split(", ")
-    said = [f"difficulty {level}" + (f" but for {', '.join(named)}" if named else "")]
+    said = [f"difficulty {level}" + (f" except for {', '.join(named)}" if named else "")]
     said += [f"{what} {how}" for what, how in flaws.items() if how == "switched off"]
     if FITTED_ON in flaws:
         said.append(f"{FITTED_ON} {flaws[FITTED_ON]}")

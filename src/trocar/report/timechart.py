@@ -32,7 +32,7 @@ SIZE_IN, ROW_IN = (9.0, 1.3), 0.24
 LONG = 20
 """Six labels of so many letters have room beside each other."""
 OVERLAP = 0.25
-"""Less than this share of a part's time in something else is not worth a word."""
+"""Less than this share of a part's time in something else is not mentioned."""
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 

@@ -78,7 +78,7 @@ class Adaptive(Calibrated):
     """A robot whose cables are compensated by models that start from a prior and learn from looks at the instrument.
 
     An agent notes the :meth:`moment` of an image, has it fitted, and hands in what it showed (:meth:`saw`). It may then
-    have the cables fitted anew (:meth:`learned`) and, when the arm rests, use them (:meth:`adopt`); or correct an arm
+    have the cables fitted again (:meth:`learned`) and, when the arm rests, use them (:meth:`adopt`); or correct an arm
     that still rests where the image was taken (:meth:`correct`).
 
     Args:
@@ -109,7 +109,7 @@ class Adaptive(Calibrated):
     def moment(self, arm: str) -> tuple[int, NDArray[np.float64]]:
         """Return the number of the last command up to now, and the joints (6,) there.
 
-        Those of the wrist are where the model believes them, the outer ones where they are commanded: looks are
+        Those of the wrist are where the model estimates them, the outer ones where they are commanded: looks are
         compared by how the instrument is shifted against these.
         """
         past, sent = self._pasts[arm], self._robot.setpoint(arm)
@@ -140,7 +140,7 @@ class Adaptive(Calibrated):
         self._take(arm, knowledge.cables.model)
 
     def spread(self, arm: str) -> NDArray[np.float64] | None:
-        """Return the SDs (3,) of the wrist's joints about where they are believed, rad; None: nothing is learned."""
+        """Return the SDs (3,) of the wrist's joints about their estimates, rad; None: nothing is learned."""
         known = self._known.get(arm)
         if known is None:
             return None
@@ -151,7 +151,7 @@ class Adaptive(Calibrated):
         """Correct an arm that rests where it was seen, as far as the image is surer than the model.
 
         The correction holds until something is adopted; what was seen then speaks with all other looks. An image that
-        contradicts the model more than both can be wrong is not believed.
+        contradicts the model by more than both can explain is rejected.
 
         Returns:
             whether it was believed.
@@ -175,7 +175,7 @@ class Adaptive(Calibrated):
     def _take(self, arm: str, model: PlayModel) -> None:
         sent, past = self._robot.setpoint(arm), self._pasts[arm]
         if sent.moving:
-            raise TrocarError(f"arm {arm!r} moves; its cables cannot be taken for others before it rests")
+            raise TrocarError(f"arm {arm!r} is moving; its cable model can be replaced only at rest")
         past.keep(self._paths.get(arm), sent)
         path = np.concatenate(past.commands)
         self._rested[arm] = CableMemory(model, model.remember(model.start(path[0]), path), path[-1])

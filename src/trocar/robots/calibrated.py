@@ -24,7 +24,7 @@ CLIPPED = 5e-3
 RANGE_GUARD = 5e-3
 """Corrected commands keep this far (rad, m) inside the joints' ranges."""
 BELIEVED = 1e-3
-"""Where the model expects the joints further (rad, m) from the end of their motion than this, it is believed."""
+"""Where the model expects the joints further (rad, m) from the end of their motion than this, its estimate is used."""
 ENDED_S = 1e-6
 """A motion whose time is this close to its end has come to it."""
 BUDGET_S = 0.05
@@ -117,7 +117,7 @@ class Calibrated:
         self._resting: dict[str, tuple[CommandPath | None, NDArray[np.float64], NDArray[np.float64]]] = {}
 
     def read(self, arm: str) -> JointReading:
-        """Return the encoders' state with the joints where the model believes they are."""
+        """Return the encoders' state with the joints as the model estimates them."""
         reading = self._robot.read(arm)
         if arm not in self._rested:
             return reading
@@ -126,7 +126,7 @@ class Calibrated:
     def setpoint(self, arm: str) -> SetPoint:
         """Return what the true joints are told now.
 
-        Of an arm that was stopped on its way it is where the model believes the joints: there it rests, and while a
+        For an arm that was stopped on its way it is where the model estimates the joints: there it rests, and while a
         cable's slack is being crossed that may be some way from where they were asked to be.
         """
         sent = self._robot.setpoint(arm)
@@ -146,7 +146,7 @@ class Calibrated:
         return None if path is None else path.desired
 
     def _believed(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
-        """Return where (6,) the model believes the joints; at rest it is asked once."""
+        """Return where (6,) the model estimates the joints to be; at rest it is evaluated once."""
         known = self._resting.get(arm)
         if known is not None and known[0] is self._paths.get(arm) and np.array_equal(known[1], sent.q):
             return known[2]
@@ -190,7 +190,7 @@ class Calibrated:
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Find the commands of motions that come next, so that ``move`` starts them at once.
 
-        Of an arm under way they are found for where its motion will have ended.
+        For a moving arm they are found for where its motion will have ended.
 
         Raises:
             TrocarError: as ``move``.
@@ -302,7 +302,7 @@ class Calibrated:
 
 
 def _not_started(reason: str) -> Execution:
-    """Return what is told of a motion that was held before it began."""
+    """Return the result of a motion that was held before it began."""
     return Execution(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), Ended.HELD, reason)
 
 

@@ -34,7 +34,7 @@ class _Jaw:
 
 @dataclass
 class _Ticket:
-    """What somebody who waits for a motion gets to know: how it ended, and the row behind its last."""
+    """What a script that waits for a motion learns: how it ended, and the row after its last."""
 
     ended: tuple[Ended, str] = (Ended.DONE, "")
     last: int = 0
@@ -43,7 +43,7 @@ class _Ticket:
 
 @dataclass
 class _Arm:
-    """One arm: what it is told, and who waits for it."""
+    """One arm: what it is commanded, and who waits for it."""
 
     model: ArmModel
     limits: MotionLimits
@@ -94,7 +94,7 @@ class Driver:
         return self._arm(arm).reading
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return what the arm is told now."""
+        """Return what the arm is commanded now."""
         playback, now = self._arm(arm).playback, self._now_s()
         q, velocity, path_s, rate, on_path = playback.now(now)
         return SetPoint(now, q, velocity, playback.moving, path_s, rate, on_path)
@@ -154,7 +154,7 @@ class Driver:
             if jaw.arrived is arrived:
                 jaw.goal_rad = jaw.rad
             raise
-        ended = jaw.ended if jaw.arrived is arrived else (Ended.REPLACED, "the jaws were sent elsewhere")
+        ended = jaw.ended if jaw.arrived is arrived else (Ended.REPLACED, "the jaws were given another target")
         if ended[0] is Ended.DONE:
             await trio.sleep(JAW_REST_S)
         return self._execution(arm, first, len(self._times), ended)

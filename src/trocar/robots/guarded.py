@@ -51,7 +51,7 @@ class Belief(Protocol):
     """Who compensates an arm's cables, and so knows where its commands lead."""
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return where the joints are believed to be."""
+        """Return where the joints are estimated to be."""
         ...
 
     def expected(self, arm: str) -> Trajectory | None:
@@ -74,8 +74,9 @@ class Guarded:
         note: called as ``note("guard", arm=..., ...)`` with what was changed.
 
     Attributes:
-        belief: who compensates the cables. Distances between arms are watched where the joints are believed to be:
-            a command differs from that by the cables' errors, at the tip by millimetres. None: commands are believed.
+        belief: who compensates the cables. Distances between arms are checked where the joints are estimated to be:
+            a command differs from that by the cables' errors, at the tip by millimetres. None: commands are taken at
+            face value.
     """
 
     def __init__(
@@ -117,7 +118,7 @@ class Guarded:
         """Let trajectories take over; one that starts moving cannot be slowed down and is refused if it is too fast.
 
         Raises:
-            TrocarError: a motion leaves what is allowed; what was under way goes on then.
+            TrocarError: a motion leaves what is allowed; the current motion then goes on.
         """
         return await self._driver.replace(self._allowed(motions, replaces=True))
 
@@ -260,7 +261,7 @@ class Guarded:
         if (kick > 0).any():
             joint = guard.model.joints[int(np.argmax(kick / guard.limits.acceleration))]
             raise TrocarError(
-                f"the motion of arm {name!r} starts with a leap in the velocity of joint {joint.name!r}; start it with "
+                f"the motion of arm {name!r} starts with a jump in the velocity of joint {joint.name!r}; start it with "
                 "the velocity of its set-point"
             )
         require_range(guard.model, trajectory)

@@ -1,4 +1,4 @@
-"""What a camera saw of an arm's instrument, put together to a recording on which its cables can be fitted."""
+"""What a camera saw of an arm's instrument, combined into a recording to which its cables can be fitted."""
 
 from __future__ import annotations
 

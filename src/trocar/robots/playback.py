@@ -59,7 +59,7 @@ class Playback:
 
     @property
     def moving(self) -> bool:
-        """Return whether a motion is under way, or its braking."""
+        """Return whether a motion, or its braking, is running."""
         return self._motion is not None
 
     @property
@@ -109,7 +109,7 @@ class Playback:
         return motion.ended, motion.reason
 
     def freeze(self, now_s: float) -> None:
-        """Be at rest at once, where the motion is: nobody follows the set-points any more."""
+        """Be at rest at once, where the motion is: nothing follows the set-points any more."""
         q, _, path_s, _, on_path = self.now(now_s)
         self._rest, self._path, self._motion = q, (path_s, on_path), None
 

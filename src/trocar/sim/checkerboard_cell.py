@@ -85,7 +85,7 @@ class CheckerboardCell:
         seen_by = station.cameras[camera]
         if not isinstance(seen_by.model, StereoRig):
             raise TrocarError(
-                f"camera {camera!r} of station {station.name!r} is no stereo pair, which a checkerboard needs; "
+                f"camera {camera!r} of station {station.name!r} is not a stereo pair, which a checkerboard needs; "
                 "name another camera"
             )
         self._rig, self._T_world_camera = seen_by.model, seen_by.T_world_camera

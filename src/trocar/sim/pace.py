@@ -1,4 +1,4 @@
-"""How fast the clock of a simulated cell runs: as fast as it can, with the wall's, or as somebody outside says."""
+"""How fast the clock of a simulated cell runs: as fast as possible, with the wall clock, or stepped from outside."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class RealTime:
 
 
 class Stepping:
-    """A simulated cell that somebody outside steps: Gymnasium, a server, a person at a console.
+    """A simulated cell that is stepped from outside: Gymnasium, a server, a person at a console.
 
     The cell and its scripts run in a thread that moves only while :meth:`step` waits for it, so that the
     outcome does not depend on the machine. Use it as a context manager.

@@ -30,7 +30,7 @@ def record_motion(
 
     The joints are those of the cell's drive train at rest after each step of .8 s; the servos' error at rest
     is below a thousandth of the cables' and left out (tested). Tracking the fiducials in images is not simulated:
-    their noise is the recordings'. Before its first sample the wrist swings to and fro, which takes up the slack;
+    their noise is the recordings'. Before its first sample the wrist swings back and forth, which takes up the slack;
     those rows are commands without a measurement.
 
     Args:

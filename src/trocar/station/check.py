@@ -48,7 +48,7 @@ def require_reach(station: Station) -> None:
     """Raise TrocarError where an arm cannot rest, or work lies beyond the arms: no session can be drawn there."""
     wrong = [*_resting(station)[1], *_out_of_reach(station)]
     if wrong:
-        raise TrocarError(f"station {station.name!r}: {wrong[0]} (`trocar station check` says all that is wrong)")
+        raise TrocarError(f"station {station.name!r}: {wrong[0]} (`trocar station check` lists all problems)")
 
 
 def _resting(station: Station) -> tuple[dict[str, NDArray[np.float64]], list[str]]:

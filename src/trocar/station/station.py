@@ -39,7 +39,7 @@ class StationArm:
         park_jaw_rad: opening of its jaws there.
         workspace_m: (2, 3) corners in the world of the box that its tip may not leave; None: no box.
         calibration: where the motion of a calibration recording goes; None: the task says.
-        T_world_base_registered: where a registration found the base; None: each session finds it anew.
+        T_world_base_registered: where a registration found the base; None: each session finds it again.
     """
 
     model: ArmModel
@@ -88,7 +88,7 @@ class StationCamera:
         flaws: what the sensor does wrong.
         gain: of the exposure: what is near the lamp wants less.
         ambient: light of the room that comes from everywhere, as a share of the lamp's at .6 m.
-        T_world_camera_registered: where a registration found it; None: each session finds it anew.
+        T_world_camera_registered: where a registration found it; None: each session finds it again.
         rig_registered: the lenses of a pair as a calibration found them; None: as they are.
     """
 

@@ -1,4 +1,4 @@
-"""Tables of a TOML file: every key is asked for, and checked; what nobody asked for is unknown."""
+"""Tables of a TOML file: every key is read and checked; a key that is not read is unknown."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Table:
         """Return a text that is not empty."""
         value = self._get(key, default)
         if not isinstance(value, str) or not value.strip():
-            raise TrocarError(f"{self.where}.{key} is {value!r}; give a text")
+            raise TrocarError(f"{self.where}.{key} is {value!r}; give a string")
         return value
 
     def choice(self, key: str, choices: tuple[str, ...], default: str | None = None) -> str:
@@ -107,7 +107,7 @@ class Table:
         return {str(name): Table(value, f"{table.where}.{name}") for name, value in table._values.items()}
 
     def close(self) -> None:
-        """Refuse keys that nobody asked for."""
+        """Refuse keys that were not read."""
         unknown = [key for key in self._values if key not in self._asked]
         if unknown:
             known = ", ".join(dict.fromkeys(self._asked))
@@ -120,7 +120,7 @@ def box(table: Table, key: str) -> NDArray[np.float64] | None:
         return None
     corners = 1e-3 * table.rows(key, 2, 3)
     if not (corners[0] < corners[1]).all():
-        raise TrocarError(f"{table.where}.{key} is no box; give [lower corner, upper corner], lower < upper")
+        raise TrocarError(f"{table.where}.{key} is not a box; give [lower corner, upper corner], lower < upper")
     return corners
 
 
@@ -130,7 +130,7 @@ def pose(table: Table) -> SE3:
     if table.has("rotation"):
         given = table.rows("rotation", 3, 3)
         if np.abs(given @ given.T - np.eye(3)).max() > RIGID or np.linalg.det(given) < 0:
-            raise TrocarError(f"{table.where}.rotation is no rotation; give three orthonormal rows, determinant +1")
+            raise TrocarError(f"{table.where}.rotation is not a rotation; give three orthonormal rows, determinant +1")
         u, _, vt = np.linalg.svd(given)
         turn = SO3.unchecked(u @ vt)
     else:

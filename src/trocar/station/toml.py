@@ -85,7 +85,7 @@ def read_station(text: str, where: str = "the station") -> Station:
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise TrocarError(f"{where} is not TOML: {error}; mend that line") from None
+        raise TrocarError(f"{where} is not TOML: {error}; correct that line") from None
     top = Table(values, where)
     station = Station(
         name=top.text("name"),

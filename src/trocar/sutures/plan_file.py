@@ -178,7 +178,7 @@ def _pose(value: object, where: str) -> SE3:
     off = max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(matrix[3] - [0, 0, 0, 1]).max())
     if not off <= RIGID or np.linalg.det(R) < 0:
         raise TrocarError(
-            f"{where} is no rigid pose; give a rotation in its first three rows and columns, and 0, 0, 0, 1 below"
+            f"{where} is not a rigid pose; give a rotation in its first three rows and columns, and 0, 0, 0, 1 below"
         )
     return SE3(matrix)
 

@@ -59,7 +59,7 @@ class RunConfig:
             fitted on a minute of wide swings, not on a long recording.
         planner: of the motions; empty: the method's.
         perception: what agents see with; empty: the method's.
-        sessions: how many days are drawn, each registered and calibrated anew.
+        sessions: how many days are drawn, each registered and calibrated separately.
         trials: in each session.
         seed: of everything random.
         new_session: mount the instruments again between calibration and trials.

@@ -134,10 +134,10 @@ def load_trial(path: str | Path) -> Trial:
     folder = path.absolute().parent.parent
     run = _recorded_fingerprint(folder)
     if run and trial.about["fingerprint"] != run:
-        raise TrocarError(f"{str(path)!r} is of another run than the folder in which it lies; give one of that run")
+        raise TrocarError(f"{str(path)!r} belongs to another run than its folder; give one of that run")
     if run and trial_file(folder, *_place(trial.about)) != path.absolute():
         session, index = _place(trial.about)
-        raise TrocarError(f"{str(path)!r} is session {session}, trial {index} under another name; give one of its own")
+        raise TrocarError(f"{str(path)!r} is session {session}, trial {index} under another name; give it its own name")
     return trial
 
 
@@ -151,15 +151,15 @@ def asked(folder: str | Path) -> tuple[int, int] | None:
 
 
 def still_to_do(folder: str | Path, done: int) -> list[str]:
-    """Return a sentence where a run has fewer trials than it was asked for, so that nobody takes it for the whole."""
+    """Return a sentence where a run has fewer trials than it was asked for, so that it does not pass for the whole."""
     record = asked(folder)
     if record is None:
-        return [f"{str(Path(folder) / RECORD)!r} cannot be read: nobody knows how many trials the run has"]
+        return [f"{str(Path(folder) / RECORD)!r} cannot be read, so the run's number of trials is unknown"]
     sessions, trials = record
     if done >= sessions * trials:
         return []
     wanted = counted(sessions * trials, "trial")
-    return [f"{done} of the run's {wanted} are there; the command that began it does the others"]
+    return [f"{done} of the run's {wanted} exist; the command that started it does the rest"]
 
 
 def _place(about: dict[str, Any]) -> tuple[int, int]:
@@ -213,7 +213,7 @@ def _recorded(record: Path) -> dict[str, Any]:
         found = None
     if not isinstance(found, dict):
         raise TrocarError(
-            f"{str(record)!r} is damaged, so that nobody knows whose trials lie beside it; choose another folder with "
+            f"{str(record)!r} is damaged, so it is unknown whose trials lie beside it; choose another folder with "
             "--out, or move it away if they are of this run"
         )
     return found

@@ -135,8 +135,8 @@ def _play(laboratory: SimLaboratory, agent: Agent, budget_s: float) -> tuple[str
     except (TrocarError, OSError) as error:  # refused by the guard, or a device that does not answer
         return FAULT, str(error)
     except SystemExit as error:
-        return FAULT, f"the script wanted to end the program (exit code {error.code})"
-    return (DONE, "") if in_time else (OUT_OF_TIME, f"the script was not done after {budget_s:g} s")
+        return FAULT, f"the script tried to exit the program (exit code {error.code})"
+    return (DONE, "") if in_time else (OUT_OF_TIME, f"the script had not finished after {budget_s:g} s")
 
 
 def plain(settings: Any) -> Any:

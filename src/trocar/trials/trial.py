@@ -185,7 +185,7 @@ class Trial:
                 wall_s=wall_s,
             )
         except (KeyError, TypeError, ValueError, AttributeError):
-            raise TrocarError(f"{str(path)!r} is no readable {FORMAT}; run that trial again") from None
+            raise TrocarError(f"{str(path)!r} is not a readable {FORMAT}; run that trial again") from None
         _check(trial, path)
         return trial
 
@@ -195,7 +195,7 @@ def trial_about(path: str | Path) -> dict[str, Any]:
     try:
         return _note(read_header(path, FORMAT, VERSION).get("about"), ABOUT)
     except TypeError:
-        raise TrocarError(f"{str(path)!r} is no readable {FORMAT}; run that trial again") from None
+        raise TrocarError(f"{str(path)!r} is not a readable {FORMAT}; run that trial again") from None
 
 
 def timing_file(path: str | Path) -> Path:

@@ -59,7 +59,7 @@ class Processes:
     def open(self) -> Iterator[Executor]:
         """Return a pool; a worker that is killed breaks it, and another one is opened.
 
-        After Ctrl-C it waits for the units under way; a second Ctrl-C kills the workers.
+        After Ctrl-C it waits for the units that are running; a second Ctrl-C kills the workers.
         """
         context = multiprocessing.get_context("spawn")  # a fork would copy the progress bar's threads and their locks
         pool = ProcessPoolExecutor(
@@ -77,7 +77,7 @@ class Processes:
 
 
 def _left_alone() -> None:
-    """Leave Ctrl-C to the process that hands out the work: a trial under way is finished and kept."""
+    """Leave Ctrl-C to the process that hands out the work: a running trial is finished and kept."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

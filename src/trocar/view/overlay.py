@@ -39,7 +39,7 @@ def with_overlay(page: str, replay: Replay, film: Film) -> str:
     title = escape(replay.title)
     block = (
         f'<div id="trocar"><h1>{title}</h1><ul>{"".join(entries)}</ul>'
-        f"<p>{film.rate_hz:g} frames a second. {NOTICE}</p></div>"
+        f"<p>{film.rate_hz:g} frames per second. {NOTICE}</p></div>"
     )
     page = page.replace("<title>Viser</title>", f"<title>{title}</title>", 1)
     page = page.replace("<head>", f'<head><meta http-equiv="Content-Security-Policy" content="{POLICY}">', 1)

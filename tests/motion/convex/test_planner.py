@@ -172,7 +172,7 @@ def test_a_moving_start_is_refused_in_one_sentence():
     problem = asked(across())
     moving = replace(problem.arms["left"], start_velocity=np.full(6, 1e-3))
     reason = plan_motion(replace(problem, arms={**problem.arms, "left": moving}), "convex").reason
-    assert "'left' is under way at the start; 'convex' plans from rest" in reason
+    assert "'left' is already moving at the start; 'convex' plans from rest" in reason
 
 
 def test_the_same_question_has_the_same_answer():

@@ -155,7 +155,7 @@ def test_a_parquet_file_of_somebody_else_is_not_replaced_and_its_own_is_however_
 
 def test_without_pyarrow_one_sentence_says_what_to_do(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(TrocarError, match=r"--format parquet needs pyarrow; .*\[parquet\].*, or take csv"):
+    with pytest.raises(TrocarError, match=r"--format parquet needs pyarrow; .*\[parquet\].*, or use csv"):
         export_trials([short_trial()], tmp_path / "tables", "parquet")
     assert not (tmp_path / "tables").exists()
     assert set(FORMATS) == {"csv", "parquet"}

@@ -153,7 +153,7 @@ def test_an_option_that_every_run_has_is_refused():
     class Seeded(Knitting):
         seed: int = option(0, "Mine.")
 
-    with pytest.raises(TrocarError, match="option 'seed' of task 'knitting' is one of every run"):
+    with pytest.raises(TrocarError, match="option 'seed' of task 'knitting' is already an option of every run"):
         run_command(Seeded)
 
 
@@ -267,7 +267,9 @@ def test_by_default_the_first_arm_works_where_the_station_is_and_as_it_says():
     assert task.at(station) is station and task.known() is None
     assert task.working_arms(station) == ("psm1",)
     assert task.calibration(station, "psm1") is PSM1_BOX
-    with pytest.raises(TrocarError, match="does not say where arm 'left' moves to be calibrated; add 'calibration'"):
+    with pytest.raises(
+        TrocarError, match="does not define where arm 'left' moves during calibration; add 'calibration'"
+    ):
         task.calibration(load_station("raven-pair"), "left")
 
 

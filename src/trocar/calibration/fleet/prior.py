@@ -113,7 +113,7 @@ class FleetPrior:
         """Write the prior to an ``.npz`` file: what was fitted to each recording."""
         path = Path(path)
         if path.suffix != ".npz":
-            raise TrocarError(f"prior {str(path)!r} must end in .npz; choose such a name")
+            raise TrocarError(f"prior {str(path)!r} must end in .npz; choose another name")
         header = {"format": FORMAT, "version": VERSION, "sources": list(self.sources)}
         arrays = {name: np.array([getattr(fit, name) for fit in self.fits]) for name in _SHAPES}
         return Archive(header, arrays).save(path)
@@ -141,7 +141,7 @@ def _load(path: Path) -> FleetPrior:
         if len(sources) != len(arrays["left"]):
             raise TrocarError(f"it names {len(sources)} recordings and has fits to {len(arrays['left'])}")
         if (arrays["left"] <= 0).any():
-            raise TrocarError("'left' holds what is no variance")
+            raise TrocarError("'left' holds values that are not variances")
         fits = [LoopFit(name, *(arrays[key][k] for key in _SHAPES)) for k, name in enumerate(sources)]
         return FleetPrior.of(fits)
     except TrocarError as error:

@@ -148,6 +148,6 @@ def shaped(arrays: Arrays, **shapes: tuple[int | str, ...]) -> dict[str, NDArray
         # a column that never moved has an endless scale, and so no weight
         known = value[value != np.inf] if name.endswith("scale") else value
         if value.dtype.kind not in "biuf" or not np.isfinite(known).all() or np.abs(known).max(initial=0.0) > MAX_VALUE:
-            raise TrocarError(f"{name!r} holds what is no number of a model")
+            raise TrocarError(f"{name!r} holds numbers that no model can have")
         found[name] = value
     return found

@@ -1,4 +1,4 @@
-"""Cable models in files: nothing in one is believed before it is checked."""
+"""Cable models in files: nothing in a file is trusted before it is checked."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def save_model(model: CableModel, path: str | Path, fingerprint: str = "") -> Pa
     """
     path = Path(path)
     if path.suffix != ".npz":
-        raise TrocarError(f"model file {str(path)!r} must end in .npz; choose such a name")
+        raise TrocarError(f"model file {str(path)!r} must end in .npz; choose another name")
     training = model.training
     header = {"format": FORMAT, "version": VERSION, "name": model.name, "rows": training.rows, "run": fingerprint}
     motion = {f"training_{key}": getattr(training, key) for key in ("interval", "lower", "upper")}

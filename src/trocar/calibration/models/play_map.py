@@ -105,7 +105,7 @@ class PlayMap:
         )
         inputs, scale = own["map_inputs"], own["map_scale"]
         if inputs.dtype.kind not in "iu" or ((inputs < 0) | (inputs >= features)).any() or (scale <= 0).any():
-            raise TrocarError("'map_inputs' or 'map_scale' are none")
+            raise TrocarError("'map_inputs' or 'map_scale' are not valid")
         return cls(**{key: own[f"map_{key}"] for key in cls.__dataclass_fields__})
 
 

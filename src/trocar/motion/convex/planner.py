@@ -33,7 +33,9 @@ def convex(problem: MotionProblem) -> dict[str, TimedPath]:
     """
     for name, arm in problem.arms.items():
         if arm.moves:
-            raise TrocarError(f"'{name}' is under way at the start; 'convex' plans from rest, let the arm rest first")
+            raise TrocarError(
+                f"'{name}' is already moving at the start; 'convex' plans from rest, let the arm rest first"
+            )
     scene = Scene.of(problem)
     search = Search(problem, scene)
     timing = search.plain()

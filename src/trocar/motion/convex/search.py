@@ -40,7 +40,7 @@ TRUST_RAD, TRUST_M = 0.35, 0.05
 ACCEPTED = 0.1
 """Share of what a step promised that it must keep to be taken."""
 KEPT_M = 2e-5
-"""What a path may break its margins by and still be worth certifying."""
+"""How far a path may violate its margins and still be passed on for certification."""
 WAITS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of the time until all other arms rest by which a motion may start later, where others move."""
 FAR_ROUND, SAVED, SHORTER = 1.3, 0.97, 10

@@ -50,7 +50,7 @@ class Measured:
         q: (n, 6) joints, NaN where they could not be found.
         flags: (n,) of each row: 'good' or what is the matter.
         distance_rms_m: of the distances between spheres of one part against those printed.
-        p_camera_m: (n, k, 3) the centres that were believed; else NaN.
+        p_camera_m: (n, k, 3) the accepted centres; else NaN.
     """
 
     hand_eye: HandEye
@@ -151,7 +151,7 @@ def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArr
 
 
 def _flag(fixture: Fixture, seen: NDArray[np.bool_]) -> str:
-    """Return what is the matter with a row in which these spheres (k,) are believed."""
+    """Return what is wrong with a row in which these spheres (k,) are accepted."""
     if not seen.any():
         return NOTHING
     if not seen[fixture.on_shaft].any():

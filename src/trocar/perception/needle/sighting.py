@@ -27,7 +27,7 @@ WIDE_M = 5.0e-3
 """What is this near to the expected wire decides between what was found from several starts."""
 SURE_M, AWAY, FAR_AWAY = 0.8e-3, 1.5, 3.0
 """The search begins in several places where the wire's end is less sure than this (SD), so many SDs away from where it
-is expected; if it ends somewhere that does not explain what is seen, it begins anew still further away."""
+is expected; if it ends somewhere that does not explain what is seen, it starts again even further away."""
 ASIDE_M, UNEXPLAINED = 0.5e-3, 0.1
 """Pixels of steel within ``WIDE_M`` whose rays pass the wire so far aside show another place of it, as those of the
 floor do whose rays go through it. Where there are more of them than this share of those that show steel, the pose is

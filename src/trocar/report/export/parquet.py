@@ -15,7 +15,7 @@ def require_parquet() -> None:
     try:
         import pyarrow  # noqa: F401, PLC0415 - an extra, of 150 MB
     except ImportError:
-        raise TrocarError(f"--format parquet needs pyarrow; {how_to_install('parquet')}, or take csv") from None
+        raise TrocarError(f"--format parquet needs pyarrow; {how_to_install('parquet')}, or use csv") from None
 
 
 def write_parquet(table: FlatTable, path: str | Path) -> Path:

@@ -11,9 +11,9 @@ from trocar.report.tables import percent
 from trocar.station.difficulty import HARSH, HARSHER, MILD, RECORDED
 
 LEVELS = {
-    RECORDED: "The laboratory errs as much as recordings of real instruments show, or as assumed where there are none.",
-    MILD: "The laboratory errs less than recordings of real instruments show.",
-    HARSH: f"The laboratory errs {HARSHER:g} times as much as recordings of real instruments show.",
+    RECORDED: "The laboratory's errors are as large as in recordings of real instruments, or assumed where none exist.",
+    MILD: "The laboratory's errors are smaller than in recordings of real instruments.",
+    HARSH: f"The laboratory's errors are {HARSHER:g} times as large as in recordings of real instruments.",
 }
 
 
@@ -27,7 +27,7 @@ def assumed(summary: Mapping[str, Any], notes: Sequence[str]) -> list[str]:
     flaws = {str(what): str(how) for what, how in summary["flaws"].items()}
     difficulty = flaws.pop("difficulty", "")
     level, _, named = difficulty.partition(", ")
-    own = " The flaws named have sizes of their own." if named else ""
+    own = " The flaws named here have their own sizes." if named else ""
     told = [(what, how) for what, how in flaws.items() if ": " not in what]
     sized = [(*what.split(": ", 1), how) for what, how in flaws.items() if ": " in what]
     rows = [(name, how, about) for name, about, how in sized]
@@ -64,7 +64,7 @@ def reproduced(summary: Mapping[str, Any], command: str) -> list[str]:
             f"velocity {percent(use['velocity'])}, acceleration {percent(use['acceleration'])}",
         ),
     ]
-    said = "The same command with the same versions makes the same trials, byte for byte; times of computations differ."
+    said = "The same command with the same versions makes the same trials, byte for byte; computation times differ."
     if "FILE" in command.split():
         said += " FILE stands for a file that was given."
     return [f"<pre><code>{escape(command)}</code></pre>", paragraph(said), table(("what", "value"), rows, compact=True)]

@@ -41,7 +41,7 @@ def headline(summary: Mapping[str, Any]) -> str:
         (
             "complete trials",
             f"{summary['complete_trials']} of {summary['trials']}",
-            f"in which every {piece} was done",
+            f"in which every {piece} succeeded",
         ),
     )
     inside = "".join(

@@ -29,7 +29,7 @@ class RunReport:
     Attributes:
         summary: keys as in ``summary.json``.
         compared: tables of the run beside the paper.
-        goals: tables of what became of goals and trials.
+        goals: tables of the outcomes of goals and trials.
         failures: how often each failure occurred.
         failed: all goals that were not reached.
         failed_pictures: of some of them.
@@ -119,8 +119,8 @@ def _replay(path: Path, run: RunReport) -> list[str]:
         return []
     return [
         f"<figure><iframe class=screen src={REPLAY} loading=lazy title='3D replay of {escape(run.shown)}'></iframe>"
-        f'<figcaption>{escape(run.shown.capitalize())} in 3D; drag to turn, scroll to come closer. <a href="{REPLAY}">'
-        f"{REPLAY}</a> lies beside this page.</figcaption></figure>"
+        f'<figcaption>{escape(run.shown.capitalize())} in 3D; drag to rotate, scroll to zoom. <a href="{REPLAY}">'
+        f"{REPLAY}</a> is next to this page.</figcaption></figure>"
     ]
 
 

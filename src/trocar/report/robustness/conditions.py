@@ -118,7 +118,7 @@ def _numbers(text: str) -> list[float]:
         numbers = []
     if not numbers or not all(0.0 <= number <= MOST_SCALE for number in numbers):
         raise TrocarError(
-            f"--scales {text!r} holds no sizes; give numbers of 0 to {MOST_SCALE:g} with commas, times what was "
+            f"--scales {text!r} holds no sizes; give numbers from 0 to {MOST_SCALE:g} with commas, times what was "
             "recorded, as in '0,1,2,4'"
         )
     if len(set(numbers)) < len(numbers):

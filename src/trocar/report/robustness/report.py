@@ -11,9 +11,9 @@ from trocar.report.robustness.curves import draw_curves
 from trocar.report.robustness.results import Result
 
 NOTES = (
-    "intervals of 95 %, over sessions: success beta-binomial, collisions Student's t; all conditions met the same "
+    "intervals of 95 %, over sessions: success beta-binomial, collisions Student's t; all conditions had the same "
     "sessions and scenes",
-    "goals reached are counted of all goals: a block that an earlier transfer lost counts as one that was not moved",
+    "goals reached are counted out of all goals: a block lost in an earlier transfer counts as one that was not moved",
     "a dotted line is the size that recordings show, or that is assumed (docs/simulator.md)",
 )
 

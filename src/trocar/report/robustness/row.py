@@ -9,7 +9,7 @@ from trocar.trials import Trial
 from trocar.trials.rows import kept_row
 
 VERSION = 1
-"""Of rows: a change makes kept ones anew."""
+"""Version of rows: a change causes stored ones to be made again."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ CREEP_TIME_S = 300.0
 
 
 class Transmission(Protocol):
-    """What an instrument's drive does to the joints, as it is drawn anew for every session."""
+    """What an instrument's drive does to the joints, as it is drawn again for every session."""
 
     @property
     def source(self) -> str:

@@ -52,7 +52,7 @@ def _columns(header: list[str], convention: Convention, path: Path) -> list[int]
         raise TrocarError(f"{str(path)!r} has no header; write the joints' names, or q1 to q6, into its first row")
     if len(set(header)) < len(header):
         twice = next(name for name in header if header.count(name) > 1)
-        raise TrocarError(f"{str(path)!r} has more than one column {twice!r}; give each a name of its own")
+        raise TrocarError(f"{str(path)!r} has more than one column {twice!r}; give each its own name")
     if convention.columns is not None:
         return [_column(header, column, path) for column in convention.columns]
     joint_names = [joint.name for joint in convention.arms[0].joints]

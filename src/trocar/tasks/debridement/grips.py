@@ -1,4 +1,4 @@
-"""Each closing of jaws round fragments, and what became of what they held: from truth alone."""
+"""Each closing of jaws round fragments, and what happened to what they held: from the truth alone."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def closings_of(truth: DebridementTruth) -> list[Closing]:
 
 
 def fate(truth: DebridementTruth, closing: Closing, fragment: int, meant_to_release: bool) -> tuple[str, int]:
-    """Return what became of a fragment that was gripped, and the row at which it left the jaws.
+    """Return what happened to a fragment that was gripped, and the row at which it left the jaws.
 
     Args:
         truth: what happened.
@@ -154,7 +154,7 @@ def _left(truth: DebridementTruth, held: NDArray[np.bool_], closing: Closing) ->
 
 
 def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int) -> str:
-    """Return what became of a fragment that was let go at the receptacle: judged when no finger touched it a while.
+    """Return what happened to a fragment that was let go at the receptacle: judged when no finger touched it a while.
 
     A charged one may cling to a finger for longer, and touches it now and then.
     """

@@ -60,7 +60,7 @@ class Debridement(Task):
     """Fragments of foam, scattered at random, into one receptacle, by one arm or by two at once."""
 
     arms: int = option(2, "How many arms work, 1 or 2; with 1 the other stays parked.", metavar="N")
-    fragments: int = option(6, f"How many fragments lie there, 1 to {MOST_FRAGMENTS}.", metavar="N")
+    fragments: int = option(6, f"How many fragments there are, 1 to {MOST_FRAGMENTS}.", metavar="N")
     backdrop: str = option("plain", "What the fragments lie on: a white surface, or a likeness of tissue.",
                            choices=BACKDROPS)  # fmt: skip
     budget_s: float = option(1800.0, "A trial that takes longer is stopped.", flag="budget", metavar="S")
@@ -72,7 +72,7 @@ class Debridement(Task):
     station = "raven-pair"
     methods: ClassVar = {
         "best": Method(
-            "joints' errors are remembered by place, few stops, 5 cm/s", settings=Lazy(f"{_SETTINGS}:best"), **_METHOD
+            "joint errors are remembered by place, few stops, 5 cm/s", settings=Lazy(f"{_SETTINGS}:best"), **_METHOD
         ),
         "best-1cm": Method("the same at the paper's 1 cm/s", settings=Lazy(f"{_SETTINGS}:slow"), **_METHOD),
         "paper": Method(

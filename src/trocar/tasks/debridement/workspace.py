@@ -30,7 +30,7 @@ class Receptacle:
 
 @dataclass(frozen=True)
 class Workspace:
-    """The plane work surface as an agent is told of it.
+    """The plane work surface as an agent is given it.
 
     Attributes:
         receptacle: shape of what the fragments go into; the fixture ``receptacle`` says where.

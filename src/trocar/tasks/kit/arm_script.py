@@ -16,7 +16,7 @@ from trocar.motion import rest_to_rest
 from trocar.trajectory import Trajectory
 
 MOST_ZERO_RAD = 0.15
-"""Encoders of closed jaws that say more are not believed (assumed)."""
+"""Larger encoder readings of closed jaws are rejected (assumed)."""
 
 
 @dataclass(eq=False)
@@ -48,7 +48,7 @@ class ArmScript:
 
     @property
     def q(self) -> NDArray[np.float64]:
-        """Return the joints (6,) that the arm is told now: where a motion starts."""
+        """Return the joints (6,) that the arm is commanded to now: where a motion starts."""
         return self.cell.robot.setpoint(self.name).q
 
     @property
@@ -57,7 +57,7 @@ class ArmScript:
         return self.cell.robot.read(self.name).jaw_rad - self.jaw_zero_rad
 
     async def wake(self) -> None:
-        """Turn the wrist to and fro: afterwards the slack in the cables is known, whatever it was before."""
+        """Turn the wrist back and forth: afterwards the slack in the cables is known, whatever it was before."""
         home, swing = self.q, np.array([0.0, 0.0, 0.0, *WAKE_RAD])
         for q in (home + swing, home - swing, home):
             await self.go(q)

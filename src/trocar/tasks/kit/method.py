@@ -60,7 +60,7 @@ class Method:
         learns: whether the arms' cables are compensated by models that start from a prior alone, and the agent lets its
             robot (``trocar.robots.Adaptive``) learn; then it is not ``calibrated``.
         wears: what the robot wears for its agent: a function of the cell and the method's settings that returns a
-            robot; None: nothing more. A guard believes it if it is a ``Belief``.
+            robot; None: nothing more. A guard uses its estimates if it is a ``Belief``.
         stop_at_limits: whether a motion is refused whose compensation would leave a joint's range; else what cannot
             be corrected stays uncorrected.
         planner: name in ``PLANNERS``, if none is asked for.

@@ -41,7 +41,7 @@ class Score:
         attempted: counts in the denominator: whatever the task set out to do.
         succeeded: it was done.
         failure: name of what went wrong, empty after a success.
-        reason: a sentence, where there is one.
+        reason: a sentence, if there is one.
         start_s: on the trial's clock.
         end_s: likewise.
     """
@@ -131,8 +131,8 @@ class Task:
         box = station.arm(arm).calibration
         if box is None:
             raise TrocarError(
-                f"station {station.name!r} does not say where arm {arm!r} moves to be calibrated; add 'calibration' to "
-                "that arm, or choose a method that needs none"
+                f"station {station.name!r} does not define where arm {arm!r} moves during calibration; add "
+                "'calibration' to that arm, or choose a method that needs none"
             )
         return box
 
@@ -164,7 +164,7 @@ def check_task(task: Any) -> None:
         TrocarError: it is no dataclass derived from ``Task``, or lacks one of the attributes that every task has.
     """
     if not (isinstance(task, type) and issubclass(task, Task) and is_dataclass(task)):
-        raise TrocarError(f"{task!r} is no task; register a frozen dataclass derived from trocar.tasks.Task")
+        raise TrocarError(f"{task!r} is not a task; register a frozen dataclass derived from trocar.tasks.Task")
     named = [name for name in ("name", "about", "station", "methods") if not getattr(task, name, None)]
     if "budget_s" not in {f.name for f in fields(task)}:
         named.append("budget_s")

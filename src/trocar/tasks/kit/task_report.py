@@ -94,7 +94,7 @@ class TaskReport:
         return float(score["end_s"])
 
     def moments(self, trial: Trial) -> list[tuple[str, float]]:
-        """Return (caption, time in s) of what is worth a picture in a trial: by default the end of every goal."""
+        """Return (caption, time in s) of the moments of a trial to show as pictures: by default every goal's end."""
         how = [in_words(s["failure"]) or "done" for s in trial.scores]
         ends = [(f"{trial.piece} {k + 1}: {how[k]}", float(s["end_s"])) for k, s in enumerate(trial.scores)]
         return [("start", 0.0), *ends, ("end", trial.duration_s)]

@@ -11,7 +11,7 @@ from trocar.cell import Result
 
 
 class Pending(Generic[Result]):
-    """A result to come; None where nothing came of it, or nobody asked."""
+    """A result that is still to come; None if there was none, or if it was not asked for."""
 
     def __init__(self) -> None:
         self._value: Result | None = None
@@ -29,7 +29,7 @@ class Pending(Generic[Result]):
             done.set()
 
     def put(self, value: Result | None) -> None:
-        """Set it: somebody else has computed it."""
+        """Set it: it was computed elsewhere."""
         self._value, self._done = value, None
 
     async def take(self) -> Result | None:

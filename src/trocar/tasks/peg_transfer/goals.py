@@ -29,8 +29,8 @@ BACK = tuple(Transfer(target, source) for source, target in THERE)
 
 LEFT_THERE = tuple(Transfer(*pegs) for pegs in ((0, 7), (2, 6), (1, 8)))
 """What the left arm does of the paper's parallel transfers [0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10]
-(facts/peg_transfer.md). They are paired anew: in every pair the left arm's pegs are those further left, and neither the
-sources nor the targets are neighbours, where one arm would be in the other's way."""
+(facts/peg_transfer.md). They are paired differently: in every pair the left arm's pegs are those further left, and
+neither the sources nor the targets are neighbours, where one arm would be in the other's way."""
 RIGHT_THERE = tuple(Transfer(*pegs) for pegs in ((5, 10), (3, 11), (4, 9)))
 """What the right arm does meanwhile."""
 
@@ -80,7 +80,7 @@ class TransferOutcome(Outcome):
     NOT_GRASPED = "the jaws closed but the block did not come up with them"
     DROPPED = "the block left the jaws before its target"
     NOT_PLACED = "the block was released but does not stand on its target peg"
-    BLOCKED = "the other arm was in the way, and did not go"
+    BLOCKED = "the other arm was in the way and did not move off"
     NOT_HANDED_OVER = "the block did not go through the jaws of both arms"
-    ARM_STOPPED = "an arm did not come to the end of a motion"
+    ARM_STOPPED = "an arm did not reach the end of a motion"
     NOT_MOVED = "the block stayed where it was"

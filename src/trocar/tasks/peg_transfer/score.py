@@ -171,9 +171,9 @@ def _why(
     if not at_source:
         return TransferOutcome.NO_BLOCK.name, "no block ever stood on the source"
     if placed:
-        return TransferOutcome.NOT_HANDED_OVER.name, "the block came to its target in the jaws of one arm alone"
+        return TransferOutcome.NOT_HANDED_OVER.name, "the block reached its target in the jaws of one arm alone"
     if moves:
-        return TransferOutcome.NOT_PLACED.name, "the block came to its target and did not stay there"
+        return TransferOutcome.NOT_PLACED.name, "the block reached its target and did not stay there"
     last = len(truth.times_s) - 1
     if any(stay.last >= last for stay in at_source):
         return TransferOutcome.NOT_MOVED.name, "the block still stood on its source at the end"

@@ -60,7 +60,7 @@ class CircleSutures(Task):
     sutures: int | None = option(None, f"How many, evenly spaced (default: {SUTURES}).", metavar="N")
     plan_file: Path | None = option(
         None,
-        "Drive this plan.json of `trocar plan suture --out DIR`, which says all that a preset does.",
+        "Drive this plan.json of `trocar plan suture --out DIR`, which defines everything that a preset does.",
         flag="plan",
         metavar="FILE",
     )
@@ -77,8 +77,10 @@ class CircleSutures(Task):
         "calibrated": Method(
             "cables compensated by a model that was fitted in this session; a camera looks at the needle", **_LOOKING
         ),
-        "blind": Method("cables compensated likewise; nobody looks at the needle", **_BLIND),
-        "uncalibrated": Method("encoder readings taken at face value; nobody looks", calibrated=False, **_BLIND),
+        "blind": Method("cables compensated likewise; no looks at the needle", **_BLIND),
+        "uncalibrated": Method(
+            "encoder readings taken at face value; no looks at the needle", calibrated=False, **_BLIND
+        ),
     }
     report = Lazy("trocar.tasks.suture.report:SutureReport")
 
@@ -111,10 +113,14 @@ class CircleSutures(Task):
         """Raise a sentence if something else is asked for than what is planned; count its sutures."""
         for what in ("preset", "direction"):
             if getattr(self, what) is not None:
-                raise TrocarError(f"{what} {getattr(self, what)!r} cannot be combined with a plan; give one of both")
+                raise TrocarError(
+                    f"{what} {getattr(self, what)!r} cannot be combined with a plan; give only one of them"
+                )
         count = len(planned.sutures)
         if self.sutures not in (None, count):
-            raise TrocarError(f"the number of sutures is {self.sutures}, but the plan has {count}; give one of both")
+            raise TrocarError(
+                f"the number of sutures is {self.sutures}, but the plan has {count}; give only one of them"
+            )
         object.__setattr__(self, "sutures", count)
 
     def options(self) -> dict[str, Any]:

@@ -20,9 +20,9 @@ from trocar.tasks.debridement.pose import PoseEstimator
 from trocar.trajectory import Trajectory
 
 STEP_ENDED = "a step of the way is done"
-"""Why an arm is brought to rest that is to plan anew."""
+"""Reason for stopping an arm that has to plan again."""
 MOST_OFF_RAD = 0.05
-"""A motion that starts further than this (rad, m) from where its arm is believed was planned for another moment."""
+"""A motion that starts further than this (rad, m) from its arm's estimated place was planned for another moment."""
 INSIDE = 0.012
 """A pose counts as within reach if each joint keeps this share of its range from its ends: estimates change."""
 LEAST_RATE = 0.5
@@ -30,7 +30,7 @@ LEAST_RATE = 0.5
 
 
 class Adjusted:
-    """A robot that is told, and tells, where its joints are believed to be rather than what its encoders say.
+    """A robot that works in joints as they are estimated to be, rather than as its encoders read them.
 
     Scripts plan in joints that a camera would confirm; commands are found by inverse control (Kehoe 2014, V-A.2): the
     pose to be commanded is the one at which the estimator expects the pose that is wanted.
@@ -90,13 +90,13 @@ class Adjusted:
         return fk(self._arms[arm], self._robot.read(arm).q)
 
     def T_world_tip(self, arm: str) -> SE3:
-        """Return where the tip is believed to be now."""
+        """Return where the tip is estimated to be now."""
         T_base_kinematic = self.kinematic(arm)
         now = max(self._clock.now_s(), self._seen_s.get(arm, 0.0))
         return self._T_world_base[arm] @ self._estimators[arm].estimate(now, T_base_kinematic)
 
     def reaches(self, arm: str, T_world_tip: SE3) -> bool:
-        """Return whether the tip can be brought to a pose: by the joints as believed and by those to be commanded."""
+        """Return whether the tip can be brought to a pose: by the estimated joints and by those to be commanded."""
         model, T_base_tip = self._arms[arm], self._T_world_base[arm].inverse() @ T_world_tip
         sent = self._robot.setpoint(arm).q
         try:
@@ -109,12 +109,12 @@ class Adjusted:
         return all(((model.lower + slack < q) & (q < model.upper - slack)).all() for q in reached)
 
     def read(self, arm: str) -> JointReading:
-        """Return the encoders' state, the joints where they are believed to be."""
+        """Return the encoders' state, with the joints as estimated."""
         reading = self._robot.read(arm)
         return JointReading(reading.time_s, reading.q + self._off[arm], reading.jaw_rad)
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return where the joints are believed to be told now."""
+        """Return where the joints are estimated to be commanded now."""
         sent = self._robot.setpoint(arm)
         rested = self._rested.get(arm)
         if not sent.moving and rested is not None and np.array_equal(rested, sent.q):
@@ -127,12 +127,12 @@ class Adjusted:
         return SetPoint(sent.time_s, q, sent.velocity, sent.moving, sent.path_s, sent.path_rate, sent.on_path)
 
     def expected(self, arm: str) -> Trajectory | None:
-        """Return what the joints are believed to do while the arm plays its commands, on their time."""
+        """Return the estimated motion of the joints while the arm plays its commands, on their time."""
         course = self._courses.get(arm)
         return None if course is None else course.desired
 
     def course(self, arm: str) -> tuple[Trajectory, float] | None:
-        """Return the believed motion that is under way and the clock at its start; None at rest."""
+        """Return the estimated motion that is running and the clock at its start; None at rest."""
         sent, course = self._robot.setpoint(arm), self._courses.get(arm)
         if course is None or not sent.moving:
             return None
@@ -144,7 +144,7 @@ class Adjusted:
         return np.inf if course is None or course.stop_s is None else course.stop_s - sent.path_s
 
     def astray_m(self, arm: str) -> float:
-        """Return how far the tip is believed to be from where its motion has it now; 0 at rest."""
+        """Return how far the tip is estimated to be from where its motion should be now; 0 at rest."""
         sent, course = self._robot.setpoint(arm), self._courses.get(arm)
         if course is None or not sent.moving or not sent.on_path:
             return 0.0
@@ -152,7 +152,7 @@ class Adjusted:
         return float(np.linalg.norm(self.T_world_tip(arm).translation_m - wanted.translation_m))
 
     async def move(self, motions: Mapping[str, Trajectory], stop_s: float | None = None) -> Mapping[str, Execution]:
-        """Run trajectories of the believed joints, from rest; ``correct`` may better the commands meanwhile.
+        """Run trajectories of the estimated joints, from rest; ``correct`` may improve the commands meanwhile.
 
         Args:
             motions: by arm.
@@ -165,7 +165,7 @@ class Adjusted:
         return await self._send(self._robot.move, motions, stop_s)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
-        """Let trajectories of the believed joints take over from what the arms are doing now."""
+        """Let trajectories of the estimated joints take over from what the arms are doing now."""
         return await self._send(self._robot.replace, motions)
 
     async def correct(self, arm: str) -> None:
@@ -208,7 +208,7 @@ class Adjusted:
         await self._robot.rest(*arms)
 
     def _learn_offset(self, arm: str) -> None:
-        """Find anew by how much the believed joints differ from the commanded ones, where the arm is now."""
+        """Find again by how much the estimated joints differ from the commanded ones, where the arm is now."""
         model, sent = self._arms[arm], self._robot.setpoint(arm)
         with suppress(Unreachable):  # out of a joint's range by less than is known: then the last offset stays
             T_base_tip = self._estimators[arm].settled(fk(model, sent.q))
@@ -264,7 +264,7 @@ class Adjusted:
         off = float(np.abs(desired(desired.times_s[0]) - believed).max())
         if off > MOST_OFF_RAD:
             raise TrocarError(
-                f"the motion of arm {arm!r} starts {off:.4f} rad (or m) away from where it is believed to be; plan it "
+                f"the motion of arm {arm!r} starts {off:.4f} rad (or m) away from where it is estimated to be; plan it "
                 "from its set-point"
             )
         sent, settled = self._robot.setpoint(arm), self._estimators[arm].settled

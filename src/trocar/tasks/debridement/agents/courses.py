@@ -1,4 +1,4 @@
-"""What an arm was last told: a motion of the joints as they are believed, and the commands that were sent for it."""
+"""What an arm was last commanded: a motion of the joints as estimated, and the commands that were sent for it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Course:
     """What an arm was last told.
 
     Attributes:
-        desired: of the joints as they are believed.
+        desired: of the joints as estimated.
         commands: that were sent for it, on the same time.
         stop_s: time of the motion at which whoever asked for it is going to stop it; None: at its end.
         successor: the commands that took over, once corrected ones did.
@@ -42,7 +42,7 @@ class Course:
     successor: Successor | None = None
 
     def drift(self, path_s: float) -> NDArray[np.float64]:
-        """Return by how much (6,) believed joints less commands have changed since its start, at this time of it."""
+        """Return by how much (6,) estimated joints minus commands have changed since its start, at this time of it."""
         first = self.commands.times_s[0]
         return (self.desired(path_s) - self.commands(path_s)) - (self.desired(first) - self.commands(first))
 

@@ -20,13 +20,13 @@ class Debriders:
     """Clears the work surface with all arms that work.
 
     Raises:
-        TrocarError: the robot of the cell does not know where its joints are believed to be.
+        TrocarError: the robot of the cell does not estimate where its joints are.
     """
 
     def __init__(self, brief: Brief):
         cell, settings, robot = brief.cell, brief.settings, brief.cell.robot
         if not isinstance(robot, Adjusted):
-            raise TrocarError("debridement needs a robot that is adjusted by what a camera sees; let it wear that")
+            raise TrocarError("debridement needs a robot that is adjusted by what a camera sees; wrap it in Adjusted")
         if not isinstance(settings, Settings):
             raise TrocarError(f"debridement needs its own settings, got {type(settings).__name__}")
         fixture = cell.T_world_fixture

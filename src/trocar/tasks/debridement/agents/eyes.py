@@ -98,7 +98,7 @@ class Eyes:
         return known
 
     def _remembered(self, seen: Sequence[SeenFragment], rig: StereoRig) -> Look:
-        """Return what is seen outside the jaws, and what arms hide, where they are believed to be."""
+        """Return what is seen outside the jaws, and what arms hide, where they are estimated to be."""
         solids = {}
         for name, model in self._cell.arms.items():
             reading = self._robot.read(name)

@@ -160,7 +160,7 @@ def _followed(
 def _commands(
     arm: ArmModel, q: NDArray[np.float64], settled: Callable[[SE3], SE3], q_sent: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the joints (n, 6) to be commanded for believed ones (n, 6), be they in a joint's range or not.
+    """Return the joints (n, 6) to be commanded for estimated ones (n, 6), whether within the joints' ranges or not.
 
     What is to be added is asked for at some of them, each beginning with what the one before had, and interpolated.
     """
@@ -206,7 +206,7 @@ def _inside(arm: ArmModel, q: NDArray[np.float64], clamps: bool = False) -> NDAr
         joint = int(np.argmax(np.max(np.atleast_2d(beyond), axis=0)))
         raise Unreachable(
             f"a command would leave the range of joint {arm.joints[joint].name!r}, "
-            f"{arm.lower[joint]:.3f} to {arm.upper[joint]:.3f}; go elsewhere, or turn the gripper otherwise"
+            f"{arm.lower[joint]:.3f} to {arm.upper[joint]:.3f}; choose another place, or turn the gripper differently"
         )
     return kept
 

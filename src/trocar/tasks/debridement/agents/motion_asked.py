@@ -53,11 +53,11 @@ class Asked:
 
 @dataclass(frozen=True, eq=False)
 class Problems:
-    """Makes motion problems of what arms are asked, from where everything is believed to be.
+    """Makes motion problems from what arms are asked to do, starting from where everything is estimated to be.
 
     Attributes:
         cell: the laboratory.
-        robot: the same robot, which knows where the arms are believed to be.
+        robot: the same robot, which knows where the arms are estimated to be.
         known: the workspace.
         limits: of velocity and acceleration, by arm.
         margin_m: to keep between arms and to obstacles.

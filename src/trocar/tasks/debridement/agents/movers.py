@@ -38,7 +38,7 @@ class NoWay(Exception):
 
     Attributes:
         lasting: nothing but the estimates would change it: it is not another arm that is in the way.
-        begins_too_near: the arm is believed to be too near to something where it is.
+        begins_too_near: the arm is estimated to be too near to something where it is.
     """
 
     def __init__(self, reason: str, lasting: bool = False):
@@ -51,7 +51,7 @@ class Mover(Protocol):
     """Moves an arm a step of its way, from the newest estimate."""
 
     async def step(self, arm: str, asked: Asked, way_m: float) -> None:
-        """Plan anew, and move along the plan, but not further than ``way_m``.
+        """Plan again, and move along the plan, but not further than ``way_m``.
 
         Raises:
             NoWay: there is no plan.
@@ -112,13 +112,13 @@ class Beside:
         await run(self._cell, self._robot, arm, motion, moment(self._cell, arm, motion, way_m))
 
     def resting(self, arm: str) -> Rest:
-        """Return a context that changes nothing: nobody waits for anybody's request."""
+        """Return a context that changes nothing: no arm waits for another arm's request."""
         return Rest(arm)
 
 
 @dataclass
 class _Request:
-    """What an arm has asked, and what became of it."""
+    """What an arm has asked for, and the result."""
 
     asked: Asked
     way_m: float

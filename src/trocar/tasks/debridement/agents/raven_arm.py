@@ -81,7 +81,7 @@ class RavenArm:
         speed_m_s: float | None = None,
         lift_m: float = 0.0,
     ) -> None:
-        """Go somewhere in steps, planning anew before each from the newest estimate (V-B).
+        """Go somewhere in steps, planning again before each from the newest estimate (V-B).
 
         Args:
             T_world_goal: of the tip.
@@ -93,7 +93,7 @@ class RavenArm:
 
         Raises:
             NoWay: no plan was found for a long time.
-            ArmStopped: the arm does not move as it is told.
+            ArmStopped: the arm does not move as commanded.
         """
         speed = speed_m_s or self.s.tip_speed_m_s
         if precise:
@@ -159,7 +159,7 @@ class RavenArm:
                 await self.eyes.glance(self.name)  # from the same estimate there is the same way, or none
 
     async def _withdraw(self, reason: str) -> None:
-        """Go a little away from what the arm is believed to be too near to: the estimate has changed.
+        """Go a little away from what the arm is estimated to be too near to: the estimate has changed.
 
         No plan begins there; the robot's guard lets arms that are too near go apart, and no nearer.
         """

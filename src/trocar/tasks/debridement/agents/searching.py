@@ -24,7 +24,7 @@ SEARCH_M = (
     (0.02, 0.0, 0.0),
 )
 """Where an arm that no camera sees is sent from where it is, one place after the other: down and towards the middle
-first (x), then across and up. Where it is in truth nobody knows; were it low, it would be in the picture."""
+first (x), then across and up. Where it really is is unknown; if it were low, it would be in the picture."""
 
 
 class NotSeen(ArmStopped):

@@ -1,4 +1,4 @@
-"""Settings of the methods: how fast, how often it looks and plans anew, and what its computations may take."""
+"""Settings of the methods: how fast, how often it looks and plans again, and how long its computations may take."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ class Settings:
         tip_speed_m_s: greatest speed of the tips; 1 cm/s in the paper's laboratory, up to 10 cm/s by surgeons.
         descent_speed_m_s: greatest speed on the last piece to a fragment.
         limits_share: of the joints' limits, that plans use; the rest is for what commands add to correct errors.
-        astray_m: an arm that is found so far from where its motion has it stops and plans anew; with 1 m it never does.
-        step_m: an arm stops, looks and plans anew after this way at most (V-B: 2.5 cm).
+        astray_m: an arm that is found so far from where its motion should be stops and plans again; with 1 m it never
+            does.
+        step_m: an arm stops, looks and plans again after this distance at most (V-B: 2.5 cm).
         reached_m: a grasp counts as reached this near on each horizontal axis; 8 mm in their program.
         reached_high_m: and this near in height.
         arrived_m: places in the air count as reached this near on each axis; 6 mm in their program.

@@ -18,7 +18,7 @@ from trocar.tasks.debridement.perception.marks import Blob, MarkPair, mark_point
 JAW_GUESSES = np.radians(np.arange(0.0, 125.0, 15.0))
 JAW_RANGE = np.radians([-12.0, 135.0])
 MAX_ROUGH_M = 3e-3
-"""Root mean square of the marks about their places, for a guess that is worth refining."""
+"""Root mean square of the marks about their places, for a guess good enough to refine."""
 STEPS = 8
 STEP_DONE = 1e-6
 SPOT_SD_PX = 0.25

@@ -48,7 +48,7 @@ class ErrorBelief:
         Args:
             constant_sd: of each axis of the constant.
             gain_sds: of each gain.
-            noise: standard deviation per axis, and how many observations this guess is worth.
+            noise: standard deviation per axis, and how many observations this guess weighs as much as.
             drift: ``drift_sd`` and ``drift_s``.
         """
         sds = np.array([constant_sd] * 3 + [drift[0]] * 3 + gain_sds)

@@ -68,7 +68,7 @@ class ErrorField:
                 self._learn(place, (ik_near(self._arm, T_base_detected, q) - q) / FIELD_SD)
 
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
-        """Return the pose with the joints' believed errors put right."""
+        """Return the pose with the joints' estimated errors corrected."""
         check_order(t_s, self._t_s)
         return self.settled(T_base_kinematic)
 

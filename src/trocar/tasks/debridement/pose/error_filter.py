@@ -39,7 +39,7 @@ class FilterSettings:
         turn_gain: change of the rotation's error per change of rotation. At 1 the kinematics may be all wrong.
         noise_m: of a detection, a first guess; the covariance is learned.
         noise_rad: likewise.
-        noise_count: detections that these guesses are worth.
+        noise_count: how many detections these guesses weigh as much as.
         frame_s: of the camera, 10 Hz (V-A.2). Detections in quicker succession show the same image and share a weight.
     """
 
@@ -122,7 +122,7 @@ class ErrorFilter:
         self._history, self._translation, self._rotation = history, translation, rotation
 
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
-        """Return the kinematic pose with its believed error put right."""
+        """Return the kinematic pose with its estimated error corrected."""
         return self.belief(t_s, T_base_kinematic).T_base_gripper
 
     def belief(self, t_s: float, T_base_kinematic: SE3) -> PoseBelief:
@@ -130,7 +130,7 @@ class ErrorFilter:
         return self._belief(T_base_kinematic, *self._at(t_s, T_base_kinematic))
 
     def settled(self, T_base_kinematic: SE3) -> SE3:
-        """Return the pose that follows once the lag is over, with the drift as it is believed now."""
+        """Return the pose that follows once the lag is over, with the drift as estimated now."""
         if self._history is None:
             return T_base_kinematic
         resting = replace(self._history, T_base_last=T_base_kinematic, lag=np.zeros(6))

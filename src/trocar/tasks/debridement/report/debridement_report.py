@@ -37,10 +37,10 @@ STEPS = {"closing": "jaws open round it", "pickup": "lifted, and looked at", "re
 ASSUMED = (
     "s per fragment is the trials' duration over the fragments that were cleared, as in Table I, where all were",
     "time by part is the mean of the working arms, each moment counted once: perception with capture and settling, "
-    "motion with jaws; waiting is all else, an arm with nothing left to do included",
+    "motion with jaws; waiting is everything else, including an arm with nothing left to do",
     "replans: how often an arm asked for a plan, whether or not one was found",
-    "fragment false negatives and positives are counted of fragments, each once; the other modes of attempts, which "
-    "are closings of jaws. The paper does not say of what its rates are",
+    "fragment false negatives and positives are counted per fragment, each once; the other modes per attempt, that "
+    "is, per closing of the jaws. The paper does not say what its rates are fractions of",
     "assumed: size and weight of fragments, static cling of a quarter of them, latency of camera and computations, the "
     "arms' error field (drawn as large as one recording shows), places where arms rest",
 )

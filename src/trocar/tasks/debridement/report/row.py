@@ -44,7 +44,7 @@ class Row:
         modes: of each failure mode, how often it occurred, and of how many fragments or attempts.
         collisions: contacts of arms with the receptacle, the table and each other.
         ended: ``done``, or what stopped the script.
-        failures: names of what became of fragments that were not cleared, with their number.
+        failures: names of the outcomes of fragments that were not cleared, with their number.
         wall_s: real time of the trial; 0 where that was lost.
     """
 

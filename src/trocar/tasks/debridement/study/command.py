@@ -26,7 +26,7 @@ def debridement(
     methods: options.Methods = "",
     sessions: options.Sessions = 10,
     trials: options.Trials = 1,
-    fragments: Annotated[int, typer.Option(help="How many fragments lie there in each trial.")] = 6,
+    fragments: Annotated[int, typer.Option(help="How many fragments there are in each trial.")] = 6,
     budget: Annotated[float, typer.Option(metavar="S", help="A trial that takes longer is stopped.")] = 1800.0,
     station: options.StationName = "",
     difficulty: Level = DEFAULT,

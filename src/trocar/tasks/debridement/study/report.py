@@ -19,7 +19,7 @@ from trocar.tasks.debridement.study.times import draw_times
 
 NOTES = (
     "rates: 95 % intervals of a beta-binomial over sessions; times and replans: Student's t over sessions; one arm "
-    "against two: sessions drawn anew 10000 times, the same ones for both",
+    "against two: sessions resampled 10000 times, the same ones for both",
     "the paper's rates: Clopper-Pearson intervals, as if counted of its fragments, 60 of the robot and 30 of the "
     "person; within: whether our rate lies in that interval",
     *ASSUMED,

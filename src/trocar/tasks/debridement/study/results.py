@@ -17,7 +17,7 @@ from trocar.trials.cells import Cell
 from trocar.trials.rows import kept_row
 
 VERSION = 1
-"""Of rows: a change makes kept ones anew."""
+"""Version of rows: a change causes stored ones to be made again."""
 
 
 class Result(CellRows[Row]):

@@ -36,7 +36,7 @@ class Offering:
 
 
 class Giver(Side):
-    """Picks, offers, lets go, and puts back what nobody took."""
+    """Picks, offers, lets go, and puts back what was not taken."""
 
     def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
         super().__init__(arm, other, script)
@@ -190,7 +190,7 @@ class Giver(Side):
         return True
 
     async def _put_back(self, T_tip_block: SE3, source: int) -> None:
-        """Bring a block that nobody took back to where it was, if it is still there."""
+        """Bring a block that was not taken back to where it was, if it is still there."""
         if self.arm.holds:
             placed = await self.arm.carry(T_tip_block, source)
             if placed is not None:

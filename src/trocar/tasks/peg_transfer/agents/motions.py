@@ -40,7 +40,7 @@ class Approach:
 
     Attributes:
         path: over the pegs, then down.
-        leaving: how the arm then lifts the block; None: nobody knows of a block there.
+        leaving: how the arm then lifts the block; None: no block is known there.
     """
 
     path: TimedPath

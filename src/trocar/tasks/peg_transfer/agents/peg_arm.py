@@ -89,7 +89,7 @@ class PegArm:
         return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
 
     async def wake(self) -> None:
-        """Turn the wrist to and fro, see ``ArmScript.wake``, and find where the jaws are closed."""
+        """Turn the wrist back and forth, see ``ArmScript.wake``, and find where the jaws are closed."""
         await together(self.hand.wake, partial(self.hand.zero_jaw, self.settings.jaw_closed_rad))
 
     async def go_to(
@@ -104,7 +104,7 @@ class PegArm:
         Args:
             grasp: how.
             source: the block's peg.
-            ready: how to come there, if that was planned already; it is planned anew where it no longer fits.
+            ready: how to get there, if already planned; it is planned again if it no longer fits.
             begun: told the motion when it begins.
         """
         opening = self.opening_rad(grasp)
@@ -169,7 +169,7 @@ class PegArm:
         Args:
             T_tip_block: pose of the block in the jaws.
             target: peg.
-            ready: how, if that was planned already; it is planned anew where it no longer fits.
+            ready: how, if already planned; it is planned again if it no longer fits.
             begun: told the motion when it begins.
         """
         hangs_over_target = False
@@ -239,7 +239,7 @@ class PegArm:
             await self.move(motion, margin_m=margin_m, meets_s=meets_s)
 
     async def go_home(self, begun: Callable[[TimedPath], None] | None = None) -> None:
-        """Rise and leave the camera's view of the board; ``begun`` is told the motion when it begins."""
+        """Rise and leave the camera's view of the board; ``begun`` is called with the motion when it begins."""
         if np.abs(self.hand.q - self.home).max() < AT_HOME:
             return
         path = await self.plan(lambda: self.motions.to_joints(self.hand.q, self.home))

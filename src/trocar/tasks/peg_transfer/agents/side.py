@@ -16,7 +16,7 @@ from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 
 AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED)
-"""Ends of a meeting after which it is worth another try: the block is back where it was."""
+"""Outcomes of a meeting after which another try makes sense: the block is back where it was."""
 
 
 @dataclass(eq=False)
@@ -37,7 +37,7 @@ class Appointment:
         released: the giving arm has opened its jaws.
         parted: and has risen out of the block.
         outcome: why nothing comes of it; None: it goes well.
-        reason: a sentence, where there is one.
+        reason: a sentence, if there is one.
     """
 
     goal: Transfer

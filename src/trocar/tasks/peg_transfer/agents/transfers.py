@@ -97,7 +97,7 @@ class OneArm:
             goal: the transfer.
             start_s: when it began.
             outcome: of it.
-            reason: a sentence, where there is one.
+            reason: a sentence, if there is one.
             turns: when each arm began and ended its part of it; None: this arm did it alone.
         """
         values = {"reason": reason} if reason else {}

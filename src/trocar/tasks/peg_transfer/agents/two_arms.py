@@ -45,7 +45,7 @@ class TwoArms(ABC):
         return []
 
     async def leave(self, arm: PegArm) -> None:
-        """Let an arm that has done leave the board, if it can; the last one looks once more."""
+        """Let an arm that has finished leave the board, if it can; the last one looks once more."""
         self._gone += 1
         if self._gone == 2:
             await finish(self.table, arm)

@@ -37,6 +37,6 @@ def floor_sentence(seconds: dict[str, float]) -> str:
     parts = ", ".join(f"{name} {s:.2f}" for s, name in gap)
     total = sum(seconds.values())
     return (
-        f"motion alone, of the arm that moves most, would take {seconds[MOTION]:.2f} s per transfer; the "
+        f"motion alone (of the arm that moves most) would take {seconds[MOTION]:.2f} s per transfer; the "
         f"{total - seconds[MOTION]:.2f} s above that are {parts}"
     )

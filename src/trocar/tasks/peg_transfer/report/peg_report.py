@@ -63,7 +63,7 @@ class PegReport(TaskReport):
     colours: Mapping[str, tuple[float, float, float]] = {"block": (0.86, 0.55, 0.13)}
     outcomes = TransferOutcome
     captions: Mapping[str, str] = {
-        "paths": "Path of the tool's tip over the board, from above and from the side; colours tell transfers apart"
+        "paths": "Path of the tool's tip over the board, from above and from the side; colours distinguish transfers"
     }
 
     def frame(self, trial: Trial) -> NDArray[np.float64]:

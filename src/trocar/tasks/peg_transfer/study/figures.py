@@ -52,7 +52,7 @@ def draw_paths(results: Sequence[Result], path: Path) -> Path:
 def draw_performance(results: Sequence[Result], path: Path) -> Path:
     """Draw success, distance, collisions and completion time (Fig. 10), and return the path."""
     panels: list[tuple[str, Callable[[Row], float]]] = [
-        ("distance of the tips, m a trial", lambda row: row.path_m),
+        ("distance of the tips, m per trial", lambda row: row.path_m),
         ("collisions per trial", lambda row: float(row.collisions)),
         ("completion time, s", lambda row: row.duration_s),
     ]

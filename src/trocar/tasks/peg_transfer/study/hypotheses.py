@@ -71,8 +71,8 @@ CLAIMS = (
     _Claim("H2", "best", "optimized", "mean transfer time, s", transfer_time_s, less=True),
     _Claim("H3", "calibrated", "uncalibrated", "collisions per trial", lambda row: float(row.collisions), less=True),
     _Claim("H3", "optimized", "uncalibrated", "collisions per trial", lambda row: float(row.collisions), less=True),
-    _Claim("H4", "optimized", "calibrated", "distance a trial, m", lambda row: row.path_m, less=True),
-    _Claim("H4", "best", "optimized", "distance a trial, m", lambda row: row.path_m, less=True),
+    _Claim("H4", "optimized", "calibrated", "distance per trial, m", lambda row: row.path_m, less=True),
+    _Claim("H4", "best", "optimized", "distance per trial, m", lambda row: row.path_m, less=True),
 )
 """What is expected; the paper's "optimised" is our ``optimized``. Where a study lacks a method, its claims are left
 out."""
@@ -81,9 +81,9 @@ SIMILAR = (("optimized", "calibrated"), ("best", "optimized"))
 """H1: pairs whose success rates are expected to be similar."""
 
 NOTES = (
-    "H1 to H4 are tested between simulated methods alone; of people the paper publishes means, no raw data, so they "
-    "stand beside ours and nothing is tested against them",
-    "differences: the same sessions and scenes in both conditions, one difference a session; p-values count sign "
+    "H1 to H4 are tested between simulated methods only; for people the paper publishes means but no raw data, so they "
+    "are shown beside ours and nothing is tested against them",
+    "differences: the same sessions and scenes in both conditions, one difference per session; p-values count sign "
     "patterns of the sessions (exact up to 14 sessions), one-sided, adjusted by Holm over the study; intervals are "
     "Student's t over sessions",
     f"similar: the 90 % interval of the difference of rates (beta-binomial over sessions) lies within "

@@ -14,9 +14,9 @@ from trocar.tasks.peg_transfer.study.published import TABLES
 from trocar.tasks.peg_transfer.study.tables import HEAD, HYPOTHESIS_HEAD, cell_rows, hypothesis_rows
 
 CAPTIONS = {
-    "paths.png": "Paths of the tips over the board, first trial of each condition (Fig. 9 of the paper in kind)",
-    "performance.png": "Success, distance, collisions, completion time (Fig. 10 in kind); people as published",
-    "motion.png": "Velocity, acceleration, jerk from the measured joints (Fig. 11 in kind)",
+    "paths.png": "Paths of the tips over the board, first trial of each condition (like Fig. 9 of the paper)",
+    "performance.png": "Success, distance, collisions, completion time (like Fig. 10); people as published",
+    "motion.png": "Velocity, acceleration, jerk from the measured joints (like Fig. 11)",
 }
 
 

@@ -73,8 +73,8 @@ def variant_table(variant: str, cells: Sequence[Mapping[str, Any]]) -> Table:
         padding=0,
         title=f"{TABLES.get(variant, variant)}, {variant}: {ours['trials']} trials in {ours['sessions']} sessions "
         "each, simulated; the paper's rows as published",
-        caption="95 % intervals count sessions; of the paper's rows, every attempt for itself. A trial that fails "
-        "early is short: times of methods that fail do not compare",
+        caption="95 % intervals count sessions; those of the paper's rows count attempts. A trial that fails "
+        "early is short: times of methods that fail are not comparable",
     )
     for place, name in enumerate(HEAD):
         if place != AVAILABLE:

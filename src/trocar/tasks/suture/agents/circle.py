@@ -213,7 +213,7 @@ class CircleSuturing:
         return False
 
     async def _reload(self, stretch: Stretch, watch: NeedleWatch) -> None:
-        """Have the needle put anew into the jaws where it is not seen in them, or lies too far awry to be driven."""
+        """Have the needle loaded again if it is not seen in the jaws, or lies too badly to be driven."""
         for _ in range(self.settings.loadings - 1):
             if watch.well_loaded:
                 return

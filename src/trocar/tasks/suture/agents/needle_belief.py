@@ -37,9 +37,9 @@ STIRS = 0.5
 CAMERA = np.diag(np.repeat([0.1e-3, 0.0], 3) ** 2)
 """Covariance of a camera's place in the arm's base, m: sightings err alike by that."""
 DOUBT = 4.0
-"""After a sighting that was not believed all variances are so many times as large."""
+"""After a rejected sighting, all variances are multiplied by this."""
 DOUBTS = 2
-"""After so many in a row nothing is believed any more that was seen before: what was believed first was wrong."""
+"""After so many rejections in a row, everything seen before is discarded: the first estimate was wrong."""
 UNLIKELY = float(chi2.ppf(0.999, 6))
 """Squared Mahalanobis distance that one sighting of a thousand exceeds by chance."""
 
@@ -61,7 +61,7 @@ class Believed:
         return Believed(self.T_base_needle, DOUBT * self.covariance)
 
     def after(self, T_base_camera: SE3, seen: NeedleSighting) -> Believed | None:
-        """Return what is believed after a sighting that was fitted from here.
+        """Return the estimate after a sighting that was fitted from here.
 
         None: it lies further off than chance explains.
         """
@@ -97,7 +97,7 @@ class NeedleBelief:
         return np.asarray(self._mean[ALWAYS] + self._mean[NOW])
 
     def loaded(self, T_tip_needle: SE3) -> None:
-        """Begin anew: a person has put the needle about here into the jaws."""
+        """Start again: a person has put the needle about here into the jaws."""
         self._T_tip_needle = T_tip_needle
         self._forget(GRIP)
         self._closed(LOADED)
@@ -118,7 +118,7 @@ class NeedleBelief:
         """Count in that the jaws have closed elsewhere on a needle that the tissue held meanwhile.
 
         Args:
-            needle: as it was believed before the jaws opened.
+            needle: as it was estimated before the jaws opened.
             T_base_tip: where the tip is asked to be now.
             T_tip_needle: where the needle should lie in the jaws now.
         """
@@ -157,7 +157,7 @@ class NeedleBelief:
             seen: in them.
 
         Returns:
-            whether it was believed: not, if it lies further off than chance explains.
+            whether it was accepted; it is not if it lies further off than chance explains.
         """
         before = self.needle(T_base_tip)
         after = before.after(T_base_camera, seen)

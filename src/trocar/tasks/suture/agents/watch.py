@@ -42,11 +42,11 @@ WELL_BEFORE_EXIT_RAD = np.radians(16.0)
 HIGH_LOOKS, ENTRY_LOOKS, EXIT_LOOKS = 2, 4, 3
 """At most so many looks above the tissue, just before the needle goes in, and just before it comes out."""
 ENOUGH_M = 0.2e-3
-"""A needle's tip that is believed this near to where it should be is not moved and looked at again; times the number of
-looks there, for each move stirs the cables anew, by some .6 mm."""
+"""A needle's tip that is estimated to be this near to where it should be is not moved and looked at again; times the
+number of looks there, because each move disturbs the cables again, by some .6 mm."""
 
 AWRY_M, AWRY_RAD = 2.5e-3, 0.25
-"""A needle that lies so far from where a person should have put it is loaded anew."""
+"""A needle that lies so far from where a person should have put it is loaded again."""
 ROUND_PX = 32
 """So much round the needle is read out of the camera."""
 
@@ -81,7 +81,7 @@ class Stretch:
 def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
     """Return the way cut where the needle is looked at: above and before its entry, in each grip, before its exit.
 
-    The arm does not stop at the surface, neither on the way in nor on the way out: where it starts anew, cables that
+    The arm does not stop at the surface, neither on the way in nor on the way out: where it starts again, cables that
     were turned round take up their play, and the needle's tip would be just where that counts.
     """
     exit_rad = setup.insertion.exit_turn_rad(setup.needle.radius_m)
@@ -209,7 +209,7 @@ class NeedleWatch:
         self._belief.stirred()
 
     def aim(self, stretch: Stretch) -> None:
-        """Correct the way from now on by what is believed of arm and needle."""
+        """Correct the path from now on by the estimates of arm and needle."""
         self._off, self._in_jaws = self._belief.tip_off, self._belief.in_jaws()
         self._wrist_still, self._rests = stretch.aim is Aim.TIP, stretch.rests
 
@@ -264,7 +264,7 @@ class NeedleWatch:
         return SE3.from_parts(R, T_base_tip.translation_m - self._off[:3])
 
     async def look(self) -> bool:
-        """Look at the needle, in the jaws or in the tissue; return whether it was seen and that is not believed."""
+        """Look at the needle, in the jaws or in the tissue; return whether it was seen but rejected."""
         await self._hand.settle()
         with self._cell.log.span(self._hand.name, "looking"):
             before = self._needle
@@ -288,7 +288,7 @@ class NeedleWatch:
         return seen is not None and not believed
 
     def _tip_in_circle(self, needle: Believed) -> NDArray[np.float64]:
-        """Return where (3,) the tip of a needle is believed to be in the circle's frame, m."""
+        """Return where (3,) the tip of a needle is estimated to be in the circle's frame, m."""
         return (self.setup.T_base_circle.inverse() @ needle.T_base_needle).apply(self._arc.point_m(np.zeros(1))[0])
 
     def _window(self, expected: Believed) -> Window:
@@ -301,11 +301,11 @@ class NeedleWatch:
 
     @property
     def _needle(self) -> Believed:
-        """Return where the needle is believed to be."""
+        """Return where the needle is estimated to be."""
         return self._held or self._belief.needle(self._T_base_tip)
 
     def _take(self, seen: NeedleSighting) -> bool:
-        """Take in what was seen; return whether it is believed."""
+        """Take in what was seen; return whether it is accepted."""
         if self._held is None:
             return self._belief.saw(self._T_base_tip, self._T_base_camera, seen)
         after = self._held.after(self._T_base_camera, seen)

@@ -124,7 +124,7 @@ class SutureReport(TaskReport):
 
 
 MODELLED = (
-    "no tissue mechanics: the phantom bears the needle and drags on it (viscous), and is solid to nothing",
+    "no tissue mechanics: the phantom carries the needle and slows it by viscous drag, and is not solid",
     "the jaws hold the needle by friction; a person pulls it out and loads it again, exactly, before each suture",
 )
 """What a reader of the figures must know; printed with them."""
