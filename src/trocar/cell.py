@@ -35,11 +35,11 @@ class Ended(Enum):
 
 @dataclass(frozen=True)
 class JointReading:
-    """What the encoders of one arm say: motor side, so the cable errors are not in it (CRTK ``measured_js``).
+    """What the encoders of one arm read, on the motor side, so without the cables' errors (CRTK ``measured_js``).
 
     Attributes:
         time_s: clock of the cell at which it was read.
-        q: (6,) joint positions, rad and m as the arm's joints say.
+        q: (6,) joint positions, rad, or m for prismatic joints.
         jaw_rad: opening of the jaws.
     """
 
@@ -81,7 +81,7 @@ class Execution:
         commanded: (n, 7) six joints and the jaw as sent to the controller.
         measured: (n, 7) the same as the encoders read them.
         ended: how.
-        reason: why, in a sentence; of ``DONE`` empty.
+        reason: why, in a sentence; empty for ``DONE``.
     """
 
     times_s: NDArray[np.float64]
@@ -120,7 +120,7 @@ class Robot(Protocol):
         ...
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
-        """Let these motions take over from what the arms are doing now, without a stop; else like ``move``.
+        """Let these motions take over from what the arms are doing now, without a stop; otherwise like ``move``.
 
         Each must start at the arm's ``setpoint``, in position and velocity. The motion that it replaces returns
         ``REPLACED`` to whoever awaits it.
@@ -128,10 +128,10 @@ class Robot(Protocol):
         ...
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
-        """Compute beforehand what these motions need, so that ``move`` starts them at once.
+        """Compute in advance what these motions need, so that ``move`` starts them at once.
 
-        A script calls it where it plans, so that the time counts there. The motions start where the arms rest, or
-        where what they do now will end.
+        A script calls it when it plans, so that the time counts there. The motions start where the arms rest, or
+        where their current motions will end.
         """
         ...
 
@@ -173,7 +173,7 @@ class Camera(Protocol):
 
 
 class Clock(Protocol):
-    """The time of a cell: simulated, or the wall's."""
+    """The time of a cell: simulated, or wall-clock time."""
 
     def now_s(self) -> float:
         """Return the time since the cell was started."""
@@ -186,21 +186,21 @@ class Clock(Protocol):
     async def compute(self, function: Callable[[], Result], budget_s: float) -> tuple[Result, float]:
         """Return a function's result and the real time that it took, in s.
 
-        In simulation the clock counts ``budget_s`` for it, whatever it took. On hardware it runs in a thread
-        beside the loop, which goes on serving the other arm, and the clock is the clock.
+        In simulation the clock counts ``budget_s`` for it, however long it took. On hardware it runs in a thread
+        beside the loop, which goes on serving the other arm, and the clock simply runs on.
         """
         ...
 
 
 class Log(Protocol):
-    """Where scripts note what they do; time chart, time table and explanations come from it."""
+    """Where scripts note what they do; the source of time chart, time table and explanations."""
 
     def span(self, arm: str, name: str) -> AbstractContextManager[None]:
         """Note a stretch of the cell's clock, from entering to leaving."""
         ...
 
     def event(self, name: str, **values: object) -> None:
-        """Note something that happened now; values must be JSON's."""
+        """Note something that happened now; values must be JSON values."""
         ...
 
     def compute(self, name: str, seconds: float, budget_s: float) -> None:
@@ -221,7 +221,8 @@ class Cell:
         T_world_fixture: what is fixed on the table by name, where it nominally is; perception refines it.
         clock: the cell's time.
         log: where scripts note what they do.
-        assistants: people beside the robot, by what they do; the task that needs one says what it can be asked.
+        assistants: people beside the robot, by what they do; the task that needs one defines what it can be asked to
+            do.
     """
 
     robot: Robot

@@ -46,7 +46,7 @@ def build_cell(station: Station | str, backend: str, seed: int = 0) -> Laborator
 def build_cell(station: Station | str, backend: str = "sim", seed: int = 0) -> Laboratory:
     """Return a laboratory whose ``cell`` has the station's arms and cameras, and whose ``run`` runs scripts in it.
 
-    In simulation a session is drawn: registration and cables err as they do on some day.
+    In simulation a session is drawn, with the registration and cable errors of one particular day.
 
     Args:
         station: a station, its name, or the path of its TOML file.

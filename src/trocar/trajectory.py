@@ -1,4 +1,4 @@
-"""The value that every layer speaks: a path in joint space over time."""
+"""The value that all layers share: a path in joint space over time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trocar.errors import TrocarError
 from trocar.geometry.arrays import finite
 
 MAX_SAMPLES = 10_000_000
-"""More than a day at 100 Hz; whoever asks for more has mistaken the unit of the step."""
+"""More than a day at 100 Hz; a request for more must have the wrong unit of the step."""
 MAX_STRETCH = 1e9
 """A motion that is slowed down more would last for years."""
 

@@ -62,7 +62,7 @@ class Instrument:
     """An instrument with two fingers; shaft, wrist and jaws as solids.
 
     Its kinematics (``wrist_length_m``, ``tip_length_m``, range of the jaws) are the arm's, which the inverse
-    kinematics needs; here stands what is in the way. Estimated from photographs unless a source is named.
+    kinematics needs; this is what takes up space. Estimated from photographs unless a source is named.
 
     Attributes:
         name: what it is sold or known as.

@@ -55,12 +55,13 @@ def ik(
         T_base_tip: pose(s) of the tip, or their matrices (..., 4, 4).
         reference: (..., 6) joints that solutions are to be near.
         unreachable: what a pose without a solution gives: an error, or six times NaN, so that one pose of a batch
-            does not lose the others.
+            does not spoil the others.
 
     Raises:
         Unreachable: a pose has no solution within the limits; names the joint and by how much it is outside, on the
             branch with the smallest violation. Not with ``unreachable="nan"``.
-        TrocarError: a pose or the reference is not finite, a matrix is no pose, or the reference has the wrong shape.
+        TrocarError: a pose or the reference is not finite, a matrix is not a pose, or the reference has the wrong
+            shape.
 
     Example:
         >>> import numpy as np

@@ -122,7 +122,7 @@ class ArmModel:
         wrist_length_m: from the wrist pitch axis to the wrist yaw (jaw) axis, L3 or Lw.
         tip_length_m: from the jaw axis to the controlled point, L4.
         jaw: the opening of the jaws, as a joint.
-        instrument: the solid shapes of what sits on the arm.
+        instrument: the solid shapes of what is mounted on the arm.
         safe_depth_m: minimum depth of the wrist beyond the remote centre for Cartesian motion.
         coupling: (4, 4) joints from actuators, for roll, wrist pitch, wrist yaw, jaw; None if unknown.
     """

@@ -1,4 +1,4 @@
-"""The solids of an arm's instrument, link by link: what simulator and exported models build it of."""
+"""The solids of an arm's instrument, link by link: from which simulator and exported models build it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints that bring the tip to a place while the wrist stays as it is."""
+"""Joints that bring the tip to a place while the wrist stays still."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OUTER = 3
 REACHED_M = 1e-9
 STEPS = 20
 MAX_STEP = np.array([0.5, 0.5, 0.1])
-"""Of yaw, pitch (rad) and insertion (m) at a time: farther away the arm's geometry is another."""
+"""Largest step of yaw, pitch (rad) and insertion (m): further away the arm's geometry has changed too much."""
 
 
 def reach_with_still_wrist(
@@ -27,10 +27,10 @@ def reach_with_still_wrist(
     The point, ``p_tip_m`` (3,) in the tip's frame, is the tip itself, or of something that the jaws hold.
 
     The tip turns with the shaft: by .05 rad a centimetre, 200 mm from the remote centre. Cables that drive the wrist
-    are not moved, so that what friction and play make of it stays what it was.
+    are not moved, so that the effects of friction and play stay as they were.
 
     Raises:
-        Unreachable: the place cannot be reached so within the joints' ranges.
+        Unreachable: the place cannot be reached this way within the joints' ranges.
         TrocarError: joints or place have another shape, or are not finite.
     """
     goal, held, found = _place(arm, p_base_m), _place(arm, p_tip_m), arm.configurations(q).copy()

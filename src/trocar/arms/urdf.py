@@ -19,29 +19,29 @@ DVRK = {joint.name: f"outer_{joint.name}" for joint in PSM_CLASSIC.joints}
 BASE, TIP = "base_link", "tool_tip_link"
 MATERIALS = {STEEL: "steel", CARBON: "carbon", HOUSING: "housing"}
 EFFORT = 100.0
-"""N m or N; no source gives the limits, and URDF wants some."""
+"""N m or N; no source gives the limits, and URDF requires some."""
 NOTHING = 1e-15
-"""What is smaller is written as 0."""
+"""Smaller values are written as 0."""
 DENSITY_KG_M3 = 1000.0
 """Of all solids (assumed; as in the simulator)."""
 OUTER_KG, OUTER_KG_M2 = 1.0, 1e-2
 """Mass and inertia of the links without solids, those of the arm outside (assumed)."""
 SMALL_KG, SMALL_KG_M2 = 1e-2, 1e-6
-"""What is lighter counts as much, about its middle, or simulators become unstable (assumed; as in Trocar's own)."""
+"""Lighter links get this mass, about their middle, or simulators become unstable (assumed; as in Trocar's own)."""
 
 
 def joint_names(arm: ArmModel) -> tuple[str, ...]:
-    """Return what the six joints are called in URDF: a PSM's as in the dVRK's models, others as in ``arm``."""
+    """Return the names of the six joints in URDF: a PSM's as in the dVRK's models, others as in ``arm``."""
     names = tuple(joint.name for joint in arm.joints)
     return tuple(DVRK[name] for name in names) if names == tuple(DVRK) else names
 
 
 def arm_urdf(arm: ArmModel) -> str:
-    """Return an arm as URDF text that stands alone: no meshes, no other files.
+    """Return an arm as self-contained URDF text: no meshes, no other files.
 
     ``base_link`` is the remote centre, frame 0 of :func:`trocar.arms.frames`, and each joint ``NAME`` moves the link
     ``NAME_link``, whose frame is that joint's, z along its axis: a serial chain through the remote centre, without the
-    parallelogram or the drives outside that make a real arm move so. ``jaw`` is the opening of the jaws, which both
+    parallelogram or the external drives of a real arm. ``jaw`` is the opening of the jaws, which both
     fingers mimic by half; ``tool_tip_link`` is the controlled point.
     """
     robot = Element("robot", name=arm.name.replace("-", "_"))

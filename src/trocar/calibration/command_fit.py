@@ -1,4 +1,4 @@
-"""The path of commands that leads the joints nearest to where they should be, by successive quadratic programmes."""
+"""The path of commands that leads the joints nearest to where they should be, by successive quadratic programs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LEVER = np.array([10.0, 10.0, 67.0, 0.7, 1.0, 1.0])
 """How far an error of q1 to q6 moves the tip (.15 m, .15 m, 1, .01 m, .015 m, .015 m) in units of the wrist's 15 mm."""
 
 EASE = np.array([1e-4, 1e-4, 1e-5, 2.5e-3, 2.5e-3, 2.5e-3])
-"""Error (rad, m) of a joint that is put up with to spare it full acceleration: 10 to 40 um at the tip."""
+"""Error (rad, m) of a joint that is tolerated to spare it full acceleration: 10 to 40 um at the tip."""
 
 NEAR = 0.03
 """Share of an error of the joints that going as far with the commands counts: it damps steps in dead zones, where

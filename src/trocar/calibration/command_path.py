@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 
 ENDS_S = 0.2
 ENDS_WEIGHT = 10.0
-"""About so long after the start and before the end errors weigh up to so much more than in the middle of a motion:
-there the jaws are at something."""
+"""About so long after the start and before the end, errors weigh up to so many times more than in the middle of a
+motion: there the jaws are at something."""
 END_WEIGHT_S = 1000.0
 """Weight of an error at the very end, beside an error of one that lasts so long."""
 
@@ -39,7 +39,7 @@ CORRECTIONS = 2
 NEARLY_MET = 1e-3
 """A motion that ends further from its end (a wrist's rad) lacks time, as a rule."""
 STRETCHES = (1.0, 1.05, 1.15, 1.3)
-"""Tried in turn on top of the time that the way to the last command takes at least."""
+"""Tried in turn, added to the least time for the path to the last command."""
 LAST_STEP_S = 0.3
 """A last step from rest to rest that takes no longer makes up for the least error that is left: there are dead zones
 where nothing but crossing a slack does. Where the time did not suffice, it takes as long as it takes."""

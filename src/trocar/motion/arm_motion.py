@@ -32,7 +32,7 @@ def _up() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class ArmMotion:
-    """What one arm is asked: from where, through what, to rest where, within which limits.
+    """What one arm is asked to do: where to start, what to pass, where to stop, within which limits.
 
     >>> arm, limits = ARMS["psm-classic"], MOTION_LIMITS["paper"]
     >>> motion = ArmMotion(arm, waypoints, limits)  # (n, 6): grasp, lifted, over the target, lowered
@@ -41,8 +41,8 @@ class ArmMotion:
     Attributes:
         model: of the arm.
         waypoints: (n, 6) joints, rad and m; it starts at the first and rests at the last.
-        limits: bounds of velocity and acceleration, perhaps of jerk.
-        T_world_base: pose of its base; needed where arms or obstacles can meet.
+        limits: bounds of velocity and acceleration, and optionally of jerk.
+        T_world_base: pose of its base; needed if arms or obstacles can meet.
         up: (3,) direction in its base, of any length, along which the tip passes the waypoints between the first
             and the last without turning; a unit vector afterwards. Planners that stop there may ignore it.
         still_wrist: whether the wrist's joints rest when it passes these waypoints, so that the tip turns a little;

@@ -1,4 +1,4 @@
-"""Everything that may meet, as one numbered list of capsules over time."""
+"""Everything that may collide, as one numbered list of capsules over time."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class Brake:
         """Return the time along the path (n,) and its rate at times (n,) since braking began.
 
         Between two steps the rate is linear, so that the time along the path is quadratic; a straight line in its place
-        would be felt as a rattle.
+        would make the arm rattle.
         """
         row = np.clip(np.searchsorted(self.times_s, since_s, side="right") - 1, 0, len(self.times_s) - 1)
         rate = np.interp(since_s, self.times_s, self.rate)

@@ -1,4 +1,4 @@
-"""The independent check of a planner's answer: the same for all, whoever the planner is."""
+"""The independent check of a planner's answer, the same for all planners."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ TIP_KEPT = 1 + 1e-6
 """Share of its limit up to which the speed of the tip, a difference quotient, counts as kept."""
 
 ROUNDED = 1e-9
-"""What a tolerance (m, rad) may be exceeded by."""
+"""By how much a tolerance (m, rad) may be exceeded."""
 
 DISTANCE_M = 1e-5
-"""Distances are told from the least one to this: a planner that stops at the limit itself keeps it."""
+"""How closely the least distance is known: a planner that stops exactly at the limit keeps it."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """Something that was asked and is not kept, as a sentence."""
+    """A requirement that is violated, as a sentence."""
 
     demand: Demand
     sentence: str
@@ -48,7 +48,7 @@ class Check:
     Attributes:
         use: what each arm uses of its limits.
         clearance: the least distance between arms and to obstacles.
-        violations: everything that is not kept, worst kind first within each arm.
+        violations: every violated requirement, worst kind first within each arm.
     """
 
     use: Mapping[str, LimitUse]
@@ -57,7 +57,7 @@ class Check:
 
 
 def check(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Check:
-    """Return what the paths, one for each arm of the problem, use and break of what was asked.
+    """Return which limits the paths, one for each arm of the problem, use, and which requirements they violate.
 
     Limits, ranges and straightness at 1 kHz and on both sides of all knots, distances by a bound that also
     holds between samples.

@@ -20,10 +20,10 @@ COARSE_S, COARSE = 0.04, 64
 """Longest interval between the first samples; but so many intervals are enough for any span."""
 
 STRETCH = 8
-"""Intervals in which a pair of capsules is looked at together, or not at all where boxes show it far apart."""
+"""Intervals in which a pair of capsules is examined together, or skipped if boxes show it to be far apart."""
 
 SPLIT = 8
-"""Parts into which an interval is cut that may hide something."""
+"""Number of parts into which an interval that may hide something is cut."""
 
 MERGED_S = 1e-9
 """Samples closer than this are one."""
@@ -79,9 +79,9 @@ def swept_clearance(
         others: by name, on the same clock.
         obstacles: by name.
         span_s: from when to when; default: from the first start to the last end of them all.
-        enough_m: what is further apart need not be known any better.
-        too_near_m: nor what is nearer than this: one such sample ends the search.
-        resolution_m: how far the bound may lie under the samples, where that is less than enough.
+        enough_m: a larger distance need not be known more precisely.
+        too_near_m: nor a smaller one than this: one such sample ends the search.
+        resolution_m: how far the bound may lie below the samples, where these are less than ``enough_m``.
     """
     if not resolution_m > 0:
         raise TrocarError(f"distances cannot be resolved to {resolution_m} m; give a resolution above 0")
@@ -147,7 +147,7 @@ def _near(
         knots: (n,) samples.
         ends: (n, bodies, 2, 3) of the capsules there, m.
         bends: (n - 1, bodies) bounds of the accelerations between them, m/s^2.
-        enough_m: what is further apart need not be known any better.
+        enough_m: a larger distance need not be known more precisely.
 
     Returns:
         (rows,) index of the pair; (rows,) index of the stretch; how far apart all others are at least, m.

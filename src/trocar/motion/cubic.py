@@ -1,4 +1,4 @@
-"""Shortest cubic between two moving ends: the step that every spline planner takes thousands of times."""
+"""Shortest cubic between two moving ends: a step that every spline planner takes thousands of times."""
 
 from __future__ import annotations
 

@@ -36,8 +36,8 @@ def least_acceleration(
 ) -> NDArray[np.float64]:
     """Return the least acceleration with which one joint takes exactly this time; infinite where none does.
 
-    It is no monotone function of the time: a joint that passes both ends at speed may do it quickly or, stopping on
-    the way, slowly, and nothing between. With acceleration c to a peak and from it, ``T^2 c^2 - 2 |h| c =
+    It is not a monotone function of the time: a joint that passes both ends at speed may do it quickly or, stopping on
+    the way, slowly, but not in between. With acceleration c to a peak and from it, ``T^2 c^2 - 2 |h| c =
     (v0 - v1)^2`` where ``h = 2 d - T (v0 + v1)`` also tells the direction of the peak.
     """
     d, a, b, t, v = (np.asarray(x, dtype=np.float64) for x in (distance, v0, v1, seconds, velocity))

@@ -1,4 +1,4 @@
-"""Does a trajectory keep its limits? Checked between the knots too, where splines misbehave."""
+"""Whether a trajectory keeps its limits. Checked between the knots too, where splines misbehave."""
 
 from __future__ import annotations
 

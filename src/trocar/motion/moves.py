@@ -47,9 +47,9 @@ def move_to(q: ArrayLike, velocity: ArrayLike, q_goal: ArrayLike, limits: Motion
     """Return a short motion from a moving start to rest at the goal: to replace a running motion.
 
     From rest, or moving along the straight line in joint space to the goal (or away from it), it keeps to that
-    line and takes the least time on it: from rest it is ``rest_to_rest``. Else every joint goes its own way in
+    line and takes the least time on it: from rest it is ``rest_to_rest``. Otherwise every joint takes its own path in
     the time that the slowest one needs, which no motion beats, with no more acceleration than that asks for.
-    A joint passes its goal only where it cannot stop before it.
+    A joint overshoots its goal only if it cannot stop before it.
 
     >>> going = rest_to_rest(arm.middle, arm.middle + 0.05, limits)
     >>> back = move_to(going(0.3), going(0.3, 1), arm.middle, limits)
@@ -64,7 +64,7 @@ def move_to(q: ArrayLike, velocity: ArrayLike, q_goal: ArrayLike, limits: Motion
 
     Raises:
         TrocarError: values that are not finite or a velocity beyond its limit. The ranges of the joints are
-            not looked at: an arm that moves fast towards the end of a range cannot be kept from leaving it.
+            not checked: an arm that moves fast towards the end of a range cannot be kept from leaving it.
     """
     given = (("start", q), ("velocity at the start", velocity), ("goal", q_goal))
     start, v, goal = (_joint_values(name, values, limits) for name, values in given)

@@ -63,7 +63,7 @@ class MovingArm:
 
     @property
     def knots_s(self) -> NDArray[np.float64]:
-        """Return the knots of its trajectory on the clock of who asks."""
+        """Return the knots of its trajectory on the caller's clock."""
         return self.trajectory.times_s + (self.start_s - self.trajectory.times_s[0])
 
     def joints(self, t_s: ArrayLike, order: int = 0) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""What stands still in the world and must not be touched: capsules, balls and half-spaces."""
+"""What is fixed in the world and must not be touched: capsules, balls and half-spaces."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class HalfSpace:
 
     Attributes:
         point_m: (3,) on the plane, not more than about 4 m from the arms.
-        normal: (3,) out of what is filled, of any length; a unit vector afterwards.
+        normal: (3,) pointing out of the solid side, of any length; a unit vector afterwards.
     """
 
     point_m: NDArray[np.float64]
@@ -70,7 +70,7 @@ class HalfSpace:
     def as_capsule(self) -> Capsule:
         """Return a ball so large that it is as good as the half-space, and no smaller where arms are.
 
-        So planners, checks and guards know one shape only.
+        So planners, checks and guards need only one shape.
         """
         return Capsule(self.point_m + (BALL_LIFT_M - BALL_RADIUS_M) * self.normal, radius_m=BALL_RADIUS_M)
 

@@ -40,12 +40,12 @@ twice that."""
 
 @ignores(Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
 def optimal(problem: MotionProblem) -> dict[str, TimedPath]:
-    """Return the time-optimal motion of each arm that follows its straight pieces strictly, planned for itself.
+    """Return the time-optimal motion of each arm that follows its straight pieces strictly, planned separately.
 
-    A straight piece is left, or come to, along itself at a speed of the planner's choice; between two of them every
-    joint goes its own way from one velocity to the other in the time that the slowest one needs. Given the speeds, all
-    of that is in closed form or one pass over the line; the speeds, two in a transfer, are searched on a grid that
-    is refined where it is best. Free pieces that follow one another, and straight ones, meet at rest.
+    A straight piece is left, or entered, along its direction at a speed of the planner's choice; between two of them
+    every joint goes its own way from one velocity to the other in the time that the slowest one needs. Given the
+    speeds, all of that is in closed form or one pass over the line; the speeds, two in a transfer, are searched on a
+    grid that is refined where it is best. Free pieces that follow one another, and straight ones, meet at rest.
 
     Where a problem does not say which pieces are straight, the first and the last of three or more waypoints are if
     they lie along ``up``, or nearly so where the wrist is to be still: a block that is lifted off its peg and lowered

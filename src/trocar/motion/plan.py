@@ -32,17 +32,18 @@ NO_CLEARANCE = Clearance(inf, inf, 0.0, ("", ""))
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionPlan:
-    """What a planner answered, and what the check says of it.
+    """What a planner returned, and the result of the check.
 
     Attributes:
         planner: its name.
-        paths: by arm, as the planner answered; kept where the check refuses them, so that one can look.
+        paths: by arm, as the planner returned them; kept even if the check rejects them, for inspection.
         bound_s: no motion through the same waypoints is shorter (``duration_bound_s``).
         compute_ms: time that planner and check took.
         use: by arm, what the paths use of the limits.
-        clearance: how near arms and obstacles come; no finer than whether the least distance is kept.
-        violations: sentences; what was asked and is not kept.
-        reason: why there is no valid plan; empty where there is one.
+        clearance: how near arms and obstacles come; no more precise than needed to tell whether the least distance is
+            kept.
+        violations: sentences; the requirements that are violated.
+        reason: why there is no valid plan; empty if there is one.
     """
 
     planner: str
@@ -70,12 +71,12 @@ class MotionPlan:
 
     @property
     def found(self) -> bool:
-        """Return whether the motion keeps all that was asked."""
+        """Return whether the motion meets all requirements."""
         return not self.reason
 
     @property
     def duration_s(self) -> float:
-        """Return the time until the last arm rests; not a number where the planner answered nothing."""
+        """Return the time until the last arm rests; NaN if the planner returned nothing."""
         return max((path.trajectory.duration_s for path in self.paths.values()), default=nan)
 
     @property

@@ -13,8 +13,8 @@ from trocar.registry import Lazy, Registry
 Planner = Callable[[MotionProblem], Mapping[str, TimedPath]]
 """A function that answers a problem with one path per arm, or raises a ``TrocarError`` that says why there is none.
 
-It gets the problem checked and with joint waypoints only. Nothing that it answers is taken on trust:
-:func:`trocar.motion.plan_motion` checks it, so that it need not.
+It gets a checked problem with joint waypoints only. None of its answers is trusted:
+:func:`trocar.motion.plan_motion` checks them, so that the planner need not.
 """
 
 PLANNERS: Registry[Planner] = Registry(
@@ -48,7 +48,7 @@ P = TypeVar("P", bound=Planner)
 
 
 def ignores(*demands: Demand) -> Callable[[P], P]:
-    """Declare what a planner does not look at, to be said where it matters.
+    """Declare which demands a planner ignores, to be reported where that matters.
 
     >>> @ignores(Demand.STRAIGHT, Demand.DISTANCES)
     ... def stop_and_go(problem): ...
@@ -62,5 +62,5 @@ def ignores(*demands: Demand) -> Callable[[P], P]:
 
 
 def ignored(planner: Planner) -> frozenset[Demand]:
-    """Return what a planner declared that it does not look at."""
+    """Return the demands that a planner declared it ignores."""
     return getattr(planner, "ignores", frozenset())

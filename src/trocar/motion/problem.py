@@ -1,4 +1,4 @@
-"""What a planner is asked: one arm or several, on one clock."""
+"""What a planner is asked to plan: one arm or several, on one clock."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ SAME_PLACE_M = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class MotionProblem:
-    """What a planner is asked, for one arm or several that start together.
+    """What a planner is asked to plan, for one arm or several that start together.
 
     >>> table = HalfSpace(point_m=[0.0, 0.0, -0.01], normal=[0.0, 0.0, 1.0])
     >>> problem = MotionProblem({"psm1": left, "psm2": right}, obstacles={"table": table}, min_distance_m=1e-3)
 
     Attributes:
-        arms: what each arm is asked, by name.
-        others: arms that are not asked, by name: they rest or follow a known trajectory. Their clock starts with
+        arms: what each arm is asked to do, by name.
+        others: arms that are not planned, by name: they rest or follow a known trajectory. Their clock starts with
             the plan's, so that one that is already running has a ``start_s`` below 0.
         obstacles: what stands still in the world, by name.
         min_distance_m: to keep between the parts of different arms, and to obstacles.

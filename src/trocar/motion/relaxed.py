@@ -46,10 +46,10 @@ FAST = 0.8
 
 @ignores(Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
 def relaxed(problem: MotionProblem) -> dict[str, TimedPath]:
-    """Return the fastest motion of each arm that stays within the problem's tolerances, planned for itself.
+    """Return the fastest motion of each arm that stays within the problem's tolerances, planned separately.
 
     Between rest and rest over a share s of the duration T, the limits of acceleration are linear in the control points
-    of a quadratic spline and in T^2. So the least T follows from a linear programme, up to what the tip does, which is
+    of a quadratic spline and in T^2. So the least T follows from a linear program, up to what the tip does, which is
     linear about the motion before it: while lifting and lowering it strays from the straight piece by no more than
     ``straight_tolerance_m`` and ``_rad``, and over the free piece it is never lower than the lower inner waypoint less
     ``waypoint_tolerance_m``. The first motion is that of 'optimal'; the programmes settle after two or three.

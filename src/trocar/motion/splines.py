@@ -25,7 +25,7 @@ LONGEST_S = 120.0
 
 @ignores(Demand.STRAIGHT, Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
 def spline(problem: MotionProblem) -> dict[str, TimedPath]:
-    """Return the cubic spline of each arm through its waypoints, planned for itself.
+    """Return the cubic spline of each arm through its waypoints, planned separately.
 
     Hwang et al. 2022, section IV-C. It rests at the end and passes the inner waypoints along ``up`` (or against
     it: the sign of the speed is found too), so that a block leaves its peg and meets it straight. Every probed

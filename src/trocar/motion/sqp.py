@@ -1,4 +1,4 @@
-"""The smoothest motion over a shrinking horizon: sequential quadratic programmes that start from the spline."""
+"""The smoothest motion over a shrinking horizon: sequential quadratic programs that start from the spline."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ PENALTY = 1e3
 
 @ignores(Demand.DISTANCES, Demand.TIP_SPEED, Demand.FACING)
 def sqp(problem: MotionProblem) -> dict[str, TimedPath]:
-    """Return the smoothest motion over the shortest horizon that has one, of each arm, planned for itself.
+    """Return the smoothest motion over the shortest horizon that has one, of each arm, planned separately.
 
     Hwang et al. 2022, section IV-D. For a horizon, the sum of the squared jerks is made least within the limits of
     range, velocity, acceleration and, if one is given, jerk; all waypoints are passed, and on straight pieces the tip

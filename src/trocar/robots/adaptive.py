@@ -30,11 +30,11 @@ UNLIKELY = float(chdtri(3, 0.001))
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """What looks tell of an arm.
+    """What looks reveal about an arm.
 
     Attributes:
         cables: of its wrist and outer joints.
-        shift_m: (3,) of its instrument against where commanded outer joints have it, in its base.
+        shift_m: (3,) of its instrument against where the commanded outer joints put it, in its base.
     """
 
     cables: Learned
@@ -131,7 +131,7 @@ class Adaptive(Calibrated):
         return Knowledge(learn_from(seen.recording, self._priors[arm], seen.sd_rad), seen.shift_m)
 
     def adopt(self, arm: str, knowledge: Knowledge) -> None:
-        """Use what was learned from now on.
+        """From now on, use what was learned.
 
         Raises:
             TrocarError: the arm moves.
@@ -148,13 +148,13 @@ class Adaptive(Calibrated):
         return known.cables.spread(self._memory(arm, self._robot.setpoint(arm)).state, q_cmd)
 
     def correct(self, arm: str, seen: Sighting) -> bool:
-        """Correct an arm that rests where it was seen, as far as the image is surer than the model.
+        """Correct an arm that rests where it was seen, to the extent that the image is more certain than the model.
 
-        The correction holds until something is adopted; what was seen then speaks with all other looks. An image that
+        The correction holds until something is adopted; the image then counts along with all other looks. An image that
         contradicts the model by more than both can explain is rejected.
 
         Returns:
-            whether it was believed.
+            whether the image was accepted.
 
         Raises:
             TrocarError: the arm moves.

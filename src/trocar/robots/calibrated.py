@@ -20,7 +20,7 @@ from trocar.robots.guarded import START_TOLERANCE
 from trocar.trajectory import Trajectory
 
 CLIPPED = 5e-3
-"""A correction may lack this much (rad, m) at the end of a joint's range before the range counts as left."""
+"""A correction may fall short by this much (rad, m) at the end of a joint's range before the range counts as left."""
 RANGE_GUARD = 5e-3
 """Corrected commands keep this far (rad, m) inside the joints' ranges."""
 BELIEVED = 1e-3
@@ -81,14 +81,14 @@ class _Prepared:
 
 
 class Calibrated:
-    """A robot whose cables are compensated: scripts speak of true joints, the robot gets commands.
+    """A robot whose cables are compensated: scripts work in true joints, the robot gets commands.
 
     All commands of a motion are found before it starts, within the limits, so that a cable's slack is crossed in time
     (``trocar.calibration.command_path``). The model's memory is that of the commands that were really sent: a
     motion may be stopped half-way, or replaced while it runs.
 
     Args:
-        robot: what it wraps; innermost it should wear ``Guarded``, which then sees the commands.
+        robot: what it wraps; its innermost wrapper should be ``Guarded``, which then sees the commands.
         arms: models by name.
         models: cable models of the arms that are compensated.
         limits: of velocity and acceleration of the commands, by arm.
@@ -124,7 +124,7 @@ class Calibrated:
         return JointReading(reading.time_s, self._believed(arm, self._robot.setpoint(arm)), reading.jaw_rad)
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return what the true joints are told now.
+        """Return what the true joints are commanded to now.
 
         For an arm that was stopped on its way it is where the model estimates the joints: there it rests, and while a
         cable's slack is being crossed that may be some way from where they were asked to be.

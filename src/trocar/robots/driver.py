@@ -61,8 +61,8 @@ class _Arm:
 class Driver:
     """Plays trajectories back as set-points, one tick after the other.
 
-    Whoever owns the hardware or the physics calls :meth:`targets` for the set-points of the next tick, sends them,
-    and calls :meth:`note` with what was read. This class checks nothing that a ``Guarded`` round it checks.
+    The owner of the hardware or the physics calls :meth:`targets` for the set-points of the next tick, sends them,
+    and calls :meth:`note` with what was read. This class checks nothing that a ``Guarded`` around it checks.
 
     Args:
         now_s: returns the cell's clock.
@@ -80,7 +80,7 @@ class Driver:
         return tuple(self._arms)
 
     def attach(self, name: str, model: ArmModel, limits: MotionLimits, q: NDArray[np.float64], jaw_rad: float) -> None:
-        """Take over an arm that rests at the command (6,)."""
+        """Add an arm that rests at the command (6,)."""
         reading = JointReading(self._now_s(), np.array(q, dtype=np.float64), jaw_rad)
         self._arms[name] = _Arm(model, limits, Playback(model, limits, q), _Jaw(jaw_rad, jaw_rad), reading, reading.q)
 
@@ -100,7 +100,7 @@ class Driver:
         return SetPoint(now, q, velocity, playback.moving, path_s, rate, on_path)
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
-        """Run trajectories from rest, all from the same tick on."""
+        """Run trajectories from rest, all starting at the same tick."""
         for name in motions:
             if self._arm(name).playback.moving:
                 raise TrocarError(f"arm {name!r} is already moving; await its motion, or replace it")
@@ -175,7 +175,7 @@ class Driver:
                 arm.jaw.goal_rad, arm.jaw.ended = arm.jaw.rad, (ended, reason)
 
     def abandon(self, reason: str) -> None:
-        """Tell all who wait, or will, that there is nothing to wait for: the physics or the connection is gone."""
+        """Notify every script that waits, or will wait, that the physics or the connection is gone."""
         self._gone = reason
         for arm in self._arms.values():
             if arm.playback.moving:
@@ -219,7 +219,7 @@ class Driver:
         return self._arm(name).playback.braking
 
     def widest_jaw_rad(self, name: str) -> float:
-        """Return the widest opening of an arm's jaws from now until they have come to their goal."""
+        """Return the widest opening of an arm's jaws from now until they reach their goal."""
         jaw = self._arm(name).jaw
         return max(jaw.rad, jaw.goal_rad)
 
@@ -234,7 +234,7 @@ class Driver:
         return not arm.playback.moving and arm.jaw.rad == arm.jaw.goal_rad
 
     def note(self, now_s: float, readings: Mapping[str, JointReading]) -> None:
-        """Take note of what was read at the end of a tick; tell those who wait for what has ended.
+        """Record what was read at the end of a tick; notify the scripts that wait for what has ended.
 
         Args:
             now_s: the clock at the end of the tick.

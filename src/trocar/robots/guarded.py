@@ -24,7 +24,7 @@ START_TOLERANCE = 1e-6
 """A motion may start this far (rad, m) from the arm's set-point: rounding, no jump."""
 WORKSPACE_STEP_S = 0.010
 CLOSER_M = 1e-4
-"""Arms that are too near already may come this much nearer on their way apart."""
+"""Arms that are already too near may come this much nearer on their way apart."""
 STRETCH_TOLERANCE = 1e-6
 """A limit counts as kept up to this share above it: planners stop at the limit itself, and floats round."""
 
@@ -60,16 +60,16 @@ class Belief(Protocol):
 
 
 class Guarded:
-    """A robot that refuses what must not be sent, slows down what is too fast, and stops an arm that goes silent.
+    """A robot that refuses what must not be sent, slows down what is too fast, and stops an arm whose readings stop.
 
     It covers the joints' positions, velocities and accelerations, jumps in position or velocity at the start of a
     motion, the jaws' range, a workspace for the tip, the distance swept between arms, and readings that stopped
-    coming. What it had to change it logs as the event ``guard``.
+    coming. It logs what it had to change as the event ``guard``.
 
     Args:
         driver: what it wraps.
         arms: what each arm is allowed; an arm that is not here cannot be moved.
-        min_distance_m: between the instruments of two arms; 0 or less: not watched.
+        min_distance_m: between the instruments of two arms; 0 or less: not checked.
         stale_s: a reading older than this stops its arm.
         note: called as ``note("guard", arm=..., ...)`` with what was changed.
 
@@ -100,7 +100,7 @@ class Guarded:
         return self._driver.read(arm)
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return what the arm is told now; the time along the path is that of the motion as it was handed over."""
+        """Return what the arm is commanded now; the time along the path is that of the motion as it was handed over."""
         now, factor = self._driver.setpoint(arm), self._stretch.get(arm, 1.0)
         return SetPoint(
             now.time_s, now.q, now.velocity, now.moving, now.path_s / factor, now.path_rate / factor, now.on_path
@@ -123,7 +123,7 @@ class Guarded:
         return await self._driver.replace(self._allowed(motions, replaces=True))
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
-        """Do nothing: a motion is looked at when it is to start, for then the other arms are where they are."""
+        """Do nothing: a motion is checked when it starts, since the other arms may move until then."""
 
     async def jaw(self, arm: str, angle_rad: float) -> Execution:
         """Drive the jaws to an opening within their range."""

@@ -18,7 +18,7 @@ SHIFT_SD_M = 0.5e-3
 WORST_M = 0.6e-3
 """A sighting whose points lie further than this (SD) from the instrument's solids was of something else."""
 LEAST_INFORMATION = 1.0
-"""1/rad^2, added: a turn that an image says nothing of has an SD of a radian."""
+"""1/rad^2, added: a turn about which an image shows nothing has an SD of a radian."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Seen:
     Attributes:
         recording: all commands; measured where there was a look.
         sd_rad: (n, 3) of the wrist's measurements.
-        shift_m: (3,) of the instrument against where commanded outer joints have it, in the arm's base.
+        shift_m: (3,) of the instrument against where the commanded outer joints put it, in the arm's base.
     """
 
     recording: Recording
@@ -52,7 +52,7 @@ class Seen:
 def put_together(arm: ArmModel, name: str, q_cmd: NDArray[np.float64], looks: Sequence[Look]) -> Seen:
     """Return the recording that looks make.
 
-    What shifts the instrument is common to all looks, and found from all; then each says where its wrist was.
+    The shift of the instrument is common to all looks, and found from all; then each gives the joints of its wrist.
 
     Args:
         arm: whose instrument was seen.

@@ -1,4 +1,4 @@
-"""What one arm is told at each moment: a motion played back, braked, or replaced while it runs."""
+"""What one arm is commanded at each moment: a motion played back, braked, or replaced while it runs."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Playback:
     def remaining(self, now_s: float, step_s: float) -> tuple[Trajectory, float] | None:
         """Return what is still played and the clock at its start; None at rest.
 
-        A motion that brakes is sampled in steps: its own trajectory no longer says when it is where.
+        A motion that brakes is sampled in steps: its own trajectory no longer tells when it is where.
         """
         motion = self._motion
         if motion is None:
@@ -114,7 +114,7 @@ class Playback:
         self._rest, self._path, self._motion = q, (path_s, on_path), None
 
     def samples(self, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return joints and velocities (n, 6) at these times of the clock, none of them past."""
+        """Return joints and velocities (n, 6) at these times of the clock, none in the past."""
         if self._motion is None:
             shape = (len(times_s), 6)
             return np.broadcast_to(self._rest, shape), np.zeros(shape)

@@ -1,1 +1,1 @@
-"""Sim."""
+"""The simulated laboratory."""

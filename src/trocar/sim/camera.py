@@ -34,7 +34,7 @@ class RayCamera:
         intrinsics: lens and pixels, such as ``lens.binned(2)``.
         T_world_camera: true pose.
         lamp_m: (3,) projector or lamp in the camera frame; what it does not light is dark and has no depth.
-        flaws: what the sensor does wrong; ``SensorFlaws.none()`` gives exact depth.
+        flaws: of the sensor; ``SensorFlaws.none()`` gives exact depth.
         light: of the scene.
         finish: grain and wet spots of surfaces; None: each has one plain colour.
     """

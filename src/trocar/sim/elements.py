@@ -12,7 +12,7 @@ from trocar.geometry import SE3
 SCENE_BIT = 1
 ALL_BITS = 2**31 - 1
 NOTHING = {"contype": "0", "conaffinity": "0"}
-"""Attributes of a geom that is seen but solid to nothing."""
+"""Attributes of a geom that is visible but collides with nothing."""
 UNSEEN_GROUP = "4"
 """Group of geoms that no camera sees."""
 

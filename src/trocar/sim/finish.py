@@ -1,4 +1,4 @@
-"""What surfaces look like beyond one colour: grain of the material, and wet spots that mirror the lamp."""
+"""The look of surfaces beyond a single colour: grain of the material, and wet spots that mirror the lamp."""
 
 from __future__ import annotations
 

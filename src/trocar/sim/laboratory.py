@@ -41,7 +41,7 @@ from trocar.station.session import Session
 from trocar.station.transmission import DriveTrain
 
 REST_S = 0.5
-"""The bodies come to rest for so long before the clock starts."""
+"""The bodies settle for so long before the clock starts."""
 
 
 class SimClock:
@@ -126,7 +126,7 @@ class SimLaboratory:
         cell: what scripts are given.
         log: what they note.
         cameras: by name.
-        recorder: what was, tick by tick.
+        recorder: what happened, tick by tick.
     """
 
     def __init__(
@@ -199,7 +199,7 @@ class SimLaboratory:
         return self._ticks * TICK_S
 
     def wear(self, wrap: Callable[[Cell], Any]) -> Cell:
-        """Let the robot wear one more wrapper, which ``wrap`` makes of the cell; return the cell with it."""
+        """Add one more wrapper to the robot, which ``wrap`` makes from the cell; return the cell with it."""
         self.cell = replace(self.cell, robot=wrap(self.cell))
         self.recorder.asked_of = self.cell.robot
         robot = self.cell.robot
@@ -222,7 +222,7 @@ class SimLaboratory:
         self._touches.observe(now)
 
     def record(self) -> Record:
-        """Return what was so far; simulator truth."""
+        """Return what has happened so far; simulator truth."""
         return self.recorder.record(self._touches.collisions())
 
     def truth(self) -> Any:

@@ -1,4 +1,4 @@
-"""Does a station make sense? Each finding is a sentence."""
+"""Whether a station makes sense. Each problem found is a sentence."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from trocar.station.registration import Registration
 from trocar.station.station import Station, StationArm
 
 ABOVE_FIXTURE_M = 0.01
-"""Where an arm has to come to work on what is fixed on the table."""
+"""Which place an arm has to reach to work on what is fixed on the table."""
 REGISTERED_SHARE = 0.25
 """Of the box in which a base's registration has its points, which an arm reaches where it stands well; built-in
 stations have three quarters and more."""
 
 
 def check_station(station: Station) -> list[str]:
-    """Return what is wrong with a station; nothing if all is well.
+    """Return the problems of a station; none if all is well.
 
-    Looked at are: whether every arm can rest where it should, inside its workspace and apart from the others,
+    It checks whether every arm can rest where it should, inside its workspace and apart from the others,
     whether arms reach the points of their registration and what is fixed on the table, and whether every camera looks
     at what is fixed on the table, or at the arms' workspaces.
     """

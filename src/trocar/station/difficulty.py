@@ -1,4 +1,4 @@
-"""How hard a laboratory is: the sizes of what in it differs from what anybody knows of it."""
+"""How hard a laboratory is: the sizes of the differences between it and what is known about it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DEFAULT = RECORDED
 HARSHER = 2.0
 """Of the recorded sizes, in a harsh laboratory."""
 MOST_SCALE = 100.0
-"""A flaw can be made so many times as large as it was recorded; a laboratory that errs more is none."""
+"""A flaw can be made so many times as large as it was recorded; larger errors are no longer those of a laboratory."""
 UNITS = {
     "m": ("m", 1.0),
     "mm": ("m", 1e-3),
@@ -34,7 +34,7 @@ DEPTH_M = 0.15
 
 @dataclass(frozen=True)
 class Flaw:
-    """One way in which a laboratory differs from what is known of it.
+    """One way in which a laboratory differs from what is known about it.
 
     Its size is the root mean square of its values, or for a flaw without a unit how many times it is what was recorded.
 
@@ -198,7 +198,7 @@ class Difficulty:
             named: as ``registration=1.0mm``, ``offsets=3deg``, ``wear=2`` or ``creep=0``.
 
         Raises:
-            TrocarError: there is no such level or flaw, or the size is none.
+            TrocarError: there is no such level or flaw, or the size is not valid.
         """
         if level not in LEVELS:
             raise TrocarError(f"difficulty {level!r} is unknown; choose one of {', '.join(LEVELS)}")
@@ -221,7 +221,7 @@ class Difficulty:
         return kind.size(self.values[flaw]) / kind.size(np.array(kind.recorded))
 
     def sizes(self) -> dict[str, str]:
-        """Return the sizes of all flaws, as a reader wants them."""
+        """Return the sizes of all flaws, for display."""
         found = {}
         for name, flaw in FLAWS.items():
             found[name] = _shown(name, flaw.size(self.values[name]))

@@ -1,4 +1,4 @@
-"""How arms and cameras of a laboratory find each other, as data."""
+"""How arms and cameras of a laboratory are registered to each other, as data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a structured-light RGBD camera does wrong, each flaw with its size."""
+"""Flaws of a structured-light RGBD camera, each with its size."""
 
 from __future__ import annotations
 

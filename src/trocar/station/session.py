@@ -32,7 +32,7 @@ class Session:
 
     Attributes:
         station: the laboratory.
-        models: the arms as they truly are: their wrists are not as long as is said.
+        models: the arms as they truly are: their wrists are not exactly as long as in the model.
         transmissions: this session's, by arm.
         jaws: cables of the jaws, by arm.
         T_world_base: true bases.
@@ -119,8 +119,8 @@ def points_of_registration(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return points (n, 3), where the arm's encoders say that it took them in the base, and as they are seen.
 
-    Where the outer joints err, so do the points, all those of one neighbourhood alike. The wrist's cables play no part:
-    what is seen is on the shaft.
+    Errors of the outer joints shift the points, and neighbouring ones alike. The wrist's cables play no part:
+    only the shaft is observed.
 
     Args:
         arm: that is registered.

@@ -21,7 +21,7 @@ from trocar.station.sensor_flaws import SensorFlaws
 from trocar.station.transmission import Transmission
 
 ABOVE_SAFE_DEPTH_M = 1e-3
-"""An arm that rests in the middle of its ranges has its wrist this much deeper than the depth that is safe."""
+"""An arm that rests in the middle of its ranges has its wrist this much deeper than the safe depth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +85,8 @@ class StationCamera:
         T_world_camera: where it was put (of a pair: the left one).
         exposure_s: of one image.
         lamp_m: (3,) projector or lamp in the camera's frame.
-        flaws: what the sensor does wrong.
-        gain: of the exposure: what is near the lamp wants less.
+        flaws: of the sensor.
+        gain: of the exposure: objects near the lamp need less.
         ambient: light of the room that comes from everywhere, as a share of the lamp's at .6 m.
         T_world_camera_registered: where a registration found it; None: each session finds it again.
         rig_registered: the lenses of a pair as a calibration found them; None: as they are.
@@ -111,7 +111,7 @@ class StationCamera:
 
     @property
     def model_registered(self) -> CameraModel:
-        """Return lens or lenses as whoever looks through them knows them."""
+        """Return lens or lenses as they are known to the user of the camera."""
         return self.rig_registered or self.model
 
 
@@ -126,8 +126,8 @@ class Station:
         cameras: by name.
         T_world_fixture: nominal poses of what is fixed on the table, by name.
         registration: how the arms' bases are found.
-        min_distance_m: that two arms' instruments keep; 0: not watched.
-        difficulty: how far it is from what all this says of it.
+        min_distance_m: distance that the instruments of two arms keep; 0: not checked.
+        difficulty: how far it departs from what is described here.
     """
 
     name: str

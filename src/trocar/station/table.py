@@ -12,16 +12,16 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 
 RIGID = 1e-3
-"""Printed rotations have four digits; within this they are made exact, beyond it they are no rotations."""
+"""Printed rotations have four digits; within this they are made exact; beyond it they are not rotations."""
 MAX_M = 5.0
 
 
 class Table:
-    """A TOML table whose keys are asked for one by one; what was not asked for is unknown.
+    """A TOML table whose keys are read one by one; keys that were not read are unknown.
 
     Args:
         values: what the file has there.
-        where: names it in sentences.
+        where: its name in error messages.
 
     Attributes:
         where: likewise.
@@ -46,7 +46,7 @@ class Table:
         return self._values[key]
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return a text that is not empty."""
+        """Return a string that is not empty."""
         value = self._get(key, default)
         if not isinstance(value, str) or not value.strip():
             raise TrocarError(f"{self.where}.{key} is {value!r}; give a string")

@@ -42,7 +42,7 @@ def load_station(name_or_path: str | Path) -> Station:
     """Return a built-in station by its name, or the one in a TOML file.
 
     Raises:
-        TrocarError: there is none, or its file says something that a station cannot be.
+        TrocarError: there is none, or its file describes an impossible station.
 
     Example:
         >>> load_station("peg-transfer").arms["psm1"].model.name
@@ -81,7 +81,7 @@ def _text(name_or_path: str | Path) -> tuple[str, str]:
 
 
 def read_station(text: str, where: str = "the station") -> Station:
-    """Return the station that a TOML text describes; ``where`` names it in sentences."""
+    """Return the station that a TOML text describes; ``where`` is its name in error messages."""
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

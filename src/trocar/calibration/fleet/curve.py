@@ -48,7 +48,7 @@ def curve(recording: Recording, prior: FleetPrior, rows: Sequence[int] | None = 
 
     Args:
         recording: of one instrument.
-        prior: that had better not have seen it.
+        prior: preferably one that has not seen it.
         rows: numbers of first rows; None: the usual ones that there are.
 
     Raises:

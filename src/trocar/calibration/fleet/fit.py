@@ -36,15 +36,15 @@ SEARCH = {"maxiter": 250, "xatol": 1e-2, "fatol": 0.1}
 FIRST_STEP = 0.7
 """Of the search, in SDs of the prior."""
 OWN_ROWS = 200
-"""With fewer rows, what the prior has no word for is not looked for."""
+"""With fewer rows, effects that the prior does not contain are not looked for."""
 ENOUGH_ROWS = 600
-"""With so many rows, eight minutes on the robot, a recording speaks for itself: on five of them a fit without a prior
+"""With so many rows, eight minutes on the robot, a recording suffices by itself: on five of them a fit without a prior
 was by then as often better as worse on their last fifth."""
 HELD_SHARE = 0.3
 """Of the rows, the last ones, on which it is tried whether that predicts better."""
 WIDER = np.array([1.4, 2.3, 1.7])
 """Errors of q4 q5 q6 are so many times as large as the regression says: real loops are not quite of this shape, and
-errors drift. So it is on six recordings, of which the prior never saw the instrument, after 50 and 100 rows
+errors drift. This holds on six recordings of instruments that the prior never saw, after 50 and 100 rows
 (`benchmarks/bench_prior.py`)."""
 SHARPNESS = 4
 """Power of the ratio of the squared errors there, by which the two are mixed: half as large counts 16 times as much."""
@@ -65,14 +65,14 @@ class Learned:
     left_sd: NDArray[np.float64]
 
     def spread(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the SDs (3,) of the wrist's joints about what the model says at a command (6,), rad."""
+        """Return the SDs (3,) of the wrist's joints about the model's prediction at a command (6,), rad."""
         slack = self.model.inputs(q_cmd)[:, None] - state
         x = np.concatenate([[1.0], q_cmd[WRIST], slack.ravel()])
         return WIDER * np.sqrt(np.einsum("f,jfg,g->j", x, self.covariance, x) + self.left_sd**2)
 
 
 def expected(prior: FleetPrior, box: MotionBox) -> PlayModel:
-    """Return the play model of an instrument of which nothing is known but the prior.
+    """Return the play model of an instrument about which only the prior is known.
 
     Args:
         prior: over instruments and sessions.

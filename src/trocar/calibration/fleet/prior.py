@@ -1,4 +1,4 @@
-"""What is known of an instrument's cables before it was measured."""
+"""What is known about an instrument's cables before it is measured."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def load_prior(name: str | Path) -> FleetPrior:
     """Return the built-in prior (``fleet``), or that in a file.
 
     Raises:
-        TrocarError: there is no such file, or it is no prior.
+        TrocarError: there is no such file, or it is not a prior.
     """
     if str(name) == BUILT_IN:
         with as_file(files("trocar.calibration.fleet") / "fleet.npz") as path:

@@ -14,7 +14,7 @@ from trocar.checks import require_numbers
 from trocar.errors import TrocarError
 
 MAX_VALUE = 1e6
-"""No number of a cable model is larger: features are standardised, angles in rad."""
+"""Numbers of a cable model are not larger than this: features are standardised, angles in rad."""
 
 MIN_ROWS = 30
 """Fewer valid rows than this do not identify a model's offsets, let alone its hysteresis."""
@@ -107,7 +107,7 @@ class CableModel(Protocol):
 
 
 def in_words(model: CableModel, more: str = "") -> str:
-    """Return a model in one line, for its ``repr``: name, how much it was fitted on, and what else it tells."""
+    """Return a model in one line, for its ``repr``: name, how much it was fitted on, and other details."""
     return f"<cable model {model.name!r}, fitted on {model.training.rows} rows{f': {more}' if more else ''}>"
 
 

@@ -23,8 +23,8 @@ class Derivatives:
 
     Attributes:
         position: (n, k) as estimated, in the signals' units.
-        velocity: (n, k) a second.
-        acceleration: (n, k) a second squared.
+        velocity: (n, k) per second.
+        acceleration: (n, k) per second squared.
         step_s: between samples.
     """
 
@@ -68,7 +68,7 @@ class JointAnalysis:
 
 
 def analyse(measured: Array, step_s: float, smoothness: float | None = None) -> Derivatives:
-    """Return the derivatives of signals (n, k), each estimated for itself; NaN where a measurement is missing.
+    """Return the derivatives of signals (n, k), each estimated separately; NaN where a measurement is missing.
 
     Args:
         measured: positions at even steps.

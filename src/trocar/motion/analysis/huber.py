@@ -1,4 +1,4 @@
-"""One measured signal as positions, velocities and accelerations: a quadratic programme with Huber losses."""
+"""One measured signal as positions, velocities and accelerations: a quadratic program with Huber losses."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ THRESHOLD = 1.345
 WINDOW, OVERLAP = 2000, 100
 """Samples that are solved at once, and how many two windows share: half of them count from either."""
 CHOSEN_ON = 800
-"""Samples that cross-validation looks at: where the signal moves most."""
+"""Number of samples used in cross-validation: where the signal moves most."""
 DECADES, FIRST_DECADE = (-3, 7), 1
-"""Of the smoothness weights that cross-validation chooses from: downhill by decades, then by halves of one."""
+"""Steps between the smoothness weights of cross-validation: downhill by decades, then by half decades."""
 HELD_OUT = 7
-"""Every so manyth sample is left out, to be predicted."""
+"""One in this many samples is left out, to be predicted."""
 PRECISION = 1e-6
 """Of the solver, in standard deviations of the noise."""
 FINEST = 1e-7
@@ -38,8 +38,8 @@ class Motion:
 
     Attributes:
         position: (n,) in the signal's unit.
-        velocity: (n,) a second.
-        acceleration: (n,) a second squared.
+        velocity: (n,) per second.
+        acceleration: (n,) per second squared.
     """
 
     position: Array

@@ -1,4 +1,4 @@
-"""The usual way to differentiate measured positions, to compare with."""
+"""The usual way to differentiate measured positions, for comparison."""
 
 from __future__ import annotations
 

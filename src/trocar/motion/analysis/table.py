@@ -22,7 +22,7 @@ class JointTable:
 
     Attributes:
         names: of the columns, without that of the times.
-        values: (n, k), rad and m; NaN where no measurement is.
+        values: (n, k), rad and m; NaN where there is no measurement.
         step_s: between samples.
     """
 
@@ -50,10 +50,10 @@ def read_joint_table(path: str | Path, rate_hz: float | None = None) -> JointTab
 
     Args:
         path: of the file.
-        rate_hz: of the samples, where there is no column of times (``t_s``, ``time_s``, ``t`` or ``time``, in s).
+        rate_hz: of the samples, if there is no column of times (``t_s``, ``time_s``, ``t`` or ``time``, in s).
 
     Raises:
-        TrocarError: there is no such file, a cell is no number, or the times are not even.
+        TrocarError: there is no such file, a cell is not a number, or the times are not even.
     """
     names, rows = read_csv(path, "t_s,q1,q2,q3,q4,q5,q6")
     if len(rows) < SHORTEST:

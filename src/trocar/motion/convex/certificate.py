@@ -1,4 +1,4 @@
-"""Does a path keep what was asked, between its samples too?"""
+"""Whether a path meets its requirements, between its samples too."""
 
 from __future__ import annotations
 

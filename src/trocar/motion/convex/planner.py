@@ -20,12 +20,12 @@ ASIDE_RAD = 1e-9
 
 @ignores(Demand.STRAIGHT, Demand.JERK)
 def convex(problem: MotionProblem) -> dict[str, TimedPath]:
-    """Return a motion of all arms together that keeps its distances from everything, by sequential convex programmes.
+    """Return a motion of all arms together that keeps its distances from everything, by sequential convex programs.
 
     Schulman et al. 2013, as used by Kehoe et al. 2014: the path of all joints together, through the waypoints
-    of every arm, is bent as little as it must. Distances of all capsules are linear about the path before, and what
-    they are broken by costs (an l1 merit, a trust region); each step is a small quadratic programme. The plain path
-    is tried first, then ways round. A path is certified between its samples before it is answered, and followed as
+    of every arm, is bent as little as necessary. Distances of all capsules are linearised about the previous path, and
+    violations have a price (an l1 merit, a trust region); each step is a small quadratic program. The plain path
+    is tried first, then detours. A path is certified between its samples before it is returned, and followed as
     fast as joints and tips may.
 
     Raises:
@@ -51,7 +51,7 @@ def convex(problem: MotionProblem) -> dict[str, TimedPath]:
 
 
 def require_possible(problem: MotionProblem, scene: Scene) -> None:
-    """Raise where the start, the end or a waypoint already breaks what is asked."""
+    """Raise if the start, the end or a waypoint already violates a requirement."""
     ends = np.stack([np.concatenate([arm.waypoints[i] for arm in scene.arms]) for i in (0, -1)])
     distances = scene.distances(ends, np.array([0.0, max((o.end_s for o in problem.others.values()), default=0.0)]))
     for place, where in enumerate(("start", "end")):

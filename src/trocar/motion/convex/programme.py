@@ -1,4 +1,4 @@
-"""One convex programme: the least energy with an l1 price on broken rows, solved in the prices of the rows."""
+"""One convex program: the least energy with an l1 price on broken rows, solved in the prices of the rows."""
 
 from __future__ import annotations
 

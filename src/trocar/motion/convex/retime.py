@@ -1,4 +1,4 @@
-"""When to be where on a path: the fastest speeds along it within the limits of joints and tips."""
+"""Timing of a path: the fastest speeds along it within the limits of joints and tips."""
 
 from __future__ import annotations
 

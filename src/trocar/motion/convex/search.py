@@ -1,4 +1,4 @@
-"""Sequential convex programmes from one start after the other, until a path is certified."""
+"""Sequential convex programs from one start after the other, until a path is certified."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the search starts: the plain path, and ways round: one arm or both pull back or swing aside, or one waits."""
+"""Where the search starts: the plain path, and detours: one arm or both pull back or swing aside, or one waits."""
 
 from __future__ import annotations
 

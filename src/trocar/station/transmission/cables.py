@@ -19,7 +19,7 @@ OUTER_SHARE = float(np.sqrt(0.5))
 MOST_SHARE = 0.9
 """The fiducials' noise is at least what this share of the SD between two equal runs leaves."""
 MOST_SDS = 2.0
-"""No radius, gain or coupling is further off: an instrument so worn is thrown away (assumed)."""
+"""No radius, gain or coupling is further off: a more worn instrument would be thrown away (assumed)."""
 SCALE = np.array([1.5, 1.5, 1.5])
 RADII = np.tile([0.2, 0.5], (3, 1))
 """Of the residual field, rad: with these, residuals in the cell correlate along the way as those of recordings do."""

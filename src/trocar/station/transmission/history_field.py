@@ -1,4 +1,4 @@
-"""An error that is of no model's family: a smooth random function of where three joints are and how they got there."""
+"""An error that fits no model's family: a smooth random function of where three joints are and how they got there."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ WAVES = 48
 class HistoryField:
     """Errors of three joints: ``sum_k a_k sin(v_k u + w_k s + p_k)`` of commands u and slacks s of play operators.
 
-    The same way through the commands gives the same errors, another way to the same place gives others, and it does
-    not matter how fast or how finely the way is gone: so do the recordings' residuals. No play model contains it.
+    The same path through the commands gives the same errors, another path to the same place gives others, and it does
+    not matter how fast or how finely the path is sampled: the recordings' residuals behave the same way. No play model
+    contains it.
 
     Attributes:
         radii: (3, m) of the play operators, in the joints' units.

@@ -1,4 +1,4 @@
-"""One arm as a script uses it: what it does is noted in the cell's log."""
+"""One arm as a script uses it: its actions are noted in the cell's log."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ArmScript:
         name: of the arm.
         limits: of velocity and acceleration where only start and end of a motion are given.
         settle_s: rest after a motion before the jaws act.
-        jaw_zero_rad: what the encoder says of closed jaws; see :meth:`zero_jaw`.
+        jaw_zero_rad: the encoder reading of closed jaws; see :meth:`zero_jaw`.
     """
 
     cell: Cell
@@ -53,7 +53,7 @@ class ArmScript:
 
     @property
     def jaw_rad(self) -> float:
-        """Return the jaws' opening as their encoder tells it now, against what it says when they are closed."""
+        """Return the jaws' opening as their encoder reads it now, relative to its reading when they are closed."""
         return self.cell.robot.read(self.name).jaw_rad - self.jaw_zero_rad
 
     async def wake(self) -> None:
@@ -81,9 +81,9 @@ class ArmScript:
         return await self.cell.robot.jaw(self.name, angle_rad + self.jaw_zero_rad)
 
     async def zero_jaw(self, closed_rad: float) -> None:
-        """Close the jaws on nothing, and take what their encoder says then for closed.
+        """Close the jaws on nothing, and take their encoder reading then as closed.
 
-        Jaws that it calls wide open are held open by something; their zero stays what it was.
+        Jaws that read wide open are held open by something; their zero stays what it was.
 
         Args:
             closed_rad: target that lets the drive press.
@@ -93,7 +93,7 @@ class ArmScript:
             self.jaw_zero_rad += self.jaw_rad
 
     async def settle(self) -> None:
-        """Rest, so that the jaws act on something that holds still."""
+        """Wait at rest, so that the jaws act on something that holds still."""
         with self.cell.log.span(self.name, "settling"):
             await self.cell.clock.sleep(self.settle_s)
 

@@ -30,10 +30,10 @@ class Brief:
     Attributes:
         cell: devices, and what registration found.
         goals: what is to be done, in order.
-        known: what anybody knows of the scene beforehand, such as shapes; the task says.
+        known: what is known about the scene beforehand, such as shapes; defined by the task.
         arms: names of those that work.
         planner: of its motions.
-        perception: what it sees with; None where the task has none.
+        perception: turns images into poses; None if the task has none.
         rng: its own stream of randomness.
         settings: of its method.
     """
@@ -55,12 +55,12 @@ class Method:
     Attributes:
         about: one line.
         agent: class of its agent, or any function of a brief; lazy where importing it is expensive.
-        settings: class of its settings; as they come they are the defaults. Lazy likewise.
+        settings: class of its settings, whose default values are used. Lazy likewise.
         calibrated: whether the arms' cables are compensated by a fitted model.
         learns: whether the arms' cables are compensated by models that start from a prior alone, and the agent lets its
             robot (``trocar.robots.Adaptive``) learn; then it is not ``calibrated``.
-        wears: what the robot wears for its agent: a function of the cell and the method's settings that returns a
-            robot; None: nothing more. A guard uses its estimates if it is a ``Belief``.
+        wears: the robot's extra wrapper for its agent: a function of the cell and the method's settings that returns a
+            robot; None: no wrapper. A guard uses its estimates if it is a ``Belief``.
         stop_at_limits: whether a motion is refused whose compensation would leave a joint's range; else what cannot
             be corrected stays uncorrected.
         planner: name in ``PLANNERS``, if none is asked for.
@@ -82,11 +82,11 @@ class Method:
         return _loaded(self.agent)(brief)
 
     def worn(self, cell: Cell, settings: Any) -> Robot:
-        """Return the cell's robot with what this method lets it wear."""
+        """Return the cell's robot with this method's wrapper."""
         return cell.robot if self.wears is None else _loaded(self.wears)(cell, settings)
 
     def default_settings(self) -> Any:
-        """Return the settings as they come."""
+        """Return the default settings."""
         return _loaded(self.settings)()
 
 
@@ -120,7 +120,7 @@ def pick_method(task: type[Task], name: str) -> Method:
 
 
 def pick_perception(task: type[Task], name: str) -> Any:
-    """Return a new instance of what this task's agents see with.
+    """Return a new instance of this task's perception.
 
     Raises:
         TrocarError: the task has none of that name.
@@ -129,7 +129,7 @@ def pick_perception(task: type[Task], name: str) -> Any:
 
 
 def perceptions_of(task: type[Task]) -> tuple[str, ...]:
-    """Return the names of all that this task's agents may see with."""
+    """Return the names of all perceptions of this task."""
     return tuple(_together(task.perceptions, PERCEPTIONS, task.name))
 
 

@@ -24,7 +24,7 @@ def option(default: Any, help: str, *, flag: str = "", metavar: str = "", choice
     """Return the field of an option of a task, which the command line offers as it is described here.
 
     Args:
-        default: where nothing is said; its type is the option's, as the field's annotation says.
+        default: if the option is not given; its type is the option's, and the field's annotation.
         help: one line.
         flag: on the command line, if not the field's name with dashes.
         metavar: what stands for the value in the help.
@@ -35,7 +35,7 @@ def option(default: Any, help: str, *, flag: str = "", metavar: str = "", choice
 
 @dataclass(frozen=True)
 class Score:
-    """What became of one goal, as the referee saw it.
+    """The outcome of one goal, as the referee saw it.
 
     Attributes:
         attempted: counts in the denominator: whatever the task set out to do.
@@ -65,10 +65,10 @@ class Task:
     Class attributes:
         name: on the command line.
         about: one line.
-        piece: what one goal is called: ``transfer``, ``suture``. Scripts note the end of each as an event so named.
+        piece: what one goal is called: ``transfer``, ``suture``. Scripts note the end of each as an event of that name.
         station: name of the station where it is done if none is given.
         methods: how it can be done, by name, the default first.
-        perceptions: what its agents may see with, by name: whatever they expect of it.
+        perceptions: by name; whatever its agents expect of them.
         report: the pictures, tables and figures that are its own.
     """
 
@@ -83,10 +83,10 @@ class Task:
     budget_s: float
     """A trial that takes longer on the cell's clock is stopped."""
     variant: str = ""
-    """Which variant of the task this is, where there are several."""
+    """Which variant of the task this is, if there are several."""
 
     def options(self) -> dict[str, Any]:
-        """Return the options as JSON's values: what tells one run of this task from another."""
+        """Return the options as JSON values: what distinguishes one run of this task from another."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
     def at(self, station: Station) -> Station:
@@ -106,7 +106,7 @@ class Task:
         raise TrocarError(f"task {self.name!r} has no goals; give its class a method goals()")
 
     def known(self) -> Any:
-        """Return what anybody knows of the scene beforehand, such as shapes; agents are told."""
+        """Return what is known about the scene beforehand, such as shapes; agents are given it."""
         return None
 
     def scene(self, rng: np.random.Generator, station: Station) -> Any:
@@ -138,7 +138,7 @@ class Task:
 
 
 def told(noted: Mapping[str, Any] | None, events: Sequence[Mapping[str, Any]]) -> tuple[str, str] | None:
-    """Return what a script itself said of a goal that was not reached, outcome and reason; None if it said nothing.
+    """Return what a script itself noted about a goal that was not reached, outcome and reason; None if nothing.
 
     Args:
         noted: the event with which it noted the goal's end, if it did. That it said ``DONE`` explains nothing.
@@ -158,10 +158,10 @@ def check_budget(budget_s: float) -> None:
 
 
 def check_task(task: Any) -> None:
-    """Raise unless a class has what a run asks of a task before it begins.
+    """Raise unless a class has what a run needs from a task before it begins.
 
     Raises:
-        TrocarError: it is no dataclass derived from ``Task``, or lacks one of the attributes that every task has.
+        TrocarError: it is not a dataclass derived from ``Task``, or lacks one of the attributes that every task has.
     """
     if not (isinstance(task, type) and issubclass(task, Task) and is_dataclass(task)):
         raise TrocarError(f"{task!r} is not a task; register a frozen dataclass derived from trocar.tasks.Task")
@@ -173,6 +173,6 @@ def check_task(task: Any) -> None:
 
 
 def stopped(events: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
-    """Return outcome and reason with which a whole script was given up, empty if it was not."""
+    """Return outcome and reason with which a whole script was abandoned; empty if it was not."""
     last = next((e for e in reversed(events) if e["name"] == "stopped"), None)
     return (str(last["outcome"]), str(last.get("reason", ""))) if last else ("", "")

@@ -28,7 +28,7 @@ class PaperRow:
         mean_time_s: of one piece; None where it was not published.
         succeeded: pieces.
         attempted: pieces.
-        methods: of ours that do as this condition did.
+        methods: ours that correspond to this condition.
     """
 
     who: str
@@ -40,7 +40,7 @@ class PaperRow:
 
 @dataclass(frozen=True)
 class PaperCount:
-    """Our goals as a paper counts them, where that is not as we do.
+    """Our goals as a paper counts them, where it counts differently.
 
     Attributes:
         how: it counts, in words.
@@ -62,13 +62,13 @@ class TaskReport:
     """Where pictures of a trial are taken from; None: from the front and above."""
 
     colours: Mapping[str, tuple[float, float, float]] = {}
-    """Colours of bodies in pictures for people, by the beginning of their names; where a sensor sees them otherwise."""
+    """Colours of bodies in pictures for people, by the beginning of their names, if a sensor sees them differently."""
 
     parts: tuple[str, ...] = ("capture", "perception", "planning", "motion", "jaw", "settling")
     """Spans that the time of a piece is made of, in the order of the tables; what is left is ``other``."""
 
     outcomes: type[Outcome] | None = None
-    """The task's outcomes, whose sentences explain its failures on the page; None: they go by their names alone."""
+    """The task's outcomes, whose sentences explain its failures on the page; None: only their names are shown."""
 
     captions: Mapping[str, str] = {}
     """A sentence for each of the task's own pictures, by the beginning of its file's name."""
@@ -100,7 +100,7 @@ class TaskReport:
         return [("start", 0.0), *ends, ("end", trial.duration_s)]
 
     def pictures(self, folder: Path, trials: Sequence[Trial]) -> list[Path]:
-        """Draw pictures of the task's own into a folder and return their paths."""
+        """Draw the task's own pictures into a folder and return their paths."""
         del folder, trials
         return []
 
@@ -110,7 +110,7 @@ class TaskReport:
         return {}
 
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
-        """Return published rows that a run can be read beside."""
+        """Return published rows with which a run can be compared."""
         del summary
         return ()
 
@@ -120,7 +120,7 @@ class TaskReport:
         return None
 
     def tables(self, summary: Mapping[str, Any]) -> list[Table]:
-        """Return tables of the task's own, to be printed."""
+        """Return the task's own tables, to be printed."""
         del summary
         return []
 

@@ -18,7 +18,7 @@ class Pending(Generic[Result]):
         self._done: trio.Event | None = None
 
     def start(self, helpers: trio.Nursery, compute: Callable[[], Awaitable[Result | None]]) -> None:
-        """Compute it beside what else happens."""
+        """Compute it in parallel."""
         self._done = trio.Event()
         helpers.start_soon(self._find, compute, self._done)
 
@@ -43,7 +43,7 @@ class Pending(Generic[Result]):
 async def with_helpers(script: Callable[[trio.Nursery], Awaitable[Result]]) -> Result:
     """Run a script that may start helpers beside itself; return what it returns when all have ended.
 
-    Helpers compute and may not fail. What the script raises goes on as it is, and ends them.
+    Helpers compute and may not fail. What the script raises is passed on, and ends them.
     """
     failure: Exception | None = None
     results: list[Result] = []
@@ -61,7 +61,7 @@ async def with_helpers(script: Callable[[trio.Nursery], Awaitable[Result]]) -> R
 async def together(*scripts: Callable[[], Awaitable[Any]]) -> None:
     """Run scripts side by side; return when all have ended.
 
-    What the first one raises goes on as it is, and ends the others.
+    What the first one raises is passed on, and ends the others.
     """
     failures: list[Exception] = []
 
