@@ -42,7 +42,7 @@ COMMENTS: dict[str, Callable[[str], str]] = {
     ".urdf": "<!-- {} -->\n".format,
     ".xml": "<!-- {} -->\n".format,
 }
-"""How a text says it in a comment, at its end."""
+"""The mark of a text file, in a comment at its end."""
 
 
 def mark_of(kind: str) -> str:
@@ -51,7 +51,7 @@ def mark_of(kind: str) -> str:
 
 
 def blame(error: OSError) -> type[TrocarError]:
-    """Return whose trouble it is that a file cannot be had: the input's, which names none, or the machine's."""
+    """Return who is to blame if a file cannot be opened: the input's, which names none, or the machine's."""
     named_none = isinstance(error, FileNotFoundError | NotADirectoryError | IsADirectoryError)
     return TrocarError if named_none or error.errno in NO_NAME else MachineError
 
@@ -113,7 +113,7 @@ def require_place(path: str | Path, kind: str, inputs: Sequence[str | Path] = ()
 
 @contextmanager
 def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
-    """Give a draft to be written, and put it into a file's place when the block ends without an error.
+    """Yield a draft to write to, and move it to a file's place when the block ends without an error.
 
     Whatever goes wrong, the file that was there stays as it was, and no draft is left behind; that of a process that
     was killed is removed by the next one that writes into the folder.

@@ -35,7 +35,7 @@ def parsed_json(text: str | bytes) -> Any:
     """Return JSON's values.
 
     Raises:
-        ValueError: it is none, or nested deeper than anything that is meant.
+        ValueError: it is not JSON, or nested too deep.
     """
     try:
         return json.loads(text)
@@ -44,7 +44,7 @@ def parsed_json(text: str | bytes) -> Any:
 
 
 def read_json(path: str | Path) -> Any:
-    """Return the values in a JSON file; raises OSError, or ValueError where it is none."""
+    """Return the values in a JSON file; raises OSError, or ValueError if it is not JSON."""
     return parsed_json(Path(path).read_bytes())
 
 
@@ -98,7 +98,7 @@ def array_of(data: bytes) -> NDArray[Any]:
     """Return the array in the bytes of an ``.npy``, whose header is checked against their number.
 
     Raises:
-        ValueError: it is none, is not what its header claims, or holds Python's objects.
+        ValueError: it is not an .npy, is not what its header claims, or holds Python objects.
     """
     buffer = BytesIO(data)
     try:

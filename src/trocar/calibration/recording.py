@@ -237,7 +237,7 @@ def _npz_arrays(path: Path) -> dict[str, NDArray]:
 
 
 def _kind(path: Path) -> str:
-    """Return in words what an archive of ours is; nothing if a file is none."""
+    """Return in words what kind of archive of ours a file is; nothing if a file is not one of ours."""
     try:
         with zipfile.ZipFile(path) as file:
             return f"a {str(parsed_json(file.read(HEADER))['format'])[:40]!r}"

@@ -245,7 +245,7 @@ def _lines(arm: ArmMotion, straight: tuple[bool, ...], limits: MotionLimits) -> 
 
 
 def straight_pieces(arm: ArmMotion) -> tuple[bool, ...]:
-    """Return for each piece whether it is straight: as it was said, or if nothing was, as it looks."""
+    """Return for each piece whether it is straight: as declared, or if nothing is declared, as it appears."""
     return arm.straight if any(arm.straight) else _along_up(arm)
 
 

@@ -11,7 +11,7 @@ from trocar.motion.problem import MotionProblem
 from trocar.registry import Lazy, Registry
 
 Planner = Callable[[MotionProblem], Mapping[str, TimedPath]]
-"""A function that answers a problem with one path per arm, or raises a ``TrocarError`` that says why there is none.
+"""A function that returns one path per arm for a problem, or raises a ``TrocarError`` that says why there is none.
 
 It gets a checked problem with joint waypoints only. None of its answers is trusted:
 :func:`trocar.motion.plan_motion` checks them, so that the planner need not.

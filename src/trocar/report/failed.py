@@ -30,7 +30,7 @@ class Failed:
         number: of the goal, from 0 on.
         failure: its name.
         what: the goal, as a reader knows it.
-        reason: in a sentence; empty where there is none.
+        reason: in a sentence; empty if there is none.
         stem: of its picture's file.
     """
 

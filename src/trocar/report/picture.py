@@ -1,4 +1,4 @@
-"""A picture and what is to be said of it."""
+"""A picture and its caption."""
 
 from __future__ import annotations
 

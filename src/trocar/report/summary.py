@@ -16,7 +16,7 @@ from trocar.tasks.kit import TaskReport
 from trocar.trials.trial import Trial
 
 MISSED_WARNING = 0.01
-"""A run says so when more than this share of computations took longer than the trial's clock counted."""
+"""A run warns when more than this share of computations took longer than the trial's clock counted."""
 
 
 class Summary(dict[str, Any]):

@@ -49,7 +49,7 @@ class Virtual:
 
 
 class RealTime:
-    """No faster than the wall's clock.
+    """No faster than the wall clock.
 
     Args:
         speed: seconds of the cell in a second of the wall.
@@ -61,12 +61,12 @@ class RealTime:
         self._speed, self._origin_s = speed, math.nan
 
     async def wait(self, now_s: float) -> None:
-        """Sleep until the wall's clock has come as far."""
+        """Sleep until the wall clock has caught up."""
         if math.isnan(self._origin_s):
             self._origin_s = time.perf_counter() - now_s / self._speed
         left_s = self._origin_s + now_s / self._speed - time.perf_counter()
         if left_s > 0:
-            await trio.to_thread.run_sync(time.sleep, left_s)  # the wall's time: trio's clock is the cell's here
+            await trio.to_thread.run_sync(time.sleep, left_s)  # wall-clock time: trio's clock is the cell's here
 
 
 class Stepping:
@@ -103,7 +103,7 @@ class Stepping:
 
     @property
     def over(self) -> bool:
-        """Return whether script or budget have come to their end."""
+        """Return whether the script or the budget has ended."""
         return self._over
 
     def __enter__(self) -> Stepping:

@@ -74,7 +74,7 @@ class Recorder:
 
 
 def solids_of(world: World) -> tuple[Solid, ...]:
-    """Return everything in a world that can be seen, but for planes."""
+    """Return everything visible in a world, except planes."""
     model, found = world.model, []
     for g in range(model.ngeom):
         geom = model.geom(g)

@@ -180,7 +180,7 @@ class Difficulty:
     """The sizes of all flaws.
 
     Attributes:
-        level: of those that are not named by themselves.
+        level: of those that are not named separately.
         values: by name of the flaw.
         named: flaws with a size of their own, as they were asked for.
     """

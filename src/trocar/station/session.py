@@ -89,7 +89,7 @@ def _transmissions(station: Station, rng: np.random.Generator) -> dict[str, Tran
 
 
 def _models(station: Station, rng: np.random.Generator) -> dict[str, ArmModel]:
-    """Return the arms with tools whose wrist is not as long as is said."""
+    """Return the arms with tools whose wrist is not exactly as long as in the model."""
     (sd_m,), found = station.difficulty["tool"], station.models
     for (name, model), own in zip(found.items(), rng.spawn(len(found)), strict=True):
         if sd_m > 0.0:

@@ -42,7 +42,7 @@ def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
     """Return the words of a list with commas, all choices if it is empty.
 
     Raises:
-        TrocarError: a word is none of the choices, is given twice, or is missing between two commas.
+        TrocarError: a word is not among the choices, is given twice, or is missing between two commas.
     """
     if not text:
         return list(choices)

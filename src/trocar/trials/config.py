@@ -36,7 +36,7 @@ FITTED_ON = "cable models are fitted on"
 """What a summary calls that."""
 
 FOLLOWS = ("options", "variant", "piece", "station_digest", "arms", "flaws", "versions")
-"""What a run says of itself that follows from what else was chosen."""
+"""Properties of a run that follow from its other options."""
 
 MAX_TRIALS = 100_000
 """Of a run: weeks of work on all cores of a large machine."""
@@ -65,7 +65,7 @@ class RunConfig:
         new_session: mount the instruments again between calibration and trials.
         refit_offsets: refit the model's offsets from 30 samples before the trials.
         flawless_camera: switch the sensors' flaws off.
-        difficulty: how far the laboratory is from what anybody knows of it: 'mild', 'recorded' or 'harsh'.
+        difficulty: how far the laboratory departs from what is known about it: 'mild', 'recorded' or 'harsh'.
         flaws: that have a size of their own, as ``registration=1.0mm``.
         plugins: files that were loaded for this run.
     """
@@ -184,7 +184,7 @@ class RunConfig:
         return self._built["arms"]
 
     def about(self) -> dict[str, Any]:
-        """Return as JSON's values what tells this run from others: everything but how many sessions and trials."""
+        """Return as JSON what distinguishes this run from others: everything but the numbers of sessions and trials."""
         return {
             "task": self.task.name,
             "variant": self.task.variant,
@@ -229,7 +229,7 @@ class RunConfig:
 
     @property
     def unusual(self) -> dict[str, Any]:
-        """Return what tells this run from the usual one of its task, method and seed, by option."""
+        """Return what distinguishes this run from the usual one of its task, method and seed, by option."""
         kind = type(self.task)
         required = {f.name: getattr(self.task, f.name) for f in fields(kind) if f.default is MISSING}  # type: ignore[arg-type]
         usual = RunConfig(kind(**required), station=self.station, method=self.method, seed=self.seed)
@@ -262,7 +262,7 @@ def _made_again(task: str, options: dict[str, Any], values: dict[str, Any]) -> R
 
 
 def fingerprint(about: dict[str, Any]) -> str:
-    """Return the digest of what tells a run from others."""
+    """Return the digest of what distinguishes a run from others."""
     text = json.dumps(about, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -127,7 +127,7 @@ def load_trial(path: str | Path) -> Trial:
     """Return the trial in a file; where it lies in a run's folder, only if it is that run's.
 
     Raises:
-        TrocarError: there is no such file, it is no trial, or it is another one than its place says.
+        TrocarError: there is no such file, it is not a trial, or not the one that its place indicates.
     """
     path = Path(path)
     trial = Trial.load(path)
@@ -190,7 +190,7 @@ def is_done(folder: str | Path, place: tuple[int, int], fingerprint: str) -> boo
 
 
 def set_aside(path: str | Path) -> None:
-    """Give what lies in the place of a trial that is still to be run another name: nothing is thrown away."""
+    """Rename whatever is in the place of a trial that is still to be run: nothing is thrown away."""
     path = Path(path)
     if path.is_file():
         path.replace(path.with_name(f"{path.name}.aside"))

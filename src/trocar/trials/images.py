@@ -13,7 +13,7 @@ from trocar.sim.laboratory import SimCamera
 QUALITY = 70
 """Of WebP, of 100."""
 THINNED = 4
-"""Depth is kept at every so manyth pixel, in whole millimetres."""
+"""Depth is kept at one in this many pixels, in whole millimetres."""
 PACKED = 3
 """Of PNG, of 9, which takes seven times as long for a file that is one in a hundred smaller."""
 

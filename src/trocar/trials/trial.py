@@ -33,7 +33,7 @@ ABOUT = {
     **dict.fromkeys(("new_session", "refit_offsets", "flawless_camera"), bool),
     **{"arms": list, "options": dict, "difficulty": list, "plugins": list, "flaws": dict, "versions": dict},
 }
-"""What every trial says of itself, and of which type it is."""
+"""What every trial records about itself, with its type."""
 SCORE = {"attempted": bool, "succeeded": bool, "failure": str, "reason": str, "start_s": NUMBER, "end_s": NUMBER}
 EVENT = {"name": str, "time_s": NUMBER}
 COLLISION = {
@@ -50,7 +50,7 @@ class Trial:
     times of computations lie beside it, in ``.timing.json``.
 
     Attributes:
-        about: what tells its run from others, its number, settings, versions; ``fingerprint`` sums that up.
+        about: what distinguishes its run from others, its number, settings, versions; ``fingerprint`` sums that up.
         scores: one dict a goal (the task's ``Score``).
         spans: of the scripts.
         events: of the scripts.
@@ -191,7 +191,7 @@ class Trial:
 
 
 def trial_about(path: str | Path) -> dict[str, Any]:
-    """Return what a trial's file says of itself, without reading its arrays."""
+    """Return what a trial's file records about itself, without reading its arrays."""
     try:
         return _note(read_header(path, FORMAT, VERSION).get("about"), ABOUT)
     except TypeError:

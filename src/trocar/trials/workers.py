@@ -21,7 +21,7 @@ Unit = TypeVar("Unit")
 Result = TypeVar("Result")
 
 UNITS_A_PROCESS = 10
-"""After so many units a process makes room for a new one: what its libraries keep of memory goes with it."""
+"""After this many units a process is replaced by a new one, which frees the memory that its libraries keep."""
 MAX_DEATHS = 3
 """Workers may die so often in a row, with nothing finished in between, before the work is given up."""
 
@@ -31,7 +31,7 @@ class Workers(Protocol):
 
     @property
     def died(self) -> tuple[type[BaseException], ...]:
-        """Return what the future of a unit raises whose worker died; it is handed out again."""
+        """Return what the future of a unit raises if its worker died; the unit is handed out again."""
         ...
 
     @property
@@ -99,7 +99,7 @@ def run_all(
 ) -> Iterator[tuple[Unit, Result]]:
     """Yield each unit of work with its result, in the order in which they end.
 
-    A unit whose worker died, by a signal or for want of memory, is handed out again. So ``function`` must leave its
+    A unit whose worker died, by a signal or for lack of memory, is handed out again. So ``function`` must leave its
     result where it finds it again (a trial's file), and return at once if it is there.
 
     Args:
@@ -188,7 +188,7 @@ def pick_workers(backend: str, jobs: int, scheduler: str = "") -> Workers:
     """Return workers of a backend.
 
     Raises:
-        TrocarError: there is no such backend, it is not installed, or the number of jobs is none.
+        TrocarError: there is no such backend, it is not installed, or the number of jobs is not valid.
     """
     if jobs < 1:
         raise TrocarError(f"--jobs is {jobs}; give 1 or more")

@@ -16,7 +16,7 @@ from trocar.perception.fiducials.fixture import Fixture
 from trocar.perception.fiducials.joints import MIN_ON_JAW, joints_from_spheres, require_psm
 
 SHAFT_OFF_M = 1.0e-3
-"""Farther from where the encoders of the outer joints say, a centre on the shaft is none: they are off by .1 mm."""
+"""A centre on the shaft further from where the outer joints' encoders put it is rejected: they are off by .1 mm."""
 DISTANCE_OFF_M = 1.0e-3
 """By so much two spheres of the jaw may be nearer or farther than printed; measured: .1 mm RMS."""
 MIN_ROWS = 10
@@ -43,7 +43,7 @@ class HandEye:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What a collection of images says.
+    """The result of a collection of images.
 
     Attributes:
         hand_eye: the base in the camera.

@@ -1,8 +1,8 @@
-"""What one depth image says of the wrist of an instrument.
+"""What one depth image shows of the wrist of an instrument.
 
 Points on the instrument have to lie on its solids, and rays that end far behind it must not have passed through them:
 without those a finger could turn into the empty space beside it. The wrist's joints are fitted together with a shift of
-the whole instrument, by which its base and its outer joints are off; of that, one image says little, many say much.
+the whole instrument, by which its base and its outer joints are off; one image shows little of that shift, many a lot.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ WINDOW_M = 0.030
 NEAR_M = 4e-3
 """Points this near to the instrument where it is expected are taken for points on it."""
 BEHIND_M = 0.015
-"""Points so far behind the tip are background."""
+"""Points this far behind the tip are background."""
 BESIDE_M = 1.6e-3
-"""Rays that pass the instrument this near, where it is expected, say where it is not."""
+"""Rays that pass the instrument this near, where it is expected, show where it is not."""
 COARSE_M, FINE_M = 4e-3, 0.7e-3
-"""Spacing in depth at which rays are followed: all of them, and those that pass the instrument, where they do."""
+"""Spacing in depth at which rays are followed: all of them, and finer where they pass the instrument."""
 FINE_STEPS = 6
-"""So far to both sides of where a ray is nearest."""
+"""Fine steps on either side of where a ray is nearest."""
 INTO_M = 0.1e-3
-"""Rays may pass through an edge so deep: a pixel sees a mean."""
+"""Rays may pass through an edge this deep, because a pixel averages."""
 POINT_SD_M = 0.3e-3
 ROBUST = 1.5
 """A residual of more SDs counts less (Cauchy)."""
 TOGETHER = 25.0
-"""So many neighbouring points err together: they say as much as one does (checked: `benchmarks/bench_sighting.py`)."""
+"""This many neighbouring points share their errors and count as one (checked: `benchmarks/bench_sighting.py`)."""
 STEPS = 8
 MOST_TURN_RAD, MOST_SHIFT_M = 0.1, 0.5e-3
-"""Of one step of the search."""
+"""Greatest step of the search."""
 START_SD = np.array([0.3, 0.3, 0.3, 1e-3, 1e-3, 1e-3])
-"""Of wrist (rad) and shift (m) about where they are expected: keeps the search at home where an image says nothing."""
+"""SDs of wrist (rad) and shift (m) about where they are expected: they hold the search where an image shows nothing."""
 FEWEST = 60
-"""With fewer points on the instrument it was not seen."""
+"""With fewer points on it, the instrument was not seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Sighting:
         q: (6,) joints about which it was fitted, rad and m; of the wrist those that fit best.
         shift_m: (3,) of the instrument in its base, likewise.
         information: (6, 6) of q4 q5 q6 and the shift, 1/rad and 1/m.
-        pull: (6,) gradient of the log likelihood there: 0 but for what held the search at home.
+        pull: (6,) gradient of the log likelihood there: 0 except for the prior that held the search.
         points: on the instrument.
         left_m: SD of their distances to its solids, robust.
     """
@@ -75,7 +75,7 @@ def sight(
     jaw_rad: float,
     T_base_floor: SE3 | None = None,
 ) -> Sighting | None:
-    """Return what a depth image says of an instrument's wrist; None if it is not seen.
+    """Return what a depth image shows of an instrument's wrist; None if it is not seen.
 
     Args:
         image: with depth.

@@ -1,9 +1,9 @@
-"""What depth images of one moment say of where a needle is.
+"""Where a needle is, from depth images of one moment.
 
-Points on the needle have to lie on its wire. A pixel that has not the colour of the floor under the needle shows the
-wire, so its ray has to meet it; a ray that ends on the floor, by its colour or its depth, must not have passed through
-it. The wire is about two pixels wide and its depth scatters by most of its thickness: where it lies across the rays is
-told by the colours, how far away it is by the mean of many points.
+Points on the needle have to lie on its wire. A pixel that does not have the colour of the floor under the needle shows
+the wire, so its ray has to meet it; a ray that ends on the floor, by its colour or its depth, must not have passed
+through it. The wire is about two pixels wide and its depth scatters by most of its thickness: its place across the rays
+comes from the colours, its distance from the mean of many points.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ FIRST_M, THEN_M = 2.5e-3, 1.3e-3
 WIDE_M = 5.0e-3
 """What is this near to the expected wire decides between what was found from several starts."""
 SURE_M, AWAY, FAR_AWAY = 0.8e-3, 1.5, 3.0
-"""The search begins in several places where the wire's end is less sure than this (SD), so many SDs away from where it
-is expected; if it ends somewhere that does not explain what is seen, it starts again even further away."""
+"""If the wire's end is less certain than this (SD), the search starts from several places, so many SDs away from where
+it is expected; if it ends somewhere that does not explain what is seen, it starts again even further away."""
 ASIDE_M, UNEXPLAINED = 0.5e-3, 0.1
 """Pixels of steel within ``WIDE_M`` whose rays pass the wire so far aside show another place of it, as those of the
 floor do whose rays go through it. Where there are more of them than this share of those that show steel, the pose is
@@ -36,11 +36,11 @@ not the needle's. (In the cell there is none of them about a needle that was fou
 BEHIND_M = 1.5e-3
 """What lies this far behind the wire was seen past it."""
 OVER_FLOOR_M = 0.7e-3
-"""What lies lower over the floor is no needle."""
+"""Lower points over the floor are not on a needle."""
 ON_FLOOR_M = 1.0e-3
 """Points this near to the floor show its colour."""
 APART_M = 1.0e-3
-"""What is this near to something else that is known to be there may be on that."""
+"""Points this near to another known object may be on that object."""
 IN_FRONT_M = 1.5e-3
 """What is seen so much nearer than the wire can be hides it."""
 STEP_M, COARSE = 1.5e-3, 5
@@ -58,21 +58,21 @@ SEARCH_PIXEL_M = 0.25e-3
 SPACING_M, WIRE_SPACING_M = 0.4e-3, 0.1e-3
 """At which rays and the wire are followed."""
 POINT_SD_M, RAY_SD_PX = 0.35e-3, 0.25
-"""Of a point's distance from the wire; of how far a ray goes beside it, or through it."""
+"""SDs of a point's distance from the wire, and of how far a ray passes beside it or through it."""
 ROBUST = 1.5
 """A residual of more SDs counts less (Cauchy)."""
 TOGETHER = 4.0
-"""So many neighbouring points and rays err together: they say as much as one does (chosen so that looks in the cell err
-as much as they say)."""
+"""This many neighbouring points and rays share their errors and count as one (chosen so that errors of looks in the
+cell are as large as stated)."""
 STEPS = 12
 MOST_SHIFT_M, MOST_TURN_RAD = 0.5e-3, 0.1
-"""Of one step of the search."""
+"""Greatest step of the search."""
 FEWEST, DEEP = 12, 0.4
-"""With fewer pixels on the wire it was not seen; in each image so great a share of them has depth."""
+"""With fewer pixels on the wire it was not seen; at least this share of them has depth in each image."""
 STEEP = 0.4
-"""Where the sine between ray and wire is less, depth says nothing of the wire."""
+"""If the sine between ray and wire is less, depth tells nothing about the wire."""
 WORST_M = 0.9e-3
-"""Points that scatter more about the wire than this (SD) are not on it."""
+"""Points that scatter about the wire by more than this (SD) are not on it."""
 
 Elsewhere = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Signed distances (n,) of points (n, 3) in the camera's frame from what else is there."""
@@ -179,7 +179,7 @@ def sight_needle(
 def search_starts(
     T_camera_needle: SE3, covariance: NDArray[np.float64], arc: NeedleArc, away: float = AWAY
 ) -> list[SE3]:
-    """Return where the search for a needle begins: where it is expected, and around that where its tip is unsure.
+    """Return where the search for a needle starts: where it is expected, and around that if its tip is uncertain.
 
     Args:
         T_camera_needle: where it is expected.
@@ -207,7 +207,7 @@ def _gather(
     elsewhere: Elsewhere | None,
     every: int,
 ) -> _Evidence | None:
-    """Return what in images speaks of a needle that is about here; None if there is too little.
+    """Return what images show of a needle that is about here; None if there is too little.
 
     Colours are those of the first image: the others have the same. Of rows and columns one of ``every`` is read.
     """

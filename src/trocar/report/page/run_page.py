@@ -37,7 +37,7 @@ class RunReport:
         timechart: what took the time; None: nothing was noted.
         shown: which trial the pictures and the replay are of.
         notes: sentences that a reader must know.
-        strange: sentences on what is missing or lies there besides.
+        strange: sentences about what is missing or unexpected.
         command: that makes the run again.
     """
 

@@ -71,7 +71,7 @@ def conditions_of(
         run: the rest, as in RunConfig.
 
     Raises:
-        TrocarError: a name is unknown, or a size is none.
+        TrocarError: a name is unknown, or a size is not valid.
     """
     folder = Path(folder)
     picked = chosen(methods, list(methods_of(type(task))), "methods")

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
 
 PRESET, DIRECTION, SUTURES = "default", "best", 4
-"""What is driven where nothing is said."""
+"""The default plan."""
 
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
 """How far the calibration's motion goes beyond the plan's joints, rad and m: room for the corrections."""
@@ -124,7 +124,7 @@ class CircleSutures(Task):
         object.__setattr__(self, "sutures", count)
 
     def options(self) -> dict[str, Any]:
-        """Return the options; of a plan all that it says, for its file may change."""
+        """Return the options; for a plan its whole content, because its file may change."""
         return super().options() | {"plan_file": self.planned.values() if self.planned else None}
 
     @cached_property

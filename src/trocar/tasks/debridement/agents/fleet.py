@@ -60,7 +60,7 @@ class Fleet:
         T_world_receptacle: where the receptacle is.
         sides: of every arm that takes part: +1 at +x, the left one; -1 the right one.
         goals: how many fragments are to be cleared.
-        token: whoever holds it may be over the receptacle.
+        token: the arm that holds it may be over the receptacle.
         taken: where the fragment lies that each arm has been given.
         busy: arms that are not done.
         cleared: fragments that arms let go over the receptacle.
@@ -142,7 +142,7 @@ class Fleet:
         self.give(arm, self.T_world_receptacle.translation_m)
 
     def change(self) -> None:
-        """Wake whoever waits for something to change."""
+        """Wake the scripts that wait for something to change."""
         self._changed.set()
         self._changed = trio.Event()
 

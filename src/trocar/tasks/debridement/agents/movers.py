@@ -30,7 +30,7 @@ TOO_NEAR = "comes within"
 
 
 class ArmStopped(Exception):
-    """An arm did not come to the end of its motion."""
+    """An arm did not reach the end of its motion."""
 
 
 class NoWay(Exception):

@@ -1,4 +1,4 @@
-"""The receptacle's token (Kehoe 2014, V-C.2): whoever holds it may be over the receptacle."""
+"""The receptacle's token (Kehoe 2014, V-C.2): the arm that holds it may be over the receptacle."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Token:
             raise
 
     def give_back(self, arm: str) -> None:
-        """Hand it over to whoever waits.
+        """Hand it over to the arm that waits.
 
         Raises:
             TrocarError: it is another arm's.

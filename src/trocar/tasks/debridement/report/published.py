@@ -58,7 +58,7 @@ class Column:
         """Return the 95 % interval of that rate (Clopper and Pearson 1934), as if counted of all fragments.
 
         The paper gives rates without counts. Those of the robot fit 1 to 4 events of 52 to 58, of which the number of
-        fragments is near enough; every fragment is taken for itself.
+        fragments is near enough; every fragment is taken separately.
         """
         return clopper_pearson(self.rate(mode) * self.fragments, self.fragments)
 

@@ -66,7 +66,7 @@ def speed_lines(found: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
 
 
 def left_behind(cells: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a sentence for each condition that did not clear everything, or did not come to its end."""
+    """Return a sentence for each condition that did not clear everything, or was not finished."""
     found = []
     for cell in cells:
         left, stopped = cell["fragments"] - cell["cleared"], cell["unfinished_trials"]

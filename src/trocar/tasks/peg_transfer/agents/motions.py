@@ -241,7 +241,7 @@ class Motions:
         return self.clear(q, T_tip_block, peg, height_m)
 
     def over(self, q: Joints, T_board_tip: SE3) -> TimedPath:
-        """Return how to come to a pose over the pegs."""
+        """Return how to get to a pose over the pegs."""
         return self.through([*self.risen(q), self.ik(T_board_tip)])
 
     def hovering(self, q: Joints, T_board_tip: SE3, height_m: float) -> TimedPath:

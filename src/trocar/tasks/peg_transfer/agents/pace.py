@@ -13,7 +13,7 @@ from trocar.cell import Cell
 class Pace:
     """How far each arm has come.
 
-    Arms that go to and fro between the same sides of a board pass each other unless they go together, and one that
+    Arms that go back and forth between the same sides of a board pass each other unless they go together, and one that
     comes back into the other's way has to wait for all of its way. So no arm carries its block away before the other
     one holds its own, and none leaves its target before the other one has come away from its source. An arm for which
     the other has waited for long does not keep it any longer.
@@ -30,13 +30,13 @@ class Pace:
         self._changed = trio.Event()
 
     def come(self, arm: str, step: float = inf) -> None:
-        """Note that an arm has come to a step; by default, that it has done."""
+        """Note that an arm has reached a step; by default, that it has finished."""
         self._steps[arm] = step
         changed, self._changed = self._changed, trio.Event()
         changed.set()
 
     async def wait(self, arm: str, step: float) -> None:
-        """Wait until all other arms have come to a step."""
+        """Wait until all other arms have reached a step."""
         others = [name for name in self._steps if name != arm]
         if all(self._steps[name] >= step for name in others):
             return

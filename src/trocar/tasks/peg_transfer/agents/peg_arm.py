@@ -37,7 +37,7 @@ AT_HOME = 1e-6
 
 
 class ArmStopped(Exception):
-    """An arm did not come to the end of its motion; it is not asked again."""
+    """An arm did not reach the end of its motion; it is not used again."""
 
 
 class PegArm:
@@ -54,7 +54,7 @@ class PegArm:
         hands_over: whether it grasps blocks so that another arm can take them.
         eyes: look at blocks for it.
         learner: of its cables; None: it does not learn.
-        stopped: whether it did not come to the end of a motion, and is not asked again.
+        stopped: whether it did not reach the end of a motion, and is not used again.
     """
 
     def __init__(self, brief: Brief, name: str, table: Table, traffic: Traffic):
@@ -285,7 +285,7 @@ class PegArm:
 
         Raises:
             Blocked: the other arm is in the way, and waiting does not help; or the robot refuses to move beside it.
-            ArmStopped: the arm did not come to the end.
+            ArmStopped: the arm did not reach the end.
             TrocarError: the robot refuses the motion of an arm that is alone.
         """
         await self.traffic.admit(self.hand, motion, jaw_rad, margin_m, meets_s, leaving, waits)

@@ -68,7 +68,7 @@ class Settings:
             cables do to them stays as it was; else the tool does not turn. From hand to hand only arms that look
             before placing do so: who took a block over holds it at any angle, and turning it further costs clearance.
         looks_before_placing: stop over the target, look how the block hangs in the jaws, and lower it by that.
-        looks: how often one looks for a block that the other arm may hide.
+        looks: how many times to look for a block that the other arm may hide.
         teaching_looks: at its own wrist, before the first transfer, of an arm that learns its cables; 0: it does not.
         sighting_budget_s: declared for finding the wrist in an image (``bench_sighting.py``).
         fit_budget_s: declared for fitting the cables on all looks.

@@ -137,7 +137,7 @@ class Taker(Side):
         return None if grasp is None else Coming(self.arm.motions.over(q, self._above(grasp)), grasp)
 
     def _find_descent(self, q: Joints, T_board_block: SE3, avoid: list[int]) -> Coming | None:
-        """Return how to come to the block: straight down where the arm is over a grasp, else from above another."""
+        """Return how to get to the block: straight down where the arm is over a grasp, else from above another."""
         motions, other = self.arm.motions, self.other.T_board_tip
         grasp = self._grasp(T_board_block, other, avoid, near=motions.tip(q))
         if grasp is not None:

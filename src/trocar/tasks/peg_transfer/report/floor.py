@@ -1,4 +1,4 @@
-"""What a transfer would take if nothing but motion took time, and what comes on top of it."""
+"""How long a transfer would take if only motion took time, and what comes on top of it."""
 
 from __future__ import annotations
 

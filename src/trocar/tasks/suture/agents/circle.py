@@ -23,7 +23,7 @@ KNOT_S = 0.020
 """Spacing of a motion's knots: two control periods."""
 
 TRAVELS = ("lower", "withdraw", "rise")
-"""Segments on which nothing is near the needle's way: done at the speed of travel."""
+"""Segments with nothing near the needle's path: done at the speed of travel."""
 
 JOINED = 1e-3
 """A segment that starts no further (rad, m) from where the arm is goes on from there."""
@@ -33,8 +33,8 @@ LOWERED = (1.0, 2 / 3, 1 / 3, 0.0)
 """Shares of the way down that are tried: its upper end matters least."""
 
 TURNS, SHORT = ("rotate", "push"), (3, 6, 9)
-"""Turns of the needle that commands do not allow to the end stop so many places, of 1 deg, short of it. What is lacking
-is made up for on the way after them, where the needle is where it is seen."""
+"""Turns of the needle that the commands' limits cut short stop this many places, of 1 deg, early. What is lacking
+is made up for on the path after them, starting from where the needle is seen."""
 
 LOAD = "load needle"
 """What a person does: ``await assistants[LOAD](arm)`` puts the needle between the open jaws and holds it there until

@@ -12,30 +12,30 @@ from trocar.geometry import SE3, SO3
 from trocar.perception.needle import NeedleSighting
 
 ALWAYS, NOW, GRIP = slice(0, 6), slice(6, 12), slice(12, 18)
-"""Of the state: error of the tip that stays, and that changes on the way; where the needle lies in the jaws."""
+"""Parts of the state: the tip's lasting error, its changing error, and how the needle lies in the jaws."""
 ALWAYS_SD = np.repeat([0.25e-3, 0.010], 3)
 NOW_SD = np.repeat([0.40e-3, 0.020], 3)
-"""Of the tip's error, m and rad: what registration and fitted cables leave, on the cell's `recorded`."""
+"""SDs of the tip's error, m and rad: what registration and fitted cables leave at difficulty `recorded`."""
 FADES_M = 6e-3
-"""On so long a way of the jaws what changes on the way falls to 1/e."""
+"""Distance travelled by the jaws over which the changing error falls to 1/e."""
 LOADED = np.diag(np.array([0.6e-3, 0.6e-3, 0.6e-3, 0.08, 0.09, 0.08]) ** 2)
 """How a person loads a needle: covariance in the grasp's axes, which are the jaws' closing, along the wire, and across
 both; a shift, m, and a turn, rad."""
 PIVOT_M = 15e-3
-"""Closing jaws that push a needle aside turn it about its part in the tissue, so far away along the arc."""
+"""Closing jaws that push a needle aside turn it about its part in the tissue, this far away along the arc."""
 ASIDE_SD_M = 0.35e-3
-"""By which they push it."""
+"""SD of how far they push it."""
 _ASIDE = ASIDE_SD_M * np.array([1.0, 0.0, 0.0, 0.0, -1.0 / PIVOT_M, 0.0])
 STIRRED = np.outer(_ASIDE, _ASIDE) + np.diag(np.array([0.0, 0.1e-3, 0.1e-3, 0.005, 0.008, 0.045]) ** 2)
-"""What closing jaws do to a needle that the tissue holds: likewise."""
+"""The same for what closing jaws do to a needle that the tissue holds."""
 FLAT = np.array([0, 5])
 FLAT_SD = np.array([0.15e-3, 0.027])
 """SDs with which flat jaws fix the wire, m and rad: its shift along their closing direction, and its turn about the
 normal of wire and closing direction."""
 STIRS = 0.5
-"""Share of the variance of what changes on the way that a small correction adds: it turns cables round."""
+"""A small correction adds this share of the variance of the changing error, because it reverses cables."""
 CAMERA = np.diag(np.repeat([0.1e-3, 0.0], 3) ** 2)
-"""Covariance of a camera's place in the arm's base, m: sightings err alike by that."""
+"""Covariance of a camera's place in the arm's base, m: all sightings share this error."""
 DOUBT = 4.0
 """After a rejected sighting, all variances are multiplied by this."""
 DOUBTS = 2
@@ -63,7 +63,7 @@ class Believed:
     def after(self, T_base_camera: SE3, seen: NeedleSighting) -> Believed | None:
         """Return the estimate after a sighting that was fitted from here.
 
-        None: it lies further off than chance explains.
+        None: the sighting lies further off than chance explains.
         """
         T_base_needle = T_base_camera @ seen.T_camera_needle
         away = (self.T_base_needle.inverse() @ T_base_needle).log()
@@ -78,7 +78,7 @@ class NeedleBelief:
     """A normal distribution of three twists, small enough to add up.
 
     The tip's error is a shift in the base's axes, and a turn about the tip, likewise; one part of it stays for the
-    whole session, the other fades with the way that the jaws go. The needle's is a twist in its own frame.
+    whole session, the other fades with the distance that the jaws travel. The needle's is a twist in its own frame.
     """
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class NeedleBelief:
         self._begin()
 
     def _begin(self) -> None:
-        """Know nothing but how large errors are."""
+        """Start with no knowledge except how large errors are."""
         self._doubts = 0
         self._mean = np.zeros(18)
         self._covariance = np.diag(np.concatenate([ALWAYS_SD, NOW_SD, np.zeros(6)]) ** 2)

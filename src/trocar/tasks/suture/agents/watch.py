@@ -1,4 +1,4 @@
-"""Looks at the needle while it is driven, and what they change of the way."""
+"""Looks at the needle while it is driven, and the corrections that follow from them."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ from trocar.tasks.kit import ArmScript
 from trocar.tasks.suture.agents.needle_belief import Believed, NeedleBelief
 
 BEFORE_ENTRY_M = 2e-3
-"""The last look before the tissue is so far before it, along the needle's way."""
+"""Distance of the last look before the tissue from it, along the needle's path."""
 PAST_ENTRY_M = 2.5e-3
-"""From there the tip goes in so far at a stretch, the wrist at rest: cables that are turned round would move it where
+"""From there the tip goes in this far without a pause, the wrist at rest: cables that reverse would move it where
 it goes in. And what no model repeats changes within a second: the sooner it is there, the better what was seen holds.
 """
 RUN_UP_M = 1.0e-3
-"""The start of a way whose start is corrected is come to from so far behind it, along the way: then the outer joints
+"""A corrected start of a path is approached from this far behind it, along the path: then the outer joints
 have taken up their play in the direction in which they go on."""
 BEFORE_EXIT_RAD = np.radians(8.0)
 """And the last one before the tip comes out, about the needle's centre."""
 WELL_BEFORE_EXIT_RAD = np.radians(16.0)
-"""There it is looked at once more: after jaws have closed elsewhere, what cables leave may bring the tip out early."""
+"""One more look is taken there: after jaws have closed elsewhere, cable errors may bring the tip out early."""
 HIGH_LOOKS, ENTRY_LOOKS, EXIT_LOOKS = 2, 4, 3
-"""At most so many looks above the tissue, just before the needle goes in, and just before it comes out."""
+"""Greatest number of looks above the tissue, just before the needle goes in, and just before it comes out."""
 ENOUGH_M = 0.2e-3
 """A needle's tip that is estimated to be this near to where it should be is not moved and looked at again; times the
 number of looks there, because each move disturbs the cables again, by some .6 mm."""
 
 AWRY_M, AWRY_RAD = 2.5e-3, 0.25
-"""A needle that lies so far from where a person should have put it is loaded again."""
+"""A needle that lies this far from where a person should have put it is loaded again."""
 ROUND_PX = 32
-"""So much round the needle is read out of the camera."""
+"""Margin around the needle that is read out of the camera."""
 
 
 class Aim(Enum):
-    """What of the way is corrected before a stretch of it."""
+    """What is corrected before a stretch of the path."""
 
     POSE = "place and attitude"
     TIP = "the place of the needle's tip alone, by the outer joints: turning the wrist again would stir its cables"
@@ -60,13 +60,13 @@ class Aim(Enum):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of the way without a look.
+    """A part of the path without a look.
 
     Attributes:
         segment: that is followed.
         first: whether it is the first of its step.
-        looks: how often the needle is looked at, at most, before it. Where more than one is allowed, the arm goes to
-            the stretch's corrected start after each; else it comes to the corrected way on the way.
+        looks: how often the needle is looked at, at most, before it. If more than one is allowed, the arm goes to
+            the stretch's corrected start after each; otherwise it joins the corrected path on the way.
         aim: what is corrected.
         rests: whether the wrist does not turn at all.
     """
@@ -79,7 +79,7 @@ class Stretch:
 
 
 def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
-    """Return the way cut where the needle is looked at: above and before its entry, in each grip, before its exit.
+    """Return the path cut where the needle is looked at: above and before its entry, in each grip, before its exit.
 
     The arm does not stop at the surface, neither on the way in nor on the way out: where it starts again, cables that
     were turned round take up their play, and the needle's tip would be just where that counts.
@@ -140,7 +140,7 @@ def _through_the_surface(found: Sequence[Stretch]) -> list[Stretch]:
 
 
 class NeedleWatch:
-    """Knows where the needle is from looks at it, and corrects the arm's way by that.
+    """Estimates where the needle is from looks at it, and corrects the arm's path accordingly.
 
     Args:
         cell: with a camera that shows depth; of several the one nearest to the circle is used.
@@ -224,7 +224,7 @@ class NeedleWatch:
         return replace(segment, q=segment.q + left * (self._hand.q - segment.q[0]))
 
     def corrected(self, segment: Segment) -> Segment:
-        """Return the segment with what is corrected of the way.
+        """Return the segment with the path's corrections.
 
         While the jaws hold the needle it is the needle that has to go where it was planned; while they do not, the jaws
         have to go where they were planned about the needle.
