@@ -51,7 +51,7 @@ def mark_of(kind: str) -> str:
 
 
 def blame(error: OSError) -> type[TrocarError]:
-    """Return who is to blame if a file cannot be opened: the input's, which names none, or the machine's."""
+    """Return whose error it is that a file cannot be opened: the input's, which names none, or the machine's."""
     named_none = isinstance(error, FileNotFoundError | NotADirectoryError | IsADirectoryError)
     return TrocarError if named_none or error.errno in NO_NAME else MachineError
 

@@ -42,7 +42,7 @@ async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[
 async def finish(table: Table, arm: PegArm) -> None:
     """Let the last arm go home, if it can, and look whether the blocks lie where they were set down.
 
-    If the settings ask for it, it looks when it is half-way; what it hid then is looked at when it is home.
+    If the settings ask for it, the image is taken when it is half-way; what it hid then is checked when it is home.
     """
 
     async def script(helpers: trio.Nursery) -> bool | None:
