@@ -1,4 +1,4 @@
-"""Scripts for debridement: the paper's way, and ours."""
+"""Scripts for debridement: the paper's method, and ours."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ESTIMATORS: Mapping[str, Callable[[ArmModel], PoseEstimator]] = {
 
 
 def with_adjustment(cell: Cell, settings: Settings) -> Robot:
-    """Return the cell's robot with its kinematics put right by what the camera sees."""
+    """Return the cell's robot with its kinematics corrected by what the camera sees."""
     return Adjusted(cell, ESTIMATORS[settings.estimator])
 
 

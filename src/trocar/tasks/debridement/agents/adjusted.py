@@ -1,4 +1,4 @@
-"""A robot whose kinematics are put right by what a camera saw of its grippers."""
+"""A robot whose kinematics are corrected by what a camera saw of its grippers."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ class Adjusted:
         """Do nothing: commands are found when a motion starts, from the newest estimate."""
 
     async def jaw(self, arm: str, angle_rad: float) -> Execution:
-        """Drive the jaws; what is seen of them corrects nothing."""
+        """Drive the jaws; they are not corrected by the camera."""
         return await self._robot.jaw(arm, angle_rad)
 
     def hold(self, *arms: str, reason: str = "") -> None:

@@ -32,7 +32,7 @@ class Course:
     Attributes:
         desired: of the joints as estimated.
         commands: that were sent for it, on the same time.
-        stop_s: time of the motion at which whoever asked for it is going to stop it; None: at its end.
+        stop_s: time of the motion at which it is going to be stopped; None: at its end.
         successor: the commands that took over, once corrected ones did.
     """
 

@@ -18,7 +18,7 @@ from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.kit.together import together
 
 TOO_MANY = 8
-"""An arm that fails so many times in a row gives up."""
+"""An arm that fails this many times in a row gives up."""
 LIFTED_SHARE = 0.8
 """Jaws that have risen by this share of what they rise have left the work surface."""
 SHORT_S = 0.05

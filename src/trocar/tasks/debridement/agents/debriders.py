@@ -50,5 +50,5 @@ class Debriders:
         ]
 
     async def run(self) -> None:
-        """Clear what there is to clear."""
+        """Clear all fragments that can be cleared."""
         await work(self._debriders)

@@ -19,7 +19,7 @@ BESIDE_REGION_M = 0.025
 IN_THE_AIR_M = 0.014
 """What is seen so high above the work surface is held by jaws, or lies in the receptacle."""
 FULL_FRAGMENTS = 3
-"""A receptacle is full if so many stand out of it; one may lie on another long before that."""
+"""A receptacle is full if this many stand out of it; one may lie on another long before that."""
 FULL_LOOKS = 3
 """So many looks in a row have to show it: fragments are also seen while they fall."""
 FULL_M = 3e-3
@@ -41,7 +41,7 @@ class Failure:
         arm: which.
         p_world_m: (3,) where the fragment lay.
         time_s: when.
-        blocked: whether the arm found no way.
+        blocked: whether the arm found no path.
     """
 
     arm: str
@@ -112,7 +112,7 @@ class Fleet:
     def choice(self, arm: str, fragments: Sequence[SeenFragment], apart_m: float, now_s: float) -> list[SeenFragment]:
         """Return the fragments that an arm may take, the outermost on its side first (V-C.2).
 
-        Where it failed lately comes last, and where it found no way is for the other arm, if that goes on.
+        Where it failed lately comes last, and where it found no path is left to the other arm, if that goes on.
         """
         others = [place for name, place in self.taken.items() if name != arm]
         free = [f for f in fragments if all(away_m(f, place) > apart_m for place in others)]

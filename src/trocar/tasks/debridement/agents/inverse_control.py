@@ -15,7 +15,7 @@ from trocar.trajectory import Trajectory
 STEP_S = 0.05
 """Commands are found for moments this far apart, and joined by a cubic spline."""
 NODE_M = 0.015
-"""What a command adds is asked for at places this far apart on the path; between them it is interpolated."""
+"""Corrections are computed at places this far apart on the path, and interpolated between them."""
 KEPT_SHARE = 0.97
 """Of the limits, for corrected commands: a guard looks at them more closely."""
 RAMPS_S = (0.25, 0.4, 0.6, 0.9)
@@ -23,7 +23,7 @@ RAMPS_S = (0.25, 0.4, 0.6, 0.9)
 LITTLE = np.array([0.06, 0.06, 1e-3, 0.06, 0.06, 0.06])
 """What a joint's command may be short of, rad and m: such an angle in the wrist is 1 mm at the tip, which is seen."""
 FADE_S = 0.5
-"""Time constant with which a correction stops changing, after the last place that it is asked for."""
+"""Time constant with which a correction stops changing, after the last place where it is computed."""
 SHORT = 5e-3
 """They stay this share of their range inside it: a spline through such commands swings a little beyond them."""
 APART_M = 1e-3
@@ -81,7 +81,7 @@ def corrected(
     Args:
         arm: the model.
         desired: of the joints as a camera would confirm them, from now on.
-        sent: the commands that are under way, on the same time.
+        sent: the current commands, on the same time.
         settled: the pose in the base that is expected at a kinematic pose.
         limits: of the commands.
         until_s: as for ``commands_for``.

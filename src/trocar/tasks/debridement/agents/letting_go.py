@@ -22,7 +22,7 @@ WAYS = SHAKES + len(STROKES)
 
 
 async def try_to_shed(arm: RavenArm, number: int) -> None:
-    """Do what may help against a fragment that clings, the ``number``-th time of ``WAYS``; then the jaws are wide open.
+    """Try way ``number`` of ``WAYS`` to shake off a fragment that clings; then the jaws are wide open.
 
     Args:
         arm: over the receptacle.

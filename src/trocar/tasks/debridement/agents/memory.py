@@ -1,4 +1,4 @@
-"""What is known of fragments beside what a pair of images shows: some are hidden, and some are carried."""
+"""What is known of fragments besides what a pair of images shows: some are hidden, and some are carried."""
 
 from __future__ import annotations
 

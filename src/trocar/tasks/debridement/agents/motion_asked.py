@@ -1,4 +1,4 @@
-"""What planners are asked for one arm of the pair, and what stands in its way."""
+"""Planning problems for one arm of the pair, and its obstacles."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ and arms come as near to it as fragments lie."""
 
 
 HIGHER_M = 10e-3
-"""The receptacle's walls are taken to be so much higher: what an arm carries hangs lower than its fingers."""
+"""The receptacle's walls are taken to be this much higher: what an arm carries hangs lower than its fingers."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Problems:
 
     @cached_property
     def table(self) -> HalfSpace:
-        """Return what is kept of the work surface."""
+        """Return the distance that is kept from the work surface."""
         T_world_table = self.cell.T_world_fixture["table"]
         normal = T_world_table.rotation.matrix[:, 2]
         return HalfSpace(T_world_table.translation_m - (SUNK_M + self.margin_m) * normal, normal)

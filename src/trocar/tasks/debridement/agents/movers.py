@@ -26,7 +26,7 @@ PATH_STEP_S = 0.05
 LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1
 """Between two looks at how long an arm has until it is to be stopped."""
 TOO_NEAR = "comes within"
-"""A robot's guard says this of arms that it refuses to bring nearer to each other."""
+"""A robot's guard gives this reason for arms that it refuses to bring nearer to each other."""
 
 
 class ArmStopped(Exception):
@@ -48,19 +48,19 @@ class NoWay(Exception):
 
 
 class Mover(Protocol):
-    """Moves an arm a step of its way, from the newest estimate."""
+    """Moves an arm one step along its path, from the newest estimate."""
 
     async def step(self, arm: str, asked: Asked, way_m: float) -> None:
         """Plan again, and move along the plan, but not further than ``way_m``.
 
         Raises:
             NoWay: there is no plan.
-            ArmStopped: the arm did not do what it was told.
+            ArmStopped: the arm did not move as commanded.
         """
         ...
 
     def resting(self, arm: str) -> Rest:
-        """Return a context in which the others need not wait for what this arm asks."""
+        """Return a context in which the others need not wait for this arm's request."""
         ...
 
 
@@ -90,7 +90,7 @@ class Beside:
         self._lock = trio.Lock()
 
     async def step(self, arm: str, asked: Asked, way_m: float) -> None:
-        """Plan beside what the others do, and move."""
+        """Plan around what the others are doing, and move."""
         with self._cell.log.span(arm, "waiting"):
             await self._lock.acquire()
         try:

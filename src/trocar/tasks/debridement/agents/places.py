@@ -28,12 +28,12 @@ NEAR_M = tuple((out, back) for out in (0.0, 0.010, -0.012, 0.018, -0.025) for ba
 NEAR_RAD = (0.0, 0.35, -0.35)
 """Turns of the gripper there, outwards, besides that which it has."""
 METRES_PER_RAD = 8.0e-3
-"""A grasp for which the gripper is turned by a radian more is as good as one across so many metres more of a fragment
+"""A grasp for which the gripper turns by a radian more is as good as one across this many metres more of a fragment
 (assumed): with 1 rad/s^2, turning takes wrists longer than going there takes the arm."""
 BEHIND_M = 0.030
 """Where they wait: so far behind the middle of the world's y in front of the receptacle."""
 HIGHER_M = 0.015
-"""Arms at rest are so much higher than on their way."""
+"""Arms at rest are this much higher than when moving."""
 ROOM_M = 1.0e-3
 """Between the open jaws and a neighbouring fragment."""
 
@@ -83,7 +83,7 @@ class Places:
         return self._around(side, turn_rad, BESIDE_M, -BEHIND_M, self.settings.hold_high_m)
 
     def home(self, side: int, turn_rad: float) -> list[SE3]:
-        """Return where an arm may rest out of the other one's way."""
+        """Return where an arm may rest without being in the other one's way."""
         return self._around(side, turn_rad, BESIDE_M, -BEHIND_M, self.settings.hold_high_m + HIGHER_M)
 
     def drop(self, side: int, turn_rad: float) -> list[SE3]:

@@ -19,16 +19,16 @@ from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.kit.together import together
 
 TRIES = 60
-"""An arm that finds no way asks so many times, a quarter of a second apart, before it gives up."""
+"""An arm that finds no path asks this many times, a quarter of a second apart, before it gives up."""
 HIDDEN_TRIES = 8
-"""It waits for so many looks until its marks are in sight, 3 s. The other arm passes in that time, or rests before
-them; then the fragment is left to that one, which would otherwise stay where it hides the marks."""
+"""It waits for this many looks (3 s) until its marks are in sight. The other arm passes in that time, or rests in front
+of them; then the fragment is left to that one, which would otherwise stay where it hides the marks."""
 ENOUGH_PLACES = 6
-"""Of several places that are within reach so many are tried: the way to one may leave a joint's range."""
+"""Of several places within reach, this many are tried: the path to one may leave a joint's range."""
 RISE_SHARES = (1.0, 0.6, 0.3)
 """Of the height by which an arm is to rise, where it cannot go as high."""
 FEW = 2
-"""Where what hinders it is not another arm, it asks again only so many times: estimates change a little."""
+"""If it is not hindered by another arm, it asks again only this many times, since estimates change a little."""
 LOW_M = 0.020
 """A tip lower than this over the work surface rises before it goes elsewhere: open fingers end 9 mm below it."""
 WITHDRAWN_M = 0.006
@@ -40,19 +40,19 @@ ARRIVED_HIGH_M = 6e-3
 NEARER_M, IN_VAIN = 1e-3, 8
 """So many steps in a row that bring an arm no nearer to its goal than by this, and it gives the goal up."""
 PRESSING_M, PRESSING = 2e-3, 2
-"""Fingers that stay so high over a grasp, after so many steps in a row that brought them no nearer, stand on something:
-a neighbour, most often. Commands that go on to correct that would press until it slips away."""
+"""Fingers that stay this high over a grasp, after this many steps in a row that brought them no nearer, stand on
+something: a neighbour, most often. Commands that go on to correct that would press until it slips away."""
 FIRST_SHARE = 0.5
-"""The first way down is slower by this: how the errors of the kinematics change with height has not been seen yet."""
+"""The first descent is slower by this: how the errors of the kinematics change with height has not been seen yet."""
 CLOSING_STEPS = 25
-"""A slow closing of the jaws is made of so many small ones."""
+"""A slow closing of the jaws is made of this many small ones."""
 
 
 class RavenArm:
     """Verbs of one arm.
 
     Args:
-        problems: the laboratory, and what is in the way there.
+        problems: the laboratory and its obstacles.
         name: of the arm.
         eyes: the camera.
         mover: plans and moves.
@@ -214,7 +214,7 @@ class RavenArm:
         raise NoWay(reason, lasting=True)
 
     def possible(self, grasps: Sequence[Grasp]) -> Grasp | None:
-        """Return the first grasp that is within reach, with the way up after it."""
+        """Return the first grasp that is within reach, with the path up after it."""
         for grasp in grasps:
             poses = grasp.T_world_above, grasp.T_world_grasp, raised(grasp.T_world_grasp, self.s.lift_m)
             clear = partial(self.problems.clear, self.name, grasp.T_world_above, grasp.open_rad)

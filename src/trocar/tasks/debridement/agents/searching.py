@@ -1,4 +1,4 @@
-"""How an arm comes into the picture, wherever its kinematics are wrong to."""
+"""How an arm comes into view, however wrong its kinematics are."""
 
 from __future__ import annotations
 

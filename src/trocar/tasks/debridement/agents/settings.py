@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a method; as they come they are those of ``best``.
+    """Settings of a method; the defaults are those of ``best``.
 
     Attributes:
         estimator: of the gripper's pose: ``field`` or ``paper``.
@@ -15,7 +15,7 @@ class Settings:
             beside what the other arm does.
         tip_speed_m_s: greatest speed of the tips; 1 cm/s in the paper's laboratory, up to 10 cm/s by surgeons.
         descent_speed_m_s: greatest speed on the last piece to a fragment.
-        limits_share: of the joints' limits, that plans use; the rest is for what commands add to correct errors.
+        limits_share: share of the joints' limits that plans use; the rest is for corrections.
         astray_m: an arm that is found so far from where its motion should be stops and plans again; with 1 m it never
             does.
         step_m: an arm stops, looks and plans again after this distance at most (V-B: 2.5 cm).
@@ -32,7 +32,7 @@ class Settings:
             place 3 cm back without a stop; from a stop there, steps of 2.5 cm would end 5 mm over every grasp.
         lift_m: straight up after closing; 5 cm in their program.
         lifts_on_the_way: whether the arm goes on from there without a stop, and the pickup is checked meanwhile.
-        hold_high_m: height of tips over the work surface on the way.
+        hold_high_m: height of tips over the work surface while travelling.
         drop_high_m: height of the tip over the work surface when the jaws open over the receptacle.
         margin_m: between the arms, and to the receptacle. V-B has 1 mm, at which the guard stops an arm here: plans
             keep half a millimetre more, for estimates that change on the way.
@@ -43,11 +43,11 @@ class Settings:
         remembers: whether a fragment counts as there while an arm hides it from the camera.
         vision_lag_s: rest before every plan to a fragment, for the images to catch up; 2 s in their program.
         watch_s: time between two images of a gripper.
-        watch_binning: so many by so many pixels are combined in them.
+        watch_binning: this many by this many pixels are combined in them.
         fragments_budget_s: declared for finding fragments in a pair of images.
         gripper_budget_s: declared for finding a gripper in a window.
         plan_budget_s: declared for one plan.
-        settle_s: rest before an image whose estimate decides.
+        settle_s: rest before an image on whose estimate a decision depends.
         fresh_s: a gripper that was not seen for longer does not go down to a fragment.
         apart_m: fragments this near to the other arm's are not allocated.
     """
