@@ -20,7 +20,7 @@ from trocar.calibration.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class PlaneModel:
-    """``q_joint = q_cmd + offset + slope @ q_cmd``: what a least-squares fit makes of it.
+    """``q_joint = q_cmd + offset + slope @ q_cmd``, from a least-squares fit.
 
     Attributes:
         offset: (6,) rad and m (q3).
@@ -59,7 +59,7 @@ class PlaneModel:
         return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what its file keeps."""
+        """Return what its file stores."""
         return {"offset": self.offset, "slope": self.slope}
 
     @classmethod

@@ -9,16 +9,16 @@ from trocar.motion import PLANNERS, ArmMotion, Demand, MotionProblem, TimedPath,
 
 
 def from_stop_to_stop(arm: ArmMotion) -> TimedPath:
-    """Return the plain moves of one arm, the first from a start that may be under way."""
+    """Return the plain moves of one arm, the first from a start that may be moving."""
     start, first, *more = arm.waypoints
     moves = [move_to(start, arm.start_velocity, first, arm.limits)]
     moves += [rest_to_rest(a, b, arm.limits) for a, b in pairwise([first, *more])]
     return TimedPath.joined(moves)
 
 
-@ignores(Demand.STRAIGHT, Demand.DISTANCES, Demand.JERK)  # said to the user where the check finds that it matters
+@ignores(Demand.STRAIGHT, Demand.DISTANCES, Demand.JERK)  # reported to the user if the check finds that it matters
 def stop_and_go(problem: MotionProblem) -> dict[str, TimedPath]:
-    """Return a path for every arm; what it is worth is checked for you."""
+    """Return a path for every arm; it is checked for you."""
     return {name: from_stop_to_stop(arm) for name, arm in problem.arms.items()}
 
 

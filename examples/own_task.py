@@ -84,7 +84,7 @@ class BallWorld(TaskWorld):
 
 
 class ColourView:
-    """Finds a ball by its colour; one's own perception is a class like this one."""
+    """Finds a ball by its colour; your own perception is a class like this one."""
 
     def find(self, image: RgbdImage, colour: str) -> np.ndarray | None:
         """Return the ball's middle (3,) in the camera's frame, or None."""
@@ -143,7 +143,7 @@ class Toucher:
 
 
 class BallReport(TaskReport):
-    """Where its pictures are taken from; all else is as usual."""
+    """Where its pictures are taken from; everything else is as usual."""
 
     view = Viewpoint((0.10, -0.34, 0.24), 0.6)
 
