@@ -1,4 +1,4 @@
-"""Quadratic programmes over paths that keep a robot's limits."""
+"""Quadratic programs over paths that keep a robot's limits."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def relaxed(problem: MotionProblem) -> dict[str, TimedPath]:
     of a quadratic spline and in T^2. So the least T follows from a linear program, up to what the tip does, which is
     linear about the motion before it: while lifting and lowering it strays from the straight piece by no more than
     ``straight_tolerance_m`` and ``_rad``, and over the free piece it is never lower than the lower inner waypoint less
-    ``waypoint_tolerance_m``. The first motion is that of 'optimal'; the programmes settle after two or three.
+    ``waypoint_tolerance_m``. The first motion is that of 'optimal'; the programs settle after two or three.
 
     Where there is nothing to gain from (no tolerance, a moving start, waypoints other than a lift and a lowering
     along ``up`` or one of them), it answers what 'optimal' does.
@@ -131,7 +131,7 @@ class _Clearance:
         return exact
 
     def improved(self, path: TimedPath) -> TimedPath | None:
-        """Return the fastest motion by the programme that is linear about this one; None where it has no answer."""
+        """Return the fastest motion by the program that is linear about this one; None where it has no answer."""
         seconds, waypoints = path.trajectory.duration_s, self.arm.waypoints
         passed = path.waypoint_times_s / seconds
         pieces = [np.linspace(a, b, KNOTS, endpoint=False) for a, b in pairwise(passed)]

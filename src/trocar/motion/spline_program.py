@@ -1,4 +1,4 @@
-"""Quadratic programmes over splines of the joints: limits and the tip's way as linear rows, solved by PIQP."""
+"""Quadratic programs over splines of the joints: limits and the tip's way as linear rows, solved by PIQP."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ SAMPLE_S = 0.01
 KNOTS = 16
 """Pieces of the cubic spline on each piece of the path."""
 LINEARISED = 5
-"""Programmes for one horizon at most."""
+"""Programs for one horizon at most."""
 SHORTER = 0.85
 """Share of a piece's time down to which it is shortened by itself."""
 LONGER, LONGEST = 1.2, 12
@@ -38,7 +38,7 @@ LONGER, LONGEST = 1.2, 12
 ROOM = 0.85
 """Share of the channel's width that is used at the samples."""
 SLACK = 1e-3
-"""Share of the channel's width by which it counts as kept in a programme; it is measured again at 1 kHz."""
+"""Share of the channel's width by which it counts as kept in a program; it is measured again at 1 kHz."""
 KEPT = 1 - 1e-6
 """Share of each limit that is used."""
 PENALTY = 1e3
@@ -55,7 +55,7 @@ def sqp(problem: MotionProblem) -> dict[str, TimedPath]:
     The spline is the first motion and its duration the first horizon. The authors shorten it by one sample until there
     is no answer; here it is halved in between, and then so is each piece by itself.
 
-    Otherwise than in the paper all pieces are one programme, the splines are cubic (their jerk is finite), and where
+    Otherwise than in the paper all pieces are one program, the splines are cubic (their jerk is finite), and where
     the horizon of the spline is too short (a limited jerk, a narrow channel) a longer one is looked for. Where none has
     an answer, the spline is.
     """
@@ -129,7 +129,7 @@ class _Refinement:
         return all(off_m <= tolerances[0] and off_rad <= tolerances[1] for off_m, off_rad in strays)
 
     def _smoothest(self, pieces_s: Array, path: TimedPath) -> tuple[TimedPath, float] | None:
-        """Return the answer of the programme that is linear about a motion, and its slack in widths of the channel."""
+        """Return the answer of the program that is linear about a motion, and its slack in widths of the channel."""
         times_s = np.concatenate([[0.0], np.cumsum(pieces_s)])
         curve = self._curve(times_s)
         rows = Rows(curve.first.shape[1] * curve.free, 1)

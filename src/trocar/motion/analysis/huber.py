@@ -50,7 +50,7 @@ class Motion:
 def estimate(measured: Array, step_s: float, smoothness: float | None = None) -> Motion:
     """Return the motion behind a measured signal.
 
-    After Hwang et al. 2022, section IV-E, which follows Todorov and Jordan (1998). Their programme as printed leaves
+    After Hwang et al. 2022, section IV-E, which follows Todorov and Jordan (1998). Their program as printed leaves
     the velocity at the start free and can meet every noisy sample exactly; this one is amended in two places (docs,
     "Trajectory analysis"). It minimises, over positions p, velocities v and accelerations a::
 

@@ -51,7 +51,7 @@ STARTS = 12
 
 @dataclass(frozen=True)
 class Effort:
-    """How long a start is followed: prices of a broken metre, one after the other, and programmes at each."""
+    """How long a start is followed: prices of a broken metre, one after the other, and programs at each."""
 
     prices: tuple[float, ...]
     steps: int
@@ -179,7 +179,7 @@ class Search:
         return None
 
     def _step(self, sight: Sight, price: float, damping: float) -> tuple[Sight, float]:
-        """Return the path after one programme, and by how much its linear model promised to lower the merit."""
+        """Return the path after one program, and by how much its linear model promised to lower the merit."""
         change = self.programme.step(sight.control, sight.rows, price, damping)
         change = change * min(1.0, 1.0 / max(1e-9, float((np.abs(change) / self.trust).max())))
         after = self.seen(sight.control + change)

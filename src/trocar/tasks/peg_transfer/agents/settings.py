@@ -65,8 +65,8 @@ class Settings:
         rounds: how often a transfer is tried that could not be done because of the other arm.
         pause_s: and how long it waits where it cannot go home.
         still_wrist: keep the wrist's joints as they are while the tip goes straight down or up, so that what their
-            cables do to them stays as it was; else the tool does not turn. From hand to hand only arms that look
-            before placing do so: who took a block over holds it at any angle, and turning it further costs clearance.
+            cables do to them stays as it was; else the tool does not turn. In a handover only arms that look
+            before placing do so: the receiving arm holds a block at any angle, and turning it further costs clearance.
         looks_before_placing: stop over the target, look how the block hangs in the jaws, and lower it by that.
         looks: how many times to look for a block that the other arm may hide.
         teaching_looks: at its own wrist, before the first transfer, of an arm that learns its cables; 0: it does not.
