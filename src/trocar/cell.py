@@ -30,7 +30,7 @@ class Ended(Enum):
     HELD = "the arm was told to hold"
     REPLACED = "another motion took over"
     CANCELLED = "the script that moved the arm was cancelled"
-    FAULT = "the robot stopped the arm by itself"
+    FAULT = "the robot stopped the arm on its own"
 
 
 @dataclass(frozen=True)

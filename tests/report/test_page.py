@@ -37,7 +37,7 @@ def test_the_headline_has_the_summary_s_figures(run):
     low, high = summary["success_ci95"]
     for figure in (
         f"{summary['succeeded']} of {summary['attempted']}",
-        f"{100 * summary['success_rate']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} %; it counts 2",
+        f"{100 * summary['success_rate']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} %, counting 2",
         f"{summary['mean_time_s']:.2f} s",
         f"{summary['completion_time_s']['mean']:.1f} ± {summary['completion_time_s']['sd']:.1f} (SD) s",
         f"{summary['collisions_per_trial']:.2f}",

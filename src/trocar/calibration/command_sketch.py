@@ -43,7 +43,7 @@ class Sketch:
         lower: (6,) least commands that are allowed, room to brake included.
         upper: (6,) greatest.
         shares: (k,) of the motion's time.
-        correction: (k, 6) commands less desired joints.
+        correction: (k, 6) commands minus desired joints.
         given_up: (k, 6) of the desired joints, because commands may not leave their ranges.
         farthest: (6,) each joint's farthest command towards or beyond the ends of its range, had it none.
         end: (6,) last command.

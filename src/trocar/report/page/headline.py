@@ -25,7 +25,7 @@ def headline(summary: Mapping[str, Any]) -> str:
         (
             f"{piece}s done",
             f"{summary['succeeded']} of {summary['attempted']}",
-            f"{percent(summary['success_rate'])}, 95 % interval {100 * low:.1f} to {percent(high)}; it counts "
+            f"{percent(summary['success_rate'])}, 95 % interval {100 * low:.1f} to {percent(high)}, counting "
             f"{sessions} session{'' if sessions == 1 else 's'}",
         ),
         (

@@ -47,7 +47,7 @@ def primitive_times(trial: Trial, number: int) -> tuple[float, float] | None:
 
 
 def joint_errors(trial: Trial) -> NDArray[np.float64]:
-    """Return true less asked joints (n, 6) at 100 Hz while primitives ran, rad and m."""
+    """Return true minus asked joints (n, 6) at 100 Hz while primitives ran, rad and m."""
     arm, times = arm_of(trial), trial.times_s
     rows = np.zeros(len(times), dtype=bool)
     for number in range(len(trial.scores)):

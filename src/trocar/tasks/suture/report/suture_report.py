@@ -39,8 +39,8 @@ class SutureReport(TaskReport):
     parts = ("planning", "loading", "motion", "jaw", "settling")
     outcomes = SutureOutcome
     captions: Mapping[str, str] = {
-        "joints": "Each joint over time, driven and as planned; on the right driven less planned. Shaded: the needle's "
-        "primitive, of which RMS and largest error are",
+        "joints": "Each joint over time, driven and planned; on the right, driven minus planned. Shaded: the needle "
+        "primitive, for which RMS and largest error are given",
         "needle": "The needle's tip beside its planned path, from above, and along and below the surface",
     }
 
