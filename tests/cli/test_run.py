@@ -143,7 +143,7 @@ def test_a_run_says_its_difficulty_and_only_what_differs_from_it(trocar, played,
     words = ("--flaw", "creep=0", "--flawless-camera", "--calibration", "joints")
     _, out, _ = trocar("run", "peg-transfer", "--out", tmp_path, *words)
     shown = " ".join(out.split())
-    assert "laboratory: difficulty recorded but for creep=0; flaws of camera overhead switched off; cable" in shown
+    assert "laboratory: difficulty recorded except for creep=0; flaws of camera overhead switched off; cable" in shown
     assert "cable models are fitted on joints with drawn noise; summary.json has the size of every flaw" in shown
     assert "transmission of" not in shown and len(summary_of(tmp_path)["flaws"]) > 10
 
