@@ -100,14 +100,19 @@ class Learner:
         middle = min(turned, key=lambda pose: abs(self.arm.motions.ik(pose)[3] - home))
         return [SE3.from_parts(middle.rotation @ SO3.axis("z", yaw), PLACE_M) for yaw in YAWS_RAD]
 
-    async def look(self, grasp: Grasp) -> None:
-        """Look at the wrist over a block, and correct it before the arm goes down; all looks are put together later."""
+    async def look(self, grasp: Grasp, opening_rad: float) -> None:
+        """Look at the wrist over a block, and correct it before the arm goes down; all looks are put together later.
+
+        Args:
+            grasp: how the block is to be grasped.
+            opening_rad: of the jaws, meanwhile.
+        """
         high_m = self.table.board.peg_height_m + OVER_PEGS_M
         path = await self.arm.plan(lambda: self.arm.motions.hovering(self.hand.q, grasp.T_board_tip, high_m))
         if path is None:
             return
         try:
-            await self.arm.move(path.trajectory)
+            await self.arm.move(path.trajectory, jaw_rad=opening_rad)
         except Blocked:  # the other arm is there: go down without a look, as soon as it leaves room
             return
         await self.hand.settle()
