@@ -141,7 +141,7 @@ def runs(plugin: Plugins = None) -> None:
 
 def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]]) -> None:
     from trocar.trials.folder import set_aside  # noqa: PLC0415
-    from trocar.trials.run import prepare, run_trial  # noqa: PLC0415
+    from trocar.trials.run import free_memory, prepare, run_trial  # noqa: PLC0415
     from trocar.trials.trial import trial_file  # noqa: PLC0415
 
     if not todo:
@@ -176,6 +176,7 @@ def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]]) -> N
             trial, path = run_trial(config, prepared, index, listen), trial_file(folder, session, index)
             set_aside(path)
             trial.save(path)
+            free_memory()
             done = goals * (number + 1)
             say(f"{where}: saved")
 

@@ -12,7 +12,7 @@ from trocar.sim.world import PhysicsError
 from trocar.trials.config import RunConfig
 from trocar.trials.folder import RECORD, is_done, set_aside
 from trocar.trials.prepare import Prepared, cable_file, calibration_key, prepare
-from trocar.trials.run import run_trial
+from trocar.trials.run import free_memory, run_trial
 from trocar.trials.trial import trial_file
 
 
@@ -77,6 +77,7 @@ def play(order: TrialOrder) -> str:
         trial = run_trial(order.config, _prepared(order), order.index)
         set_aside(order.path)
         trial.save(order.path)
+        free_memory()
     except PhysicsError as error:
         return f"{order.path} is void: {error}"
     return ""

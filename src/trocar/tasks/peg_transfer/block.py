@@ -17,6 +17,9 @@ Measured on the top face of the authors' model (`shared/data/dvrk/blocks/capture
 its six-fold symmetry.
 """
 
+GRASP_OFF_MIDDLE_DEG = 11.0
+"""Direction, seen from the block's middle, in which a grasp 1 mm beside the middle of a side meets the hole."""
+
 
 @dataclass(frozen=True)
 class Block:
@@ -73,6 +76,11 @@ class Block:
             x, y, _ = (second.inverse() @ first).apply(rim).T
             gaps.append(np.min(np.hypot(x, y) - self.outer_radius_m(np.arctan2(y, x))))
         return float(min(gaps))
+
+    @cached_property
+    def wall_middle_m(self) -> float:
+        """Return the distance from the block's middle to that of a wall, where jaws close on it."""
+        return 0.5 * (self.side_m + float(self.hole_radius_m(np.radians(90.0 + GRASP_OFF_MIDDLE_DEG))))
 
     @cached_property
     def tangent_rad(self) -> float:

@@ -14,9 +14,11 @@ from trocar.geometry import SE3, SO3, shown
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.pegboard import Pegboard
 
-GRASP_XY_MM = ((-1.0, 5.0), (1.0, 5.0))
-"""Grasp points on the side at +y in the block frame, then rotated by +-120 deg (facts/peg_transfer.md, The board and
-the blocks)."""
+GRASP_ASIDE_M = (-1.0e-3, 1.0e-3)
+"""Grasp points on the side at +y in the block frame lie so far along x, and are then rotated by +-120 deg
+(facts/peg_transfer.md, The board and the blocks)."""
+GRASP_FROM_MIDDLE_M = 5.0e-3
+"""And so far along y: a little outside the middle of the wall, since the inner finger has the peg beside it."""
 
 MIN_OPENING_M = 2.0e-3
 OPENING_STEP_M = 0.1e-3
@@ -76,15 +78,16 @@ class NoGrasp:
     reason: str
 
 
-def grasp_candidates(depth_m: float = 4.0e-3) -> SE3:
+def grasp_candidates(depth_m: float = 4.0e-3, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:
     """Return ``T_block_tip`` (6,): tip z out of the block, tip x along the outward normal of the side.
 
     Args:
         depth_m: depth of the tip below the top face.
+        from_middle_m: distance of the tip from the block's middle, along that normal.
     """
     yaws = np.radians(120.0) * np.arange(3)
     turn = SO3.axis("z", np.repeat(yaws, 2))
-    points = np.array([(x * 1e-3, y * 1e-3, depth_m) for x, y in GRASP_XY_MM] * 3)
+    points = np.array([(x, from_middle_m, depth_m) for x in GRASP_ASIDE_M] * 3)
     outward = SO3(np.column_stack([(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)]))
     return SE3.from_parts(turn @ outward, turn.apply(points))
 
@@ -173,10 +176,10 @@ def _neighbours(T_board_block: SE3, others: SE3 | None) -> list[SE3]:
     return [SE3.unchecked(m) for m, d in zip(others.matrix, distance, strict=True) if SELF_M < d < REACH_M]
 
 
-def vertical_grasps(T_board_block: SE3, depth_m: float) -> list[SE3]:
+def vertical_grasps(T_board_block: SE3, depth_m: float, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> list[SE3]:
     """Return the candidates in the board frame, with the tool vertical whatever the block's tilt."""
     poses = []
-    for matrix in (T_board_block @ grasp_candidates(depth_m)).matrix:
+    for matrix in (T_board_block @ grasp_candidates(depth_m, from_middle_m)).matrix:
         x = np.array([matrix[0, 0], matrix[1, 0], 0.0])
         x /= np.linalg.norm(x)
         z = np.array([0.0, 0.0, 1.0])

@@ -15,8 +15,6 @@ from trocar.tasks.peg_transfer.pegboard import Pegboard
 
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
 """Rotations of the tool that are tried over a peg."""
-GRASP_OFF_MIDDLE_DEG = 11.0
-"""Direction, seen from the block's middle, in which a grasp 1 mm beside the middle of a side meets the hole."""
 OUTER_FINGER_M = 4.5e-3
 """Distance from the tip to the middle of the open outer finger, outwards."""
 FINGER_ROOM_M = 0.7e-3
@@ -44,8 +42,7 @@ class Place:
 def held_block(T_board_tip: SE3, T_board_block: SE3, block: Block) -> SE3:
     """Return ``T_tip_block`` after the jaws have closed, which centres the wall of the block between them."""
     matrix = (T_board_tip.inverse() @ T_board_block).matrix.copy()
-    middle_m = 0.5 * (block.side_m + float(block.hole_radius_m(np.radians(90.0 + GRASP_OFF_MIDDLE_DEG))))
-    matrix[0, 3] = np.sign(matrix[0, 3]) * middle_m
+    matrix[0, 3] = np.sign(matrix[0, 3]) * block.wall_middle_m
     return SE3.unchecked(matrix)
 
 

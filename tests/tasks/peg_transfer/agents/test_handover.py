@@ -1,11 +1,14 @@
 """Blocks that go from hand to hand; `test_faults.py` has what goes wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from trocar.tasks.peg_transfer.agents.taker import MAX_THINNER_RAD
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
 from trocar.tasks.peg_transfer.pegboard import Pegboard
-from two_armed import SETTINGS, at_rest, distance_of_arms_m, named, played, stuck
+from two_armed import SETTINGS, Wrapped, at_rest, distance_of_arms_m, named, played, stuck
 
 GOAL, NEXT = GOALS["handover"][:2]
 THERE_AND_BACK = (GOAL, NEXT, GOALS["handover"][6])
@@ -56,6 +59,54 @@ def test_the_receiving_arm_looks_before_it_takes_and_before_it_places(clean):
     offer, taking, correction = (named(lab, name)[0]["time_s"] for name in ("offer", "taking", "correction"))
     captures = [s.end_s for s in lab.log.spans if s.arm == "psm1" and s.name == "capture"]
     assert any(offer < at < taking for at in captures) and any(taking < at < correction for at in captures)
+
+
+def test_jaws_that_close_further_than_those_that_give_hold_no_wall_and_try_again():
+    class Thin(Wrapped):
+        """The taking arm's encoder says too little when its jaws have closed on a block for the first time."""
+
+        closed = 0
+
+        async def jaw(self, name, angle_rad):
+            self.closed += name == "psm1" and angle_rad < 0
+            return await self.inner.jaw(name, angle_rad)
+
+        def read(self, name):
+            state = self.inner.read(name)
+            thin = name == "psm1" and self.closed == 2 and state.jaw_rad < 0.26  # 1: to see where closed is
+            return replace(state, jaw_rad=state.jaw_rad - 1.1 * MAX_THINNER_RAD) if thin else state
+
+    lab, in_time, (score,) = played("handover", [GOAL], robot=Thin)
+    assert in_time and score.succeeded
+    (failed,) = named(lab, "pick failed")
+    assert failed["arm"] == "psm1" and failed["jaw_rad"] > SETTINGS.jaw_empty_rad, "it held something"
+
+
+def test_a_block_that_slips_back_at_the_lift_is_offered_again():
+    class Slippery(Wrapped):
+        """The giving arm's jaws open again round their first block; its encoder says so when the arm moves."""
+
+        closed, lifted = 0, False
+
+        async def jaw(self, name, angle_rad):
+            done = await self.inner.jaw(name, angle_rad)
+            if name == "psm2" and angle_rad < 0:
+                self.closed += 1  # the first time to see where closed is
+                if self.closed == 2:
+                    await self.inner.jaw(name, SETTINGS.jaw_open_rad)
+            return done
+
+        async def move(self, motions):
+            self.lifted |= self.closed == 2 and "psm2" in motions
+            return await self.inner.move(motions)
+
+        def read(self, name):
+            state = self.inner.read(name)
+            return replace(state, jaw_rad=0.2) if name == "psm2" and self.closed == 2 and not self.lifted else state
+
+    lab, in_time, (score,) = played("handover", [GOAL], robot=Slippery)
+    assert in_time and score.succeeded
+    assert len(named(lab, "offer")) == 2
 
 
 def test_a_block_that_nobody_takes_is_put_back():

@@ -75,9 +75,33 @@ def test_a_lifted_block_has_the_peg_in_the_middle_of_what_has_still_to_pass_it()
         over = path.trajectory(path.waypoint_times_s[index])
         np.testing.assert_allclose(over[3:], foot[3:], atol=1e-9)
         low = (motions.tip(over) @ T_tip_block).apply([0.0, 0.0, arm.table.block.height_m])
-        off_m = np.linalg.norm(low[:2] - arm.table.board.pegs_m[peg, :2])
-        assert off_m == pytest.approx(FINGER_ROOM_M, abs=2e-5)
+        np.testing.assert_allclose(low[:2], arm.table.board.pegs_m[peg, :2], atol=2e-5)
         assert low[2] > arm.table.board.peg_height_m
+
+
+def test_a_block_is_lowered_to_where_the_inner_finger_has_room():
+    arm, motions = motions_of(True)
+    q, T_tip_block = grasped(arm, motions)
+    over = motions.clear(q, T_tip_block, TARGET, HEIGHT_M)
+    down = end_of(motions.lowering(over, T_tip_block, TARGET))
+    T_board_block, foot_m = motions.tip(down) @ T_tip_block, arm.table.board.pegs_m[TARGET, :2]
+    half = T_board_block.apply([0.0, 0.0, 0.5 * arm.table.block.height_m])[:2]
+    wall = motions.tip(down).translation_m[:2] - T_board_block.translation_m[:2]
+    assert np.linalg.norm(half - foot_m) == pytest.approx(FINGER_ROOM_M, abs=2e-5)
+    assert (half - foot_m) @ wall > 0.9 * FINGER_ROOM_M * np.linalg.norm(wall), "towards the wall that is held"
+
+
+@pytest.mark.parametrize("still_wrist", [False, True])
+def test_a_block_that_is_offered_is_first_lifted_off_its_peg(still_wrist):
+    arm, motions = motions_of(still_wrist)
+    q, T_tip_block = grasped(arm, motions)
+    offered = SE3.from_parts(SO3.axis("z", 0.4), [0.0, 0.0, 0.05])
+    path = motions.offering(q, T_tip_block, SOURCE, offered)
+    np.testing.assert_allclose(motions.tip(end_of(path)).matrix, offered.matrix, atol=1e-8)
+    lifted = path.trajectory(path.waypoint_times_s[1])
+    low = (motions.tip(lifted) @ T_tip_block).apply([0.0, 0.0, arm.table.block.height_m])
+    assert low[2] > arm.table.board.peg_height_m
+    assert np.allclose(lifted[3:], q[3:], atol=1e-9) == still_wrist
     end = motions.tip(end_of(path)) @ T_tip_block
     np.testing.assert_allclose(end.matrix[:3, 2], [0, 0, -1], atol=1e-6)
 
@@ -92,9 +116,9 @@ def test_a_block_is_lowered_by_how_it_hangs_not_by_how_it_was_believed_to():
     path, block = motions.lowering(over, hangs, TARGET), arm.table.block
     aside, down = (path.trajectory(path.waypoint_times_s[index]) for index in (1, 2))
     foot_m = arm.table.board.pegs_m[TARGET, :2]
-    for joints, part in ((aside, 1.0), (down, 0.5)):
+    for joints, part, off_m in ((aside, 1.0, 0.0), (down, 0.5, FINGER_ROOM_M)):
         hole = (motions.tip(joints) @ hangs).apply([0.0, 0.0, part * block.height_m])
-        assert np.linalg.norm(hole[:2] - foot_m) == pytest.approx(FINGER_ROOM_M, abs=2e-5)
+        assert np.linalg.norm(hole[:2] - foot_m) == pytest.approx(off_m, abs=2e-5)
         np.testing.assert_allclose(joints[3:], over[3:], atol=1e-9)
     assert motions.tip(aside).translation_m[2] == pytest.approx(motions.tip(over).translation_m[2], abs=1e-6)
     low_end = (motions.tip(down) @ hangs).apply([0.0, 0.0, block.height_m])

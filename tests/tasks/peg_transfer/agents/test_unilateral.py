@@ -5,19 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulated import STATION, coarse, ideal_laboratory, standing
-from trocar.arms import Unreachable
+from simulated import STATION, T_WORLD_BASE, coarse, ideal_laboratory, standing
+from trocar.arms import PSM_CLASSIC, Unreachable, fk
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
+from trocar.sim.laboratory import arrays_of
 from trocar.tasks.kit import Brief
 from trocar.tasks.peg_transfer.agents.motions import Motions
-from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.peg_arm import LETS_GO_RAD, PegArm
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
 from trocar.tasks.peg_transfer.goals import THERE, PegSet, Transfer, TransferOutcome
+from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.perception.blocks import BlockFit
 from trocar.tasks.peg_transfer.perception.depth_view import DepthView
 from trocar.tasks.peg_transfer.score import score_transfers
@@ -110,6 +112,16 @@ def test_a_transfer_ends_with_the_block_on_its_target(clean):
     assert score.attempted and score.succeeded
     assert named(lab, "transfer")[1]["outcome"] == TransferOutcome.DONE.name
     assert lab.record().collisions == ()
+
+
+def test_jaws_open_beside_a_peg_no_further_than_lets_go_and_wide_only_over_the_pegs(clean):
+    lab, _, (_, score) = clean
+    rows, times_s = arrays_of(lab.recorder), lab.truth().times_s
+    jaw_rad, asked = rows["measured_psm1"][:, 6], rows["asked_psm1"]
+    tip_m = (T_WORLD_BASE["psm1"] @ fk(PSM_CLASSIC, asked[:, :6].astype(float))).translation_m
+    after = times_s > score.end_s - 0.2
+    held, low = jaw_rad[after][0], after & (tip_m[:, 2] < Pegboard().peg_height_m)
+    assert 0.1 < held < 0.25 and jaw_rad[low].max() == pytest.approx(held + LETS_GO_RAD, abs=0.02)
 
 
 def test_an_empty_peg_is_said_so_and_the_script_goes_on(clean):

@@ -85,14 +85,15 @@ class Giver(Side):
         T_tip_block = self.arm.motions.gripped(q, block)
 
         async def plan() -> Offering | None:
-            offering = await self.arm.plan(partial(self._find_offering, q, T_tip_block, self.settings.held_rad))
+            found = partial(self._find_offering, q, T_tip_block, meeting.goal.source, self.settings.held_rad)
+            offering = await self.arm.plan(found)
             if offering is not None:
                 meeting.announce(offering.offer.T_board_tip, T_tip_block)
             return offering
 
         self._offering.start(helpers, plan)
 
-    def _find_offering(self, q: Joints, T_tip_block: SE3, held_rad: float) -> Offering | None:
+    def _find_offering(self, q: Joints, T_tip_block: SE3, source: int, held_rad: float) -> Offering | None:
         giver, receiver = (replace(partner, held_rad=held_rad) for partner in self.partners(self.arm, self.other))
         offer = choose_offer(
             giver,
@@ -107,7 +108,7 @@ class Giver(Side):
         if isinstance(offer, str):
             self.cell.log.event("no place", reason=offer)
             return None
-        return Offering(self.arm.motions.offering(q, offer.T_board_tip), offer)
+        return Offering(self.arm.motions.offering(q, T_tip_block, source, offer.T_board_tip), offer)
 
     async def _offer(
         self, meeting: Appointment, T_tip_block: SE3, following: Appointment | None, helpers: trio.Nursery
@@ -116,7 +117,8 @@ class Giver(Side):
         hand = self.arm.hand
         ready = await self._offering.take()
         if ready is None or not starts_at(ready.path, hand.q):
-            ready = await self.arm.plan(lambda: self._find_offering(hand.q, T_tip_block, hand.jaw_rad))
+            source = meeting.goal.source
+            ready = await self.arm.plan(lambda: self._find_offering(hand.q, T_tip_block, source, hand.jaw_rad))
         if ready is None:
             return False
         path, offer = ready.path, ready.offer

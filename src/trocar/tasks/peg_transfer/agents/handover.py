@@ -24,8 +24,8 @@ class Handover(TwoArms):
 
     def __init__(self, brief: Brief):
         settings = brief.settings
-        still = settings.still_wrist and settings.looks_before_placing
-        super().__init__(replace(brief, settings=replace(settings, still_wrist=still)))
+        settings = replace(settings, still_when_placing=settings.looks_before_placing)
+        super().__init__(replace(brief, settings=settings))
         rounds = range(self.settings.rounds)
         self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
         self.appointments = [[Appointment(goal) for _ in rounds] for goal in self.goals]
@@ -59,6 +59,8 @@ class Handover(TwoArms):
             turns[arm.name] = (begin_s, self.cell.clock.now_s())
             if not gives:
                 outcome = ended.outcome or TransferOutcome.DONE
+                if outcome is TransferOutcome.NO_BLOCK and rounds[0].outcome is TransferOutcome.DROPPED:
+                    outcome = TransferOutcome.DROPPED  # and has not slipped back to where it was
                 until_now = {
                     name: (start_s, min(end_s, turns[arm.name][1])) for name, (start_s, end_s) in turns.items()
                 }

@@ -17,6 +17,8 @@ YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
 """Rotations of the giving tool that are tried."""
 ROOM_M = 2.4e-3
 """Distance between the arms above which no more is sought, so that no tool need turn for it."""
+MIN_ROOM_M = 1.0e-3
+"""And below which they get in each other's way: three of five pairs that came nearer could not part."""
 MAX_ROLL_RAD = np.radians(110.0)
 WRIST_MARGIN_RAD = np.radians(5.0)
 SHARES = (0.0, 0.5, 1.0)
@@ -48,11 +50,13 @@ class Ways:
         above_m: from so far above the receiving arm comes down.
         parts_m: so far the giving arm rises then.
         depth_m: of a tip under the block's top face.
+        wall_m: from the block's middle to that of a wall: round it the receiving jaws come down, no peg beside them.
     """
 
     above_m: float
     parts_m: float
     depth_m: float
+    wall_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +137,11 @@ def choose_taking(
         near: the pose of the tip, but for its height, near which the grasp has to be; None: anywhere.
     """
     best = _best_grasp(giver, receiver, T_world_board, T_board_block, T_board_giver, ways, avoid, near)
-    return best or "no grasp of the block in the other arm's jaws is in reach"
+    if best is None:
+        return "no grasp of the block in the other arm's jaws is in reach"
+    if best.clearance_m < MIN_ROOM_M:
+        return f"no grasp of the block leaves the arms more than {1e3 * best.clearance_m:.1f} mm between them"
+    return best
 
 
 def joints_at(partner: Partner, T_world_board: SE3, T_board_tip: SE3) -> NDArray[np.float64] | None:
@@ -164,7 +172,7 @@ def _best_grasp(
     holding = capsules(giver.model, leaving[0], giver.held_rad).moved(giver.T_world_base)
     rising = capsules(giver.model, leaving, giver.open_rad).moved(giver.T_world_base)
     best: Grasp | None = None
-    for candidate, T_board_tip in enumerate(vertical_grasps(T_board_block, ways.depth_m)):
+    for candidate, T_board_tip in enumerate(vertical_grasps(T_board_block, ways.depth_m, ways.wall_m)):
         if candidate in avoid or _same_side(T_board_tip, T_board_giver):
             continue
         for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):

@@ -89,6 +89,7 @@ class Motions:
         self._robot, self._T_world_base = brief.cell.robot, brief.cell.T_world_base_registered[hand.name]
         self._name, self._model, self._table = hand.name, hand.model, table
         self._log, self._settings, self._planner = brief.cell.log, brief.settings, brief.planner
+        self._still_when_placing = brief.settings.still_wrist and brief.settings.still_when_placing
 
     @property
     def T_base_board(self) -> SE3:
@@ -103,15 +104,15 @@ class Motions:
         """Return the joints (6,) that hold the tip there."""
         return ik(self._model, self.T_base_board @ T_board_tip)
 
-    def through(self, points: Sequence[Joints]) -> TimedPath:
-        """Return a motion through these joints."""
+    def through(self, points: Sequence[Joints], still_wrist: bool | None = None) -> TimedPath:
+        """Return a motion through these joints; ``still_wrist`` is as the settings say where it is None."""
         up = self.T_base_board.matrix[:3, 2]
         plan = plan_through(
             self._model,
             np.array(points),
             self._settings.limits,
             up=up,
-            still_wrist=self._settings.still_wrist,
+            still_wrist=self._settings.still_wrist if still_wrist is None else still_wrist,
             planner=self._planner,
         )
         return TimedPath(self.prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
@@ -125,25 +126,26 @@ class Motions:
         """Return joints that have the tip straight above (or below) where these have it, at another height."""
         return self._moved(q, raised(self.tip(q), height_m))
 
-    def clear(self, q: Joints, T_tip_block: SE3, peg: int, height_m: float, part: float = 1.0) -> Joints:
-        """Return joints that have the tip at another height, and the hole of the block in its jaws round a peg.
+    def clear(self, q: Joints, T_tip_block: SE3, peg: int, height_m: float, placed: float | None = None) -> Joints:
+        """Return joints that have the tip at another height, and the hole of the block in its jaws over a peg.
 
-        A part of the hole is brought over the peg, wherever it is now: as it comes, its lower end, which passes the
-        peg's top.
+        The middle of the hole's lower end, which passes the peg's top, is brought over the peg; of a block that is
+        placed, a part of the hole that leaves the inner finger room.
 
         Args:
             q: (6,) joints near those.
             T_tip_block: pose of the block in the jaws.
             peg: which.
             height_m: of the tip over the plate.
-            part: share of the hole's depth from the block's top face.
+            placed: share of the hole's depth, from the block's top face, of that part; None: the block is in the air.
         """
+        part, foot_m = 1.0 if placed is None else placed, self._table.board.pegs_m[peg]
         goal, depth_m = raised(self.tip(q), height_m), [0.0, 0.0, part * self._table.block.height_m]
         for _ in range(CENTRED):
             found = self._moved(q, goal)
             T_board_tip = self.tip(found)
-            off_m = hole_over(self._table.board.pegs_m[peg], T_board_tip, T_tip_block)
-            off_m -= (T_board_tip @ T_tip_block).apply(depth_m)[:2]
+            off_m = foot_m[:2] if placed is None else hole_over(foot_m, T_board_tip, T_tip_block)
+            off_m = off_m - (T_board_tip @ T_tip_block).apply(depth_m)[:2]
             goal = SE3.from_parts(translation_m=[*off_m, 0.0]) @ goal
         return self._moved(q, goal)
 
@@ -218,12 +220,13 @@ class Motions:
             points.append(self._over(q, T_tip_block, source, height))
         down = self.ik(place.T_board_tip)
         over, placed = self._over(down, T_tip_block, target, height), place.T_board_tip @ T_tip_block
+        still = self._still_when_placing
         if self._settings.looks_before_placing:
             leaving = Leaving(rest_to_rest(over, down, self._settings.limits), T_tip_block)
-            return Carriage(self.through([*points, over]), placed, leaving, beside)
+            return Carriage(self.through([*points, over], still), placed, leaving, beside)
         risen = self.above(down, self._settings.clear_height_m)
         leaving = Leaving(rest_to_rest(down, risen, self._settings.limits), None)
-        return Carriage(self.through([*points, over, down]), placed, leaving, beside)
+        return Carriage(self.through([*points, over, down], still), placed, leaving, beside)
 
     def lowering(self, q: Joints, T_tip_block: SE3, target: int) -> TimedPath:
         """Return how to lower a block that hangs over its target: first so much aside that its hole is over the peg."""
@@ -231,14 +234,14 @@ class Motions:
         over = down = self.clear(q, T_tip_block, target, height_m)
         for _ in range(CENTRED):  # a block that turns with the shaft does not go down by as much as the tip
             height_m += self._settings.drop_m - float((self.tip(down) @ T_tip_block).apply(low_end)[2])
-            down = self.clear(over, T_tip_block, target, height_m, part=0.5)
+            down = self.clear(over, T_tip_block, target, height_m, placed=0.5)
         return self.through([q, over, down])
 
     def _over(self, q: Joints, T_tip_block: SE3, peg: int | None, height_m: float) -> Joints:
         """Return joints over those that hold a block round a peg: straight, or where a still wrist clears the peg."""
-        if peg is None or not self._settings.still_wrist:
-            return self.above(q, height_m)
-        return self.clear(q, T_tip_block, peg, height_m)
+        if not self._still_when_placing:
+            return self.ik(raised(self.tip(q), height_m))
+        return self.above(q, height_m) if peg is None else self.clear(q, T_tip_block, peg, height_m)
 
     def over(self, q: Joints, T_board_tip: SE3) -> TimedPath:
         """Return how to get to a pose over the pegs."""
@@ -251,9 +254,11 @@ class Motions:
             [*self.risen(q), self.above(below, self._settings.clear_height_m), self.above(below, height_m)]
         )
 
-    def offering(self, q: Joints, T_board_tip: SE3) -> TimedPath:
-        """Return how to lift a block and bring it to where it is handed over."""
-        lifted = self.above(q, float(self.tip(q).translation_m[2]) + self._settings.lift_m)
+    def offering(self, q: Joints, T_tip_block: SE3, source: int, T_board_tip: SE3) -> TimedPath:
+        """Return how to lift a block from its peg and bring it to where it is handed over."""
+        height_m = float(self.tip(q).translation_m[2]) + self._settings.lift_m
+        still = self._settings.still_wrist
+        lifted = self.clear(q, T_tip_block, source, height_m) if still else self.above(q, height_m)
         return self.through([q, lifted, self.ik(T_board_tip)])
 
     def along(self, q: Joints, line_m: Sequence[float]) -> Trajectory:

@@ -15,8 +15,8 @@ from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 
-AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED)
-"""Outcomes of a meeting after which another try makes sense: the block is back where it was."""
+AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED, TransferOutcome.DROPPED)
+"""Ends of a meeting after which it is worth another try: the block is back where it was, or has slipped back there."""
 
 
 @dataclass(eq=False)
@@ -37,7 +37,7 @@ class Appointment:
         released: the giving arm has opened its jaws.
         parted: and has risen out of the block.
         outcome: why nothing comes of it; None: it goes well.
-        reason: a sentence, if there is one.
+        reason: a sentence, where there is one.
     """
 
     goal: Transfer
@@ -97,10 +97,13 @@ class Side:
 
     def partners(self, giver: PegArm, receiver: PegArm) -> tuple[Partner, Partner]:
         """Return both arms; the giving one's jaws are closed on a block."""
-        bases, open_rad = self.cell.T_world_base_registered, self.settings.release_rad
-        arms = (giver, receiver)
-        return tuple(Partner(arm.model, bases[arm.name], open_rad, giver.hand.jaw_rad) for arm in arms)  # type: ignore
+        bases, held_rad = self.cell.T_world_base_registered, giver.hand.jaw_rad
+        return (
+            Partner(giver.model, bases[giver.name], self.settings.release_rad, held_rad),
+            Partner(receiver.model, bases[receiver.name], self.settings.taking_rad, held_rad),
+        )
 
     def ways(self) -> Ways:
         """Return how the arms come together and part."""
-        return Ways(self.settings.waits_above_m, self.settings.parts_m, self.settings.depth_m)
+        settings, wall_m = self.settings, self.table.block.wall_middle_m
+        return Ways(settings.waits_above_m, settings.parts_m, settings.depth_m, wall_m)
