@@ -22,7 +22,7 @@ from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.grasps import Grasp
 
 PLACE_M = (0.0, 0.0, 0.045)
-"""Of the tip in the board's frame while the wrist is turned to and fro: the fingers stay clear of pegs and blocks."""
+"""Of the tip in the board's frame while the wrist swings back and forth: the fingers stay clear of pegs and blocks."""
 YAWS_RAD = np.linspace(-1.2, 1.2, 7)
 """Turns of a vertical tool: the wrist is turned through all that these take, which is what grasps take."""
 WIDER_RAD = 0.15
@@ -65,14 +65,16 @@ class Learner:
     def __init__(self, arm: PegArm, nursery: trio.Nursery):
         robot = arm.cell.robot
         if not isinstance(robot, Adaptive):
-            raise TrocarError(f"a {type(robot).__name__} robot does not learn its cables; wear Adaptive outermost")
+            raise TrocarError(
+                f"a {type(robot).__name__} robot does not learn its cables; make Adaptive the outermost wrapper"
+            )
         self.arm, self.robot, self.nursery = arm, robot, nursery
         self.table, self.hand, self.settings = arm.table, arm.hand, arm.settings
         self.T_base_camera = arm.motions.T_base_board @ self.table.T_camera_board.inverse()
         self._better: Knowledge | None = None
 
     async def teach(self) -> None:
-        """Turn the wrist to and fro before the camera, and learn from that."""
+        """Turn the wrist back and forth in front of the camera, and learn from that."""
         model = self.hand.model
         upright = [self.arm.motions.ik(pose) for pose in self._upright()]
         middle = upright[len(upright) // 2]
@@ -101,7 +103,7 @@ class Learner:
         return [SE3.from_parts(middle.rotation @ SO3.axis("z", yaw), PLACE_M) for yaw in YAWS_RAD]
 
     async def look(self, grasp: Grasp, opening_rad: float) -> None:
-        """Look at the wrist over a block, and correct it before the arm goes down; all looks are put together later.
+        """Look at the wrist over a block, and correct it before the arm goes down; all looks are combined later.
 
         Args:
             grasp: how the block is to be grasped.
