@@ -118,7 +118,7 @@ def test_another_command_than_the_recorded_one_is_wrong(repository, capsys):
 
 def test_a_table_is_older_than_code_that_has_changed_and_names_the_file(repository, capsys):
     figures.main(["measure"], repository)
-    (repository / "code.py").write_text(CODE + "# faster\n")
+    (repository / "code.py").write_text(CODE + "faster = True\n")
     capsys.readouterr()
     assert figures.main(["check"], repository) == 0
     told = capsys.readouterr().out
@@ -126,6 +126,14 @@ def test_a_table_is_older_than_code_that_has_changed_and_names_the_file(reposito
     assert "since then have changed: code.py" in told
     assert figures.main(["measure", "drops"], repository) == 1
     assert "code.py is not committed" in capsys.readouterr().out
+
+
+def test_comments_and_docstrings_make_no_table_older(repository, capsys):
+    figures.main(["measure"], repository)
+    capsys.readouterr()
+    (repository / "code.py").write_text(f'"""Counts drops."""\n{CODE}\n# Faster than before.\n')
+    assert figures.main(["check"], repository) == 0
+    assert "older than the code: drops" not in capsys.readouterr().out
 
 
 def test_code_that_changes_while_it_is_measured_gives_no_figure(repository, monkeypatch, capsys):
@@ -145,7 +153,7 @@ def test_without_the_history_the_age_is_told_from_the_files_and_nothing_crashes(
     capsys.readouterr()
     assert figures.main(["check"], repository) == 0
     assert "2 of 2 measurements are of today's code" in capsys.readouterr().out
-    (repository / "code.py").write_text(CODE + "# faster\n")
+    (repository / "code.py").write_text(CODE + "faster = True\n")
     assert figures.main(["check"], repository) == 0
     assert "which this clone does not have" in capsys.readouterr().out
     assert figures.main(["measure", "drops"], repository) == 1
@@ -165,7 +173,7 @@ def test_what_tells_of_an_earlier_version_is_left_alone(repository, capsys):
     figures.main(["measure"], repository)
     declared = repository / "docs/figures/all.toml"
     declared.write_text(declared.read_text().replace("minutes = 5", "minutes = 5\nhistory = true"))
-    (repository / "code.py").write_text(CODE + "# faster\n")
+    (repository / "code.py").write_text(CODE + "faster = True\n")
     capsys.readouterr()
     assert figures.main(["check"], repository) == 0
     told = capsys.readouterr().out
