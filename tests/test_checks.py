@@ -16,7 +16,8 @@ from trocar.station import CheckerboardRegistration, Registration, SensorFlaws, 
 from trocar.station.transmission import Cables, PoseErrorField
 from trocar.sutures import PRESETS, suture_joints
 
-ARM = load_station("peg-transfer").arms["psm1"]
+STATION = load_station("peg-transfer")
+ARM = STATION.arms["psm1"]
 VALUES = (Registration(), CheckerboardRegistration(), SensorFlaws(), FingerMarks(((1, 0, 0), (0, 1, 0))))
 
 
@@ -39,6 +40,7 @@ def test_nan_in_an_array_is_refused_too():
         (lambda: Cables(PSM1_GREY, wander_sd=np.array([math.nan, 0, 0])), "wander_sd of Cables holds NaN"),
         (lambda: Intrinsics(4, 3, 1, 1, 2, 1, (0, 0, math.nan, 0, 0)), "distortion of Intrinsics holds NaN"),
         (lambda: replace(ARM, park_jaw_rad=math.nan), "park_jaw_rad of StationArm holds NaN"),
+        (lambda: replace(STATION, min_distance_m=math.nan), "min_distance_m of Station holds NaN"),
         (lambda: replace(PSM1_BOX, step=PSM1_BOX.step * math.nan), "step of a motion's box must be finite"),
         (lambda: replace(PSM1_BOX, lower=PSM1_BOX.lower[:5]), r"lower of a motion's box must have shape \(6,\)"),
         (lambda: suture_joints(PRESETS["default"].setup, [0.0, math.inf]), "positions of sutures must be finite"),

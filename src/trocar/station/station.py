@@ -140,6 +140,7 @@ class Station:
     difficulty: Difficulty = field(default_factory=lambda: Difficulty.of(DEFAULT))
 
     def __post_init__(self) -> None:
+        require_numbers(self)
         if not self.arms:
             raise TrocarError(f"station {self.name!r} has no arm; give one or more under [arms.NAME]")
 
