@@ -20,7 +20,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = ("first_trial.py", "move_an_arm.py", "plan_sutures.py")
 PLUGINS = ("own_agent.py", "own_cable_model.py", "own_perception.py", "own_planner.py", "own_task.py")
 QUICK = ("--calibration", "joints")
-SHORT = ("--transfers", "1", *QUICK)
+SHORT = ("--transfers", "1", "--flawless-camera", *QUICK)
 
 QUICK_TRIAL = """
 import runpy, sys

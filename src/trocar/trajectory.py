@@ -78,10 +78,10 @@ class Trajectory:
     def __call__(self, t_s: ArrayLike, order: int = 0) -> NDArray[np.float64]:
         """Return the derivative of this order at the times (...,): (..., joints)."""
         t = np.asarray(t_s, dtype=np.float64)
-        value = self._poly(np.clip(t, self.times_s[0], self.times_s[-1]), nu=order)  # type: ignore[attr-defined]
+        inside = np.minimum(np.maximum(t, self.times_s[0]), self.times_s[-1])
+        value = self._poly(inside, nu=order)  # type: ignore[attr-defined]
         if order > 0:
-            outside = (t < self.times_s[0]) | (t > self.times_s[-1])
-            value = np.where(outside[..., None], 0.0, value)
+            value[(t < self.times_s[0]) | (t > self.times_s[-1])] = 0.0
         return value
 
     def sample(self, step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

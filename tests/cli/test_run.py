@@ -215,7 +215,8 @@ def test_ctrl_c_before_the_first_trial_leaves_no_summary(trocar, played, monkeyp
 
 
 def test_a_real_ctrl_c_in_a_running_trial_ends_it_without_a_traceback(tmp_path):
-    options = ("--trials", "50", "--transfers", "2", "--method", "uncalibrated", "--out", str(tmp_path), "--json")
+    quick = ("--transfers", "1", "--method", "uncalibrated", "--flawless-camera")
+    options = (*quick, "--trials", "50", "--out", str(tmp_path), "--json")
     with subprocess.Popen(
         [sys.executable, "-c", unpictured.COMMAND, "run", "peg-transfer", *options],
         stdout=subprocess.PIPE,
@@ -395,7 +396,8 @@ def test_to_view_a_trial_the_code_of_its_task_is_not_needed(real):
 
 
 def test_trials_at_once_are_the_same_as_one_after_the_other(trocar, unpictured, tmp_path):
-    words = ["run", "peg-transfer", "--method", "uncalibrated", "--transfers", "1", "--trials", "2", "--seed", "4"]
+    quick = ("--method", "uncalibrated", "--transfers", "1", "--flawless-camera")
+    words = ["run", "peg-transfer", *quick, "--trials", "2", "--seed", "4"]
     for jobs in ("1", "2"):
         trocar(*words, "--jobs", jobs, "--out", tmp_path / jobs)
     one, two = ([path.read_bytes() for path in trial_files(tmp_path / jobs)] for jobs in ("1", "2"))

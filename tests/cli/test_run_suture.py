@@ -18,6 +18,7 @@ def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path, request
         "offset",
         "--calibration",
         "joints",
+        "--flawless-camera",
         "--seed",
         2,
         "--out",

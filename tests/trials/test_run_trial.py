@@ -1,7 +1,6 @@
 """Whole trials: what they reach, what they keep, and what their seed decides."""
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -67,7 +66,7 @@ def test_the_blocks_go_there_and_back_within_the_limits_and_in_good_time(trial):
 
 
 def test_without_calibration_transfers_fail_for_reasons_with_names(tmp_path):
-    config = RunConfig(PegTransfer(transfers=2), method="uncalibrated", seed=2024)
+    config = RunConfig(PegTransfer(transfers=1), method="uncalibrated", seed=2024)
     trial = run_trial(config, prepare(config, 0, tmp_path), 0)
     failures = [score["failure"] for score in trial.scores if not score["succeeded"]]
     assert failures
@@ -152,11 +151,9 @@ def test_the_listener_hears_every_event(trial):
 # What the seed decides.
 
 
-def test_the_same_seed_writes_the_same_bytes_and_another_number_does_not(short, tmp_path):
-    files = [run_trial(*short, index).save(tmp_path / name) for name, index in (("a", 3), ("b", 3), ("c", 4))]
-    first, again, other = (file.read_bytes() for file in files)
+def test_the_same_seed_writes_the_same_bytes(short, tmp_path):
+    first, again = (run_trial(*short, 3).save(tmp_path / name).read_bytes() for name in ("a", "b"))
     assert first == again
-    assert first != other
 
 
 @dataclass(frozen=True)
@@ -188,14 +185,22 @@ class Looker:
         Looker.images.append(await self.brief.cell.cameras["overhead"].capture())
 
 
+class Idler(Looker):
+    """An agent that does nothing."""
+
+    async def run(self):
+        pass
+
+
 @pytest.fixture(scope="module")
 def lookers():
-    """Methods that look, compensated or not, sooner or later."""
+    """Methods that look sooner or later, or not at all, compensated or not."""
     usual = {"calibrated": False, "perception": "depth"}
     methods = {
         "quick-look": Method("looks", Looker, LookerSettings, **usual),
         "late-look": Method("looks later", Looker, SlowSettings, **usual),
-        "steady-look": Method("looks, with compensated arms", Looker, LookerSettings, perception="depth"),
+        "idle": Method("does nothing", Idler, LookerSettings, **usual),
+        "steady": Method("does nothing, with compensated arms", Idler, LookerSettings, perception="depth"),
     }
     for name, method in methods.items():
         METHODS.register(f"peg-transfer/{name}", method)
@@ -204,9 +209,9 @@ def lookers():
         METHODS.forget(f"peg-transfer/{name}")
 
 
-def looked(folder, method="quick-look", seed=7, session=0, index=0, **options):
-    """Return a trial of nothing but a look."""
-    quick = {"model": "offset", "calibration": "joints"} if method == "steady-look" else {}
+def looked(folder, method="idle", seed=7, session=0, index=0, **options):
+    """Return a trial of nothing but a look, or of less."""
+    quick = {"model": "offset", "calibration": "joints"} if method == "steady" else {}
     config = RunConfig(
         PegTransfer(**options),
         method=method,
@@ -236,7 +241,7 @@ def test_another_agent_meets_the_same_scene_and_the_same_noise(lookers, tmp_path
 
 def test_a_scene_depends_on_seed_session_and_number_alone(lookers, tmp_path):
     usual = blocks_of(looked(tmp_path))
-    assert_array_equal(usual, blocks_of(looked(tmp_path, "steady-look")))
+    assert_array_equal(usual, blocks_of(looked(tmp_path, "steady")))
     assert_array_equal(usual, blocks_of(looked(tmp_path, transfers=3)))
     for other in ({"seed": 8}, {"session": 1}, {"index": 1}):
         assert np.abs(usual - blocks_of(looked(tmp_path, **other))).max() > 1e-3, other
@@ -296,20 +301,25 @@ def test_what_is_no_fault_of_the_robots_makes_no_trial(tmp_path, error):
 # Runs that are killed and go on.
 
 RUN = """
-import trocar.trials.prepare
 from trocar.cli import main, run
-trocar.trials.prepare.IMAGES_ROWS = 40
 run.finish = lambda *rest: True  # what is drawn of the trials takes longer than they do
 main()
 """
-OPTIONS = {"--transfers": 1, "--model": "offset", "--seed": 5, "--sessions": 2, "--trials": 1}
-WORDS = ["run", "peg-transfer", *(str(word) for option in OPTIONS.items() for word in option), "--out"]
+OPTIONS = {
+    "--transfers": 1,
+    "--model": "offset",
+    "--calibration": "joints",
+    "--seed": 5,
+    "--sessions": 2,
+    "--trials": 1,
+}
+WORDS = ["run", "peg-transfer", "--flawless-camera", *(str(word) for option in OPTIONS.items() for word in option)]
 
 
 def started(folder, hash_seed="0"):
     environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
     return subprocess.Popen(
-        [sys.executable, "-c", RUN, *WORDS, str(folder)], env=environment, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", RUN, *WORDS, "--out", str(folder)], env=environment, stderr=subprocess.PIPE, text=True
     )
 
 
@@ -318,27 +328,20 @@ def ended(process):
     assert process.returncode == 0, err
 
 
-def test_a_run_that_is_killed_again_and_again_ends_as_one_that_is_not(tmp_path):
-    """SIGKILL at random times, mostly while a trial is under way; every byte of trials and models is the same."""
+def test_a_run_that_is_killed_ends_as_one_that_is_not(tmp_path):
+    """SIGKILL while the second trial is under way; every byte of trials and models is the same."""
     whole, torn = tmp_path / "whole", tmp_path / "torn"
-    begin = time.monotonic()
     ended(started(whole))
-    took_s = time.monotonic() - begin
-    rng = random.Random(3)
-    kills = 0
-    for attempt in range(2):
-        process = started(torn, hash_seed=str(attempt))
-        try:
-            process.wait(rng.uniform(0.4, 0.75) * took_s)
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGKILL)
-            process.communicate()
-            kills += 1
-    assert kills, "it was never killed"
+    process = started(torn, hash_seed="1")
+    while not (torn / "session_01" / "cables_psm1.npz").is_file() and process.poll() is None:
+        time.sleep(0.05)
+    process.kill()
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL and trial_files(torn) == [trial_file(torn, 0, 0)]
     ended(started(torn, hash_seed="9"))
     assert trial_files(torn) == [trial_file(torn, *place) for place in ((0, 0), (1, 0))]
     kept = sorted(file.relative_to(whole) for file in whole.glob("session_*/*.npz"))
-    assert len(kept) == 6, "two trials, two models, and what two calibrations saw"
+    assert len(kept) == 4, "two trials and two models"
     for file in [*kept, "run.json"]:
         assert (whole / file).read_bytes() == (torn / file).read_bytes(), file
     trials, strange = load_trials(torn)

@@ -24,8 +24,11 @@ def skew(v: ArrayLike) -> NDArray[np.float64]:
     """Return the matrix ``[v]x`` such that ``[v]x w = v x w``; (..., 3) -> (..., 3, 3)."""
     v = np.asarray(v, dtype=np.float64)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2] = -z, y
+    matrix[..., 1, 0], matrix[..., 1, 2] = z, -x
+    matrix[..., 2, 0], matrix[..., 2, 1] = -y, x
+    return matrix
 
 
 @dataclass(frozen=True, eq=False)

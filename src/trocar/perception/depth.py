@@ -48,7 +48,7 @@ def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray
     return point
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)  # of whole images, and of the windows of a suture's looks
 def pixel_rays(intrinsics: Intrinsics) -> NDArray[np.float64]:
     """Return the direction (height, width, 3) of each pixel in the camera frame, scaled to z = 1."""
     rays = rays_through(

@@ -95,9 +95,7 @@ class Driver:
 
     def setpoint(self, arm: str) -> SetPoint:
         """Return what the arm is commanded now."""
-        playback, now = self._arm(arm).playback, self._now_s()
-        q, velocity, path_s, rate, on_path = playback.now(now)
-        return SetPoint(now, q, velocity, playback.moving, path_s, rate, on_path)
+        return self._arm(arm).playback.now(self._now_s())
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
         """Run trajectories from rest, all starting at the same tick."""

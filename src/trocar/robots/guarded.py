@@ -102,6 +102,8 @@ class Guarded:
     def setpoint(self, arm: str) -> SetPoint:
         """Return what the arm is commanded now; the time along the path is that of the motion as it was handed over."""
         now, factor = self._driver.setpoint(arm), self._stretch.get(arm, 1.0)
+        if factor == 1.0:
+            return now
         return SetPoint(
             now.time_s, now.q, now.velocity, now.moving, now.path_s / factor, now.path_rate / factor, now.on_path
         )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
-from trocar.cell import Ended
+from trocar.cell import Ended, SetPoint
 from trocar.motion.brake import Brake, brake
 from trocar.trajectory import Trajectory
 
@@ -56,6 +56,7 @@ class Playback:
         self._rest = np.array(q, dtype=np.float64)
         self._motion: _Motion | None = None
         self._path = 0.0, True
+        self._told: SetPoint | None = None  # as last asked for; None: what is played has changed since
 
     @property
     def moving(self) -> bool:
@@ -84,7 +85,7 @@ class Playback:
 
     def start(self, trajectory: Trajectory, now_s: float) -> None:
         """Play a trajectory from now on, whatever was played before."""
-        self._motion = _Motion(trajectory, now_s)
+        self._motion, self._told = _Motion(trajectory, now_s), None
 
     def brake(self, now_s: float, ended: Ended, reason: str) -> None:
         """Come to rest from now on; an arm that rests or brakes already goes on doing so."""
@@ -97,6 +98,7 @@ class Playback:
             brake(motion.trajectory, float(path_s), self._limits, self._model.lower, self._model.upper),
         )
         motion.ended, motion.reason = ended, reason
+        self._told = None
 
     def advance(self, now_s: float) -> tuple[Ended, str] | None:
         """Return how a motion has ended, once it has; the arm rests from then on."""
@@ -105,13 +107,14 @@ class Playback:
             return None
         q, _, path_s, _, on_path = self._at(np.array([motion.end_s]))
         self._rest, self._path = q[0], (float(path_s[0]), on_path)
-        self._motion = None
+        self._motion = self._told = None
         return motion.ended, motion.reason
 
     def freeze(self, now_s: float) -> None:
         """Be at rest at once, where the motion is: nothing follows the set-points any more."""
-        q, _, path_s, _, on_path = self.now(now_s)
-        self._rest, self._path, self._motion = q, (path_s, on_path), None
+        now = self.now(now_s)
+        self._rest, self._path = now.q, (now.path_s, now.on_path)
+        self._motion = self._told = None
 
     def samples(self, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return joints and velocities (n, 6) at these times of the clock, none in the past."""
@@ -121,12 +124,19 @@ class Playback:
         q, velocity, *_ = self._at(times_s)
         return q, velocity
 
-    def now(self, now_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float, bool]:
-        """Return joints (6,), velocities (6,), time along the path, its rate, and whether the path is kept."""
+    def now(self, now_s: float) -> SetPoint:
+        """Return what the arm is told at this time of the clock; all who ask in one tick get the same, read-only."""
+        if self._told is None or self._told.time_s != now_s:
+            self._told = self._set_point(now_s)
+            self._told.q.flags.writeable = self._told.velocity.flags.writeable = False
+        return self._told
+
+    def _set_point(self, now_s: float) -> SetPoint:
         if self._motion is None:
-            return self._rest.copy(), np.zeros(6), self._path[0], 0.0, self._path[1]
+            path_s, on_path = self._path
+            return SetPoint(now_s, self._rest.copy(), np.zeros(6), False, path_s, 0.0, on_path)
         q, velocity, path_s, rate, on_path = self._at(np.array([now_s]))
-        return q[0], velocity[0], float(path_s[0]), float(rate[0]), on_path
+        return SetPoint(now_s, q[0], velocity[0], True, float(path_s[0]), float(rate[0]), on_path)
 
     def _at(
         self, times_s: NDArray[np.float64]
@@ -136,7 +146,7 @@ class Playback:
         assert motion is not None  # the callers know
         trajectory, first_s = motion.trajectory, motion.trajectory.times_s[0]
         if motion.braked is None:
-            path_s = np.clip(times_s - motion.start_s, 0.0, trajectory.duration_s)
+            path_s = np.minimum(np.maximum(times_s - motion.start_s, 0.0), trajectory.duration_s)
             rate = np.where(times_s < motion.end_s - DONE_S, 1.0, 0.0)
         else:
             since, stop = times_s - motion.braked[0], motion.braked[1]

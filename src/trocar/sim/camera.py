@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import cv2
 import mujoco
@@ -72,7 +73,8 @@ class RayCamera:
         self._groups = np.array(VISIBLE_GROUPS, dtype=np.uint8)
         self._fixed_model = copy.copy(model)
         self._fixed_model.geom_group[~fixed] = HIDDEN_GROUP
-        self._background: _Background | None = None
+        self._fixed: dict[bool, _Fixed] = {}  # with the projector's shadows, and without
+        self._lamp_map: _ProjectorMap | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -88,12 +90,10 @@ class RayCamera:
         """Return this camera with only a rectangle of its pixels read out.
 
         Args:
-            data: any state of the world; what is fixed in it is seen once for all rectangles.
+            data: any state of the world; what is fixed in it is seen once for all rectangles that overlap.
             corner_px: (u, v) of the rectangle's first pixel.
             size_px: (width, height).
         """
-        if self._background is None:
-            self._background = self._fixed_seen(data)
         lens = self.intrinsics.cropped(corner_px, size_px)
         (u, v), (width, height) = corner_px, size_px
         whole = self.size
@@ -106,7 +106,9 @@ class RayCamera:
         camera.intrinsics = lens
         camera._rays, camera._rays_world = part(self._rays), part(self._rays_world)
         camera._raster, camera._cell = self._raster.part(part(self._cell))
-        camera._background = self._background.parts(part)
+        shadow = self.flaws.shadow
+        camera._fixed = {shadow: self._fixed_seen(data, shadow, part(np.arange(len(self._rays)))).parts(part)}
+        camera._lamp_map = None
         return camera
 
     def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
@@ -138,25 +140,23 @@ class RayCamera:
 
     def _view(self, data: mujoco.MjData, shadow: bool) -> _View:
         """Return what the pixels see: what is fixed is kept, only what may have moved is cast and shaded."""
-        if self._background is None:
-            self._background = self._fixed_seen(data)
-        background = self._background
-        view = background.view.copy()
+        fixed = self._fixed_seen(data, shadow)
+        view = fixed.view.copy()
         covered = self._raster.covered(self.model, data, self._moving, self.T_world_camera)[self._cell]
         active = np.flatnonzero(covered)
         view.depth[active], view.geom[active], normal = self._cast(
             self.model, data, self.T_world_camera.translation_m, self._rays_world[active]
         )
         if shadow:
-            dark = background.raster.covered(self.model, data, self._moving, self._T_world_projector)
-            shaded = np.flatnonzero(dark[background.projector_cell] & ~covered & background.view.lit)
+            lamp = self._projector_map(fixed)
+            dark = lamp.raster.covered(self.model, data, self._moving, self._T_world_projector)
+            shaded = np.flatnonzero(dark[lamp.cell] & ~covered & fixed.view.lit)
             active = np.concatenate([active, shaded])
-            normal = np.concatenate([normal, background.normal_world[shaded]])
+            normal = np.concatenate([normal, fixed.normal_world[shaded]])
             view.lit[active] = self._lit(self.model, data, view.depth[active], normal, active)
-            self._shade(view, data, active, normal)
         else:
-            view.lit = np.isfinite(view.depth)
-            self._shade(view, data, np.arange(len(view.depth)), self._normals(background, active, normal))
+            view.lit[active] = np.isfinite(view.depth[active])
+        self._shade(view, data, active, normal)
         return view
 
     def _shade(
@@ -177,33 +177,29 @@ class RayCamera:
             view.color[pixels] = self._finish.apply(data, view.color[pixels], sight)
         view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
 
-    def _fixed_seen(self, data: mujoco.MjData) -> _Background:
-        """Return what the pixels see of that which is fixed to the world, under the projector."""
-        depth, geom, normal = self._cast(self._fixed_model, data, self.T_world_camera.translation_m, self._rays_world)
-        count = len(depth)
-        view = _View(
-            depth,
-            geom,
-            np.zeros((count, 3), np.float32),
-            np.zeros(count, np.float32),
-            np.zeros(count, np.float32),
-            np.isfinite(depth),
-        )
-        pixels = np.arange(count)
-        view.lit = self._lit(self._fixed_model, data, depth, normal, pixels)
-        self._shade(view, data, pixels, normal)
-        from_projector = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - self._lamp_m
-        raster = _Raster(from_projector[view.lit] if view.lit.any() else self._rays, self.intrinsics.fx)
-        return _Background(view, normal, raster, raster.index(from_projector))
+    def _fixed_seen(self, data: mujoco.MjData, shadow: bool, pixels: NDArray[np.intp] | None = None) -> _Fixed:
+        """Return what is seen of that which is fixed to the world, by these pixels or all; each looks only once."""
+        if shadow not in self._fixed:
+            self._fixed[shadow] = _Fixed.unseen(len(self._rays))
+        fixed = self._fixed[shadow]
+        new = np.flatnonzero(~fixed.seen) if pixels is None else pixels[~fixed.seen[pixels]]
+        if len(new):
+            view, origin = fixed.view, self.T_world_camera.translation_m
+            view.depth[new], view.geom[new], normal = self._cast(self._fixed_model, data, origin, self._rays_world[new])
+            depth = view.depth[new]
+            view.lit[new] = self._lit(self._fixed_model, data, depth, normal, new) if shadow else np.isfinite(depth)
+            self._shade(view, data, new, normal)
+            fixed.normal_world[new], fixed.seen[new] = normal, True
+        return fixed
 
-    @staticmethod
-    def _normals(
-        background: _Background, pixels: NDArray[np.intp], normal_world: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the normals of all pixels, these of some."""
-        every = background.normal_world.copy()
-        every[pixels] = normal_world
-        return every
+    def _projector_map(self, fixed: _Fixed) -> _ProjectorMap:
+        """Return the projector's map of what is fixed; all pixels have seen that."""
+        if self._lamp_map is None:
+            depth, lit = fixed.view.depth, fixed.view.lit
+            rays = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - self._lamp_m
+            raster = _Raster(rays[lit] if lit.any() else self._rays, self.intrinsics.fx)
+            self._lamp_map = _ProjectorMap(raster, raster.index(rays))
+        return self._lamp_map
 
     def _cast(
         self, model: mujoco.MjModel, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
@@ -268,17 +264,34 @@ class _View:
 
 
 @dataclass(frozen=True)
-class _Background:
-    """What is fixed to the world: what is seen, the normals (n, 3), and the projector's map with each point's cell."""
+class _Fixed:
+    """What is fixed to the world: what is seen, the normals (n, 3), and which pixels (n,) have looked so far."""
 
     view: _View
     normal_world: NDArray[np.float64]
-    raster: _Raster
-    projector_cell: NDArray[np.intp]
+    seen: NDArray[np.bool_]
 
-    def parts(self, part: Callable[[NDArray], NDArray]) -> _Background:
-        raster, cell = self.raster.part(part(self.projector_cell))
-        return _Background(self.view.parts(part), part(self.normal_world), raster, cell)
+    @staticmethod
+    def unseen(count: int) -> _Fixed:
+        view = _View(
+            np.full(count, np.nan),
+            np.full(count, -1, np.int32),
+            np.zeros((count, 3), np.float32),
+            np.zeros(count, np.float32),
+            np.zeros(count, np.float32),
+            np.zeros(count, bool),
+        )
+        return _Fixed(view, np.zeros((count, 3)), np.zeros(count, bool))
+
+    def parts(self, part: Callable[[NDArray], NDArray]) -> _Fixed:
+        return _Fixed(self.view.parts(part), part(self.normal_world), part(self.seen))
+
+
+class _ProjectorMap(NamedTuple):
+    """A map of where the projector shines, and the cell (n,) in it of what each pixel sees."""
+
+    raster: _Raster
+    cell: NDArray[np.intp]
 
 
 class _Raster:

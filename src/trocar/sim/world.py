@@ -13,7 +13,8 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.sim.mjcf import TIMESTEP_S, CellModel, build_mjcf
 
-UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+_WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+UNSTABLE = tuple(int(warning) for warning in _WARNINGS)
 """Warnings after which MuJoCo has silently set its state back to the beginning."""
 
 
@@ -52,6 +53,7 @@ class World:
         self.cell = cell
         self.model = mujoco.MjModel.from_xml_string(build_mjcf(cell))
         self.data = mujoco.MjData(self.model)
+        self._warnings = self.data.warning.number  # how often of each kind; MuJoCo writes into it
         self.arms = {name: self._index(name, arm) for name, arm in cell.arms.items()}
         self.arm_names = tuple(cell.arms)
         self.geom_arm = np.full(self.model.ngeom, -1)
@@ -102,7 +104,7 @@ class World:
         """Advance the physics by ``count`` steps."""
         self.cell.task.act()
         mujoco.mj_step(self.model, self.data, count)
-        if any(self.data.warning[warning].number for warning in UNSTABLE):
+        if any(self._warnings[kind] for kind in UNSTABLE):
             raise PhysicsError(
                 f"the physics became unstable at {self.data.time:.3f} s; the trial is void: report its seed"
             )

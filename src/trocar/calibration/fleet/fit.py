@@ -12,7 +12,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from trocar.calibration.excitation import MotionBox
 from trocar.calibration.fleet.loop_fit import DRIFT, outer_features
@@ -141,6 +140,7 @@ def _shape(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] 
     if recording.valid.sum() > SHAPE_ROWS:
         plant = fit_plant(recording)
         return LoopShape(plant.radii, plant.a, plant.b)
+    from scipy.optimize import minimize  # noqa: PLC0415 (slow to import; few fit, all know stations)
 
     def cost(theta: NDArray[np.float64]) -> float:
         likely = _explained(recording, LoopShape.of(theta), prior, sd_rad).likely

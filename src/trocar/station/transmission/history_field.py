@@ -59,6 +59,7 @@ class HistoryField:
         self, memory: NDArray[np.float64], u: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the errors (3,) at a command (3,), and the operators."""
-        followed = np.clip(memory, u[:, None] - self.radii, u[:, None] + self.radii)
-        slacks = ((u[:, None] - followed) / self.radii).ravel()
+        column = u[:, None]
+        followed = np.minimum(np.maximum(memory, column - self.radii), column + self.radii)
+        slacks = ((column - followed) / self.radii).ravel()
         return np.sin(self.v @ u + self.w @ slacks + self.phases) @ self.amplitudes, followed

@@ -59,6 +59,6 @@ class OuterErrors:
 
     def step(self, memory: OuterMemory, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], OuterMemory]:
         """Return the error (3,) at a command (3,), and the memory."""
-        followed = np.clip(memory.play, q[:, None] - self.play, q[:, None] + self.play)
+        followed = np.minimum(np.maximum(memory.play, q[:, None] - self.play), q[:, None] + self.play)
         rest, operators = self.field.step(memory.field, q)
         return self.gains @ (q - MIDDLE) + (followed[:, 0] - q) + rest, OuterMemory(followed, operators)

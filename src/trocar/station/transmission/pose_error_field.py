@@ -96,7 +96,7 @@ class PoseErrorField:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the joints (6,) after the command, and the operators."""
         r = np.array(self.play)
-        followed = np.clip(memory, q_cmd - r, q_cmd + r)
+        followed = np.minimum(np.maximum(memory, q_cmd - r), q_cmd + r)
         smooth = np.sin(self.waves @ q_cmd + self.phases) @ self.amplitudes
         return followed + self.bias + smooth, followed
 

@@ -1,5 +1,6 @@
-"""Faults of every kind in every variant, as method `best` plays it: each has a name, the arms rest, the trial is kept.
+"""Faults of every kind, as method `best` plays them: each has a name, the arms rest, the trial is kept.
 
+Each kind strikes where a variant's own script answers it; what all variants share answers it in one or two of them.
 All of it goes the way of an ordinary trial, in a cell without cable errors, and is read back from the trial's file.
 """
 
@@ -239,7 +240,7 @@ def moved_m(trial, block):
 
 @pytest.mark.parametrize(
     ("variant", "transfers", "frames"),
-    [("unilateral", 2, (1, 3, 4, 5)), ("bilateral", 4, (1, 4, 5, 6)), ("handover", 2, (1, 3, 4, 5))],
+    [("unilateral", 2, (1, 3, 4, 5)), ("handover", 2, (1, 3, 4, 5))],
 )
 def test_where_frames_are_empty_one_looks_again(kept, variant, transfers, frames):
     """The first look at a block, then those at the next one from the moving arm."""
@@ -251,11 +252,7 @@ def test_where_frames_are_empty_one_looks_again(kept, variant, transfers, frames
 
 @pytest.mark.parametrize(
     ("variant", "outcomes", "frame"),
-    [
-        ("unilateral", [DONE, NO_BLOCK], 2),
-        ("bilateral", [DONE, DONE, NO_BLOCK, NO_BLOCK], 3),
-        ("handover", [DONE, NO_BLOCK], 6),
-    ],
+    [("unilateral", [DONE, NO_BLOCK], 2), ("bilateral", [DONE, DONE, NO_BLOCK, NO_BLOCK], 3)],
 )
 def test_a_camera_that_goes_dark_shows_no_more_blocks(kept, variant, outcomes, frame):
     trial = kept(variant, len(outcomes), camera=dark(frame, onwards=True))
@@ -282,7 +279,7 @@ def test_a_camera_that_is_dark_from_the_start_ends_it_all(kept, variant):
 # Blocks that are not there, and blocks on blocks.
 
 
-@pytest.mark.parametrize(("variant", "transfers"), [("unilateral", 2), ("bilateral", 4), ("handover", 2)])
+@pytest.mark.parametrize(("variant", "transfers"), [("unilateral", 2), ("bilateral", 2)])
 def test_a_block_that_is_not_there_is_passed_over(kept, variant, transfers):
     missing = GOALS[variant][0].source
     trial = kept(variant, transfers, blocks=[block_on(peg) for peg in PEGS if peg != missing])
@@ -291,7 +288,7 @@ def test_a_block_that_is_not_there_is_passed_over(kept, variant, transfers):
     assert not trial.scores[0]["available"]
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", ["unilateral", "handover"])
 def test_two_blocks_on_one_peg_are_left_alone(kept, variant):
     """The upper one hides the lower one, and is not where a block would be."""
     peg = GOALS[variant][0].source
@@ -310,7 +307,7 @@ def test_a_lower_block_that_is_seen_past_the_upper_one_is_not_grasped(kept):
     assert noted(trial) == scored(trial) == [NOT_GRASPED, DONE]
 
 
-@pytest.mark.parametrize(("variant", "transfers"), [("unilateral", 1), ("bilateral", 2), ("handover", 1)])
+@pytest.mark.parametrize(("variant", "transfers"), [("unilateral", 1), ("bilateral", 2)])
 def test_a_block_does_not_go_on_a_peg_that_is_taken(kept, variant, transfers):
     goal = GOALS[variant][0]
     trial = kept(variant, transfers, blocks=[*map(block_on, PEGS), block_on(goal.target)])
@@ -325,9 +322,8 @@ def test_a_block_does_not_go_on_a_peg_that_is_taken(kept, variant, transfers):
 @pytest.mark.parametrize(
     ("variant", "arm", "outcomes"),
     [
-        ("unilateral", "psm1", [NOT_GRASPED, NOT_GRASPED]),
+        ("unilateral", "psm1", [NOT_GRASPED]),
         ("bilateral", "psm2", [NOT_GRASPED, DONE]),
-        ("handover", "psm1", [NOT_GRASPED]),
         ("handover", "psm2", [NOT_GRASPED]),
     ],
 )
@@ -339,7 +335,7 @@ def test_jaws_that_do_not_close_grasp_nothing(kept, variant, arm, outcomes):
     assert max(moved_m(trial, block) for block in left) < 3e-3, "it stands where it stood, or was put back there"
 
 
-@pytest.mark.parametrize(("variant", "arm"), [("unilateral", "psm1"), ("bilateral", "psm2"), ("handover", "psm1")])
+@pytest.mark.parametrize(("variant", "arm"), [("unilateral", "psm1"), ("bilateral", "psm2")])
 def test_jaws_that_do_not_close_once_try_again(kept, variant, arm):
     trial = kept(variant, robot=stuck(arm, closings=1))
     assert came_to_an_end(trial)
@@ -351,7 +347,6 @@ def test_jaws_that_do_not_close_once_try_again(kept, variant, arm):
     ("variant", "arm", "share", "outcomes"),
     [
         ("unilateral", "psm1", 1 / 3, [DROPPED, DONE]),
-        ("bilateral", "psm1", 1 / 3, [DONE, DROPPED, DONE, DONE]),
         ("handover", "psm2", 1 / 3, [DROPPED, DONE]),
         ("handover", "psm1", 0.0, [DROPPED, DONE]),
     ],
@@ -381,7 +376,7 @@ def test_a_planner_that_finds_nothing_leaves_all_blocks_where_they_are(kept, var
     assert max(moved_m(trial, block) for block in PEGS) < 1e-4
 
 
-@pytest.mark.parametrize(("variant", "call"), [("unilateral", 1), ("bilateral", 2), ("handover", 2)])
+@pytest.mark.parametrize(("variant", "call"), [("unilateral", 1), ("bilateral", 2)])
 def test_a_motion_that_was_not_found_ahead_is_planned_when_it_is_due(kept, variant, call):
     """The call is the first one that is made while the arm moves: how to carry the block, or to offer it."""
     trial = kept(variant, planner=no_way(call))
@@ -429,9 +424,7 @@ def test_an_arm_of_a_handover_that_stops_answering_ends_all_transfers(kept, arm)
     assert trial.scores[0]["reason"] == f"{arm} is silent"
 
 
-@pytest.mark.parametrize(
-    ("variant", "arm", "motion"), [("unilateral", "psm1", 8), ("bilateral", "psm1", 6), ("handover", "psm2", 10)]
-)
+@pytest.mark.parametrize(("variant", "arm", "motion"), [("unilateral", "psm1", 8), ("bilateral", "psm1", 6)])
 def test_an_arm_that_stops_on_its_way_home_has_done_its_transfers(kept, variant, arm, motion):
     trial = kept(variant, robot=silent(arm, motion, MIDWAY))
     assert came_to_an_end(trial) and not at_home(trial, arm)

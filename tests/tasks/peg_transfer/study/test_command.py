@@ -54,8 +54,8 @@ def test_a_study_survives_the_death_of_a_worker_and_is_taken_up(tmp_path):
     files = trial_files(tmp_path / "unilateral-uncalibrated")
     before = {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in files}
     assert len(files) == 2
-    again = started(tmp_path, "--jobs", "1", "--json")
-    assert json.loads(again.communicate(timeout=120)[0]) == summary
+    again = run(*WORDS, "--out", tmp_path, "--jobs", 1, "--json")
+    assert json.loads(again.stdout) == summary
     assert {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in files} == before
 
 

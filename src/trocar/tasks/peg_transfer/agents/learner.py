@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 import trio
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
@@ -75,6 +74,8 @@ class Learner:
 
     async def teach(self) -> None:
         """Turn the wrist back and forth in front of the camera, and learn from that."""
+        from scipy.stats import qmc  # noqa: PLC0415 (slow to import; few agents learn)
+
         model = self.hand.model
         upright = [self.arm.motions.ik(pose) for pose in self._upright()]
         middle = upright[len(upright) // 2]

@@ -41,6 +41,9 @@ class PegWorld(TaskWorld):
         self._count = len(self._scene.T_world_blocks.matrix)
         self._block = _numbered(world, "block")
         self._peg = _numbered(world, "peg")
+        self._finger = np.full(world.model.ngeom, -1, dtype=np.intp)
+        for index in world.arms.values():
+            self._finger[list(index.fingers)] = index.fingers
 
     def observe(self, time_s: float) -> None:
         """Note which blocks each arm holds: those that both its fingers touch."""
@@ -49,15 +52,15 @@ class PegWorld(TaskWorld):
         held_by = self._held_blocks(pairs)
         self._held = {block: name for name, blocks in held_by.items() for block in blocks}
         for name, blocks in held_by.items():
-            self._held_at.setdefault(name, []).append(np.isin(np.arange(self._count), list(blocks)))
+            self._held_at.setdefault(name, []).append(np.array([k in blocks for k in range(self._count)]))
 
     def _held_blocks(self, pairs: NDArray[np.int32]) -> dict[str, set[int]]:
         """Return the blocks that each arm holds."""
-        block = self._block[pairs].max(axis=1) if len(pairs) else np.zeros(0, dtype=np.intp)
+        finger, block = np.maximum(*self._finger[pairs.T]), np.maximum(*self._block[pairs.T])
+        there = (finger >= 0) & (block >= 0)
+        touched = set(zip(finger[there].tolist(), block[there].tolist(), strict=True))
         return {
-            name: set.intersection(
-                *(set(block[(pairs == finger).any(1) & (block >= 0)].tolist()) for finger in index.fingers)
-            )
+            name: {k for k in range(self._count) if all((one, k) in touched for one in index.fingers)}
             for name, index in self._world.arms.items()
         }
 
