@@ -138,7 +138,7 @@ def test_an_arm_that_moves_keeps_its_cables():
         async with trio.open_nursery() as nursery:
             nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
             await arms.sleep(0.1)
-            with pytest.raises(TrocarError, match="moves; its cables"):
+            with pytest.raises(TrocarError, match="is moving; its cable model"):
                 arms.robot.adopt("a", known)
 
     arms.run(script)

@@ -347,7 +347,7 @@ def test_jaws_that_do_not_close_once_try_again(kept, variant, arm):
     ("variant", "arm", "share", "outcomes"),
     [
         ("unilateral", "psm1", 1 / 3, [DROPPED, DONE]),
-        ("handover", "psm2", 1 / 3, [DROPPED, DONE]),
+        ("handover", "psm2", 2 / 3, [DROPPED, DONE]),
         ("handover", "psm1", 0.0, [DROPPED, DONE]),
     ],
 )
@@ -355,6 +355,13 @@ def test_a_block_lost_on_its_way_is_noticed_and_the_next_ones_are_moved(kept, va
     trial = kept(variant, len(outcomes), robot=clumsy(arm, share), fine=share == 0.0)
     assert came_to_an_end(trial)
     assert noted(trial) == scored(trial) == outcomes
+
+
+def test_a_block_that_falls_back_on_its_peg_is_handed_over_after_all(kept):
+    trial = kept("handover", robot=clumsy("psm2", 1 / 3))
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == [DONE, DONE]
+    assert len(named(trial, "offer")) == 3
 
 
 def test_a_block_that_slips_back_on_its_peg_is_picked_again(kept):
