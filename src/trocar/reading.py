@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from io import BytesIO
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ MAX_LIST_BYTES = 1 << 20
 
 UNREADABLE = (
     *(OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, NotImplementedError, RuntimeError),
-    *(SyntaxError, zipfile.BadZipFile, zlib.error),
+    *(SyntaxError, TokenError, zipfile.BadZipFile, zlib.error),
 )
 """What zip, JSON and NumPy raise on files that are damaged or not ours."""
 
