@@ -1,6 +1,6 @@
 """What arms that learn their cables know of their wrists over a block, and whether they know how well.
 
-    trocar run peg-transfer --method adaptive --sessions 12 --seed 20261204 --out out/adaptive
+    trocar run peg-transfer --method adaptive --sessions 12 --seed 20261304 --out out/adaptive
     python benchmarks/bench_adaptive.py out/adaptive
 
 Read from the saved trials of such a run: at each look over a block, where the wrist was in truth, against where it was
