@@ -39,7 +39,7 @@ docs: .venv/docs.stamp
 
 .venv/sim.stamp: pyproject.toml constraints.txt | .venv/bin/python
 	@echo "installing into .venv (a minute or two)"
-	$(PIP) --no-compile -e '.[sim,learn]'
+	$(PIP) --no-compile -e '.[sim]'
 	@touch $@
 
 .venv/dev.stamp: pyproject.toml constraints.txt | .venv/bin/python
