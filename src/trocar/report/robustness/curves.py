@@ -38,7 +38,8 @@ def draw_curves(summaries: Sequence[Mapping[str, Any]], path: str | Path) -> Pat
                     ends = ([max(hit["low"], 0.0) for hit in hits], [hit["high"] for hit in hits])
                     bottom.fill_between(x, *ends, color=colour, alpha=0.15, linewidth=0)
             unit = next(row["unit"] for row in summaries if row["flaw"] == flaw)
-            recorded = next((row["size"] for row in summaries if row["flaw"] == flaw and row["scale"] == 1.0), None)
+            varied = [row for row in summaries if row["flaw"] == flaw and row["scale"] > 0]
+            recorded = varied[0]["size"] / varied[0]["scale"] if varied else None
             for axes in (top, bottom):
                 if recorded is not None:
                     axes.axvline(recorded, color=style.QUIET, linewidth=0.8, linestyle=":")
