@@ -32,9 +32,11 @@ import tempfile
 import tokenize
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
+from queue import Queue
 
 ROOT = Path(__file__).parents[1]
 DEFAULT = [f"src/trocar/{name}" for name in ("arms", "motion", "calibration", "perception", "robots", "sim")]
@@ -219,11 +221,22 @@ def tried(mutant: Mutant, tree: Path, tests: list[str], limit_s: int, sound: dic
     finally:
         file.write_bytes(source)
         os.utime(file, (stamp + 1, stamp + 1))
-    if failed.startswith("tests/") and failed not in sound:
-        sound[failed] = passed(tree, [failed], limit_s)[0]
-    if not sound.get(failed, True):
-        raise SystemExit(f"{failed} fails without any mutant too; mend it first")
+    guilty = [failed] if failed.startswith("tests/") else [] if well else tests  # all of them, if they took too long
+    name = " ".join(guilty)
+    if guilty and name not in sound:
+        sound[name] = passed(tree, guilty, limit_s)[0]
+    if not sound.get(name, True):
+        raise SystemExit(f"without any mutant, {name} fails too, or takes longer than --limit; mend that first")
     return "survived" if well else failed
+
+
+def copied(tree: Path) -> Path:
+    """Make a copy of what the tests need."""
+    tree.mkdir()
+    for part in PARTS:
+        copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
+        copy(ROOT / part, tree / part)
+    return tree
 
 
 def chosen_files(words: list[str], changed: bool) -> list[Path]:
@@ -243,6 +256,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=30, help="so many mutants, drawn at random")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--limit", type=int, default=120, help="CPU seconds of the tests of one mutant")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="so many at a time, one for each core")
     parser.add_argument("--log", type=Path, default=ROOT / "out" / "mutants.jsonl", help="what was tried before")
     given = parser.parse_args()
     mutants = [mutant for file in chosen_files(given.files, given.changed) for mutant in mutants_of(file)]
@@ -251,24 +265,34 @@ def main() -> None:
     lines = given.log.read_text().splitlines() if given.log.is_file() else []
     known = {(Mutant(**entry["mutant"]), entry["tests"]): entry["fate"] for entry in map(json.loads, lines)}
     used = {path: imports_of(path) for path in (ROOT / "tests").rglob("test_*.py")}
-    fates, sound = {}, {}
-    with tempfile.TemporaryDirectory(prefix="mutants_") as folder:
-        tree = Path(folder) / "tree"
-        for part in PARTS:
-            copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
-            tree.mkdir(exist_ok=True)
-            copy(ROOT / part, tree / part)
-        for count, mutant in enumerate(sample, 1):
-            tests = tests_of(mutant.path, used)
-            digest = digest_of(b"".join((ROOT / test).read_bytes() for test in tests))
-            fates[mutant] = known.get((mutant, digest), "")
-            if not fates[mutant]:
+    fates, sound, trees = {}, {}, Queue()
+
+    def fate_of(count: int, mutant: Mutant) -> None:
+        tests = tests_of(mutant.path, used)
+        digest = digest_of(b"".join((ROOT / test).read_bytes() for test in tests))
+        fates[mutant] = known.get((mutant, digest), "")
+        if not fates[mutant]:
+            tree = trees.get()
+            try:
                 fates[mutant] = tried(mutant, tree, tests, given.limit, sound, 1_000_000_000 + 2 * count)
-                with given.log.open("a") as log:
-                    entry = {"mutant": asdict(mutant), "tests": digest, "fate": fates[mutant]}
-                    log.write(json.dumps(entry) + "\n")
-            change = f"{mutant.old} -> {mutant.new or 'nothing'}"
-            print(f"{count} of {len(sample)}: {mutant.path}:{mutant.line} {change}: {fates[mutant]}", flush=True)
+            finally:
+                trees.put(tree)
+            entry = {"mutant": asdict(mutant), "tests": digest, "fate": fates[mutant]}
+            with given.log.open("a") as log:
+                log.write(json.dumps(entry) + "\n")
+        change = f"{mutant.old} -> {mutant.new or 'nothing'}"
+        print(f"{count} of {len(sample)}: {mutant.path}:{mutant.line} {change}: {fates[mutant]}", flush=True)
+
+    with tempfile.TemporaryDirectory(prefix="mutants_") as folder, ThreadPoolExecutor(given.jobs) as pool:
+        for job in range(given.jobs):
+            trees.put(copied(Path(folder) / str(job)))
+        tries = [pool.submit(fate_of, count, mutant) for count, mutant in enumerate(sample, 1)]
+        try:
+            for one in tries:
+                one.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
     survivors = [mutant for mutant, fate in fates.items() if fate == "survived"]
     print(f"\n{len(fates) - len(survivors)} of {len(fates)} mutants were killed; the others:")
     for mutant in sorted(survivors, key=lambda m: (m.path, m.line)):
