@@ -3,13 +3,12 @@
 import ast
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from processes import python
 from trocar.archive import read_header
 from trocar.calibration.plant import PSM1_GREY
 from trocar.trials import load_trials, trial_file
@@ -35,13 +34,7 @@ runpy.run_path(sys.argv.pop(1), run_name="__main__")
 
 def run(words, folder):
     """Return what a Python process with these words says, in this folder."""
-    result = subprocess.run(
-        [sys.executable, *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=folder,
-    )
+    result = python(words, folder)
     assert result.returncode == 0, result.stderr
     return result.stdout
 

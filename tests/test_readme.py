@@ -1,12 +1,11 @@
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from processes import python
 from synthetic import synthetic_trial
 from trocar.cli import app
 from trocar.cli.open_group import Deferred
@@ -17,17 +16,19 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
-def test_the_first_lines_of_python_run():
+def test_the_first_lines_of_python_run(tmp_path):
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    result = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True, check=True)
+    result = python(["-c", block], tmp_path)
+    assert result.returncode == 0, result.stderr
     duration, bound = map(float, re.findall(r"(\d+\.\d+) s", result.stdout))
     assert bound < duration < 2 * bound
 
 
-def test_the_lines_of_python_of_the_quick_start_run():
+def test_the_lines_of_python_of_the_quick_start_run(tmp_path):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "quickstart.md").read_text(), re.DOTALL)
     own = "\n".join(block for block in blocks if "--8<--" not in block)  # tests/test_examples.py runs the included ones
-    subprocess.run([sys.executable, "-c", own], check=True)
+    result = python(["-c", own], tmp_path)
+    assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -13,6 +13,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import unpictured
+from processes import python
 from synthetic import synthetic_trial, unmarked
 from trocar.cli import app
 from trocar.report.summary import summarise
@@ -261,13 +262,7 @@ def real(tmp_path_factory):
     folder = tmp_path_factory.mktemp("real")
     words = "run peg-transfer --transfers 1 --sessions 2 --trials 1 --new-session --refit-offsets --seed 21 "
     words += "--calibration joints --model offset --json"
-    result = subprocess.run(
-        [sys.executable, "-c", COMMAND, *words.split(), "--out", str(folder)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    result = python(["-c", COMMAND, *words.split(), "--out", folder], folder)
     summary = json.loads(result.stdout)
     assert result.returncode == (summary["succeeded"] < summary["attempted"]), result.stderr
     return folder, summary

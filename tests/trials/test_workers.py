@@ -57,12 +57,12 @@ import sys
 sys.path.insert(0, {tests!r})
 
 if __name__ == "__main__":
-    from trocar.trials.workers import pick_workers, run_all
+    from trocar.trials.workers import Processes, run_all
     from units_of_work import long
 
     print("handed out", flush=True)
     try:
-        list(run_all(long, [({folder!r}, number) for number in range(6)], pick_workers("processes", 2)))
+        list(run_all(long, [({folder!r}, number) for number in range(6)], Processes(2, loads=())))
     except KeyboardInterrupt:
         print("stopped", flush=True)
         sys.exit(130)

@@ -48,11 +48,16 @@ class Workers(Protocol):
 class Processes:
     """Processes of this machine.
 
+    They are forked from a process that has loaded the simulator once; where there is no such thing (on Windows), each
+    loads it. A fork of this process would copy the progress bar's threads and their locks.
+
     Attributes:
         count: how many.
+        loads: modules that are loaded once for all.
     """
 
     count: int
+    loads: Sequence[str] = ("trocar.trials.orders",)
     died: tuple[type[BaseException], ...] = field(default=(BrokenProcessPool,), init=False)
 
     @contextmanager
@@ -61,7 +66,10 @@ class Processes:
 
         After Ctrl-C it waits for the units that are running; a second Ctrl-C kills the workers.
         """
-        context = multiprocessing.get_context("spawn")  # a fork would copy the progress bar's threads and their locks
+        forked = "forkserver" in multiprocessing.get_all_start_methods()
+        context = multiprocessing.get_context("forkserver" if forked else "spawn")
+        if forked:
+            context.set_forkserver_preload(list(self.loads))
         pool = ProcessPoolExecutor(
             self.count, mp_context=context, initializer=_left_alone, max_tasks_per_child=UNITS_A_PROCESS
         )

@@ -30,11 +30,17 @@ def started(out, *more):
     )
 
 
+def children_of(pid):
+    """Return the processes that a process has started, with their command lines."""
+    told = ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(pid)]
+    lines = subprocess.run(told, capture_output=True, text=True, check=False).stdout.splitlines()
+    return {int(line.split()[0]): line for line in lines}
+
+
 def workers_of(process):
-    """Return the processes that a study has started to run trials."""
-    command = ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(process.pid)]
-    children = subprocess.run(command, capture_output=True, text=True, check=False)
-    return [int(line.split()[0]) for line in children.stdout.splitlines() if "spawn_main" in line]
+    """Return the processes that a study has started to run trials, by way of the one that they are forked from."""
+    servers = [pid for pid, line in children_of(process.pid).items() if "forkserver" in line]
+    return [pid for server in servers for pid in children_of(server)]
 
 
 def test_a_study_survives_the_death_of_a_worker_and_is_taken_up(tmp_path):

@@ -1,0 +1,70 @@
+"""Python in a process of its own, forked from one that has loaded what a run needs: over a second less for each.
+
+What is loaded by a process, or how it is started and stopped, is not for this: those take ``subprocess``.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import runpy
+import sys
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from subprocess import CompletedProcess
+
+LOADED = (
+    "trocar.cli.run",
+    "trocar.trials.orders",
+    "trocar.report.files",
+    "trocar.report.plot",
+    "trocar.sim.photograph",
+)
+LOADED += tuple(f"trocar.tasks.peg_transfer.{part}" for part in ("task", "world.peg_world", "agents.unilateral"))
+LOADED += (
+    "trocar.report.plot",
+    "trocar.motion.splines",
+    "trocar.calibration.models.play",
+    "trocar.view.replay",
+    "viser",
+    "scipy.optimize",
+)
+LOADED += ("scipy.interpolate", "matplotlib.backends.backend_agg")
+"""Modules; what is missing here is loaded by each process."""
+LIMIT_S = 600
+
+
+def python(words: Iterable[object], folder: Path) -> CompletedProcess[str]:
+    """Run a script, or ``-c`` and code, with its arguments in a folder.
+
+    Returns:
+        Its exit code, and what it said on stdout and stderr.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([*LOADED])
+    told = [str(word) for word in words]
+    with tempfile.TemporaryDirectory() as said:
+        process = context.Process(target=_run, args=(told, str(folder), said, dict(os.environ)))
+        process.start()
+        process.join(LIMIT_S)
+        if process.exitcode is None:
+            process.kill()
+        out, err = (Path(said, name).read_text() for name in ("stdout", "stderr"))
+    return CompletedProcess(told, -1 if process.exitcode is None else process.exitcode, out, err)
+
+
+def _run(words: list[str], folder: str, said: str, environment: dict[str, str]) -> None:
+    """Be that process."""
+    for name in ("stdout", "stderr"):
+        with Path(said, name).open("w") as file:
+            os.dup2(file.fileno(), getattr(sys, f"__{name}__").fileno())
+    os.environ.clear()
+    os.environ.update(environment)
+    os.chdir(folder)
+    if words[0] == "-c":
+        sys.argv = ["-c", *words[2:]]
+        exec(compile(words[1], "<string>", "exec"), {"__name__": "__main__"})
+    else:
+        sys.argv = words
+        runpy.run_path(words[0], run_name="__main__")
