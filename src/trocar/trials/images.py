@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from io import BytesIO
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 
 from trocar.perception.image import RgbdImage
 from trocar.sim.laboratory import SimCamera
 
 QUALITY = 70
 """Of WebP, of 100."""
+EFFORT = 1
+"""Of WebP, of 6: a third of the time of 4, the usual one, for a file that is a fifth larger."""
 THINNED = 4
 """Depth is kept at one in this many pixels, in whole millimetres."""
 PACKED = 3
@@ -30,15 +35,17 @@ def encoded(cameras: Mapping[str, SimCamera]) -> tuple[dict[str, bytes], dict[st
         for number, image in enumerate(camera.taken):
             stem = f"{name}_{number:03d}"
             color = image.color if isinstance(image, RgbdImage) else np.hstack([image.left, image.right])
-            blobs[f"{stem}.webp"] = _file(".webp", color[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+            blobs[f"{stem}.webp"] = _webp(color)
             if isinstance(image, RgbdImage):
-                depth_mm = np.rint(1e3 * np.nan_to_num(image.depth_m[::THINNED, ::THINNED]))
-                blobs[f"{stem}_depth.png"] = _file(
-                    ".png", depth_mm.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, PACKED]
-                )
+                depth_mm = np.rint(1e3 * np.nan_to_num(image.depth_m[::THINNED, ::THINNED])).astype(np.uint16)
+                packed = cv2.imencode(".png", np.ascontiguousarray(depth_mm), [cv2.IMWRITE_PNG_COMPRESSION, PACKED])[1]
+                blobs[f"{stem}_depth.png"] = packed.tobytes()
             taken[name].append((round(image.time_s, 6), f"{stem}.webp"))
     return blobs, taken
 
 
-def _file(kind: str, image: np.ndarray, how: list[int]) -> bytes:
-    return cv2.imencode(kind, np.ascontiguousarray(image), how)[1].tobytes()
+def _webp(color: NDArray[np.uint8]) -> bytes:
+    """Return a picture (h, w, 3) as a file; OpenCV would not let us choose the effort."""
+    file = BytesIO()
+    Image.fromarray(color).save(file, "webp", quality=QUALITY, method=EFFORT)
+    return file.getvalue()
