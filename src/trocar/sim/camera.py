@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -61,10 +62,8 @@ class RayCamera:
         self._finish = finish
         R = T_world_camera.rotation.matrix
         self._T_world_projector = SE3.from_parts(T_world_camera.rotation, T_world_camera.apply(self._lamp_m))
-        self._rays = pixel_rays(intrinsics).reshape(-1, 3)
+        self._rays, self._raster, self._cell = _pixels(intrinsics)
         self._rays_world = np.ascontiguousarray(self._rays @ R.T)
-        self._raster = _Raster(self._rays, intrinsics.fx)
-        self._cell = self._raster.index(self._rays)
         group = np.clip(model.geom_group, 0, 5)
         alpha = np.where(model.geom_matid >= 0, 1.0, model.geom_rgba[:, 3])
         seen = (np.array(VISIBLE_GROUPS)[group] > 0) & (alpha > 0)
@@ -356,3 +355,13 @@ class _Raster:
             cv2.fillConvexPoly(canvas, cv2.convexHull(np.floor(flat).astype(np.int32)), 1)
         canvas = cv2.dilate(canvas, np.ones((5, 5), np.uint8))
         return np.append(canvas.ravel() > 0, True)
+
+
+@lru_cache(maxsize=8)
+def _pixels(intrinsics: Intrinsics) -> tuple[NDArray[np.float64], _Raster, NDArray[np.intp]]:
+    """Return the rays (n, 3) of a lens, its map, and the cell (n,) of each ray: a lens looks into many worlds."""
+    rays = pixel_rays(intrinsics).reshape(-1, 3)
+    raster = _Raster(rays, intrinsics.fx)
+    cells = raster.index(rays)
+    cells.setflags(write=False)
+    return rays, raster, cells

@@ -97,7 +97,8 @@ class HeldNeedle:
 
     def __init__(self, world: World, scene: SutureScene, arm: str, tissue: Tissue | None = None):
         self._world = world
-        self._T_circle_world, self._wire_m = scene.T_world_circle.inverse(), scene.wire_points_m
+        self._up, self._height_m = np.split(scene.T_world_circle.inverse().matrix[2], [3])  # over the phantom
+        self._wire_m = scene.wire_points_m
         self._tissue = tissue or Tissue()
         joint = world.model.joint("needle")
         self._body = world.model.body("needle").id
@@ -108,22 +109,18 @@ class HeldNeedle:
         world.model.dof_armature[self._dof] = self._tissue.apparent_kg * share
         mujoco.mj_setConst(world.model, world.data)
         self._drag = self._tissue.drag_ns_m * share
-        self._geoms = world.geoms("needle_")
+        self._is_needle = np.isin(np.arange(world.model.ngeom), world.geoms("needle_"))
         self._fingers = world.arms[arm].fingers
         self.in_hand = True
         self._hand = world.data.qpos[self._qpos].copy()
 
     @property
-    def T_world_needle(self) -> SE3:
-        """Return the needle's true pose."""
-        qpos = self._world.data.qpos[self._qpos]
-        return SE3.from_parts(SO3.from_quaternion(qpos[3:]), qpos[:3])
-
-    @property
     def inserted(self) -> bool:
         """Return whether a part of the wire is below the phantom's surface."""
-        T_circle_needle = self._T_circle_world @ self.T_world_needle
-        return bool((T_circle_needle.apply(self._wire_m)[:, 2] < 0.0).any())
+        qpos, R_world_needle = self._world.data.qpos[self._qpos], np.empty(9)
+        mujoco.mju_quat2Mat(R_world_needle, qpos[3:])
+        heights_m = self._wire_m @ (self._up @ R_world_needle.reshape(3, 3)) + self._up @ qpos[:3] + self._height_m
+        return bool((heights_m < 0.0).any())
 
     def give(self, T_world_needle: SE3) -> None:
         """Have a person take the needle from where it is and hold it here until both fingers press."""
@@ -146,7 +143,7 @@ class HeldNeedle:
         """Return whether both fingers of the arm press on the needle."""
         data = self._world.data
         pairs = data.contact.geom[: data.ncon]
-        needle = np.asarray(np.isin(pairs, self._geoms).any(1))
+        needle = np.asarray(self._is_needle[pairs].any(1))
         if not needle.any():
             return False
         return all(self._press_n(finger, pairs, needle) > self._tissue.let_go_n for finger in self._fingers)
