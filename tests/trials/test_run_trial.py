@@ -312,6 +312,7 @@ OPTIONS = {
     "--seed": 5,
     "--sessions": 2,
     "--trials": 1,
+    "--budget": 5,
 }
 WORDS = ["run", "peg-transfer", "--flawless-camera", *(str(word) for option in OPTIONS.items() for word in option)]
 

@@ -27,13 +27,6 @@ def still(trial, arm):
     return np.abs(rows[-1] - rows[-2]).max() < RESTING
 
 
-def test_without_faults_everything_is_cleared(monkeypatch, tmp_path):
-    trial = play(monkeypatch, tmp_path, Eyes(), fragments=1, budget_s=120.0)
-    assert trial.ended == "done" and done(trial) == 1
-    assert outcomes(trial).count("DONE") == 1
-    assert still(trial, "left") and still(trial, "right")
-
-
 def test_a_camera_that_freezes_ends_the_trial_where_the_arms_are(monkeypatch, tmp_path):
     eyes = Eyes()
     eyes.frozen_s = 3.0

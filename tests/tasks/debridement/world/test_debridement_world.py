@@ -96,11 +96,11 @@ PLACE = (-0.06, -0.07)
 
 
 def test_fragments_that_are_grasped_in_the_middle_are_nearly_always_cleared():
-    lab, tried = laboratory_of(scene_of(0)), []
+    lab, tried = laboratory_of(scene_of(0, 4)), []
 
     async def script(cell):
         del cell
-        for k in range(6):
+        for k in range(4):
             place = place_of(lab, k)
             for arm in ("left", "right") if place[0] > -0.075 else ("right", "left"):
                 gripper = Gripper(lab, arm)
@@ -115,10 +115,10 @@ def test_fragments_that_are_grasped_in_the_middle_are_nearly_always_cleared():
 
     assert lab.run(script, 300.0)
     scores = score_fragments(lab.truth(), [])
-    assert len(tried) == 6
-    assert sum(score.succeeded for score in scores) >= 5
+    assert len(tried) == 4
+    assert sum(score.succeeded for score in scores) >= 3
     assert lab.record().collisions == ()
-    assert sum(score.attempts for score in scores) == 6
+    assert sum(score.attempts for score in scores) == 4
 
 
 def grasped(scene, off_m=(0.0, 0.0), deliver=False):
