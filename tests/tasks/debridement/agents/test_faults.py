@@ -6,6 +6,8 @@ import numpy as np
 
 from debridement_stage import Eyes, play
 from trocar.geometry import SE3
+from trocar.tasks.debridement.agents import debrider
+from trocar.tasks.debridement.agents.letting_go import SHAKES
 from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.trials.trial import Trial
 
@@ -85,6 +87,7 @@ def test_a_fragment_that_sticks_to_the_jaws_is_for_a_person(monkeypatch, tmp_pat
         def holding(self, *args):
             return True
 
+    monkeypatch.setattr(debrider, "WAYS", SHAKES + 2)  # fewer strokes than there are, which take a minute
     trial = play(monkeypatch, tmp_path, Sticky(), arms=1, fragments=1, budget_s=120.0)
     assert outcomes(trial) == [FragmentOutcome.STUCK_IN_JAWS.name]
     assert trial.ended == "done" and still(trial, "left")
