@@ -17,7 +17,7 @@ from trocar.arms.instrument import CLEVIS_SHARE, KNUCKLE_SHARE, SLEEVE_M, SLEEVE
 CARRIED = np.array([[0, 0, 0], [0, 0, 0], [1, 1, 0], [1, 1, 1], [1, 1, 1], [1, 1, 1]], dtype=np.float64)
 """(6, 3) 1 where q4 q5 q6 move a solid: shaft and its sleeve (which are round), clevis, knuckle, fingers."""
 FRAMES = np.array([0, 0, 1, 2, 2, 2])
-"""Which of the frames 4, 5, 6 a solid is fixed in."""
+"""Index of the frame (4, 5 or 6) in which each solid is fixed."""
 
 
 class Solid(Protocol):
@@ -34,7 +34,7 @@ class Solid(Protocol):
 
 @dataclass(frozen=True)
 class Cylinder:
-    """About z, closed at both ends."""
+    """A solid of revolution about z, closed at both ends."""
 
     radius_m: float
     lower_m: float
@@ -65,7 +65,7 @@ class Cylinder:
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """From the frame's origin to an end (3,)."""
+    """A rod from the frame's origin to an end (3,)."""
 
     end_m: NDArray[np.float64]
     radius_m: float
@@ -141,9 +141,9 @@ class InstrumentSolids:
         return self._all(self._local(points_m)).min(axis=0)
 
     def slopes(self, points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the distances (n,) of points (n, 3), and how they change (n, 6).
+        """Return the distances (n,) of points (n, 3), and their derivatives (n, 6).
 
-        That is with q4 q5 q6 (m/rad), and with a shift of the whole instrument in the base.
+        The derivatives are by q4 q5 q6 (m/rad) and by a shift of the whole instrument in the base.
         """
         local = self._local(points_m)
         found = self._all(local)
