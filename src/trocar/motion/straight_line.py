@@ -245,10 +245,10 @@ def _small_turn(wanted: NDArray[np.float64], now: NDArray[np.float64]) -> NDArra
 
 
 def _rows(line: StraightLine, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return bounds on the rate's change u on the piece that begins at each knot:
+    """Return bounds on the rate's change u on the piece that begins at each knot.
 
-    ``|u + share x| <= room``. x is the square of ds/dt at that knot. The first rows, one per joint, are the limits
-    there, the others those at the knot ``step`` further, where the square is ``x + 2 step u``.
+    They have the form ``|u + share x| <= room``, where x is the square of ds/dt at that knot. The first rows, one per
+    joint, are the limits there, the others those at the knot ``step`` further, where the square is ``x + 2 step u``.
 
     Returns:
         share: (PIECES + 1, 2 joints, 1); room: the same.

@@ -86,7 +86,7 @@ class Capsule:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """Convex, with outward normals (k, 3) and offsets (k,); beside its edges the distance is a little too small."""
+    """A convex solid, outward normals (k, 3) and offsets (k,); near its edges the distance is slightly too small."""
 
     normals: NDArray[np.float64]
     offsets: NDArray[np.float64]
@@ -154,7 +154,7 @@ class InstrumentSolids:
             frame = FRAMES[number]
             normal = solid.gradient(local[frame][rows]) @ self.R[frame].T
             arms = points_m[rows] - self.p[:, None]
-            moves = np.cross(self.R[:, :, 2][:, None], arms)  # of a point on the solid, with each joint about its z
+            moves = np.cross(self.R[:, :, 2][:, None], arms)  # velocity of a point on the solid, by joint
             by[rows, :3] = -np.einsum("ni,kni->nk", normal, moves) * CARRIED[number]
             by[rows, 3:] = -normal
         return found.min(axis=0), by
