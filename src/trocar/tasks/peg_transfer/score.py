@@ -128,7 +128,7 @@ def _is_of(event: Mapping[str, Any], goal: Transfer) -> bool:
 
 
 def _stays_placed(stay: Stay, truth: PegTruth) -> bool:
-    """Return whether a block that came to a peg was released there, and stood when it had rested and the jaws gone."""
+    """Return whether a block was released on a peg, and still stood there after resting and the jaws' retreat."""
     free = np.flatnonzero(~truth.held[stay.first :, stay.block])
     if not len(free):
         return False

@@ -119,7 +119,7 @@ class Settings:
 
 
 def compensated() -> Settings:
-    """Return the settings of arms whose cables are compensated: what is left is mostly what a turning wrist brings."""
+    """Return the settings of arms with compensated cables, whose remaining errors come mostly from a turning wrist."""
     return Settings(still_wrist=True)
 
 

@@ -47,7 +47,7 @@ class Table:
         return image
 
     async def find_board(self, hand: ArmScript) -> bool:
-        """Register the board once; it does not move during a trial. Return whether it was there, at the second look."""
+        """Register the board once, since it does not move in a trial; return whether two looks at most found it."""
         guess, reason = self.cell.T_world_fixture["board"], ""
         for _ in range(BOARD_LOOKS):
             image = await self.capture(hand)

@@ -203,7 +203,7 @@ class Traffic:
     def _free(
         self, name: str, trajectory: Trajectory, margin_m: float, meets_s: tuple[float, float], leaving: Leaving | None
     ) -> float | None:
-        """Return after what delay a motion is free; None if it is not as long as the other arms stay where they go."""
+        """Return the delay after which a motion is free; None if it never is while other arms stay where they go."""
         now = self._cell.clock.now_s()
         lane = self._lanes[name]
         moving = MovingArm(lane.model, trajectory, lane.T_world_base, 0.0, lane.jaw_rad)
