@@ -43,7 +43,7 @@ class Part:
 def parts_of(arm: ArmModel) -> tuple[Part, ...]:
     """Return all solids of an arm's instrument except its fingers (``Instrument.finger_m``), which the jaws move.
 
-    The shaft hangs on the roll link, whose origin is on the pitch axis and whose z runs along the shaft.
+    The shaft is attached to the roll link, whose origin is on the pitch axis and whose z runs along the shaft.
     """
     shape, back = arm.instrument, float(arm.wrist_sign)  # from the wrist towards the remote centre
     at_zero = frames(arm, np.zeros(6))

@@ -27,7 +27,7 @@ def with_registered(
         cameras: pose in the world and lenses of stereo pairs, by camera.
 
     Raises:
-        TrocarError: an arm or a camera has no table ``[arms.NAME]``, ``[cameras.NAME]`` of its own in the text.
+        TrocarError: an arm or a camera has no separate table ``[arms.NAME]``, ``[cameras.NAME]`` in the text.
     """
     cameras = cameras or {}
     for name, T in T_world_base.items():

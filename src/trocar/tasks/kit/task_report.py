@@ -1,4 +1,4 @@
-"""What a report shows that is a task's own: pictures, tables, figures of the paper."""
+"""A task's own part of a report: pictures, tables, figures of the paper."""
 
 from __future__ import annotations
 
