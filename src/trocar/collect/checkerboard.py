@@ -78,7 +78,7 @@ class CellRegistration:
 
     @property
     def duration_s(self) -> float:
-        """Return the time that it takes a person at the robot."""
+        """Return the time that a person spends at the robot."""
         return HAND_S * self.shown + BRACKET_S * len(self.views)
 
     def T_base_board_off(self, arm: str) -> SE3:
