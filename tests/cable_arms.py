@@ -1,4 +1,4 @@
-"""Arms that are nothing but cables, and what moves them."""
+"""Arms that consist only of cables, and helpers that move them."""
 
 import numpy as np
 import trio

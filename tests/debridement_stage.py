@@ -1,4 +1,4 @@
-"""Trials of debridement whose eyes are told where things are: as good as a camera, and a hundred times faster."""
+"""Debridement trials whose perception is given the true poses: as good as a camera, and a hundred times faster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tells the referee of debridement what it would have seen: one arm, some fragments, step by step."""
+"""Builds the truth that the debridement referee would have seen: one arm, some fragments, step by step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms that are nothing but set-points: what a driver needs round it, without physics."""
+"""Arms that consist only of set-points: what a driver needs around it, without physics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trials of debridement that nobody played: fragments of known fates, 10 s of each arm's time accounted for."""
+"""Made-up debridement trials: fragments with known outcomes, 10 s of each arm's time accounted for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pairs of a made-up gripper whose true pose is known, of the error filter's own kind or of another."""
+"""Pairs of a made-up gripper with known true pose, with errors of the filter's model or of another kind."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Maps with dexterities of the tester's choice."""
+"""Maps with dexterities chosen by the test."""
 
 from dataclasses import replace
 

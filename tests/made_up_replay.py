@@ -1,6 +1,6 @@
-"""A replay that no simulator made: two PSMs over a pegboard carry a block each, touch a peg, and hand on.
+"""A replay made without a simulator: two PSMs over a pegboard each carry a block, touch a peg, and hand over.
 
-Instruments are built from ``Instrument``, their links stand where ``frames`` says, and hands hold what they carry.
+Instruments are built from ``Instrument``, their links are where ``frames`` puts them, and jaws hold what they carry.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A study that nobody ran: trials of known outcomes in the folders of its cells."""
+"""A made-up study: trials with known outcomes in the folders of its cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a page says, for tests: its text, headings and pictures."""
+"""The content of a page, for tests: its text, headings and pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trials that nobody played, for tests of files, summaries, reports and commands: no simulator in them."""
+"""Made-up trials for tests of files, summaries, reports and commands, without a simulator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values made by hand hold no NaN."""
+"""Values constructed by users contain no NaN."""
 
 import math
 from dataclasses import replace

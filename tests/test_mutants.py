@@ -1,4 +1,4 @@
-"""``benchmarks/mutants.py``: what it breaks is Python still, and is tried by the tests of the file."""
+"""``benchmarks/mutants.py``: its mutants are valid Python, and are run against the tests of the file."""
 
 import ast
 

@@ -1,4 +1,4 @@
-"""What users hold in a notebook shows itself in a line or a few, with units, and in tables that are safe HTML."""
+"""Values are displayed in notebooks in a line or a few, with units, and in tables that are safe HTML."""
 
 import re
 from functools import cache

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, and replace their own kind alone."""
+"""Files are written completely or not at all, and replace only files of their own kind."""
 
 import ast
 import errno

@@ -1,4 +1,4 @@
-"""A path is a text or a ``Path``, wherever one is taken; and nobody is advised to delete a file."""
+"""A path may be a string or a ``Path`` everywhere; and no message advises deleting a file."""
 
 import ast
 import re

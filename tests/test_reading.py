@@ -1,4 +1,4 @@
-"""Numbers from elsewhere: what a file claims is checked before it is believed."""
+"""Numbers from files: what a file claims is checked before it is used."""
 
 import io
 import zipfile

@@ -1,4 +1,4 @@
-"""Names of things: built in, registered, from a plugin."""
+"""Things by name: built in, registered, from a plugin."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""The tutorial runs from its first cell to its last, and lies in the repository without outputs.
+"""The tutorial runs from its first cell to its last, and is stored in the repository without outputs.
 
 Cells are run by Python itself, in order and in one namespace, as a kernel would: no notebook package is needed.
 """

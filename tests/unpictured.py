@@ -1,4 +1,4 @@
-"""``trocar`` without pictures and replay, which take longer than a short trial, where they are not what is tested."""
+"""``trocar`` without pictures and replay, which take longer than a short trial, for tests of other things."""
 
 COMMAND = """
 from trocar.cli import main

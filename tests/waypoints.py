@@ -1,4 +1,4 @@
-"""Requests that several tests of planners make."""
+"""Requests used by several tests of planners."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Files that hold a header, arrays and images: one zip, the header readable by itself, everything checked."""
+"""Files that hold a header, arrays and images: one zip, whose header can be read alone, with everything checked."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from trocar.reading import MAX_BYTES, UNREADABLE, array_of, parsed_json, require
 HEADER = "header.json"
 BLOBS = "files/"
 DATE = (1980, 1, 1, 0, 0, 0)
-"""Of every member: the same content is the same bytes."""
+"""Date of every member, fixed so that the same content gives the same bytes."""
 MAX_HEADER_BYTES = 32 << 20
 KINDS = "biuf"
 """Kinds of numbers that an array may hold."""
@@ -28,10 +28,10 @@ KINDS = "biuf"
 
 @dataclass(frozen=True, eq=False)
 class Archive:
-    """What is in such a file.
+    """The content of such a file.
 
     Attributes:
-        header: JSON's values; ``format`` and ``version`` tell what it is.
+        header: JSON values; ``format`` and ``version`` tell what it is.
         arrays: by name.
         blobs: bytes of other files in it, such as images, by name.
     """
@@ -41,10 +41,10 @@ class Archive:
     blobs: Mapping[str, bytes] = field(default_factory=dict)
 
     def save(self, path: str | Path) -> Path:
-        """Write the file, the same content the same bytes, and return its path.
+        """Write the file and return its path; the same content gives the same bytes.
 
         Raises:
-            TrocarError: there is something else already.
+            TrocarError: there is already something else there.
             MachineError: it cannot be written.
         """
         path, kind = Path(path), str(self.header["format"])
@@ -54,7 +54,7 @@ class Archive:
                 file.writestr(_member(HEADER), text)
                 for name, array in sorted(self.arrays.items()):
                     buffer = BytesIO()
-                    # column by column: what does not change is next to itself, and packs to nothing
+                    # column by column: constant columns then compress to almost nothing
                     np.save(buffer, np.asarray(array, order="F"), allow_pickle=False)
                     file.writestr(_member(f"{name}.npy"), buffer.getvalue())
                 for name, blob in sorted(self.blobs.items()):
@@ -67,17 +67,17 @@ def read_header(path: str | Path, kind: str, version: int) -> dict[str, Any]:
     """Return an archive's header, without its arrays.
 
     Raises:
-        TrocarError: there is no such file, or it is none of this kind and version.
+        TrocarError: there is no such file, or it is not of this kind and version.
     """
     with _opened(path, kind) as file:
         return _header(file, path, kind, version)
 
 
 def read_archive(path: str | Path, kind: str, version: int) -> Archive:
-    """Return all that is in an archive.
+    """Return the whole content of an archive.
 
     Raises:
-        TrocarError: there is no such file, it is none of this kind and version, or it is damaged.
+        TrocarError: there is no such file, it is not of this kind and version, or it is damaged.
     """
     with _opened(path, kind) as file:
         header = _header(file, path, kind, version)
@@ -98,7 +98,7 @@ def read_archive(path: str | Path, kind: str, version: int) -> Archive:
 
 
 class _opened:
-    """An open zip, or a sentence why not."""
+    """An opened zip; raises a sentence if it cannot be opened."""
 
     def __init__(self, path: str | Path, kind: str):
         self._path, self._kind = Path(path), kind

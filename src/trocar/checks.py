@@ -1,4 +1,4 @@
-"""What values made by hand are held to."""
+"""Checks for values that users construct."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.errors import TrocarError
 
 
 def require_numbers(value: Any) -> None:
-    """Raise unless all numbers in a dataclass's own fields are numbers, also those in tuples: for ``__post_init__``.
+    """Raise if a number in a dataclass's own fields, or in a tuple among them, is NaN; for ``__post_init__``.
 
     Raises:
         TrocarError: one is NaN; the sentence names the class and the field.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 
 def counted(number: int, thing: str, things: str = "") -> str:
-    """Return how many of a thing there are: ``1 trial``, ``2 trials``.
+    """Return a number with its noun: ``1 trial``, ``2 trials``.
 
     Args:
         number: how many.
-        thing: the word for one.
-        things: the word for several, where it does not just take an s.
+        thing: the singular.
+        things: the plural, unless it is formed with an s.
     """
     return f"{number} {thing if number == 1 else things or thing + 's'}"

@@ -19,10 +19,11 @@ def read_csv(path: str | Path, example: str) -> tuple[list[str], NDArray[np.floa
 
     Args:
         path: of the file.
-        example: a first line as it may be, for the sentence if there is none.
+        example: an example of a first line, for the error message if there is none.
 
     Raises:
-        TrocarError: there is no such file, it is no table, its first line names no columns, or a cell is no number.
+        TrocarError: there is no such file, it is not a table, its first line does not name columns, or a cell is not a
+            number.
     """
     path = Path(path)
     if not path.is_file():

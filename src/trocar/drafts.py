@@ -1,4 +1,4 @@
-"""Drafts of files: whoever writes one holds a lock on it, so that what a killed process left behind can be told."""
+"""Drafts of files. Their writer holds a lock, so that drafts of killed processes can be recognised."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _NUMBERS = itertools.count()
 
 @contextmanager
 def drafted(path: str | Path) -> Iterator[Path]:
-    """Give an empty draft beside a file that is to be written, and remove it where it has not become that file.
+    """Yield an empty draft beside a file that is to be written, and remove it unless it has become that file.
 
-    Drafts in the same folder whose process was killed are removed first. A lock tells them from those still being
-    written, also where processes of several machines or containers write, whose numbers mean nothing to each other. The
-    system frees the lock of a process that ends, however it ends.
+    Drafts in the same folder whose process was killed are removed first. A lock distinguishes them from those still
+    being written, even across machines or containers, where process ids mean nothing. The system frees the lock of a
+    process that ends, however it ends.
 
     Raises:
-        OSError: the folder is not there, is full, or may not be written into.
+        OSError: the folder does not exist, is full, or is not writable.
     """
     path = Path(path)
     clear_drafts(path.parent)
@@ -35,7 +35,7 @@ def drafted(path: str | Path) -> Iterator[Path]:
     handle = os.open(draft, os.O_CREAT | os.O_RDWR, 0o666)
     try:
         if fcntl is None:
-            os.close(handle)  # there, a file that is open cannot take another name
+            os.close(handle)  # on Windows, an open file cannot be renamed
         else:
             with suppress(OSError):  # a file system without locks
                 fcntl.flock(handle, fcntl.LOCK_SH)
@@ -47,14 +47,14 @@ def drafted(path: str | Path) -> Iterator[Path]:
 
 
 def clear_drafts(folder: str | Path) -> None:
-    """Remove the drafts that killed processes left in a folder, where that can be told; nothing else is touched."""
+    """Remove the drafts that killed processes left in a folder, where locks can tell; nothing else is touched."""
     if fcntl is None:
         return
     entries: list[os.DirEntry[str]] = []
-    with suppress(OSError):  # a folder that is not there, or may be written into but not looked into
+    with suppress(OSError):  # a folder that does not exist, or is writable but not readable
         entries = [entry for entry in os.scandir(folder) if _NAME.fullmatch(entry.name)]
     for entry in entries:
-        with suppress(OSError):  # somebody writes it, has removed it, or it is not ours to remove
+        with suppress(OSError):  # another process is writing it or has removed it, or it is not ours to remove
             handle = os.open(entry.path, os.O_RDWR)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,4 +1,4 @@
-"""What goes wrong outside of Trocar: bad input, and machines in trouble."""
+"""Errors whose cause is outside Trocar: bad input, and trouble with the machine."""
 
 
 class TrocarError(ValueError):

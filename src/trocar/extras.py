@@ -1,4 +1,4 @@
-"""What is optional, and how it is installed."""
+"""Optional dependencies, and how to install them."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ EXTRAS = {
     "parquet": ("pyarrow",),
     "dask": ("distributed",),
 }
-"""What each extra of the package installs, by module."""
+"""The modules that each extra of the package installs."""
 
 
 def how_to_install(extra: str) -> str:
-    """Return what to type to have an extra: no index has the package yet."""
+    """Return the command that installs an extra; the package is not on an index yet."""
     return f"install the extra, in a clone of the project: pip install '.[{extra}]'"

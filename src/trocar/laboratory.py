@@ -1,4 +1,4 @@
-"""A cell to work in, from a station: simulated today, on hardware with the same scripts."""
+"""A cell to work in, made from a station: simulated, or on hardware with the same scripts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Laboratory(Protocol):
 
     @property
     def cell(self) -> Cell:
-        """Return what scripts are given."""
+        """Return the cell that scripts are given."""
         ...
 
     def run(self, script: Callable[[Cell], Awaitable[Any]], budget_s: float) -> bool:

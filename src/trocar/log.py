@@ -1,4 +1,4 @@
-"""What the scripts of a cell noted, on the cell's clock."""
+"""The log of a cell's scripts, on the cell's clock."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Span:
     """A stretch of one arm's time.
 
     Attributes:
-        arm: whose.
+        arm: the arm.
         name: what it did: capture, perception, planning, motion, jaw, settling.
         start_s: on the cell's clock.
         end_s: likewise.
@@ -31,7 +31,7 @@ class Computation:
     Attributes:
         name: what was computed.
         seconds: wall clock.
-        budget_s: what the cell's clock counted for it.
+        budget_s: time that the cell's clock counted for it.
     """
 
     name: str

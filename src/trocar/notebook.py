@@ -1,4 +1,4 @@
-"""How values show themselves in a notebook: a line in words, and a small table below it."""
+"""How values are displayed in a notebook: one line of text, and a small table below it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 SHOWN_ROWS = 40
-"""Of a longer table the rest is counted only."""
+"""Maximum number of rows shown; the rest of a longer table is only counted."""
 
 
 def table(caption: object, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table as HTML, for a method ``_repr_html_``; whatever stands in it is escaped.
+    """Return a table as HTML, for a method ``_repr_html_``; its content is escaped.
 
     Args:
-        caption: above it, most often the value's ``repr``.
+        caption: above it, usually the value's ``repr``.
         columns: their names, with units.
         rows: one text or number for each column.
     """

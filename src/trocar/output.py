@@ -1,7 +1,7 @@
-"""The one door through which files leave: whole or not at all, and never over other people's files.
+"""The only module that writes files: completely or not at all, and never over other people's files.
 
-Every file that Trocar writes says what it is: a mark in it, ``made by Trocar: KIND``. A file is replaced only by one of
-its own kind; any other file of that name stays, and the user is told.
+Every file that Trocar writes carries a mark, ``made by Trocar: KIND``. A file is replaced only by one of the same kind;
+any other file of that name stays, and the user is told.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ PICTURE = "picture"
 PICTURES = (".png", ".svg", ".pdf")
 
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL)
-"""What systems answer where a name can be no file's: it is too long, leads in a circle, or has forbidden characters."""
+"""Error codes of names that no file can have: too long, a loop of links, or forbidden characters."""
 
 SEARCHED_BYTES = 64 << 10
-"""A mark is looked for in so much of a file's beginning and of its end."""
+"""A mark is searched for in this many bytes at a file's beginning and at its end."""
 
 COMMENTS: dict[str, Callable[[str], str]] = {
     ".html": "<!-- {} -->\n".format,
@@ -51,16 +51,16 @@ def mark_of(kind: str) -> str:
 
 
 def blame(error: OSError) -> type[TrocarError]:
-    """Return whose error it is that a file cannot be opened: the input's, which names none, or the machine's."""
+    """Return the error for a file that cannot be opened: of the input, if the name is invalid, or of the machine."""
     named_none = isinstance(error, FileNotFoundError | NotADirectoryError | IsADirectoryError)
     return TrocarError if named_none or error.errno in NO_NAME else MachineError
 
 
 def make_folder(path: str | Path) -> Path:
-    """Make a folder and those above it, where they are not there yet, and return its path.
+    """Make a folder, and its parents if they do not exist, and return its path.
 
     Raises:
-        TrocarError: there is a file in its place, or in that of a folder above it.
+        TrocarError: there is a file in its place, or in that of a parent.
         MachineError: it cannot be made.
     """
     try:
@@ -73,7 +73,7 @@ def make_folder(path: str | Path) -> Path:
 
 
 def bears(path: str | Path, mark: str) -> bool:
-    """Return whether a file bears a mark; an empty one, as a full disk leaves it, is anybody's."""
+    """Return whether a file carries a mark; an empty file, as a full disk leaves it, counts as carrying any."""
     with Path(path).open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(0)
@@ -83,17 +83,17 @@ def bears(path: str | Path, mark: str) -> bool:
 
 
 def require_place(path: str | Path, kind: str, inputs: Sequence[str | Path] = (), mark: str = "") -> Path:
-    """Return a path to which a file may be written: ask before a long computation.
+    """Return a path to which a file may be written; check this before a long computation.
 
     Args:
-        path: of the file; its folder need not be there yet.
+        path: of the file; its folder need not exist yet.
         kind: of the file.
-        inputs: files that are read; they are never written to, of whatever kind they are.
-        mark: of its kind, where that is not ``mark_of(kind)``.
+        inputs: files that are read; they are never written to, whatever their kind.
+        mark: of its kind, if not ``mark_of(kind)``.
 
     Raises:
-        TrocarError: there is something else already.
-        MachineError: this cannot be found out.
+        TrocarError: something else is already there.
+        MachineError: this cannot be determined.
     """
     path = Path(path)
     try:
@@ -115,13 +115,13 @@ def require_place(path: str | Path, kind: str, inputs: Sequence[str | Path] = ()
 def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
     """Yield a draft to write to, and move it to a file's place when the block ends without an error.
 
-    Whatever goes wrong, the file that was there stays as it was, and no draft is left behind; that of a process that
-    was killed is removed by the next one that writes into the folder.
+    Whatever goes wrong, the existing file stays as it was, and no draft is left behind; the draft of a killed process
+    is removed by the next one that writes into the folder.
 
     Args:
         path: of the file.
         kind: of the file.
-        mark: of its kind, where that is not ``mark_of(kind)``; whoever writes the draft puts it there.
+        mark: of its kind, if not ``mark_of(kind)``; the caller writes it into the draft.
 
     Raises:
         TrocarError: there is something else already.
@@ -156,7 +156,7 @@ def write_json(path: str | Path, values: Mapping[str, Any], kind: str) -> Path:
 def write_table(path: str | Path, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Path:
     """Write a CSV file, cells quoted where they must be, and return its path; raises as ``writing`` does.
 
-    It has no place for a mark: one with the same columns is of its kind.
+    A CSV file has no place for a mark: one with the same columns counts as the same kind.
     """
     path, head = Path(path), StringIO()
     csv.writer(head, lineterminator="\n").writerow(columns)
@@ -169,11 +169,11 @@ def write_table(path: str | Path, columns: Sequence[str], rows: Iterable[Sequenc
 
 
 def require_picture(path: str | Path) -> Path:
-    """Return the path of a picture to which one may be written: ask before a long computation.
+    """Return a path to which a picture may be written; check this before a long computation.
 
     Raises:
-        TrocarError: it is no picture's name, or there is something else already.
-        MachineError: this cannot be found out.
+        TrocarError: it is not the name of a picture, or something else is already there.
+        MachineError: this cannot be determined.
     """
     path = Path(path)
     if path.suffix.lower() not in PICTURES:

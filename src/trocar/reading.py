@@ -1,4 +1,4 @@
-"""The only way in for numbers from outside: nothing that a file claims is trusted before it is checked."""
+"""The only module that reads numbers from files: nothing that a file claims is trusted before it is checked."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 
 MAX_BYTES = 1 << 30
-"""Of all that a file unpacks to; what claims more is refused before anything is allocated."""
+"""Maximum size of a file's unpacked content; a file that claims more is refused before anything is allocated."""
 
 END_BYTES = 22 + 65535
-"""Of a zip's last record, with the longest comment; it says how long the list of members is."""
+"""Maximum size of a zip's last record, with the longest comment; it states how long the list of members is."""
 MAX_LIST_BYTES = 1 << 20
-"""Of a zip's list of members, thousands of them: reading a longer one takes as long as it likes."""
+"""Maximum size of a zip's list of members, enough for thousands; reading a longer one could take forever."""
 
 UNREADABLE = (
     *(OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, NotImplementedError, RuntimeError),
     *(SyntaxError, TokenError, zipfile.BadZipFile, zlib.error),
 )
-"""What zip, JSON and NumPy raise on files that are damaged or not ours."""
+"""Errors that zip, JSON and NumPy raise on files that are damaged or not ours."""
 
 
 def parsed_json(text: str | bytes) -> Any:
-    """Return JSON's values.
+    """Return the values of a JSON text.
 
     Raises:
-        ValueError: it is not JSON, or nested too deep.
+        ValueError: it is not JSON, or nested too deeply.
     """
     try:
         return json.loads(text)
@@ -50,14 +50,14 @@ def read_json(path: str | Path) -> Any:
 
 
 def require_short_list(path: str | Path) -> None:
-    """Raise TrocarError where a zip claims more members than any file of numbers has: before anybody reads the list."""
+    """Raise TrocarError if a zip claims more members than any file of numbers has, before the list is read."""
     path = Path(path)
     try:
         with path.open("rb") as file:
             file.seek(max(0, path.stat().st_size - END_BYTES))
             end = file.read()
     except OSError:
-        return  # whoever reads the file says it better
+        return  # the reader of the file gives a better message
     place = end.rfind(b"PK\5\6")
     if place < 0 or len(end) < place + 22:
         return
@@ -74,7 +74,7 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
 
     Raises:
         OSError: it cannot be read.
-        ValueError: it is neither, it is damaged, an array is not what its header claims, or holds Python's objects.
+        ValueError: it is neither, it is damaged, an array is not what its header claims, or holds Python objects.
         TrocarError: it is a zip of more members than any file of numbers has.
     """
     path = Path(path)

@@ -1,4 +1,4 @@
-"""Tables of what can be chosen by name: built in, from other packages, or from a user's file."""
+"""Tables of things that can be chosen by name: built in, from other packages, or from a user's file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Lazy:
-    """Something that is imported when it is first asked for: ``package.module:name``."""
+    """Something that is imported when it is first used: ``package.module:name``."""
 
     where: str
 
@@ -32,13 +32,13 @@ class Lazy:
 
 
 class Registry(Mapping[str, T], Generic[T]):
-    """Everything of one kind that has a name.
+    """All named things of one kind.
 
     Names come from three places: the table given here, the entry points of installed packages (group ``group`` in
-    their ``pyproject.toml``), and calls of :meth:`register`, as a file given with ``--plugin`` makes them.
+    their ``pyproject.toml``), and calls of :meth:`register`, such as in a file given with ``--plugin``.
 
     Args:
-        what: the kind in words, for sentences: ``"planner"``.
+        what: the kind in words, for error messages: ``"planner"``.
         group: of the entry points.
         builtin: name to thing, or :class:`Lazy` where importing it is expensive.
     """
@@ -67,17 +67,17 @@ class Registry(Mapping[str, T], Generic[T]):
         return name in self._known or name in self._installed
 
     def pick(self, name: str) -> T:
-        """Return what has this name.
+        """Return the thing of this name.
 
         Raises:
-            TrocarError: nothing has; the sentence lists what there is.
+            TrocarError: there is none; the message lists the available names.
         """
         if name not in self:
             raise TrocarError(f"{self.what} {name!r} is unknown; choose one of {', '.join(self)}")
         return self[name]
 
     def register(self, name: str, thing: T) -> T:
-        """Add a thing of your own under a name that is still free, and return it."""
+        """Add your own thing under a name that is still free, and return it."""
         if not (isinstance(name, str) and name):
             raise TrocarError(f"a {self.what} is registered as {name!r}; give it a name")
         if name in self:
@@ -91,15 +91,15 @@ class Registry(Mapping[str, T], Generic[T]):
 
 
 PLUGIN_MODULE = "trocar_plugin_"
-"""What the module of a file given with ``--plugin`` is called, before the file's own name."""
+"""Prefix of the module name of a file given with ``--plugin``."""
 
 _LOADED: dict[str, str] = {}
 
 
 def _line_of(error: BaseException, file: Path) -> str:
-    """Return at which line of a file an error arose, with words around it; empty if unknown."""
+    """Return in words at which line of a file an error arose; empty if unknown."""
     if isinstance(error, SyntaxError):
-        return ""  # it says so itself
+        return ""  # its message says so itself
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
     return f", line {lines[-1]}" if lines and lines[-1] else ""
 

@@ -1,4 +1,4 @@
-"""What a trial looked like: solids, where they were at every tick, tool paths, contacts, images. No simulator in it."""
+"""What a trial looked like: solids, where they were at every tick, tool paths, contacts, images; needs no simulator."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class Solid:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where a picture of the cell is taken from. It looks at what fills its frame (``TaskReport.frame``).
+    """Where a picture of the cell is taken from. It is aimed at what fills its frame (``TaskReport.frame``).
 
     Attributes:
         eye_m: (3,) in the world.
-        gain: of the light: nearer is brighter.
+        gain: of the light; nearer objects are brighter.
     """
 
     eye_m: tuple[float, float, float]
@@ -49,7 +49,7 @@ class Viewpoint:
 
 @dataclass(frozen=True, eq=False)
 class ToolPath:
-    """Where the tip of one arm was to be and where it was.
+    """The planned and the driven path of one arm's tip.
 
     Attributes:
         p_world_planned_m: (n, 3) at ``Replay.times_s``, by the script's joints and the registered base.
@@ -62,13 +62,13 @@ class ToolPath:
 
 @dataclass(frozen=True)
 class Contact:
-    """One touch that the referee noted.
+    """One contact that the referee noted.
 
     Attributes:
         time_s: when it began.
         end_s: when it ended.
         between: names of the two that touched.
-        p_world_m: where, at its strongest.
+        p_world_m: where it was strongest.
         force_n: largest force while it lasted.
     """
 
@@ -99,19 +99,19 @@ class CameraImage:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """All that is needed to watch a trial again.
+    """Everything that is needed to watch a trial again.
 
     Attributes:
         title: one line.
         times_s: (n,) increasing, 100 Hz.
-        solids: everything that is seen.
+        solids: everything visible.
         T_world_body: pose of each body: (n,), or () where it never moves.
         tools: path of each arm's tip, by arm.
         contacts: in order of time.
         spans: (arm, name, start_s, end_s) of the scripts.
         events: dicts with ``name`` and ``time_s``.
-        joints: per arm, (n, 7) arrays ``asked``, ``commanded``, ``measured``, ``true`` (six joints and the jaw) of
-            those that there are.
+        joints: per arm, those available of the (n, 7) arrays ``asked``, ``commanded``, ``measured``, ``true`` (six
+            joints and the jaw).
         joint_names: per arm, seven names.
         images: as the cameras took them.
     """

@@ -1,4 +1,4 @@
-"""The value that all layers share: a path in joint space over time."""
+"""The value type that all layers share: a path in joint space over time."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from trocar.errors import TrocarError
 from trocar.geometry.arrays import finite
 
 MAX_SAMPLES = 10_000_000
-"""More than a day at 100 Hz; a request for more must have the wrong unit of the step."""
+"""More than a day at 100 Hz; a request for more must have a step in the wrong unit."""
 MAX_STRETCH = 1e9
-"""A motion that is slowed down more would last for years."""
+"""A motion slowed down by more than this would last for years."""
 
 SAME_KNOT_S = 1e-7
-"""Knots of two trajectories that are this near are one knot of their sum."""
+"""Knots of two trajectories that are this close become one knot of their sum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Trajectory:
         coefficients = finite(what, self.coefficients, "k", len(times) - 1, "joints")
         if not coefficients.size:
             raise TrocarError(f"{what} need at least one power and one joint, got shape {coefficients.shape}")
-        from scipy.interpolate import PPoly  # noqa: PLC0415 (half a second, for commands that only print help too)
+        from scipy.interpolate import PPoly  # noqa: PLC0415 (half a second, even for commands that only print help)
 
         object.__setattr__(self, "times_s", times)
         object.__setattr__(self, "coefficients", coefficients)
@@ -106,7 +106,7 @@ class Trajectory:
         return Trajectory(start + factor * (self.times_s - start), self.coefficients / factor**powers)
 
     def plus(self, other: Trajectory) -> Trajectory:
-        """Return the sum of this trajectory and of ``other`` over the same time.
+        """Return the sum of this trajectory and ``other`` over the same time.
 
         Raises:
             TrocarError: they do not begin and end at the same times.
@@ -133,7 +133,7 @@ class Trajectory:
 
 
 def _few(times: NDArray[np.float64]) -> str:
-    """Return some times as text; the first that does not increase is among them."""
+    """Return some of the times as text, including the first that does not increase."""
     stuck = np.flatnonzero(np.diff(times) <= 0)
     first = int(stuck[0]) if len(stuck) else 0
     more = ", ..." if first + 2 < len(times) else ""

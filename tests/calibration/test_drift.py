@@ -1,4 +1,4 @@
-"""The whitening of drifting measurements: against its dense definition, and for what it is there."""
+"""The whitening of drifting measurements: against its dense definition, and for its purpose."""
 
 import numpy as np
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""How the play model's joints hang on a path of commands, beside small steps."""
+"""How the play model's joints depend on a path of commands, compared with finite differences."""
 
 import numpy as np
 import pytest

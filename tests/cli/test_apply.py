@@ -1,4 +1,4 @@
-"""``trocar calibrate apply``: commands for somebody else's controller."""
+"""``trocar calibrate apply``: commands for a user's own controller."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""``trocar calibrate collect``: the whole chain by one command, resumed, refused."""
+"""``trocar calibrate collect``: the whole chain in one command, resumed, refused."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""``trocar doctor`` tells the truth about what is there."""
+"""``trocar doctor`` reports correctly what is installed."""
 
 import shlex
 import sys

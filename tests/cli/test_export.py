@@ -1,4 +1,4 @@
-"""``trocar export``: which trials are taken, what is said of the others, where files go."""
+"""``trocar export``: which trials are exported, what is said about the others, where files go."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Help: every command has one, with an example of itself."""
+"""Help: every command has it, with an example."""
 
 import subprocess
 import sys

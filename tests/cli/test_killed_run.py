@@ -1,4 +1,4 @@
-"""A run killed at any of its writes: the same command ends as if nothing had been, and leaves nothing behind."""
+"""A run killed at any of its writes: the same command finishes as if nothing had happened, and leaves no drafts."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Exit codes: whose trouble it is."""
+"""Exit codes for each cause of an error."""
 
 import errno
 

@@ -1,4 +1,4 @@
-"""``--plugin FILE``: what a file of one's own adds, and what is said of one that adds nothing."""
+"""``--plugin FILE``: what a user's file adds, and the message for one that adds nothing."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""How long work is shown: bars on a terminal, lines elsewhere, nothing with --quiet."""
+"""Progress of long work: bars on a terminal, lines elsewhere, nothing with --quiet."""
 
 import io
 

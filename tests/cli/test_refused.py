@@ -1,4 +1,4 @@
-"""What contradicts itself or has no effect is refused, and a file that is another one is named."""
+"""Contradictory options and options without effect are refused, and files of the wrong kind are named."""
 
 import zipfile
 

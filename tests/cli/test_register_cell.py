@@ -1,4 +1,4 @@
-"""``trocar register cell``: lenses, camera and bases by one command; what it writes is a station that agents get."""
+"""``trocar register cell``: lenses, camera and bases in one command; its result is a station that agents use."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""``trocar report DIR --trial K``: all of one trial."""
+"""``trocar report DIR --trial K``: the report of one trial."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""``trocar run`` and ``trocar report``: what they print, keep, take up again and refuse."""
+"""``trocar run`` and ``trocar report``: what they print, save, resume and refuse."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""``trocar run suture``: what it prints, keeps and refuses."""
+"""``trocar run suture``: what it prints, saves and refuses."""
 
 import json
 

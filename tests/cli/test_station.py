@@ -1,4 +1,4 @@
-"""``trocar station``: what laboratories there are, what one is, whether it makes sense."""
+"""``trocar station``: listing, showing and checking laboratories."""
 
 import json
 

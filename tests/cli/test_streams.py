@@ -1,4 +1,4 @@
-"""What a poor terminal can show."""
+"""Output on terminals with limited encodings or widths."""
 
 import io
 import os

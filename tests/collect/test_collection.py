@@ -1,4 +1,4 @@
-"""Collections in the simulated cell: what images show, what is flagged, what is kept and taken up again."""
+"""Collections in the simulated cell: what images show, what is flagged, what is saved and resumed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Directions are unit vectors, whatever the length of what was given."""
+"""Directions are unit vectors, whatever the length of the argument."""
 
 import numpy as np
 import pytest

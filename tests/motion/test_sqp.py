@@ -1,4 +1,4 @@
-"""The planner 'sqp', and the programmes over splines that it is made of."""
+"""The planner 'sqp', and the programs over splines that it solves."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Disparity by correlation: finer than a pixel, blind to gain, silent where there is nothing to match."""
+"""Disparity by correlation: finer than a pixel, independent of gain, NaN where there is nothing to match."""
 
 import cv2
 import numpy as np

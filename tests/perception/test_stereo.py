@@ -1,4 +1,4 @@
-"""Points from two eyes, also such that are turned against each other and distort."""
+"""Points from two eyes, also with relative rotation and distortion."""
 
 import cv2
 import numpy as np

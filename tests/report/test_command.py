@@ -1,4 +1,4 @@
-"""The command that a report gives makes the same run."""
+"""The command printed in a report repeats the same run."""
 
 import shlex
 

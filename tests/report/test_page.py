@@ -1,4 +1,4 @@
-"""The page of a run: what one would hand to a colleague."""
+"""The page of a run."""
 
 from dataclasses import replace
 

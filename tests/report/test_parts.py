@@ -1,4 +1,4 @@
-"""An arm's time, part by part: every moment once."""
+"""An arm's time, part by part: every moment counts once."""
 
 import pytest
 from hypothesis import given

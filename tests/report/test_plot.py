@@ -1,4 +1,4 @@
-"""``plot`` draws whatever has a picture, writes nothing, and says what has none."""
+"""``plot`` draws whatever has a picture, writes no file, and reports what has no picture."""
 
 import numpy as np
 import pytest

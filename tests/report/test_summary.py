@@ -1,4 +1,4 @@
-"""The summary of a run says what its trials say."""
+"""The summary of a run agrees with its trials."""
 
 import json
 from dataclasses import replace

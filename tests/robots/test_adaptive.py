@@ -1,4 +1,4 @@
-"""A robot that learns its cables, on arms that are nothing but cables."""
+"""A robot that learns its cables, on arms that consist only of cables."""
 
 import numpy as np
 import pytest

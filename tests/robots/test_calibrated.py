@@ -1,4 +1,4 @@
-"""Compensation, on arms that are nothing but cables."""
+"""Compensation, on arms that consist only of cables."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the innermost wrapper lets through, changes, and refuses."""
+"""What the innermost wrapper passes on, changes, and refuses."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Looks at a wrist, put together: what shifts the instrument is common to all."""
+"""Looks at a wrist, combined: the shift of the instrument is common to all."""
 
 import numpy as np
 import pytest

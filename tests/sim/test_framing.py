@@ -1,4 +1,4 @@
-"""What matters fills a picture's frame."""
+"""The important part of a scene fills the frame of a picture."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""How scripts run in a simulated laboratory, and how their end ends it: in time, too late, by failure, by Ctrl-C."""
+"""How scripts run in a simulated laboratory, and how a run ends: in time, too late, by failure, by Ctrl-C."""
 
 import math
 import signal

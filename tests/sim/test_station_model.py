@@ -1,4 +1,4 @@
-"""Stations as MJCF for others: named, with the kinematics and limits of their arms, at rest and obedient."""
+"""Stations as MJCF for other programs: names, kinematics and limits of their arms, at rest and following commands."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""How hard a laboratory is, and how that is said."""
+"""How hard a laboratory is, and how that is described."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A day in a laboratory: drawn, registered, the truth apart from what was found."""
+"""A session in a laboratory: drawn, registered, with the truth separate from the registration."""
 
 from dataclasses import replace
 

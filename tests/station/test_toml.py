@@ -1,4 +1,4 @@
-"""Stations from TOML: what they say is read, what they cannot say is refused."""
+"""Stations from TOML: valid content is read, everything else is refused."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""What lies between encoder and joint, as every registered transmission must have it, and as the recordings say."""
+"""Transmissions: requirements on every registered one, and agreement with the recordings."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Agents see pixels and encoders. Everything else of the simulator is poison to them, in every task there is."""
+"""Agents see pixels and encoders. Everything else of the simulator is poisoned for them, in every registered task."""
 
 import ast
 import importlib.util

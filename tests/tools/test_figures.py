@@ -1,4 +1,4 @@
-"""Figures of the docs: pages are what was measured, and what is older than the code is found out."""
+"""Figures of the docs: pages show what was measured, and figures older than the code are detected."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Runs and their folders: what is refused, what goes on where it stopped, what is of another run."""
+"""Runs and their folders: what is refused, what resumes, what belongs to another run."""
 
 import gc
 import json

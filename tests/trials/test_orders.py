@@ -1,4 +1,4 @@
-"""Sessions and trials as units of work: shared models are those of runs by themselves, and nothing is run twice."""
+"""Sessions and trials as units of work: shared models equal those of separate runs, and nothing is run twice."""
 
 import pickle
 

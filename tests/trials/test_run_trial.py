@@ -1,4 +1,4 @@
-"""Whole trials: what they reach, what they keep, and what their seed decides."""
+"""Whole trials: what they achieve, what they save, and what their seed determines."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What stood in a trial's cell, drawn again without simulator, task or arm model."""
+"""The scene of a trial's cell, drawn again without simulator, task or arm model."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A trial's file: what comes back, what is refused, what is never half-written."""
+"""A trial's file: read back, refused if invalid, never half-written."""
 
 import json
 import zipfile

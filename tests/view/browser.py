@@ -1,4 +1,4 @@
-"""A headless Chromium that opens a page, moves its slider, takes pictures and says what it asked the network for.
+"""A headless Chromium that opens a page, moves its slider, takes pictures and reports its network requests.
 
 As a script it takes the pictures for the docs, of a replay at shares of its length and of ``trocar view``::
 

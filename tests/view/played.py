@@ -1,4 +1,4 @@
-"""What a page of ``write_replay`` holds, read without a browser: messages as its player would apply them."""
+"""The content of a page of ``write_replay``, read without a browser: messages as its player would apply them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A film's frames lie on a clock, and a body is moved before anyone could see that it is not where it was."""
+"""A film's frames lie on a clock, and a body is updated before its displacement becomes visible."""
 
 from dataclasses import replace
 

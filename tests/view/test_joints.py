@@ -1,4 +1,4 @@
-"""Joints are shown in degrees and mm, with errors against what was asked, or the first there is."""
+"""Joints are shown in degrees and mm, with errors against the asked ones, or the first available kind."""
 
 from dataclasses import replace
 

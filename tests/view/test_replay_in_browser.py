@@ -1,4 +1,4 @@
-"""A replay opened from its file in a headless Chromium draws, moves, goes back, and asks no network for anything."""
+"""A replay opened from its file in a headless Chromium draws, moves, goes back, and makes no network request."""
 
 import re
 

@@ -1,4 +1,5 @@
-"""The page of a replay, read without a browser: poses are the trial's, nothing comes from elsewhere, it stays small."""
+"""The page of a replay, read without a browser: poses are the trial's, nothing is loaded from elsewhere, it stays
+small."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""What the browser is told to draw stands where the kinematics and the primitive say, for any place of the slider."""
+"""The browser draws everything where the kinematics and the primitive put it, for any position of the slider."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""The time line's bars stand where the spans are, and its line at the present."""
+"""The time line's bars are where the spans are, and its line is at the present."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""Scene, time line, camera and joints show the same moment, whether time is played, slid or jumped to."""
+"""Scene, time line, camera and joints show the same moment, whether time is played, moved by the slider, or jumped
+to."""
 
 import time
 from dataclasses import replace

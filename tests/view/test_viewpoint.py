@@ -1,4 +1,4 @@
-"""Whatever is handled is in the picture, upright, and no arm stands before another."""
+"""Whatever is handled is in the picture, upright, and no arm hides another."""
 
 from dataclasses import replace
 

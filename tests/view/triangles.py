@@ -1,4 +1,4 @@
-"""What meshes are measured by."""
+"""Measures of meshes."""
 
 from __future__ import annotations
 

@@ -13,11 +13,11 @@ from trocar.geometry import shown
 from trocar.geometry.arrays import finite
 
 SLEEVE_M, SLEEVE_SHARE = (3e-3, 18e-3), 0.95
-"""The shaft's end, from the wrist pitch axis back, is a steel sleeve; its radius, of the shaft's."""
+"""The end of the shaft, from the wrist pitch axis back, is a steel sleeve; its radius as a share of the shaft's."""
 CLEVIS_SHARE = 0.75
 """The round part of the clevis ends at this share of the way to the yaw axis."""
 KNUCKLE_SHARE = 0.9
-"""Width of the boss at the yaw axis, of a finger's."""
+"""Width of the boss at the yaw axis, as a share of a finger's width."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class FingerMarks:
         along_m: of the two marks' middles from the yaw axis, along the finger.
         behind_m: of their middles, behind the plane in which closed jaws meet.
         radius_m: of a mark.
-        proud_m: by which it stands out on both sides of the finger, along the yaw axis.
+        proud_m: how far it stands out on both sides of the finger, along the yaw axis.
     """
 
     colors: tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -44,7 +44,7 @@ class FingerMarks:
         require_numbers(self)
 
     def centers_m(self, side: int, jaw_rad: float) -> NDArray[np.float64]:
-        """Return the middles (2, 3) of one finger's marks in the frame of :meth:`Instrument.finger_m`, jaws open so.
+        """Return the middles (2, 3) of a finger's marks at a jaw opening, in the frame of :meth:`Instrument.finger_m`.
 
         Args:
             side: +1 of the left finger, -1 of the right one.

@@ -76,7 +76,7 @@ class MotionLimits:
     Attributes:
         velocity: (joints,) rad/s, or m/s for prismatic joints.
         acceleration: (joints,) rad/s^2 or m/s^2.
-        jerk: (joints,) rad/s^3 or m/s^3; None: any. Also asks that the acceleration does not jump.
+        jerk: (joints,) rad/s^3 or m/s^3; None: unlimited. A jerk limit also forbids jumps of the acceleration.
     """
 
     velocity: NDArray[np.float64]
@@ -178,7 +178,7 @@ class ArmModel:
         return table(self, ("joint", "from", "to", "speed up to", "acceleration up to"), rows)
 
     def widened(self, rad: float, m: float) -> ArmModel:
-        """Return the arm with ranges that go so much further at both ends: by an angle, or a length if prismatic."""
+        """Return the arm with its ranges widened at both ends: by an angle, or by a length for a prismatic joint."""
         more = ((joint, m if joint.prismatic else rad) for joint in self.joints)
         return replace(self, joints=tuple(replace(j, lower=j.lower - by, upper=j.upper + by) for j, by in more))
 
@@ -214,7 +214,7 @@ class ArmModel:
 
     @cached_property
     def turn_targets(self) -> tuple[tuple[int, float, float], ...]:
-        """Return (joint, low, high) for yaw and roll: the solution is in the turn nearest to a reference so clipped.
+        """Return (joint, low, high) for yaw and roll: the solution is in the turn nearest to a reference clipped to it.
 
         A range of more than one turn leaves a choice of turns; with a smaller range the middle decides.
         """

@@ -1,4 +1,4 @@
-"""The solids of an arm's instrument, link by link: from which simulator and exported models build it."""
+"""The solids of an arm's instrument, link by link; the simulator and exported models are built from them."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class Part:
 
 
 def parts_of(arm: ArmModel) -> tuple[Part, ...]:
-    """Return all solids of an arm's instrument but its fingers (``Instrument.finger_m``), which the jaws move.
+    """Return all solids of an arm's instrument except its fingers (``Instrument.finger_m``), which the jaws move.
 
-    The shaft hangs on the roll link, whose origin is on the pitch axis and whose z runs along the shaft.
+    The shaft is attached to the roll link, whose origin is on the pitch axis and whose z runs along the shaft.
     """
     shape, back = arm.instrument, float(arm.wrist_sign)  # from the wrist towards the remote centre
     at_zero = frames(arm, np.zeros(6))

@@ -36,7 +36,7 @@ PSM_CLASSIC = ArmModel(
     wrist_sign=-1,
     wrist_length_m=L3_M,
     tip_length_m=L4_M,
-    # range: Large Needle Driver; speed: 6 rad/s, as in the paper's runs; acceleration: as of the wrist
+    # range: Large Needle Driver; speed: 6 rad/s, as in the paper's runs; acceleration: that of the wrist
     jaw=Joint("jaw", radians(-40), radians(80), max_speed=6.0, max_acceleration=radians(720)),
     instrument=LARGE_NEEDLE_DRIVER,
     safe_depth_m=0.045,  # sawIntuitiveResearchKit, SafeDistanceFromRCM (Cartesian control)

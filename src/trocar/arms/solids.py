@@ -17,7 +17,7 @@ MOVED = np.array([[1, 1, 1, 0, 0, 0], [1, 1, 1, 1, 1, 0], [1, 1, 1, 1, 1, 1], [1
 """(4, 6) 1 where a joint moves the axis of a capsule of :func:`capsules`, else 0."""
 
 _ENDS = np.array([[0, 1], [2, 3], [3, 4], [3, 5]])
-"""Of shaft, wrist, fingers, in the points of :func:`_points`: both fingers start at the wrist's end."""
+"""Ends of shaft, wrist and fingers among the points of :func:`_points`; both fingers start at the wrist's end."""
 
 
 def capsules(arm: ArmModel, q: ArrayLike, jaw_rad: ArrayLike = 0.0) -> Capsules:
@@ -43,8 +43,8 @@ def solid_radii_m(arm: ArmModel) -> NDArray[np.float64]:
 def joint_axes(arm: ArmModel, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the axes of the joints, and points on them, in the arm's base: (..., 6, 3) each, m.
 
-    The axis of the joint that slides is the way it slides. Points of the instrument move by ``axis x (point -
-    origin)`` for each joint that turns; what a joint does not carry, see :data:`MOVED`.
+    The axis of the sliding joint is its direction of motion. Points of the instrument move by ``axis x (point -
+    origin)`` for each joint that turns; :data:`MOVED` tells which parts a joint moves.
 
     Args:
         arm: whose joints.

@@ -1,4 +1,4 @@
-"""Joints that bring the tip to a place while the wrist stays still."""
+"""Joint values that bring the tip to a point while the wrist stays still."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ MAX_STEP = np.array([0.5, 0.5, 0.1])
 def reach_with_still_wrist(
     arm: ArmModel, q: ArrayLike, p_base_m: ArrayLike, p_tip_m: ArrayLike = (0.0, 0.0, 0.0)
 ) -> NDArray[np.float64]:
-    """Return the joints (6,) near ``q`` (6,) with the same wrist that bring a point of the tip to ``p_base_m`` (3,).
+    """Return joints (6,) near ``q`` (6,), with the same wrist, that bring a point of the tip to ``p_base_m`` (3,).
 
-    The point, ``p_tip_m`` (3,) in the tip's frame, is the tip itself, or of something that the jaws hold.
+    The point, ``p_tip_m`` (3,) in the tip's frame, is the tip itself, or lies on something that the jaws hold.
 
-    The tip turns with the shaft: by .05 rad a centimetre, 200 mm from the remote centre. Cables that drive the wrist
-    are not moved, so that the effects of friction and play stay as they were.
+    The tip turns with the shaft: by .05 rad per centimetre, 200 mm from the remote centre. The wrist's cables do not
+    move, so the effects of friction and play stay as they were.
 
     Raises:
         Unreachable: the place cannot be reached this way within the joints' ranges.

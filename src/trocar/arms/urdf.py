@@ -1,4 +1,4 @@
-"""An arm's type as URDF, for ROS and for simulators that read it."""
+"""A type of arm as URDF, for ROS and for simulators that read it."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ DVRK = {joint.name: f"outer_{joint.name}" for joint in PSM_CLASSIC.joints}
 BASE, TIP = "base_link", "tool_tip_link"
 MATERIALS = {STEEL: "steel", CARBON: "carbon", HOUSING: "housing"}
 EFFORT = 100.0
-"""N m or N; no source gives the limits, and URDF requires some."""
+"""N m or N; no source gives the limits, but URDF requires them."""
 NOTHING = 1e-15
 """Smaller values are written as 0."""
 DENSITY_KG_M3 = 1000.0
-"""Of all solids (assumed; as in the simulator)."""
+"""Density of all solids (assumed; as in the simulator)."""
 OUTER_KG, OUTER_KG_M2 = 1.0, 1e-2
-"""Mass and inertia of the links without solids, those of the arm outside (assumed)."""
+"""Mass and inertia of links without solids, which are the arm's outer links (assumed)."""
 SMALL_KG, SMALL_KG_M2 = 1e-2, 1e-6
-"""Lighter links get this mass, about their middle, or simulators become unstable (assumed; as in Trocar's own)."""
+"""Lighter links get this mass, at their middle, because simulators become unstable otherwise (assumed; as in
+Trocar's)."""
 
 
 def joint_names(arm: ArmModel) -> tuple[str, ...]:
@@ -63,7 +64,7 @@ def arm_urdf(arm: ArmModel) -> str:
 
 
 def _add_jaws(robot: Element, arm: ArmModel, parent: str) -> None:
-    """Add the opening of the jaws as a joint, and the fingers, each a box of its mean thickness, which mimic it."""
+    """Add the opening of the jaws as a joint, and the fingers that mimic it, each a box of its mean thickness."""
     shape, along_y = arm.instrument, SE3.from_parts(SO3.axis("z", np.pi / 2))  # a finger's x is y of frame 6
     _add_link(robot, "jaw_link", (), (SMALL_KG, np.zeros(3), SMALL_KG_M2 * np.eye(3)))
     _add_joint(robot, "jaw", arm.jaw, parent, along_y)
@@ -81,7 +82,7 @@ def _add_jaws(robot: Element, arm: ArmModel, parent: str) -> None:
 def _add_link(
     robot: Element, name: str, parts: Iterable[Part], inertial: tuple[float, NDArray, NDArray] | None
 ) -> None:
-    """Add a link: its solids, which are seen as they collide, and its mass, middle of mass (3,) and inertia (3, 3)."""
+    """Add a link: its solids (visual and collision shapes alike), mass, centre of mass (3,) and inertia (3, 3)."""
     link = SubElement(robot, "link", name=name)
     if inertial is not None:
         mass, middle, tensor = inertial
@@ -101,7 +102,7 @@ def _add_link(
 
 
 def _primitives(part: Part) -> list[tuple[str, dict[str, str], SE3]]:
-    """Return what URDF makes a solid of: tag, sizes, pose in the link. It has no capsules: a cylinder, two spheres."""
+    """Return a solid as URDF shapes: tag, sizes, pose in the link. URDF has no capsules: a cylinder and two spheres."""
     if part.shape == "box":
         return [("box", {"size": _text(part.size_m)}, SE3.from_parts(translation_m=part.at_m[0]))]
     start, end = part.at_m
@@ -120,7 +121,7 @@ def _along(part: Part) -> SE3:
 
 
 def _inertial(parts: Iterable[Part]) -> tuple[float, NDArray, NDArray]:
-    """Return mass, middle of mass (3,) and inertia about it (3, 3) of a link's solids, in its frame."""
+    """Return mass, centre of mass (3,) and inertia about it (3, 3) of a link's solids, in its frame."""
     found = []
     for part in parts:
         if part.shape == "box":

@@ -14,7 +14,8 @@ from trocar.calibration.plant import WRIST
 from trocar.trajectory import Trajectory
 
 REPLAY_S = 0.004
-"""Spacing at which sent commands are replayed: within it the hardest turn of a wrist (25 rad/s^2) hides 5e-5 rad."""
+"""Interval at which sent commands are replayed: the sharpest reversal of a wrist (25 rad/s^2) hides 5e-5 rad within
+it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +24,8 @@ class CableMemory:
 
     A rate-independent model takes every command into its state. A model with a window takes a sample only where a
     joint of the wrist has gone on by its step in the training motion: however often an arm is stopped, slowed down or
-    replanned, the window spans as much of the wrist's motion as it was trained on. The outer joints do not count: their
-    cables remember nothing, and a lift with a still wrist would push out of the window what the wrist did before.
+    replanned, the window spans as much of the wrist's motion as in training. The outer joints do not count: their
+    cables have no memory, and a lift with a still wrist would push the wrist's earlier motion out of the window.
 
     Attributes:
         model: the cables.
@@ -38,7 +39,7 @@ class CableMemory:
 
     @classmethod
     def at_rest(cls, model: CableModel, q_cmd: ArrayLike) -> Self:
-        """Return the memory of an arm that has rested at this command (6,), its past unknown."""
+        """Return the memory of an arm that is at rest at this command (6,) and whose past is unknown."""
         (q,) = commands(np.asarray(q_cmd, dtype=np.float64)[None])
         return cls(model, model.start(q), q)
 

@@ -1,4 +1,4 @@
-"""The path of commands that leads the joints nearest to where they should be, by successive quadratic programs."""
+"""The path of commands that brings the joints nearest to where they should be, by successive quadratic programs."""
 
 from __future__ import annotations
 
@@ -20,37 +20,37 @@ LEVER = np.array([10.0, 10.0, 67.0, 0.7, 1.0, 1.0])
 """How far an error of q1 to q6 moves the tip (.15 m, .15 m, 1, .01 m, .015 m, .015 m) in units of the wrist's 15 mm."""
 
 EASE = np.array([1e-4, 1e-4, 1e-5, 2.5e-3, 2.5e-3, 2.5e-3])
-"""Error (rad, m) of a joint that is tolerated to spare it full acceleration: 10 to 40 um at the tip."""
+"""Error (rad, m) of a joint that is tolerated if it saves full acceleration: 10 to 40 um at the tip."""
 
 NEAR = 0.03
-"""Share of an error of the joints that going as far with the commands counts: it damps steps in dead zones, where
-the joints hardly follow."""
+"""Weight of moving the commands, as a share of that of an equally large joint error. It damps steps in dead zones,
+where the joints hardly follow."""
 
 TAUT = 0.15
-"""Share of a taut cable's response that is taken for granted in the slack too. There the coupled joints' response is
-nearly singular, even turned round: with this share, commands are pushed the way that leads through."""
+"""Share of a taut cable's response that is assumed within the slack too. There the response of the coupled joints is
+nearly singular, or even reversed; this share pushes the commands in the direction that crosses the slack."""
 
 STEPS = 5
 SETTLED = 0.7
 """Refinement ends after a step that leaves more than this share of the cost, once the end is met."""
 SHARES = (1.0, 0.5, 0.25, 0.1)
-"""Of a step, tried in turn until the cost falls."""
+"""Shares of a step, tried in turn until the cost falls."""
 
 MET = 3e-5
-"""The end counts as met this close to it, in a wrist's rad."""
+"""The end counts as reached within this distance, in rad of the wrist."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A path of commands and where the joints go by it.
+    """A path of commands and the joint motion that results.
 
     Attributes:
         x: (m, 6) its free control points.
         q_cmd: (n + 1, 6) commands at the knots.
-        error: (n + 1, 6) by how much the joints stay behind what is wanted there.
+        error: (n + 1, 6) wanted joints minus the joints reached there.
         cost: weighted sum of the errors' squares.
         response: of a play model.
-        turns_s: (n, 3) when each input of a play model turns, from the start of every interval.
+        turns_s: (n, 3) when each input of a play model reverses, counted from the start of each interval.
     """
 
     x: Array
@@ -62,16 +62,16 @@ class Fitted:
 
     @property
     def end_error(self) -> float:
-        """Return how far the joints end from where they should, in a wrist's rad."""
+        """Return how far from their goal the joints end, in rad of the wrist."""
         return float(np.max(np.abs(self.error[-1]) * LEVER))
 
 
 @dataclass(frozen=True, eq=False)
 class CommandFit:
-    """Finds commands among limited paths.
+    """Finds the best commands among the paths within the limits.
 
     Attributes:
-        paths: among which.
+        paths: those paths.
         memory: of the cables at the start.
         wanted: (n + 1, 6) joints at the knots.
     """
@@ -81,7 +81,7 @@ class CommandFit:
     wanted: Array
 
     def nearest(self, q_cmd: Array) -> Array | None:
-        """Return the path (m, 6) nearest to commands (n + 1, 6) at the knots; None where the limits allow none."""
+        """Return the path (m, 6) nearest to commands (n + 1, 6) at the knots; None if the limits allow none."""
         gradient = self.paths.pull(self.paths.resting - q_cmd) * LEVER**2 + self.paths.push * self._ease
         return self.paths.solve(self.paths.hessian(LEVER**2, self._ease), gradient)
 
@@ -102,7 +102,7 @@ class CommandFit:
         return Fitted(x, q_cmd, error, cost, response, turns_s)
 
     def refine(self, fitted: Fitted) -> Fitted:
-        """Return a path that leads the joints nearer to where they should be, as the play model knows them."""
+        """Return a path that brings the joints nearer to where they should be, according to the play model."""
         for _ in range(STEPS):
             better = self._step(fitted)
             if better is None:
@@ -114,9 +114,10 @@ class CommandFit:
         return fitted
 
     def _step(self, fitted: Fitted) -> Fitted | None:
-        """Return the path after one Gauss-Newton step, or None where no part of it helps.
+        """Return the path after one Gauss-Newton step, or None if no part of the step helps.
 
-        The wrist's joints hang on all commands so far as the model says; the outer joints are taken to follow theirs.
+        The wrist joints depend on all commands so far, according to the model; the outer joints are assumed to follow
+        theirs.
         """
         slopes = self._slopes(fitted)
         weighted = slopes.T.tocsr()
@@ -144,14 +145,14 @@ class CommandFit:
 
     @cached_property
     def _damping(self) -> sparse.csc_matrix:
-        """Return the Hessian of outer joints that follow their commands, and of the damping of the wrist's."""
+        """Return the Hessian of the outer joints, which follow their commands, and of the wrist's damping."""
         return self.paths.hessian(np.concatenate([LEVER[:3] ** 2, np.full(3, NEAR**2)]), np.zeros(6))
 
     def _slopes(self, fitted: Fitted) -> sparse.csr_matrix:
         """Return the derivatives (3 n + 3, 6 m) of the wrist's joints at the knots by the free control points.
 
-        A joint hangs on the command of its own time, and through every operator that is now in its slack on the
-        command that drove this operator last: at a knot, or where its input turned within an interval.
+        A joint depends on the command at its own time and, through every operator that is now in its slack, on the
+        command that drove this operator last: at a knot, or where its input reversed within an interval.
         """
         spline, model, response = self.paths.spline, self.memory.model, fitted.response
         assert isinstance(model, PlayModel) and response is not None

@@ -1,8 +1,8 @@
-"""Commands that bring the joints along a motion and keep the limits of velocity and acceleration themselves.
+"""Commands that move the joints along a motion and keep the limits of velocity and acceleration themselves.
 
-Where a cable's slack has to be crossed is known from the plan. So all commands of a motion are found at once: among
-the paths that keep the limits, the one that leads the joints nearest to where they should be. It starts to cross a
-slack before the joint has to turn, and ends where the model puts the joints exactly at their end.
+Where a cable's slack has to be crossed is known from the plan. So all commands of a motion are found at once: among the
+paths that keep the limits, the one that brings the joints nearest to where they should be. It starts to cross a slack
+before the joint has to reverse, and ends where the model puts the joints exactly at their goal.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ Array = NDArray[np.float64]
 
 ENDS_S = 0.2
 ENDS_WEIGHT = 10.0
-"""About so long after the start and before the end, errors weigh up to so many times more than in the middle of a
-motion: there the jaws are at something."""
+"""Errors weigh up to ``ENDS_WEIGHT`` times more near the start and the end of a motion, for about ``ENDS_S``, than in
+its middle, because the jaws are near objects there."""
 END_WEIGHT_S = 1000.0
-"""Weight of an error at the very end, beside an error of one that lasts so long."""
+"""Weight of an error at the very end: that of the same error lasting this long."""
 
 CORRECTIONS = 2
 """Corrections of the last command, tried where refinement stalls short of the end."""
 NEARLY_MET = 1e-3
-"""A motion that ends further from its end (a wrist's rad) lacks time, as a rule."""
+"""A motion that ends further from its goal than this (rad of the wrist) usually lacks time."""
 STRETCHES = (1.0, 1.05, 1.15, 1.3)
-"""Tried in turn, added to the least time for the path to the last command."""
+"""Factors tried in turn on the least time for the path to the last command."""
 LAST_STEP_S = 0.3
-"""A last step from rest to rest that takes no longer makes up for the least error that is left: there are dead zones
-where nothing but crossing a slack does. Where the time did not suffice, it takes as long as it takes."""
+"""A last step from rest to rest that takes no longer than this corrects even the smallest remaining error; in dead
+zones only crossing a slack does. If the time was too short for the motion, the step may take longer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +51,11 @@ class CommandPath:
 
     Attributes:
         commands: (t) -> (6,), from time 0; starts as asked for and ends at rest.
-        desired: the joints as asked for, on the same clock.
+        desired: the requested joint motion, on the same clock.
         deviation: (6,) largest distance of the joints from ``desired`` that the model expects, rad and m.
         missing: (6,) the same at the end.
         lacking: (6,) by how much the commands would have to leave their ranges to make up for the cables, rad and m.
-        farthest: (6,) each joint's farthest command towards or beyond the ends of its range, had it none.
+        farthest: (6,) each joint's farthest command towards or beyond the ends of its range, if ranges were ignored.
         stretch: the motion was slowed down by this factor; 1 if not at all.
         memory: of the cables at the start.
     """
@@ -81,8 +81,8 @@ class CommandPath:
 def command_paths(requests: Mapping[str, CommandRequest]) -> dict[str, CommandPath]:
     """Return the commands of one or more arms that move together.
 
-    The arms keep one clock: where one needs more time, all are slowed down by the same factor. Only a last step from
-    rest to rest, rarely needed, is made by one arm while the others rest.
+    The arms share one clock: if one needs more time, all are slowed down by the same factor. Only a last step from rest
+    to rest, which is rarely needed, is made by one arm while the others rest.
 
     Raises:
         TrocarError: no commands within the limits were found.
@@ -110,11 +110,11 @@ class _Fit:
     """The commands that were found for a sketch.
 
     Attributes:
-        sketch: what was to be done.
-        stretch: in how many times its time.
-        fit: among which commands.
+        sketch: the motion to be made.
+        stretch: factor by which it is slowed down.
+        fit: the set of possible commands.
         best: those found.
-        short: how far they end from where they should, in a wrist's rad; of the joints where the model knows.
+        short: how far from their goal they end, in rad of the wrist; measured in joints if the model predicts them.
     """
 
     sketch: Sketch
@@ -125,7 +125,7 @@ class _Fit:
 
 
 def _fitted(sketch: Sketch, stretch: float) -> _Fit | None:
-    """Return commands of a motion that takes so many times as long; None where the limits allow none."""
+    """Return commands for the motion slowed down by this factor; None if the limits allow none."""
     request, desired = sketch.request, sketch.request.desired.stretched(stretch)
     spline = QuadraticSpline(knots_of(desired))
     shares, asked = spline.times_s / spline.times_s[-1], desired(spline.times_s)
@@ -137,14 +137,14 @@ def _fitted(sketch: Sketch, stretch: float) -> _Fit | None:
         return None
     roughly = fit.predict(x)
     if roughly.response is None:
-        # No other model is so good that meeting it more closely than Algorithm 1 does would bring the joints nearer.
+        # Other models are not accurate enough for a closer match than Algorithm 1's to bring the joints any nearer.
         return _Fit(sketch, stretch, fit, roughly, float(np.max(LEVER * np.abs(x[-1] - sketch.end))))
     best = _ended(sketch, fit, fit.refine(roughly))
     return _Fit(sketch, stretch, fit, best, best.end_error)
 
 
 def _ended(sketch: Sketch, fit: CommandFit, fitted: Fitted) -> Fitted:
-    """Return a path that ends better, where refinement has stalled short of the end in the kinks of a dead zone."""
+    """Return a path with a better end if refinement has stalled before the goal, at the kinks of a dead zone."""
     best = fitted
     for _ in range(CORRECTIONS):
         if best.end_error < MET:
@@ -170,7 +170,7 @@ def _weights(spline: QuadraticSpline) -> Array:
 
 
 def _last_command(sketch: Sketch, fit: CommandFit, fitted: Fitted, since_s: float) -> Array:
-    """Return the command (6,) that puts the joints at their end, straight from where the path is at a time."""
+    """Return the command (6,) that puts the joints at their goal, going straight from where the path is at a time."""
     if fitted.response is None:
         return sketch.end
     sent = fit.paths.spline.trajectory(fit.paths.points(fitted.x))
@@ -180,7 +180,7 @@ def _last_command(sketch: Sketch, fit: CommandFit, fitted: Fitted, since_s: floa
 
 
 def _finished(found: _Fit) -> CommandPath:
-    """Return the commands, with a last step from rest to rest where they would end off their end."""
+    """Return the commands, with a last step from rest to rest if they would miss their goal."""
     sketch, fit, best = found.sketch, found.fit, found.best
     request, times = sketch.request, fit.paths.spline.times_s
     commands = fit.paths.spline.trajectory(fit.paths.points(best.x))
@@ -205,7 +205,7 @@ def _finished(found: _Fit) -> CommandPath:
 
 
 def _last_step(found: _Fit, commands: Trajectory) -> Trajectory | None:
-    """Return the way from where these commands end to where the joints are at their end; None if that is negligible."""
+    """Return the step from where these commands end to where the joints reach their goal; None if it is negligible."""
     if found.short < MET:
         return None
     sketch, fit, best = found.sketch, found.fit, found.best

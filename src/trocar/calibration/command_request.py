@@ -23,7 +23,7 @@ class CommandRequest:
         memory: of the cables, up to the commands that were sent last.
         desired: of the true joints (rad, m), from its first knot on. It may start and end in motion; after an end in
             motion it is braked to rest.
-        q_start: (6,) command that is being sent now. It may be off what the model expects there.
+        q_start: (6,) command that is being sent now. It may differ from what the model expects there.
         velocity_start: (6,) its velocity.
         limits: of the commands' velocity and acceleration.
         lower: (6,) least commands. Where the desired joints themselves lie below, commands may as well.

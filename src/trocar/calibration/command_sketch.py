@@ -1,4 +1,4 @@
-"""Roughly the commands that a motion takes, limits aside: the model inverted at some points of it."""
+"""A rough version of a motion's commands, without limits: the model inverted at some of its points."""
 
 from __future__ import annotations
 
@@ -18,33 +18,34 @@ from trocar.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 KNOT_S = (0.010, 0.025)
-"""Least and greatest spacing of the commands' knots: from one control period to a tenth of what it takes to cross the
+"""Least and greatest spacing of the commands' knots: from one control period to a tenth of the time needed to cross the
 widest slack."""
 KNOTS = (12, 48)
-"""A short motion has so many intervals at least; a longer one gets more before they become longer."""
+"""A short motion has at least the first number of intervals; a longer one gets up to the second before they get
+longer."""
 
 SKETCH_S = 0.060
-"""Spacing of the points at which the model is inverted one after the other to begin with."""
+"""Initial spacing of the points at which the model is inverted, one after the other."""
 SKETCHED = 4
-"""Points at least."""
+"""Minimum number of these points."""
 SKETCH_RAD = 1e-3
-"""How closely; refinement does the rest."""
+"""Accuracy of the inversion; refinement does the rest."""
 
 RESTING_S = 1e-4
-"""What could be braked in less than this rests."""
+"""A joint that could be stopped in less than this counts as resting."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sketch:
-    """A request with roughly the commands that it takes, limits aside.
+    """A request with a rough version of its commands, without limits.
 
     Attributes:
         request: whose desired joints end at rest.
         lower: (6,) least commands that are allowed, room to brake included.
         upper: (6,) greatest.
-        shares: (k,) of the motion's time.
+        shares: (k,) points, as shares of the motion's time.
         correction: (k, 6) commands minus desired joints.
-        given_up: (k, 6) of the desired joints, because commands may not leave their ranges.
+        given_up: (k, 6) part of the desired joints that is given up because commands may not leave their ranges.
         farthest: (6,) each joint's farthest command towards or beyond the ends of its range, had it none.
         end: (6,) last command.
     """
@@ -63,7 +64,7 @@ class Sketch:
         return np.column_stack([np.interp(shares, self.shares, column) for column in rows.T])
 
     def min_stretch(self) -> float:
-        """Return how many times as long, at least, the way to the last command takes within the accelerations."""
+        """Return the least factor by which to slow down, for the way to the last command to keep the accelerations."""
         request, knots = self.request, knots_of(self.request.desired)
         spare = 1.0 - 2.0 * HEADROOM
         limits = MotionLimits(spare * request.limits.velocity, spare * request.limits.acceleration)
@@ -86,7 +87,7 @@ class Sketch:
 
 
 def _braked(desired: Trajectory, limits: MotionLimits) -> Trajectory:
-    """Return the motion from time 0, joints that end it in motion going straight on until they all rest at once."""
+    """Return the motion from time 0; joints still moving at its end go straight on until all come to rest together."""
     desired = Trajectory(desired.times_s - desired.times_s[0], desired.coefficients)
     q, v = desired(desired.times_s[-1]), desired(desired.times_s[-1], 1)
     duration = float(np.max(np.abs(v) / limits.acceleration))

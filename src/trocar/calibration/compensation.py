@@ -21,10 +21,12 @@ TOLERANCE_RAD = 1e-5
 """The exact inverse stops at this residual: a hundredth of the repeatability of the best joint."""
 MAX_NEWTON_STEPS = 30
 MAX_NEWTON_STEP_RAD = 0.3
-"""In a dead zone a joint hardly follows its command and a Newton step explodes; a full backlash is enough."""
+"""In a dead zone a joint hardly follows its command and a Newton step explodes; the width of a full backlash is
+enough."""
 STALLED_RAD = 1e-3
 ESCAPES_RAD = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4)
-"""If Newton's method stalls in a dead zone, it restarts this far along the direction that the joints ignore."""
+"""If Newton's method stalls in a dead zone, it restarts this far away, in the direction that the joints do not
+follow."""
 DAMPING = 1e-4
 
 
@@ -89,7 +91,7 @@ def inverse(
     tolerance_rad: float = TOLERANCE_RAD,
     stalled_rad: float = STALLED_RAD,
 ) -> NDArray[np.float64]:
-    """Return the command (6,) for these joints: exact from ``guess`` where the model can, else by Algorithm 1."""
+    """Return the command (6,) for these joints: exact, from ``guess``, if the model allows it, else by Algorithm 1."""
     if isinstance(model, Invertible):
         return exact_inverse(model, state, q_desired, guess, tolerance_rad, stalled_rad)[0]
     return algorithm1(model, state, q_desired)

@@ -19,7 +19,7 @@ SAMPLES = 1355
 """Number of data points in the paper's recording, 18 minutes on the robot."""
 
 MOST_SAMPLES = 100_000
-"""Of a path: a day on the robot."""
+"""Maximum number of samples of a path: a day on the robot."""
 
 HARMONICS = 40
 BAND = (0.1, 2.2)
@@ -88,7 +88,7 @@ def random_smooth_path(
 
 
 def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> NDArray[np.float64]:
-    """Return a path (n, 6) that reveals much about cables in few samples: the wrist swings through its whole range.
+    """Return a path (n, 6) that reveals much about the cables in few samples: the wrist swings through its whole range.
 
     From sample to sample the wrist goes to the next point of a Sobol sequence. Most of its swings are wider than the
     play, so each sample shows the loops at another place; along a smooth path a joint reverses every eight samples, and

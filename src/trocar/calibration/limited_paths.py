@@ -1,4 +1,4 @@
-"""Quadratic programs over paths that keep a robot's limits."""
+"""Quadratic programs over paths that keep the limits of a robot."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from trocar.calibration.quadratic import QuadraticSpline
 Array = NDArray[np.float64]
 
 HEADROOM = 1e-7
-"""Share of the limits that stays unused: what the solver and the checks round."""
+"""Share of the limits that stays unused, to allow for rounding by the solver and the checks."""
 PRECISION = 1e-8
-"""Of the solver, in shares of the limits."""
+"""Precision of the solver, as a share of the limits."""
 ROOM = 5e-8
-"""Commands keep so far (rad, m) inside their ranges, for the same reason."""
+"""Commands stay this far (rad, m) inside their ranges, for the same reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class LimitedPaths:
     """All paths of six joints over a spline's knots that start as given, keep the limits, and end at rest.
 
-    A path is known by its free control points x (m, 6): all but the first two, which the start fixes, and the last,
+    A path is defined by its free control points x (m, 6): all but the first two, which the start fixes, and the last,
     which is the same as the one before it because the path ends at rest.
 
     Attributes:
@@ -37,7 +37,7 @@ class LimitedPaths:
         limits: of velocity and acceleration.
         lower: (6,) least position.
         upper: (6,) greatest position.
-        weights_s: (n + 1,) what an error at each knot weighs, about the time that the knot stands for.
+        weights_s: (n + 1,) weight of an error at each knot, about the time that the knot represents.
     """
 
     spline: QuadraticSpline
@@ -87,7 +87,7 @@ class LimitedPaths:
         return self._at_start(self.spline.position)
 
     def solve(self, hessian: sparse.csc_matrix, gradient: Array) -> Array | None:
-        """Return the free control points (m, 6) that make ``x H x / 2 + g x`` least; None where no path is allowed.
+        """Return the free control points (m, 6) that minimise ``x H x / 2 + g x``; None if no path is allowed.
 
         Args:
             hessian: (6 m, 6 m), joint by joint.
@@ -96,7 +96,7 @@ class LimitedPaths:
         size = float(hessian.diagonal().mean())
         scaled, linear = hessian / size, gradient.T.ravel() / size
         lower, upper = self.lower + ROOM, self.upper - ROOM
-        # Ranges bind so rarely that trying without them first is the faster way.
+        # The ranges are so rarely active that it is faster to try without them first.
         for box in (None, tuple(np.repeat(bound, len(gradient)) for bound in (lower, upper))):
             solver = piqp.SparseSolver()
             solver.settings.eps_abs = PRECISION
@@ -138,7 +138,7 @@ class LimitedPaths:
 
     @cached_property
     def _bounds(self) -> tuple[sparse.csc_matrix, Array, Array]:
-        """Return rows and their least and greatest values: accelerations, and velocities that could be too great."""
+        """Return constraint rows with their bounds: accelerations, and velocities that could exceed their limits."""
         speeds, pushes = ((1 - HEADROOM) * limit for limit in (self.limits.velocity, self.limits.acceleration))
         duration = self.spline.times_s[-1] - self.spline.times_s[0]
         fast = np.flatnonzero((np.abs(self.velocity_start) + pushes * duration) / 2 > speeds)
@@ -156,7 +156,7 @@ class LimitedPaths:
     def _matrix(
         self, weights: Array, intervals: NDArray[np.int64] | None = None, width: int = 0, shift: int = 0
     ) -> sparse.csr_matrix:
-        """Return the matrix of weights (k, 3) in intervals (k,), the spline's own if not given."""
+        """Return the matrix of weights (k, 3) in intervals (k,); by default, in all intervals of the spline."""
         intervals = self.spline.intervals[: len(weights)] if intervals is None else intervals
         data, columns = self.columns(weights, intervals)
         matrix = sparse.csr_matrix(

@@ -151,8 +151,8 @@ PSM1_GREY_SESSIONS = CablePlant(
     noise_sd=_GREY_NOISE,
     source="worn instrument 'grey 1' on PSM1, mean of three recorded sessions",
 )
-"""Mean (of radii: geometric) of what is identified in the recordings ``psm1_grey_random``, ``psm1_grey_pick_place`` and
-``psm1_grey_user_random`` (``benchmarks/bench_cell.py`` prints it)."""
+"""Mean (geometric for radii) of the plants identified from the recordings ``psm1_grey_random``,
+``psm1_grey_pick_place`` and ``psm1_grey_user_random`` (``benchmarks/bench_cell.py`` prints it)."""
 
 PLANTS: dict[str, CablePlant] = {"psm1_grey": PSM1_GREY, "psm2_grey": PSM2_GREY, "psm1_new": PSM1_NEW}
 """Identified instruments by name."""
@@ -183,7 +183,7 @@ def fit_plant(recording: Recording) -> CablePlant:
     q, valid = recording.q_cmd, recording.valid
     if valid.sum() < 30:
         raise TrocarError(f"{recording.name} has {valid.sum()} valid rows; identifying a plant needs 30 or more")
-    from scipy.optimize import minimize  # noqa: PLC0415 (slow to import; few identify a plant, all draw one)
+    from scipy.optimize import minimize  # noqa: PLC0415 (slow to import; few callers identify a plant, all draw one)
 
     error = (recording.q_phy - q)[:, WRIST][valid]
 

@@ -1,4 +1,4 @@
-"""Paths of piecewise constant acceleration as quadratic B-splines: what limits ask of them is linear."""
+"""Paths of piecewise constant acceleration as quadratic B-splines, on which limits are linear constraints."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ Array = NDArray[np.float64]
 class QuadraticSpline:
     """All paths through n intervals with constant acceleration in each, continuous in position and velocity.
 
-    A path is given by n + 2 control points (rad or m). What happens in interval k hangs on the three points k, k + 1
-    and k + 2 alone; weights (..., 3) of these stand for a position, a velocity or an acceleration. Bounds on velocities
-    at the knots and on accelerations hold for the whole path, because velocity is linear in between; and the path
-    stays between the least and the greatest of its control points.
+    A path is given by n + 2 control points (rad or m). The path in interval k depends only on the three points k, k + 1
+    and k + 2; weights (..., 3) of these give a position, a velocity or an acceleration. Bounds on velocities at the
+    knots and on accelerations hold for the whole path, because velocity is linear in between; and the path stays
+    between the least and the greatest of its control points.
 
     Attributes:
         times_s: (n + 1,) increasing knots, n of 2 or more.
@@ -36,7 +36,7 @@ class QuadraticSpline:
 
     @cached_property
     def intervals(self) -> NDArray[np.int64]:
-        """Return the interval (n + 1,) that each knot is counted to: the one after it, the last to the one before."""
+        """Return the interval (n + 1,) to which each knot belongs: the next one; for the last knot, the one before."""
         count = len(self.steps_s)
         return np.minimum(np.arange(count + 1), count - 1)
 
@@ -63,19 +63,19 @@ class QuadraticSpline:
         return (end - start) / self.steps_s[:, None]
 
     def position_after(self, since_s: Array) -> Array:
-        """Return the weights (n, 3) of the position so long (n,) after each interval's start."""
+        """Return the weights (n, 3) of the position at these times (n,) after each interval's start."""
         t = since_s[:, None]
         return self.position[:-1] + t * self.velocity[:-1] + t * t / 2 * self.acceleration
 
     def reach(self, speed: Array, limits: MotionLimits) -> Array:
-        """Return how far (joints,) such paths lead at most that start at these speeds (joints,) and end at rest.
+        """Return the greatest distance (joints,) that such paths cover from these speeds (joints,) to rest.
 
-        The farthest one pushes forward as long as it can, in the first intervals, and back afterwards; or it runs at
-        full speed in between. (Full speed may begin within an interval; that it cannot be met there exactly is left
-        out.)
+        The longest path accelerates as long as it can, in the first intervals, and brakes afterwards, with a stretch at
+        full speed in between if needed. (Full speed may be reached within an interval, which cannot be represented
+        exactly; this is neglected.)
 
         Args:
-            speed: at the start, of a size that can be braked within the path's time.
+            speed: at the start; low enough to stop within the path's time.
             limits: of velocity and acceleration.
         """
         since, push = (self.times_s - self.times_s[0])[:, None], limits.acceleration
@@ -89,7 +89,7 @@ class QuadraticSpline:
 
     @staticmethod
     def at(weights: Array, intervals: NDArray[np.int64], points: Array) -> Array:
-        """Return what weights (k, 3) in these intervals (k,) make of control points (n + 2, joints): (k, joints)."""
+        """Return weighted sums (k, joints) of control points (n + 2, joints); weights (k, 3) in intervals (k,)."""
         return sum(weights[:, i, None] * points[intervals + i] for i in range(3))  # type: ignore[return-value]
 
     def trajectory(self, points: Array) -> Trajectory:

@@ -30,10 +30,10 @@ MISDETECTION_RAD = 1.0
 
 
 LARGEST_RAD = 2 * np.pi
-"""No joint of these arms turns further; what does is given in degrees."""
+"""No joint of these arms turns further; larger values must be in degrees."""
 
 LARGEST_M = 1.0
-"""No instrument goes in further; what does is given in millimetres."""
+"""No instrument goes in further; larger values must be in millimetres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ def load_recording(path: str | Path) -> Recording:
 
 
 def require_motion(recording: Recording) -> None:
-    """Raise TrocarError if a joint of the wrist rests in all valid rows: nothing can be learned of its cable."""
+    """Raise TrocarError if a wrist joint is at rest in all valid rows: nothing can be learned about its cable."""
     for joint in (3, 4, 5):
         commanded = recording.q_cmd[recording.valid, joint]
         if len(commanded) and np.ptp(commanded) < NO_MOTION_RAD:
@@ -170,7 +170,7 @@ def require_motion(recording: Recording) -> None:
 
 
 def why_invalid(recording: Recording) -> str:
-    """Return how many rows do not count and by which rule; empty where all do."""
+    """Return how many rows do not count and by which rule; empty if all count."""
     finite = np.isfinite(recording.q_phy).all(axis=1)
     plausible = _plausible(recording.q_cmd, recording.q_phy)
     reasons = {
@@ -182,7 +182,7 @@ def why_invalid(recording: Recording) -> str:
 
 
 def _require_units(recording: Recording) -> None:
-    """Raise TrocarError where commands are as large as only degrees and millimetres are."""
+    """Raise TrocarError if commands are so large that they must be in degrees or millimetres."""
     largest = np.abs(recording.q_cmd).max(axis=0)
     angles = np.delete(np.arange(6), 2)
     joint = angles[largest[angles].argmax()]
@@ -206,7 +206,7 @@ def sampling_interval(q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _arrays(path: Path) -> dict[str, NDArray]:
-    """Return what a file or a folder holds; its ending says of which kind it is."""
+    """Return the arrays in a file or a folder; the file's extension tells which format it is."""
     if path.is_dir():
         return _folder_arrays(path)
     if path.suffix == ".csv":
@@ -237,7 +237,7 @@ def _npz_arrays(path: Path) -> dict[str, NDArray]:
 
 
 def _kind(path: Path) -> str:
-    """Return in words what kind of archive of ours a file is; nothing if a file is not one of ours."""
+    """Return in words which kind of Trocar archive a file is; empty if it is not one."""
     try:
         with zipfile.ZipFile(path) as file:
             return f"a {str(parsed_json(file.read(HEADER))['format'])[:40]!r}"
@@ -289,6 +289,6 @@ def _column(value: NDArray, n: int, key: str, name: str) -> NDArray:
 
 
 def _plausible(q_cmd: NDArray[np.float64], q_phy: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which measurements (n,) are finite and no misdetection."""
+    """Return which measurements (n,) are finite and not misdetections."""
     error = np.nan_to_num(np.abs(q_phy - q_cmd), nan=np.inf)
     return np.isfinite(q_phy).all(axis=1) & (error[:, 3:].max(axis=1) < MISDETECTION_RAD)

@@ -19,8 +19,9 @@ Model = TypeVar("Model", bound=CableModel)
 def refit_offset(model: Model, recording: Recording, rows: int = REFIT_ROWS) -> Model:
     """Return the model with its offsets refitted on the first valid rows of a new session's recording.
 
-    It is quick, but not all that changes: in three sessions of one instrument radii, gains and coupling differ too (the
-    flaw ``wear``); the best constant still leaves .017 .051 .036 rad. A minute of wide swings and a prior do better.
+    It is quick, but offsets are not all that changes: over three sessions of one instrument radii, gains and coupling
+    differ too (the flaw ``wear``), and the best constant still leaves .017 .051 .036 rad. A minute of wide swings and a
+    prior do better.
 
     Raises:
         TrocarError: the recording has fewer valid rows than that.

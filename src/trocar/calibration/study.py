@@ -62,7 +62,7 @@ REFERENCES_RAD = {
     },
 }
 """Earlier results of the same models on the last fifth of the *whole* recordings, of which only the first four fifths
-are public: another test set than ours, so a guide, not a bound."""
+are public: a different test set from ours, so a guide, not a bound."""
 
 RECORDINGS = (*LIMITS_RAD, "psm1_red_user_random")
 SESSION_RECORDING = "psm1_grey_pick_place"
@@ -105,7 +105,7 @@ def session_change(model: CableModel, recording: Recording, rows: int = REFIT_RO
 
 
 def load_study_recordings(data: str | Path, names: Sequence[str]) -> dict[str, Recording]:
-    """Return recordings by name from a folder of ``.npz`` or ``.csv`` files, or from its ``dvrk/trajectories``.
+    """Return the recordings by name, from a folder of ``.npz`` or ``.csv`` files or from its ``dvrk/trajectories``.
 
     Raises:
         TrocarError: the folder lacks one of them, or one cannot be read.

@@ -55,10 +55,10 @@ def _common(
 
 
 def main() -> None:
-    """Run the command line. What goes wrong is one sentence on stderr, and tells by the exit code whose trouble it is.
+    """Run the command line. An error is one sentence on stderr, and the exit code tells its cause.
 
-    2: the input's, 3: the machine's, 130: stopped by Ctrl-C. Anything else is a mistake in Trocar or in a plugin, the
-    only case in which a traceback is shown: 70.
+    2: bad input, 3: trouble with the machine, 130: stopped by Ctrl-C. Anything else is a bug in Trocar or in a plugin:
+    70, the only case in which a traceback is shown.
     """
     prepare_streams()
     if "" in sys.argv[1:] or any(word.startswith("--") and word.endswith("=") for word in sys.argv[1:]):

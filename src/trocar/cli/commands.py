@@ -1,4 +1,4 @@
-"""Every command of ``trocar`` in a line of its own: what help lists, without importing what does the work."""
+"""Every command of ``trocar``, with one line each for the help, so that listing them imports nothing heavy."""
 
 from __future__ import annotations
 

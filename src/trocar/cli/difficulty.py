@@ -1,4 +1,4 @@
-"""``--difficulty LEVEL`` and ``--flaw NAME=SIZE``: how far a simulated laboratory is from what is known of it."""
+"""``--difficulty LEVEL`` and ``--flaw NAME=SIZE``: how far a laboratory departs from what is known about it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Groups of commands that know their members by one line each, and import what is called.
+"""Groups of commands that hold one line per member and import a command only when it is called.
 
 Other packages can add theirs by entry points.
 """
@@ -18,7 +18,7 @@ from trocar.cli.quiet import quiet_option
 from trocar.registry import Lazy, Registry
 
 COMMANDS: Registry[typer.Typer] = Registry("command", "trocar.commands")
-"""Commands from elsewhere as ``GROUP.NAME``: Typer apps of one command each. A task brings its own commands so."""
+"""Commands from elsewhere as ``GROUP.NAME``: Typer apps of one command each. Tasks add their own commands this way."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Known:
 
     Attributes:
         about: one line for the list of commands; for a group, all that its help says.
-        where: ``module:name`` of its function, or of a Typer app; nothing for a group.
+        where: ``module:name`` of its function, or of a Typer app; empty for a group.
         example: a line that calls it.
         members: of a group, by name.
     """
@@ -39,13 +39,13 @@ class Known:
 
 
 class Deferred(TyperCommand):
-    """A command by name and one line, imported when its turn comes.
+    """A command known by name and one line, imported when it is needed.
 
-    Contexts and commands are Click's, which typer brings along under a name that depends on its version: hence ``Any``.
+    Contexts and commands are Click's, which typer ships under a name that depends on its version: hence ``Any``.
     """
 
     def __init__(self, name: str, about: str, load: Callable[[], Any]) -> None:
-        """Take name, line and what returns the command itself."""
+        """Take the name, the line, and a function that returns the command itself."""
         super().__init__(name, callback=None, help=about)
         self.load = load
 
@@ -54,7 +54,7 @@ class Deferred(TyperCommand):
         return self.load().make_context(info_name, args, parent, **extra)
 
     def get_short_help_str(self, limit: int = 45) -> str:
-        """Return the line, whole."""
+        """Return the whole line."""
         del limit
         return self.help or ""
 
@@ -63,7 +63,7 @@ class OpenGroup(TyperGroup):
     """A group of known members that also has the commands registered under its name.
 
     Attributes:
-        members: by name; a class of its own gives them, or whoever makes the group.
+        members: by name; set by a subclass, or by the code that makes the group.
     """
 
     members: Mapping[str, Known]
@@ -74,7 +74,7 @@ class OpenGroup(TyperGroup):
             self.members = members
 
     def get_short_help_str(self, limit: int = 45) -> str:
-        """Return what it is for, whole."""
+        """Return its whole description."""
         del limit
         return self.help or ""
 
@@ -85,7 +85,7 @@ class OpenGroup(TyperGroup):
         return [*self.members, *added]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command: a group, what stands for one that is known, or one from elsewhere, imported."""
+        """Return a command: a group, a placeholder for a known command, or an imported one from another package."""
         if cmd_name in self.members:
             known = self.members[cmd_name]
             if not known.members:
@@ -100,12 +100,12 @@ class OpenGroup(TyperGroup):
 
 
 def command_of(name: str, found: Callable[..., None] | typer.Typer, example: str = "") -> Any:
-    """Return the command of a function or of a Typer app, with what every command has.
+    """Return the command of a function or of a Typer app, with the options that every command has.
 
     Args:
         name: of the command.
         found: the function, with its options as parameters, or the app.
-        example: a line that calls it; an app says its own.
+        example: a line that calls it; an app has its own.
     """
     app = found
     if not isinstance(app, typer.Typer):

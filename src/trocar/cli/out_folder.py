@@ -1,4 +1,4 @@
-"""Where files of a command go: the usual folder, and whether they can be written, asked before anything is computed."""
+"""Where a command writes its files: the default folder, and a check before computing that they can be written."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from trocar.errors import MachineError, TrocarError
 from trocar.output import blame, require_place
 
 LONGEST_PART, LONGEST_NAME = 40, 150
-"""So many letters of a value, and of a folder's name, are spelt out; what is longer ends in a digest."""
+"""Maximum length of a value in a folder's name, and of the whole name; longer ones end in a digest."""
 
 
 def default_folder(name: str, unusual: Mapping[str, Any]) -> Path:
-    """Return the folder of a command that is given none: ``out/NAME``, and what is not as usual.
+    """Return the default folder of a command: ``out/NAME`` and the options that differ from their defaults.
 
-    So commands that differ do not meet in one folder.
+    So different commands do not write to the same folder.
 
     Args:
         name: of what is run, with its seed.
-        unusual: values of the options that are not the usual ones.
+        unusual: values of the options that differ from their defaults.
     """
     full = "-".join([name, *(_part(option, value) for option, value in unusual.items())])
     return Path("out") / (full if len(full) <= LONGEST_NAME else f"{full[:LONGEST_NAME]}.{_digest(full)}")
@@ -38,7 +38,7 @@ def differing(command: Callable[..., Any], given: Mapping[str, Any]) -> dict[str
 
 
 def _part(option: str, value: Any) -> str:
-    """Return what a folder's name says of an option; of what no name can tell, such as a file's content, a digest."""
+    """Return an option as part of a folder's name; a digest for what a name cannot show, such as a file's content."""
     option = option.replace("_", "-")
     if value is True:
         return option
@@ -50,7 +50,7 @@ def _part(option: str, value: Any) -> str:
 
 
 def _named(value: Any) -> tuple[str, str]:
-    """Return what to call a value, and its content where the name does not tell it."""
+    """Return a name for a value, and its content if the name does not tell it."""
     if isinstance(value, dict):
         return "", json.dumps(value, sort_keys=True)
     if isinstance(value, str | Path) and Path(value).suffix and Path(value).is_file():
@@ -63,9 +63,9 @@ def _digest(content: str | bytes) -> str:
 
 
 def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequence[str | Path] = ()) -> None:
-    """Raise a sentence unless files can be written into a folder, which may not be there yet.
+    """Raise a sentence unless files can be written into a folder, which need not exist yet.
 
-    A folder that is not there is made and removed again: nothing but trying tells.
+    A folder that does not exist is made and removed again, since only trying tells.
 
     Args:
         out: the folder; None: nothing will be written.
@@ -91,7 +91,7 @@ def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequenc
 
 
 def check_npz(path: Path, kind: str, inputs: Sequence[str | Path] = ()) -> None:
-    """Raise a sentence unless a file can be written: ask before a long computation.
+    """Raise a sentence unless a file can be written; check this before a long computation.
 
     Args:
         path: of the file.

@@ -29,9 +29,8 @@ UPRIGHT = (True, False, True)
 MIN_STEP_MS = 0.1
 
 RANGE_SLACK = 0.02
-"""Share of its range by which a joint of the given waypoints may leave it: the transfers recorded on a
-real PSM
-Classic reach q3 = 0.2403 m, beyond the nominal 0.24 m. What is used of it is printed."""
+"""Share of its range by which a joint may leave it at the given waypoints: transfers recorded on a real PSM Classic
+reach q3 = 0.2403 m, beyond the nominal 0.24 m. The command prints how much of it is used."""
 
 
 def transfer(
@@ -102,7 +101,7 @@ def transfer(
 
 
 def _tolerances(clearance_mm: float, clearance_deg: float) -> dict[str, Any]:
-    """Return the tolerances of a motion problem; none where there is no clearance."""
+    """Return the tolerances of a motion problem; empty without a clearance."""
     if not (clearance_mm or clearance_deg):
         return {}
     off_m, off_rad = 1e-3 * clearance_mm, radians(clearance_deg)
@@ -115,7 +114,7 @@ def _tolerances(clearance_mm: float, clearance_deg: float) -> dict[str, Any]:
 
 
 def _record(asked: ArmMotion, plan: MotionPlan) -> dict[str, Any]:
-    """Return what is told of one motion; None for what a planner that answered nothing leaves open."""
+    """Return the figures of one motion; None for those that are unknown because the planner found nothing."""
     told: dict[str, Any] = {
         "found": plan.found,
         "reason": plan.reason,
@@ -138,13 +137,13 @@ def _record(asked: ArmMotion, plan: MotionPlan) -> dict[str, Any]:
 
 
 def _mean(motions: list[dict[str, Any]], key: str) -> float | None:
-    """Return the mean over the motions that were found, None where none was."""
+    """Return the mean over the motions that were found; None if there are none."""
     values = [motion[key] for motion in motions if motion["found"]]
     return float(np.mean(values)) if values else None
 
 
 def _choice(table: Mapping[str, T], name: str, what: str) -> T:
-    """Return the entry of this name, or raise with the names there are."""
+    """Return the entry of this name, or raise an error that lists the available names."""
     if name not in table:
         raise TrocarError(f"no {what} is called '{name}'; choose one of: {', '.join(table)}")
     return table[name]

@@ -28,7 +28,7 @@ GROUPS = ("circle", "port", "grasp")
 POSITIONS = 360
 KIND = "setup for sutures"
 FILES = {"setup.json": KIND, "plan.png": PICTURE}
-"""What is written, and of which kind it is."""
+"""The files that are written, with their kinds."""
 
 
 def setup(

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PAPER_PRESET = "paper-demo"
 KIND = "plan of sutures"
 FILES = {"plan.json": KIND, "plan.png": PICTURE, "reasons.png": PICTURE}
-"""What is written, and of which kind it is."""
+"""The files that are written, with their kinds."""
 
 
 def suture(

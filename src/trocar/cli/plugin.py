@@ -1,4 +1,4 @@
-"""``--plugin FILE``: a Python file that registers tasks, methods, planners, cable models, perceptions of your own."""
+"""``--plugin FILE``: a Python file that registers your own tasks, methods, planners, cable models, perceptions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FLAG = "--plugin"
 
 
 def _load(ctx: typer.Context, paths: list[Path] | None) -> list[Path]:
-    """Load the files before anything else is looked at; return all of this line, wherever in it they stand."""
+    """Load the files before anything else is parsed; return all of them, wherever they are on the command line."""
     for path in paths or []:
         load_plugin(path)
     ctx.obj = [*(ctx.obj or []), *(paths or [])]
@@ -34,7 +34,7 @@ Plugins = Annotated[
 
 
 def load_given(args: Sequence[str]) -> None:
-    """Load all plugins that are named on a line: before the words that they define are looked for."""
+    """Load all plugins named on a command line, before the names that they define are looked up."""
     for place, word in enumerate(args):
         if word == FLAG and place + 1 < len(args):
             load_plugin(args[place + 1])

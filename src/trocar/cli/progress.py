@@ -1,7 +1,6 @@
-"""How long work is shown: what is happening now, how much is done, and the time left.
+"""Progress of long work: what is happening now, how much is done, and the time left.
 
-A terminal has bars; where stderr is a file or a pipe there is a line every ten seconds; with ``--quiet`` there is
-nothing.
+A terminal shows bars; if stderr is a file or a pipe, there is a line every ten seconds; with ``--quiet``, nothing.
 """
 
 from __future__ import annotations
@@ -26,21 +25,21 @@ COLUMNS = (
     TimeRemainingColumn(),
 )
 SPEED_FROM_S = 600.0
-"""The time left is what the speed of the last so many seconds makes of it: trials take minutes."""
+"""The time left is estimated from the speed over this many past seconds; a trial takes minutes."""
 EVERY_S = 10.0
-"""Between two lines."""
+"""Time between two lines."""
 
 
 class Tick(Protocol):
-    """Says how far a piece of work is."""
+    """Reports how far a piece of work has come."""
 
     def __call__(self, work: str, done: int, total: int | None, now: str = "") -> None:
         """Show it.
 
         Args:
-            work: names it, in plural where it is a number of things; another name is another bar.
+            work: its name, plural for a number of things; another name gets another bar.
             done: how much of it is done.
-            total: of how much; None: nobody knows.
+            total: how much there is; None: unknown.
             now: what is being done at the moment.
         """
 
@@ -49,7 +48,7 @@ class Lines:
     """Progress in plain lines.
 
     Args:
-        clock: seconds of any clock that does not jump.
+        clock: returns the seconds of a monotonic clock.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -60,13 +59,13 @@ class Lines:
         self._began_s = clock()
 
     def tick(self, work: str, done: int, total: int | None, now: str = "") -> None:
-        """Take note of how far a piece of work is."""
+        """Note how far a piece of work has come."""
         if work != self._work:
             self._began_s, self._first = self._clock(), done
         self._work, self._done, self._total, self._now = work, done, total, now
 
     def line(self) -> str:
-        """Return a line that says how far the work is, how long it took and how long the rest will take."""
+        """Return a line with how far the work has come, how long it took and how long the rest will take."""
         if not self._work:
             return ""
         took_s = self._clock() - self._began_s
@@ -88,7 +87,7 @@ def _clock_time(seconds: float) -> str:
 
 @contextmanager
 def progress() -> Iterator[Tick]:
-    """Show the progress of work; yield the function to report it to."""
+    """Show the progress of work; yield the function to call with it."""
     console = beside()
     if console.quiet:
         yield _untold
@@ -102,7 +101,7 @@ def progress() -> Iterator[Tick]:
 
 @contextmanager
 def waiting(what: str) -> Iterator[Callable[[str], None]]:
-    """Show that something is being done of which nobody knows how long it takes; yield what is told how it goes."""
+    """Show that something is running whose duration is unknown; yield a function to call with what it is doing."""
     console = beside()
     if console.is_terminal and not console.quiet:
         with console.status(what) as status:

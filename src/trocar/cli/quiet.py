@@ -1,4 +1,4 @@
-"""``--quiet``: nothing but errors and the last lines of a result; for the whole line, wherever in it it stands."""
+"""``--quiet``: only errors and the last lines of a result; it holds for the whole line, wherever it is given."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def is_quiet() -> bool:
 
 
 def be_quiet(wanted: bool) -> None:
-    """Leave them out from now on, or not."""
+    """Leave them out from now on, or show them again."""
     _QUIET.set(wanted)
 
 
 def _heard(wanted: bool) -> None:
-    """Be quiet where it is asked for; not being asked takes nothing back."""
+    """Be quiet if asked; the option's absence does not undo an earlier request."""
     if wanted:
         be_quiet(True)
 
@@ -42,7 +42,7 @@ Quiet = Annotated[
 
 @cache
 def quiet_option() -> Any:
-    """Return the option as a parameter that a command can be given after it was made."""
+    """Return the option as a parameter to add to an existing command."""
     app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
     @app.command()

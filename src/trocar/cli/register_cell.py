@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 STATION, REPORT = "station", "report of a registration"
 FILES = {"station.toml": STATION, "report.json": REPORT, "corners.png": PICTURE}
-"""What is written, and of which kind it is."""
+"""The files that are written, with their kinds."""
 
 
 def cell(
@@ -67,7 +67,7 @@ def _register(station: str, seed: int) -> CellRegistration:
     from trocar.station import load_station  # noqa: PLC0415
 
     loaded = load_station(station)
-    checkerboard_of(loaded)  # refused before a bar is drawn
+    checkerboard_of(loaded)  # raises before a progress bar is drawn
     with progress() as tick:
 
         def listen(done: int, total: int) -> None:

@@ -1,4 +1,4 @@
-"""``trocar report``: look at what was kept of a run."""
+"""``trocar report``: look at the saved trials of a run."""
 
 from __future__ import annotations
 
@@ -68,13 +68,13 @@ def _draw_video(folder: Path, place: tuple[int, int] | None) -> None:
 
 
 def finish(folder: Path, as_json: bool, interrupted: bool, place: tuple[int, int] | None = None) -> bool:
-    """Write and print what a folder's trials say; return whether every goal of all of them was reached.
+    """Write and print the report of a folder's trials; return whether every goal of every trial was reached.
 
     Args:
         folder: of the run.
         as_json: print the summary as JSON.
-        interrupted: whether the run was.
-        place: session and number of the trial that the report is of; None: all.
+        interrupted: whether the run was interrupted.
+        place: session and number of the trial to report on; None: all.
     """
     from trocar.report.files import write_report  # noqa: PLC0415 (SciPy only when needed)
     from trocar.tasks import TASKS  # noqa: PLC0415

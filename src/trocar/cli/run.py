@@ -1,4 +1,4 @@
-"""``trocar run``: play a task."""
+"""``trocar run``: run trials of a task."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stdout and stderr can show: made sure of before anything is printed."""
+"""Makes sure, before anything is printed, that stdout and stderr can show it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import sys
 from io import TextIOWrapper
 
 MIN_COLUMNS, MAX_COLUMNS = 20, 1000
-"""Of a terminal; one that claims less or more is taken to say nothing, as where COLUMNS is 0."""
+"""Plausible widths of a terminal; a value outside them counts as not given, as with COLUMNS=0."""
 
 
 def prepare_streams() -> None:
-    """Let any text be printed anywhere: what an encoding lacks is written as an escape."""
+    """Make any text printable anywhere: characters that an encoding lacks are written as escapes."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

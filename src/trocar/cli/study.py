@@ -103,7 +103,7 @@ def _save(out: Path, summary: dict[str, Any], results: dict[str, dict[str, Evalu
 
 
 def errors_table(tables: dict[str, dict[str, Any]], paper: dict[str, dict[str, tuple[float, ...]]]) -> Table:
-    """Return Table I in mrad and mm, so that it fits into 80 columns."""
+    """Return Table I in mrad and mm, to fit into 80 columns."""
     table = Table(title="Table I: error of the uncorrected joints, mrad; q3 mm")
     for column in ("recording", "", "", "q1", "q2", "q3", "q4", "q5", "q6"):
         table.add_column(column, justify="right", no_wrap=True)
@@ -125,7 +125,7 @@ def models_table(
     limits: dict[str, tuple[float, ...]],
     references: dict[str, dict[str, tuple[float, ...]]],
 ) -> Table:
-    """Return the errors of the fitted models, beside what is known of others."""
+    """Return the errors of the fitted models, beside the known errors of others."""
     table = Table(
         title="Fitted on the first 80 %: RMSE q4 q5 q6 in rad on the last fifth",
         caption="time: of one compensation",

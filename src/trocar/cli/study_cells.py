@@ -1,4 +1,4 @@
-"""What commands of studies that run trials have in common: options, a progress bar, the work itself."""
+"""What the commands of studies that run trials share: options, a progress bar, the work itself."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def loaded(plugin: Sequence[Path] | None) -> tuple[str, ...]:
 
 
 def workers_of(backend: str, jobs: int | None, scheduler: str) -> Workers:
-    """Return who work; a job a core where nothing is said."""
+    """Return the workers; by default one job per core."""
     from trocar.trials.workers import pick_workers  # noqa: PLC0415 (the simulator is heavy)
 
     return pick_workers(backend, jobs if jobs is not None else os.cpu_count() or 1, scheduler)
 
 
 def require_study(folder: Path, report_only: bool) -> None:
-    """Raise TrocarError where a report of nothing is asked for, or a study would have to lie in a file."""
+    """Raise TrocarError if there is nothing to report on, or if the study's folder would be a file."""
     if folder.exists() and not folder.is_dir():
         raise TrocarError(f"--out {str(folder)!r} is a file; give a folder")
     if report_only and not any(folder.glob("*/run.json")):
@@ -69,13 +69,13 @@ def worked(
     results_of: Callable[..., tuple[list[Any], list[str]]],
     workers: Workers | None,
 ) -> tuple[list[Any], list[str]]:
-    """Run what a study lacks, with a progress bar; return its results and sentences on trials that are missing.
+    """Run the missing trials of a study, with a progress bar; return its results and a sentence per missing trial.
 
     Args:
         cells: of the study.
         read_row: makes the row of a trial.
         results_of: returns the results of cells, given a tick.
-        workers: who work; None: nothing is run.
+        workers: do the work; None: nothing is run.
     """
     from trocar.trials.study import run_study  # noqa: PLC0415 (the simulator is heavy)
 

@@ -22,7 +22,7 @@ from trocar.sutures import PRESETS
 KIND = "study of sutures"
 DRAWN = ("figures", "table_1", *(f"figure_{number}" for number in range(3, 8)))
 FILES = {"summary.json": KIND, **{f"{name}.png": PICTURE for name in DRAWN}}
-"""What is written, and of which kind it is."""
+"""The files that are written, with their kinds."""
 
 if TYPE_CHECKING:
     from trocar.sutures.random_setups import SetupStatistics
@@ -92,7 +92,7 @@ def _random(setups: int, seed: int) -> SetupStatistics:
 
 
 def _print(summary: dict[str, Any]) -> None:
-    """Print the tables, and what follows from them and what does not."""
+    """Print the tables, and which conclusions they support."""
     from trocar.report.sutures.tables import (  # noqa: PLC0415
         choices_table,
         fits_table,

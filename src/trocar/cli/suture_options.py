@@ -1,4 +1,4 @@
-"""Options of the suture commands, in degrees and mm, and the setup, reward and spacing that they describe."""
+"""Options of the suture commands, in degrees and mm, and the setup, reward and spacing that they define."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``trocar run TASK``: one command a task, with that task's own options."""
+"""``trocar run TASK``: one command per task, with that task's own options."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ OWN = "Of this task"
 
 
 class TaskGroup(TyperGroup):
-    """The tasks as commands. A plugin that is named anywhere on the line is loaded before its task is looked for.
+    """The tasks as commands. A plugin that is named anywhere on the line is loaded before its task is looked up.
 
     Attributes:
-        body: what a task's command calls, with the options of every run and those of the task.
-        told: what its help says that it does.
-        example: of a line, with ``{task}`` for the task's name and, where it needs one, its plugin.
+        body: the function that a task's command calls, with the options of every run and those of the task.
+        told: the description in its help.
+        example: a line, with ``{task}`` for the task's name and, if it needs one, its plugin.
     """
 
     body: Callable[..., None]
@@ -35,7 +35,7 @@ class TaskGroup(TyperGroup):
     example: str
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Load the plugins of the line, then go on as usual."""
+        """Load the plugins of the line, then parse it as usual."""
         load_given(args)
         return super().parse_args(ctx, args)
 
@@ -45,7 +45,7 @@ class TaskGroup(TyperGroup):
         return list(TASKS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return what stands for the command of a task: its options are found when its turn comes."""
+        """Return a placeholder for the command of a task; its options are found when they are needed."""
         del ctx
         task, own = TASKS.pick(cmd_name), type(self)
         check_task(task)
@@ -56,10 +56,10 @@ def task_command(task: type[Task], body: Callable[..., None], told: str, example
     """Return the command of one task: the options of ``body``, and the fields of the task.
 
     Args:
-        task: whose.
+        task: the task.
         body: called with ``task``, its options as ``options``, and its own parameters by name.
-        told: what the help says that it does.
-        example: of a line.
+        told: the description in the help.
+        example: a line that calls it.
     """
     check_task(task)
     own = {field.name: field for field in fields(task)}  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""What is printed where, and what is left out with ``--quiet``."""
+"""Where text is printed, and what ``--quiet`` leaves out."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from trocar.cli.quiet import is_quiet
 
 
 def results() -> Console:
-    """Return the console of what was asked for: it is always printed."""
+    """Return the console for the requested result, which is always printed."""
     return Console()
 
 
 def details() -> Console:
-    """Return the console of what leads to the end of a long result: tables and remarks; silent with ``--quiet``."""
+    """Return the console for what precedes the end of a long result: tables, remarks; silent with ``--quiet``."""
     return Console(quiet=is_quiet())
 
 
 def beside() -> Console:
-    """Return the console of what is said beside the result, on stderr; silent with ``--quiet``."""
+    """Return the console for messages beside the result, on stderr; silent with ``--quiet``."""
     return Console(stderr=True, quiet=is_quiet())

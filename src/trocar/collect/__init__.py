@@ -1,1 +1,1 @@
-"""Calibration from images: an arm moves through random places, wearing spheres that a camera sees."""
+"""Calibration from images: an arm wears spheres that a camera sees, and moves through random configurations."""

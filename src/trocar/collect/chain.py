@@ -1,4 +1,4 @@
-"""Collect, register, fit, evaluate: the calibration of one arm from its first image to its cable model."""
+"""Collect, register, fit, evaluate: the calibration of one arm, from the first image to the cable model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Calibrated:
 
     Attributes:
         collection: what was collected.
-        measured: what its images say.
+        measured: base and joints found in its images.
         recording: commands and measured joints.
         evaluation: of the cable model on the part of the recording that it was not fitted on; None: none was fitted.
         fitted_rows: rows at the beginning that the model was fitted on.
@@ -37,17 +37,17 @@ class Calibrated:
 
     @property
     def joint_error(self) -> NDArray[np.float64]:
-        """Return measured less true joints (m, 6) of the good rows; the truth is the simulator's, for this alone."""
+        """Return measured minus true joints (m, 6) of the good rows; the simulator's truth is used for this alone."""
         return (self.recording.q_phy - self.collection.q_joint)[self.recording.valid]
 
     @property
     def distance_error_m(self) -> NDArray[np.float64]:
-        """Return by how much distances between spheres of one part differ from those printed, flat."""
+        """Return by how much distances between spheres of one part differ from those printed, as a flat array."""
         errors = distance_errors_m(self.collection.fixture, self.measured.p_camera_m)
         return errors[np.isfinite(errors)]
 
     def base_error(self, T_camera_base: SE3) -> tuple[float, float]:
-        """Return how far in m, and by what angle in rad, the base was found from its true pose in the camera."""
+        """Return the error of the base's pose in the camera frame: distance in m, angle in rad."""
         off = T_camera_base.inverse() @ self.measured.hand_eye.T_camera_base
         turn = float(np.arccos(np.clip((np.trace(off.rotation.matrix) - 1) / 2, -1, 1)))
         return float(np.linalg.norm(off.translation_m)), turn
@@ -94,13 +94,13 @@ def calibrate(
     rng: np.random.Generator,
     listener: Listener | None = None,
 ) -> Calibrated:
-    """Collect what is not collected yet, and write recording and cable model of one arm into a folder.
+    """Collect what is still missing, and write recording and cable model of one arm into a folder.
 
     Args:
         collection: of the arm.
         folder: gets ``spheres_ARM.npz``, ``recording_ARM.npz`` and ``cables_ARM.npz``.
         model: cable model, fitted on the first rows; None: none.
-        fraction: share of the rows that it is fitted on; the rest tells how good it is.
+        fraction: share of the rows that it is fitted on; the rest is for its evaluation.
         rng: of the fit.
         listener: called after each row.
     """

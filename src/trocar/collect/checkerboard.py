@@ -1,6 +1,6 @@
 """A cell registered by a checkerboard: held by hand for the lenses, by a bracket on each base for the poses.
 
-Kehoe et al. 2014, IV-B: the camera is the frame in between that tells where the bases stand to each other.
+Kehoe et al. 2014, IV-B: the poses of the bases relative to each other follow from the camera's frame.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from trocar.sim.checkerboard_cell import CheckerboardCell
 from trocar.station import CheckerboardRegistration, SensorFlaws, Station
 
 HAND_S, BRACKET_S = 6.0, 120.0
-"""Time of a person for one pose by hand, and to mount a bracket, take the image and remove it (assumed)."""
+"""Time that a person takes for one pose by hand, and to mount a bracket, take the image and remove it (assumed)."""
 BELOW_M = 0.04
-"""Where no fixture is called 'table', the table lies this much below the board on its bracket (assumed)."""
+"""If no fixture is called 'table', the table lies this much below the board on its bracket (assumed)."""
 PLACES_M = (0.04, 0.03, 0.02)
-"""Half the box round the board in which errors of seen places are asked for, along the board's axes."""
+"""Half sides of the box round the board in which position errors are evaluated, along the board's axes."""
 
 Listener = Callable[[int, int], None]
-"""Called with the images that are done, and all."""
+"""Called with the number of images done and of all images."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +52,10 @@ class BoardView:
 
 @dataclass(frozen=True, eq=False)
 class CellRegistration:
-    """What the checkerboard told of a cell.
+    """The result of registering a cell with a checkerboard.
 
     Attributes:
-        station: the cell; its true poses and lenses are used for errors alone.
+        station: the cell; its true poses and lenses are used only to compute errors.
         camera: name of the camera.
         calibration: of its lenses.
         shown: views that a person held before the camera.
@@ -63,7 +63,7 @@ class CellRegistration:
         views: the view of the board on each arm's bracket.
         poses: of these boards.
         T_world_camera: pose of the camera as found.
-        T_world_base: bases as found; that of the first arm is what the world refers to.
+        T_world_base: bases as found; that of the first arm is the world's reference.
     """
 
     station: Station
@@ -78,16 +78,16 @@ class CellRegistration:
 
     @property
     def duration_s(self) -> float:
-        """Return the time that it takes a person beside the robot."""
+        """Return the time that a person spends at the robot."""
         return HAND_S * self.shown + BRACKET_S * len(self.views)
 
     def T_base_board_off(self, arm: str) -> SE3:
-        """Return the pose of the board as found in the board as the bracket was made to hold it: whole error there."""
+        """Return the board's pose as found, in the frame where its bracket should hold it: the whole error there."""
         how, true = checkerboard_of(self.station), self.station.cameras[self.camera].T_world_camera
         return how.T_world_board.inverse() @ true @ self.poses[arm].T_left_board
 
     def errors(self) -> dict[str, Any]:
-        """Return by how much all is off from the simulator's truth, in mm and deg, as JSON's values."""
+        """Return all errors against the simulator's truth, in mm and deg, as JSON values."""
         arms, seen_by = self.station.arms, self.station.cameras[self.camera]
         first = next(iter(arms))
         found: dict[str, Any] = {"camera_to_base": {}, "base_to_base": {}, "places_mm": {}}
@@ -103,7 +103,7 @@ class CellRegistration:
         return found
 
     def _places_off_m(self, T_camera_base: SE3, T_camera_found: SE3) -> float:
-        """Return how far, on average, places near the board are found from where they are to a base."""
+        """Return the mean position error of points near the board, in the frame of a base."""
         seen_by = self.station.cameras[self.camera]
         true = seen_by.model
         assert isinstance(true, StereoRig)
@@ -130,13 +130,13 @@ class CellRegistration:
 
 
 def _apart(true: SE3, found: SE3) -> dict[str, float]:
-    """Return how far, and by what angle, a pose was found from the true one."""
+    """Return by what distance and angle a pose differs from the true one."""
     off = true.inverse() @ found
     return {"mm": 1e3 * float(np.linalg.norm(off.translation_m)), "deg": float(np.degrees(off.rotation.angle()))}
 
 
 def checkerboard_of(station: Station) -> CheckerboardRegistration:
-    """Return how a station's checkerboard registers it.
+    """Return the checkerboard registration of a station.
 
     Raises:
         TrocarError: it is registered in another way.
@@ -168,7 +168,7 @@ def register_cell(
     flaws: SensorFlaws | None = None,
     listener: Listener | None = None,
 ) -> CellRegistration:
-    """Show the board, calibrate the lenses, mount the brackets, find camera and bases; all through images.
+    """Show the board, calibrate the lenses, mount the brackets, find camera and bases; all from images.
 
     Args:
         station: the cell.

@@ -18,11 +18,11 @@ from trocar.output import write_figure
 BRIGHTEST = 230
 """Grey level that the brightest pixels of a picture get."""
 MARGIN_PX = 90
-"""Round the corners in a picture."""
+"""Margin round the corners in a picture."""
 
 
 def draw_registration(found: CellRegistration, path: str | Path) -> Path:
-    """Draw the board on each bracket in both eyes with the corners found, and where the hand showed it."""
+    """Draw the board on each bracket in both eyes with the corners found, and where it was shown by hand."""
     figure = Figure(figsize=(14, 4.6 * (len(found.views) + 1)), layout="constrained", dpi=90)
     grid = figure.add_gridspec(len(found.views) + 1, 2)
     for row, (arm, view) in enumerate(found.views.items()):

@@ -28,21 +28,21 @@ from trocar.station.transmission import DriveTrain
 SAMPLE_S = 0.75
 """Time of one sample: a move of .1 rad, settling, an exposure of .15 s (recordings: .4 to 1.1 s; the paper: .8 s)."""
 SAVED_EVERY = 25
-"""Rows after which what was found is saved."""
+"""Results are saved after this many rows."""
 MIN_ROWS = 30
 FORMAT, VERSION = "trocar sphere centres", 1
 
 Listener = Callable[[int, int], None]
-"""Called with the rows that are done, and all."""
+"""Called with the number of rows done and of all rows."""
 
 
 class Collection:
     """The calibration of one arm by the spheres that it wears, in the simulated cell.
 
-    Commands and estimates see the registered poses, the encoders and the images; what is true stays inside.
+    Commands and estimates see the registered poses, the encoders and the images; the truth stays inside.
 
     Attributes:
-        q_cmd: (n, 6) commands; the first two take up the slack and are not looked at.
+        q_cmd: (n, 6) commands; the first two take up the slack and get no image.
         view: of the camera, as registered.
     """
 
@@ -58,15 +58,15 @@ class Collection:
         fixture: Fixture = SIX_SPHERES,
         flaws: SensorFlaws | None = None,
     ):
-        """Choose the commands; nothing is looked at yet.
+        """Choose the commands; no image is taken yet.
 
         Args:
-            session: the day.
+            session: the session.
             arm: which arm.
-            box: where the motion goes.
-            seeds: of all that is random.
+            box: range of the motion.
+            seeds: of everything random.
             rows: how many samples.
-            wide: the motion is the short one of wide swings.
+            wide: whether the motion is the short one of wide swings.
             fixture: that the arm wears.
             flaws: of the camera, in place of the station's.
         """
@@ -101,7 +101,7 @@ class Collection:
 
     @property
     def q_joint(self) -> NDArray[np.float64]:
-        """Return the true joints (n, 6): for a report on the estimate, never for the estimate."""
+        """Return the true joints (n, 6): for evaluating the estimate, never for the estimate itself."""
         return self._q_joint.copy()
 
     @property
@@ -111,18 +111,18 @@ class Collection:
 
     @property
     def T_camera_base_true(self) -> SE3:
-        """Return the true pose of the base in the camera: for a report on the registration alone."""
+        """Return the true pose of the base in the camera, only for evaluating the registration."""
         return self._session.T_world_camera[self._camera].inverse() @ self._session.T_world_base[self.arm]
 
     @property
     def digest(self) -> str:
-        """Return what tells this collection from others."""
+        """Return what distinguishes this collection from others."""
         parts = (self.q_cmd, self._q_joint, self.fixture.centers_m, self.view.T_camera_base.matrix)
         text = f"{self.arm} {self._printer} {self._images} {self.view.lens} {self._flaws}".encode()
         return hashlib.sha256(b"".join(part.tobytes() for part in parts) + text).hexdigest()[:16]
 
     def image(self, row: int) -> RgbdImage:
-        """Return the image after this row's command: the rectangle of pixels round the instrument."""
+        """Return the image taken after this row's command: the rectangle of pixels round the instrument."""
         if self._cell is None:
             rng = np.random.default_rng(self._printer)
             self._cell = FiducialCell(self._session, self.arm, self._camera, self.fixture, rng, self._flaws)
@@ -143,7 +143,7 @@ class Collection:
         return (int(first[0]), int(first[1])), (int(size[0]), int(size[1]))
 
     def run(self, path: str | Path | None = None, listener: Listener | None = None) -> NDArray[np.float64]:
-        """Return the centres (n, k, 3) of all rows; go on where a file of an interrupted collection ends.
+        """Return the centres (n, k, 3) of all rows; resume where the file of an interrupted collection ends.
 
         Args:
             path: of the file; None: nothing is kept.

@@ -19,12 +19,12 @@ from trocar.perception.image import Intrinsics
 from trocar.station import Station
 
 MARGIN_PX = 6.0
-"""Between a sphere, at the joints commanded, and the edge of the image."""
+"""Margin between a sphere, at the commanded joints, and the edge of the image."""
 CABLES_M = 14e-3
-"""The jaw's spheres may be this far from where the commands place them: cables are off by .3 rad and more, 44 mm away
-from the wrist's middle."""
+"""The jaw's spheres may be this far from where the commands place them: cables have errors of .3 rad and more, and the
+spheres are 44 mm from the middle of the wrist."""
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
-"""Shares of the outer joints' way from their middle that are tried, largest first."""
+"""Shares of the outer joints' distance from their middle that are tried, largest first."""
 WRIST_STEPS = 7
 SMOOTH_ROWS = 41
 """Rows over which such a share changes, so that the path stays smooth; odd."""
@@ -32,11 +32,11 @@ SMOOTH_ROWS = 41
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What decides which places an RGBD camera sees.
+    """What determines which points an RGBD camera sees.
 
     Attributes:
         lens: of the camera.
-        T_camera_base: where it sees the arm's base, as registered so far.
+        T_camera_base: the arm's base in the camera, as registered so far.
     """
 
     lens: Intrinsics
@@ -55,8 +55,8 @@ def commands_in_view(
 ) -> NDArray[np.float64]:
     """Return commands (2 + rows, 6): two that swing the wrist back and forth, which takes up the slack, then the path.
 
-    Where the path leaves the view, the outer joints are drawn towards the middle of their ranges; the wrist, whose
-    cables are what is to be learnt, keeps its path.
+    Where the path leaves the view, the outer joints are pulled towards the middle of their ranges; the wrist, whose
+    cables are to be learned, keeps its path.
 
     Args:
         arm: that moves.
@@ -77,7 +77,7 @@ def commands_in_view(
 
 
 def always_in_view(arm: ArmModel, fixture: Fixture, view: View, box: MotionBox) -> bool:
-    """Return whether every pose of the wrist within a box is in view at the middle of the outer joints' ranges.
+    """Return whether every wrist configuration within a box is in view at the middle of the outer joints' ranges.
 
     Then :func:`commands_in_view` finds a path for every seed.
     """
@@ -125,7 +125,7 @@ def _not_in_view(arm: ArmModel) -> str:
 def _pulled_into_view(
     arm: ArmModel, fixture: Fixture, view: View, path: NDArray[np.float64], middle: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return q1 q2 q3 (n, 3) drawn towards their middle (3,) as far as each row needs it, smoothly along the path."""
+    """Return q1 q2 q3 (n, 3) pulled towards their middle (3,) as far as each row needs it, smoothly along the path."""
     need = np.full(len(path), np.nan)
     for share in SHARES:
         tried = path.copy()
@@ -133,14 +133,14 @@ def _pulled_into_view(
         need[np.isnan(need) & in_view(arm, fixture, view, tried)] = share
     if np.isnan(need).any():
         raise TrocarError(_not_in_view(arm))
-    # the mean of the least shares nearby is nowhere more than a row's own
+    # the mean of the least shares nearby never exceeds a row's own share
     least = minimum_filter1d(need, SMOOTH_ROWS, mode="nearest")
     share = uniform_filter1d(least, SMOOTH_ROWS, mode="nearest")
     return middle + share[:, None] * (path[:, :3] - middle)
 
 
 def in_view(arm: ArmModel, fixture: Fixture, view: View, q: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return in which configurations (n, 6) every sphere is wholly in the image, wherever the cables leave it."""
+    """Return in which configurations (n, 6) every sphere is wholly in the image, despite the cables' errors."""
     lower, upper = bounds_px(arm, fixture, view, q, MARGIN_PX, np.where(fixture.on_shaft, 0.0, CABLES_M))
     size = np.array([view.lens.width, view.lens.height])
     return np.all(np.isfinite(lower) & (lower >= 0) & (upper <= size), axis=-1)

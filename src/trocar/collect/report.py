@@ -18,12 +18,12 @@ from trocar.output import write_figure
 from trocar.perception.depth import project
 
 DISTANCE_TARGET_MM, JOINT_TARGET_RAD = 0.35, 0.01
-"""What must hold: RMS of distances between spheres, and of the joints measured (the paper: .32 mm, below .01 rad)."""
+"""Targets: RMS error of distances between spheres, and of the measured joints (the paper: .32 mm, below .01 rad)."""
 BRIGHTER = 1.6
 
 
 def joint_error(joint: int, error: float) -> tuple[str, str]:
-    """Return the error of a joint, rad or m, as pictures and tables give it, and its unit."""
+    """Return the error of a joint, rad or m, as shown in pictures and tables, and its unit."""
     return (f"{1e3 * error:.2f}", "mm") if JOINT_NAMES[joint] == "q3" else (f"{error:.4f}", "rad")
 
 
@@ -100,7 +100,7 @@ def _plain(axes: Axes) -> None:
 
 
 def collection_table(arms: dict[str, dict[str, Any]]) -> Table:
-    """Return the figures of all arms beside what must hold."""
+    """Return the figures of all arms beside the targets."""
     table = Table(title="calibration from images")
     table.add_column("", justify="left")
     for name in arms:

@@ -1,4 +1,4 @@
-"""Arrays from users: numbers, finite, of the shape that was asked for, or one sentence on what is wrong."""
+"""Arrays from users: finite numbers of the requested shape, or one sentence on what is wrong."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> ND
     [1.0, 2.0, 3.0]
 
     Args:
-        what: named in the sentence on what is wrong.
-        values: to be checked; not copied where that can be spared.
+        what: its name in the sentence on what is wrong.
+        values: to be checked; not copied if that can be avoided.
         shape: length of each axis; a letter stands for any length, ``...`` in front for any axes.
 
     Raises:
-        TrocarError: these are no numbers, they have another shape, or one is NaN or infinite.
+        TrocarError: these are not numbers, they have another shape, or one is NaN or infinite.
     """
     array = numbers(what, values, *shape)
     last = array.shape[array.ndim - len(shape) + 1 :] if shape[:1] == (...,) else array.shape
@@ -38,10 +38,10 @@ def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> ND
 
 
 def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> NDArray[np.float64]:
-    """Return float64 numbers, of any shape and finite or not; ``shape`` only tells what is wanted.
+    """Return float64 numbers of any shape, finite or not; ``shape`` only tells what is wanted.
 
     Raises:
-        TrocarError: these are no numbers.
+        TrocarError: these are not numbers.
     """
     try:
         array = np.asarray(values)

@@ -1,4 +1,4 @@
-"""Distances between capsules in closed form: shafts, wrists and fingers are drawn, planned and guarded as these."""
+"""Distances between capsules in closed form; planning and the guard treat shafts, wrists and fingers as capsules."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ def nearest_m(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the shortest vector (..., 3) from the segment q0 q1 to p0 p1, and the shares (...,) where it ends.
 
-    Ericson, Real-Time Collision Detection, 5.1.9: the nearest points of the two lines, clamped to one segment
-    after the other.
+    Ericson, Real-Time Collision Detection, 5.1.9: the nearest points of the two lines, clamped to one segment after the
+    other.
 
     Returns:
-        The vector; the share of the way from p0 to p1 at which its end lies; that from q0 to q1 of its start.
+        The vector; the position of its end as a share of the way from p0 to p1; that of its start from q0 to q1.
     """
     p0, p1, q0, q1 = (np.asarray(x, dtype=np.float64) for x in (p0, p1, q0, q1))
     u, v, w = p1 - p0, q1 - q0, p0 - q0

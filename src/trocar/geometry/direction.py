@@ -16,7 +16,7 @@ def direction(vector: ArrayLike, what: str) -> NDArray[np.float64]:
 
     Args:
         vector: three numbers.
-        what: names it in the sentence.
+        what: its name in the error message.
 
     Raises:
         TrocarError: they are not three, not finite, or all zero.
@@ -27,5 +27,5 @@ def direction(vector: ArrayLike, what: str) -> NDArray[np.float64]:
         given = np.empty(0)
     if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
         raise TrocarError(f"{what} is {vector}; give three finite numbers that are not all 0, such as 0 0 1")
-    scaled = given / np.abs(given).max()  # squares of the largest and smallest floats are none
+    scaled = given / np.abs(given).max()  # squares of the largest and smallest floats overflow or underflow
     return scaled / np.linalg.norm(scaled)

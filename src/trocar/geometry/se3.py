@@ -22,8 +22,8 @@ class SE3:
         matrix: (..., 4, 4) homogeneous; leading axes are the batch.
 
     Raises:
-        TrocarError: a matrix is no rigid transform: of another shape, not finite, or its first three rows and columns
-            no rotation.
+        TrocarError: a matrix is not a rigid transform: of another shape, not finite, or its first three rows and
+            columns not a rotation.
 
     Example:
         >>> from math import pi
@@ -47,7 +47,7 @@ class SE3:
 
     @staticmethod
     def unchecked(matrix: NDArray[np.float64]) -> SE3:
-        """Return the pose(s) of matrices (..., 4, 4) that are known to be some, as where they were computed."""
+        """Return the pose(s) of matrices (..., 4, 4) that are known to be valid, such as computed ones."""
         made = object.__new__(SE3)
         object.__setattr__(made, "matrix", matrix)
         return made
@@ -145,7 +145,7 @@ def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
     """Return a pose, or that of a matrix (4, 4).
 
     Raises:
-        TrocarError: it is none, or there are several.
+        TrocarError: it is not a pose, or there are several.
     """
     T = SE3.of(pose)
     if T.matrix.ndim != 2:
@@ -154,5 +154,5 @@ def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
 
 
 def _shown(place_mm: NDArray[np.float64]) -> str:
-    """Return a place in words; no zero has a sign."""
+    """Return a position in words; zeros have no sign."""
     return f"({', '.join(f'{x:.1f}' for x in place_mm.round(1) + 0.0)})"

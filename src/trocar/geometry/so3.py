@@ -14,7 +14,7 @@ from trocar.geometry.arrays import finite
 from trocar.geometry.direction import direction
 
 RIGID = 1e-6
-"""Columns of a rotation that are off unit length or right angles by so much are rounding errors, of float32 too."""
+"""Columns of a rotation may miss unit length and right angles by this much: rounding, even of float32."""
 
 SMALL_ANGLE_RAD = 1e-4
 """Below this angle the closed forms divide by almost 0; series to order four are exact to 1e-17 there."""
@@ -39,7 +39,7 @@ class SO3:
         matrix: (..., 3, 3) orthonormal with determinant +1; leading axes are the batch.
 
     Raises:
-        TrocarError: a matrix is no rotation: of another shape, not finite, not orthonormal, or a reflection.
+        TrocarError: a matrix is not a rotation: of another shape, not finite, not orthonormal, or a reflection.
     """
 
     matrix: NDArray[np.float64]
@@ -51,7 +51,7 @@ class SO3:
 
     @staticmethod
     def unchecked(matrix: NDArray[np.float64]) -> SO3:
-        """Return the rotation(s) of matrices (..., 3, 3) that are known to be some, as where they were computed."""
+        """Return the rotation(s) of matrices (..., 3, 3) that are known to be valid, such as computed ones."""
         made = object.__new__(SO3)
         object.__setattr__(made, "matrix", matrix)
         return made
@@ -61,7 +61,7 @@ class SO3:
         """Return the rotation(s) nearest to matrices (..., 3, 3), such as rotations that were rounded in a file.
 
         Raises:
-            TrocarError: a matrix is nearer to no rotation than to others: its columns span no space, or mirror it.
+            TrocarError: a matrix has no nearest rotation: its columns do not span space, or it is a reflection.
         """
         given = finite("a matrix", matrix, ..., 3, 3)
         u, sizes, vt = np.linalg.svd(given)
@@ -95,7 +95,7 @@ class SO3:
 
     @staticmethod
     def between(start: ArrayLike, end: ArrayLike) -> SO3:
-        """Return the smallest rotation that takes one direction (3,) to another; of opposite ones any half turn.
+        """Return the smallest rotation that takes one direction (3,) to another; for opposite ones, any half turn.
 
         Raises:
             TrocarError: one of them has no direction.
@@ -180,13 +180,13 @@ class SO3:
 
 
 def _most(degrees: NDArray[np.float64]) -> str:
-    """Return in words by how much a batch is turned."""
+    """Return the angles of a batch in words."""
     return f"turned by up to {degrees.max():.1f} deg" if degrees.size else "none"
 
 
 def require_rotation(what: str, matrix: NDArray[np.float64]) -> None:
     """Raise TrocarError unless all of finite matrices (..., 3, 3) are rotations, to :data:`RIGID`."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of huge numbers
+    with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers
         off = np.nan_to_num(np.abs(np.swapaxes(matrix, -1, -2) @ matrix - np.eye(3)), nan=np.inf, posinf=np.inf).max(
             (-2, -1)
         )
@@ -204,12 +204,12 @@ def require_rotation(what: str, matrix: NDArray[np.float64]) -> None:
 
 
 def _which(wrong: NDArray[np.bool_]) -> str:
-    """Return which of a batch is wrong first; nothing where there is one only."""
+    """Return the index of the first wrong item of a batch, in words; empty if there is only one item."""
     return f", first at {np.argwhere(wrong)[0].tolist()}" if wrong.ndim else ""
 
 
 def picked(what: str, matrix: NDArray[np.float64], index: Any) -> NDArray[np.float64]:
-    """Return some of a batch (..., n, n) of matrices; rows and columns stay whole."""
+    """Return some items of a batch (..., n, n) of matrices; rows and columns stay whole."""
     batch = matrix.shape[:-2]
     chosen = matrix[index]
     if chosen.shape[-2:] != matrix.shape[-2:]:

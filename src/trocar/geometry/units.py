@@ -1,4 +1,4 @@
-"""How lengths and angles are shown to people: in millimetres and degrees."""
+"""How lengths and angles are displayed: in millimetres and degrees."""
 
 from __future__ import annotations
 

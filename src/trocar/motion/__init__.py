@@ -1,4 +1,4 @@
-"""Motions in joint space: a problem in, a checked plan out; planners by name; plain moves; limits, bound, distances."""
+"""Motions in joint space: from a problem to a checked plan; planners by name; plain moves; limits, bound, distances."""
 
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.bound import duration_bound_s, shortest_rest_to_rest_s, shortest_to_rest_s

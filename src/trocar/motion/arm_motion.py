@@ -1,4 +1,4 @@
-"""What one arm is asked to do."""
+"""The motion asked of one arm."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class ArmMotion:
                     raise TrocarError(f"waypoint {index}, joint '{joint.name}' is {value}; give a finite number")
         same = np.all(np.abs(np.diff(points, axis=0)) < NEAREST, axis=1)
         if self.moves and len(same):
-            same[0] = False  # to stop and come back is a motion
+            same[0] = False  # stopping and coming back is a motion too
         if same.any():
             first = int(np.flatnonzero(same)[0])
             raise TrocarError(f"waypoints {first} and {first + 1} coincide; remove one of them")

@@ -1,4 +1,4 @@
-"""How far the parts of a moving arm can be from where straight lines between samples would have them."""
+"""How far the parts of a moving arm can deviate from straight lines between samples."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def greatest_accelerations(
 ) -> NDArray[np.float64]:
     """Return bounds on the acceleration of every point of the instrument's capsules: (n, 4) m/s^2.
 
-    A point that starts and ends an interval of length h where two samples have it is never further than
-    ``h^2 / 8`` times this from the straight line between them: between samples nothing is hidden.
+    Over an interval of length h between two samples, a point is never further than ``h^2 / 8`` times this from the
+    straight line between its sampled positions, so nothing is hidden between samples.
 
     With ``l_k`` the greatest distance of the point from the axis of joint k (1 for the joint that slides), each
-    joint adds ``l_k (|a_k| + |v_k| (|v_k| + 2 sum of |v_j| over the joints j before it))``, where only joints
-    that turn count among the velocities in brackets: what one joint does is turned by those before it.
+    joint adds ``l_k (|a_k| + |v_k| (|v_k| + 2 sum of |v_j| over the joints j before it))``, where only revolute joints
+    count among the velocities in brackets, because they rotate the motion of the joints after them.
 
     Args:
         arm: on its trajectory.
@@ -44,9 +44,9 @@ def greatest_accelerations(
 def _greatest_rates(
     arm: MovingArm, middle_s: NDArray[np.float64], half_s: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return bounds (n, 6) of the joints' speeds and accelerations over intervals, by Taylor's series: exact sums.
+    """Return bounds (n, 6) of the joints' speeds and accelerations over intervals, from finite Taylor series.
 
-    Between two knots a trajectory is a polynomial, so the series about the middle ends with its degree.
+    Between two knots a trajectory is a polynomial, so the series about the middle ends at its degree.
     """
     orders = [np.abs(arm.joints(middle_s, order)) for order in range(1, len(arm.trajectory.coefficients))]
     factors = [half_s**k / factorial(k) for k in range(len(orders))]

@@ -38,7 +38,7 @@ class Bodies:
     def of(
         cls, arms: Mapping[str, MovingArm], others: Mapping[str, MovingArm], obstacles: Mapping[str, Obstacle]
     ) -> Bodies:
-        """Return the bodies; the pairs are of two arms, of an arm and another one, of an arm and an obstacle."""
+        """Return the bodies; pairs are of two planned arms, or of a planned arm and another arm or an obstacle."""
         movers = (*arms.values(), *others.values())
         still = stacked(obstacles)
         names = [f"{name} {solid}" for name in (*arms, *others) for solid in SOLIDS] + list(obstacles)

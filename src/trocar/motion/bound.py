@@ -26,8 +26,8 @@ def shortest_to_rest_s(
 ) -> NDArray[np.float64]:
     """Return the least time from a moving start to rest at a signed distance, s.
 
-    Where braking at once stops short of the goal, the rest is a trapezoid of velocity cut off at its start;
-    where it does not, or leads away, the joint brakes and comes back from rest.
+    If braking at once stops short of the goal, the motion is a trapezoid of velocity cut off at its start; if it
+    overshoots or leads away, the joint brakes and comes back from rest.
 
     Args:
         distance: to go, rad or m, of either sign.
@@ -38,10 +38,10 @@ def shortest_to_rest_s(
     d, v0, v, a = (np.asarray(x, dtype=np.float64) for x in (distance, start_velocity, velocity, acceleration))
     braking_s, stop = np.abs(v0) / a, v0 * np.abs(v0) / (2 * a)
     missed = np.abs(d - stop)
-    # a root of the rounding would cost microseconds where braking ends at the goal
+    # if braking ends at the goal, the root of a rounding error would cost microseconds
     missed = np.where(missed <= ROUNDING * (np.abs(d) + np.abs(stop)), 0.0, missed)
     back = braking_s + shortest_rest_to_rest_s(missed, v, a)
-    # going on: what has been done of the ramp up is saved, as if the joint had started earlier from rest
+    # continuing saves the part of the ramp already done, as if the joint had started earlier from rest
     behind = v0**2 / (2 * a)
     on = shortest_rest_to_rest_s(np.abs(d) + behind, v, a) - braking_s
     return np.where((d - stop) * v0 > 0, on, back)
@@ -55,12 +55,12 @@ def duration_bound_s(
 ) -> float:
     """Return a lower bound of the duration of any motion through the waypoints to rest at the last, s.
 
-    Each joint alone is a double integrator that must visit its values in order, at any velocity. Where it
-    turns round it must stop, at the waypoint or beyond; where it does not, a waypoint costs nothing. So its
-    least time is the sum of rest-to-rest times over the monotone runs, exactly, and no motion of all joints
-    beats the slowest one. A joint that starts moving turns first where its run ends, or where it can stop at
-    the earliest if that is further. The bound ignores that the joints pass a waypoint together, the path
-    between waypoints, jerk, and whatever is in the way.
+    Each joint alone is a double integrator that must visit its values in order, at any velocity. Where it reverses it
+    must stop, at the waypoint or beyond; elsewhere, a waypoint costs nothing. So its least time is the sum of
+    rest-to-rest times over the monotone runs, exactly, and no motion of all joints beats the slowest one. A joint with
+    a moving start first reverses where its run ends, or at the earliest point where it can stop, if that is further.
+    The bound ignores that the joints pass a waypoint together, the path between waypoints, jerk, and whatever is in the
+    way.
 
     >>> plan = plan_through(arm, waypoints, limits)
     >>> duration_bound_s(waypoints, limits) == plan.bound_s < plan.duration_s
@@ -70,8 +70,8 @@ def duration_bound_s(
         waypoints: (n, joints), rad or m.
         limits: bounds of velocity and acceleration.
         start_velocity: (joints,) at the first waypoint, per second; None: at rest.
-        strays: (n, joints) how far each joint may be from each waypoint when it passes it; None: nowhere. Between two
-            turns it then goes at least what they are apart less what it may stray at both.
+        strays: (n, joints) how far each joint may be from each waypoint when it passes it; None: not at all. Between
+            two reversals it then travels at least their distance minus the allowed deviations at both.
     """
     q = np.asarray(waypoints, dtype=np.float64)
     v0 = np.zeros(q.shape[1]) if start_velocity is None else np.asarray(start_velocity, dtype=np.float64)
@@ -87,10 +87,10 @@ def duration_bound_s(
 def _least_straying_s(
     values: NDArray[np.float64], v0: float, velocity: float, acceleration: float, strays: NDArray[np.float64]
 ) -> float:
-    """Return a time that one joint needs at least to rest at the last of its values, passing near the others.
+    """Return a lower bound of the time in which one joint passes near its values and rests at the last.
 
-    Each choice of waypoints in which it turns, by more than it may stray, gives a bound; the greatest counts. From a
-    moving start only the end is considered.
+    Each choice of waypoints at which it reverses, by more than it may deviate, gives a bound; the greatest counts. From
+    a moving start only the end is considered.
     """
     bounds_s = [_least_s(values[[0, -1]], v0, velocity, acceleration)]
     inner = [] if v0 else range(1, len(values) - 1)
@@ -119,7 +119,7 @@ def _least_s(values: NDArray[np.float64], v0: float, velocity: float, accelerati
 
 
 def _monotone_runs(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the lengths of the monotone runs of a sequence; turns as small as rounding are left out."""
+    """Return the lengths of the monotone runs of a sequence; reversals as small as rounding are ignored."""
     steps = np.diff(values)
     steps = steps[np.abs(steps) > ROUNDING * np.abs(values).max()]
     if not len(steps):

@@ -1,4 +1,4 @@
-"""Coming to rest from the middle of a motion: on its path, within the limits."""
+"""Coming to rest in the middle of a motion: on its path, within the limits."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from trocar.trajectory import Trajectory
 STEP_S, MIN_STEP_S, MAX_CHANGE = 1e-3, 5e-5, 0.02
 """Braking is integrated in steps in which the rate of the path's time changes by no more than this."""
 HEADROOM = 0.99
-"""Share of the acceleration limits that braking uses: what lies between two steps."""
+"""Share of the acceleration limits that braking uses; the rest is a margin for what lies between two steps."""
 PATIENCE, GRACE_S = 2.0, 0.1
-"""Braking on the path may take this many times as long as the joints by themselves need, and so much longer."""
+"""Braking on the path may take up to this factor longer than the joints need by themselves, plus this time."""
 STILL = 1e-12
 
 
@@ -27,7 +27,7 @@ class Brake:
         times_s: (n,) since braking began.
         path_s: (n,) time along the trajectory.
         rate: (n,) how fast it runs; the last is 0.
-        off_path: where the path is left: the motion of the joints by themselves, from time 0; else None.
+        off_path: if the path is left, the motion of the joints by themselves, from time 0; else None.
     """
 
     times_s: NDArray[np.float64]
@@ -43,8 +43,8 @@ class Brake:
     def at(self, since_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the time along the path (n,) and its rate at times (n,) since braking began.
 
-        Between two steps the rate is linear, so that the time along the path is quadratic; a straight line in its place
-        would make the arm rattle.
+        Between two steps the rate is linear, so the time along the path is quadratic; linear interpolation would make
+        the arm rattle.
         """
         row = np.clip(np.searchsorted(self.times_s, since_s, side="right") - 1, 0, len(self.times_s) - 1)
         rate = np.interp(since_s, self.times_s, self.rate)
@@ -61,10 +61,10 @@ def brake(
 ) -> Brake:
     """Return how to come to rest from a motion ``path_s`` after its start, as fast as the limits allow.
 
-    The path is kept by running its time slower and slower: with ``s`` for the time along the path, every joint
-    accelerates by ``q' s'' + q'' s'^2``, which bounds ``s''`` from below; running on is always allowed. Where a joint
-    that already brakes with all it has keeps the others from stopping for long, the joints stop by themselves, off the
-    path, if their ranges allow it.
+    The arm stays on the path because its time runs slower and slower: with ``s`` for the time along the path, every
+    joint accelerates by ``q' s'' + q'' s'^2``, which bounds ``s''`` from below; running on is always allowed. If a
+    joint that is already braking as hard as it can would delay the others for long, the joints stop independently, off
+    the path, if their ranges allow it.
 
     Args:
         trajectory: the motion, within its limits.
@@ -90,14 +90,14 @@ def brake(
 def _along_path(trajectory: Trajectory, path_s: float, limits: MotionLimits) -> Brake:
     """Return the fastest slowing down of a trajectory's own time.
 
-    Where the arm has only just set out, its time can be stopped within milliseconds: the steps are then that short.
+    If the arm has only just started, its time can be stopped within milliseconds; the steps are then that short.
     """
     end_s = float(trajectory.times_s[-1])
     reach = HEADROOM * limits.acceleration
     since, s, rate = 0.0, path_s, 1.0
     rows = [(since, s, rate)]
     while rate > 0.0 and s < end_s - STILL:
-        ahead = np.array([s, min(end_s, s + rate * STEP_S)])  # what lies within the step too: a knot may be there
+        ahead = np.array([s, min(end_s, s + rate * STEP_S)])  # within the step too, since there may be a knot
         push = _least_push(trajectory(ahead, 1), trajectory(ahead, 2), reach, rate)
         step_s = max(MIN_STEP_S, min(STEP_S, MAX_CHANGE / max(-push, STILL)))
         slower = rate + push * step_s

@@ -24,13 +24,13 @@ REACHED = 1e-6
 """How far (rad, m, and per second) a motion may miss a waypoint, its start, its rest, or itself at a knot."""
 
 TIP_KEPT = 1 + 1e-6
-"""Share of its limit up to which the speed of the tip, a difference quotient, counts as kept."""
+"""The speed limit of the tip counts as kept up to this factor, since the speed is a difference quotient."""
 
 ROUNDED = 1e-9
 """By how much a tolerance (m, rad) may be exceeded."""
 
 DISTANCE_M = 1e-5
-"""How closely the least distance is known: a planner that stops exactly at the limit keeps it."""
+"""Accuracy of the least distance: a planner that stops exactly at the limit keeps it."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def _require_shape(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> No
 
 
 def _waypoints(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem) -> Iterator[Violation]:
-    """Yield where the path does not start, pass, rest or hang together as it should."""
+    """Yield violations of the start, the waypoints, the rest at the end and the continuity of a path."""
     q, last = path.trajectory, path.trajectory.duration_s
     times = np.array([0.0, *path.waypoint_times_s[1:], last])
     off = np.abs(q(times) - np.concatenate([arm.waypoints, arm.waypoints[-1:]])).max(axis=1)
@@ -130,7 +130,7 @@ def _passes(arm: ArmMotion, path: TimedPath, waypoint: int, problem: MotionProbl
 
 
 def _sag(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem) -> Iterator[Violation]:
-    """Yield where the tip sinks below waypoints that it may pass at a distance."""
+    """Yield violations where the tip sinks below waypoints that it may pass at a distance."""
     if not problem.waypoint_tolerance_m:
         return
     for piece in passed_over(arm):
@@ -142,7 +142,7 @@ def _sag(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem) -> 
 
 
 def _limits(name: str, arm: ArmMotion, use: LimitUse, range_slack: float) -> Iterator[Violation]:
-    """Yield what joints use beyond their limits, and where they leave their ranges."""
+    """Yield violations of the joints' limits and ranges."""
     shares = ((Demand.LIMITS, "velocity"), (Demand.LIMITS, "acceleration"), (Demand.JERK, "jerk"))
     for demand, what in shares:
         share = getattr(use, what)
@@ -173,7 +173,7 @@ def _straight(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem
 
 
 def _tip(name: str, arm: ArmMotion, path: TimedPath) -> Iterator[Violation]:
-    """Yield where the tip is too fast or does not face what it should; at 50 Hz and at all knots."""
+    """Yield violations where the tip is too fast or does not face what it should; at 50 Hz and at all knots."""
     speed, angle = tip_use(arm, path.trajectory)
     if speed > TIP_KEPT * arm.max_tip_m_s:
         fast = f"{speed:.4f} m/s, not {arm.max_tip_m_s:.4f}"

@@ -17,7 +17,7 @@ from trocar.motion.moving_arm import MovingArm
 from trocar.motion.obstacles import Obstacle
 
 COARSE_S, COARSE = 0.04, 64
-"""Longest interval between the first samples; but so many intervals are enough for any span."""
+"""Longest interval between the first samples; and the maximum number of intervals for any span."""
 
 STRETCH = 8
 """Intervals in which a pair of capsules is examined together, or skipped if boxes show it to be far apart."""
@@ -26,12 +26,12 @@ SPLIT = 8
 """Number of parts into which an interval that may hide something is cut."""
 
 MERGED_S = 1e-9
-"""Samples closer than this are one."""
+"""Samples closer than this count as one."""
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """How near to each other moving things come: the least distance lies between the two figures.
+    """How close moving things come to each other: the least distance lies between the two figures.
 
     Attributes:
         distance_m: what the distance never falls below, between the samples too; infinite if nothing can meet,
@@ -81,7 +81,7 @@ def swept_clearance(
         span_s: from when to when; default: from the first start to the last end of them all.
         enough_m: a larger distance need not be known more precisely.
         too_near_m: nor a smaller one than this: one such sample ends the search.
-        resolution_m: how far the bound may lie below the samples, where these are less than ``enough_m``.
+        resolution_m: how far the bound may lie below the samples, if these are less than ``enough_m``.
     """
     if not resolution_m > 0:
         raise TrocarError(f"distances cannot be resolved to {resolution_m} m; give a resolution above 0")
@@ -138,9 +138,9 @@ def _stretches(samples: int) -> NDArray[np.intp]:
 def _near(
     bodies: Bodies, knots: NDArray[np.float64], ends: NDArray[np.float64], bends: NDArray[np.float64], enough_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], float]:
-    """Return pairs of capsules, and stretches, in which they may be nearer than needs to be known.
+    """Return the pairs of capsules, and the stretches, in which they may be closer than ``enough_m``.
 
-    A capsule stays in the box round its samples in a stretch, wider by what its path bends between them.
+    Within a stretch, a capsule stays in the box round its samples, widened by how much its path bends between them.
 
     Args:
         bodies: the capsules over time.
@@ -161,8 +161,8 @@ def _near(
     between = np.maximum(0.0, np.maximum(low[:, a] - high[:, b], low[:, b] - high[:, a]))
     apart_m = np.sqrt(np.einsum("...i,...i->...", between, between))
     nearest = np.unravel_index(np.argmin(apart_m), apart_m.shape)
-    kept = (apart_m < enough_m) | (apart_m <= 0.0)  # boxes that meet say nothing
-    kept[nearest] = True  # so that there is always a sample
+    kept = (apart_m < enough_m) | (apart_m <= 0.0)  # overlapping boxes give no bound
+    kept[nearest] = True  # to always have a sample
     stretch, pair = np.nonzero(kept)
     return pair, stretch, float(apart_m[~kept].min(initial=inf))
 
@@ -178,8 +178,8 @@ def _measured(
 
     Take both capsules to move straight between two samples. The vector between any point of one and any point
     of the other then changes by no more than that between some two of their ends: half of this is lost from
-    the mean of the distances. Or: seen along the direction of the shortest vector at one sample, nothing is
-    nearer at the other sample than some two ends are. The better bound is good, less what the true paths bend.
+    the mean of the distances. Or: projected on the direction of the shortest vector at one sample, nothing is nearer at
+    the other sample than some pair of ends. The better bound counts, minus the bend of the true paths.
 
     Args:
         bodies: the capsules over time.

@@ -1,4 +1,4 @@
-"""Shortest cubic between two moving ends: a step that every spline planner takes thousands of times."""
+"""Shortest cubic between two moving ends, a step that every spline planner takes thousands of times."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class CubicGrid:
 
     With ``s = 1 / t`` the accelerations of a cubic at its two ends are ``6 dq s^2 - (4 v0 + 2 v1) s`` and
     ``-6 dq s^2 + (2 v0 + 4 v1) s``. Multiplied by ``t``, the limit ``A`` reads ``6 dq s - A t <= c <= 6 dq
-    s + A t`` with ``c = 4 v0 + 2 v1`` or ``2 v0 + 4 v1``: both bounds are known before any velocity is, so
-    a plan compares instead of computing.
+    s + A t`` with ``c = 4 v0 + 2 v1`` or ``2 v0 + 4 v1``: both bounds are known before the velocities are, so planning
+    only has to compare.
 
     Attributes:
         times_s: (grid,) durations, ascending; the last is infinite and stands for "none on the grid".
@@ -85,12 +85,12 @@ class CubicGrid:
             allowed[fast, first[fast]] = False
 
     def _clearly_slow(self, velocities: NDArray[np.float64], middle: NDArray[np.float64]) -> bool:
-        """Return whether all cubics keep the velocity's limit by their hull alone, as most do."""
+        """Return whether the hulls alone show that all cubics keep the velocity limit, as is mostly the case."""
         hull = np.abs(np.concatenate([velocities, middle], axis=1))
         return bool((hull <= self.limits.velocity).all())
 
     def _too_fast(self, velocities: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether cubics (batch, segments) break the velocity's limit.
+        """Return whether cubics (batch, segments) violate the velocity limit.
 
         A cubic's velocity is the quadratic with Bernstein coefficients ``v0, middle, v1``, so it lies in
         their hull.
@@ -103,7 +103,7 @@ class CubicGrid:
 
 
 def _peak(v0: NDArray[np.float64], middle: NDArray[np.float64], v1: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the velocity at the cubic's inner extreme, or at its start if it has none.
+    """Return the velocity at the cubic's inner extremum, or at its start if it has none.
 
     That is where the second derivative ``6 a t + 2 b`` is zero (the paper's section IV-C prints 6a + 2b).
     """

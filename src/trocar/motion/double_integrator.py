@@ -1,4 +1,4 @@
-"""Joints as double integrators between two moving states: the shortest time, and what a given time asks for.
+"""Joints as double integrators between two moving states: the shortest time, and the acceleration for a given time.
 
 Closed forms for arrays of any shape that broadcast. ``distance`` is signed, in rad or m; ``v0`` and ``v1`` are the
 velocities at both ends, within the limit; ``velocity`` and ``acceleration`` are the limits, above 0.
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.motion.phases import APART_S, NO_WAY, Phases
 
 KEPT = 1 + 1e-9
-"""An acceleration of up to this share of the limit keeps it: roots round."""
+"""An acceleration up to this share of the limit counts as keeping it, because roots are rounded."""
 
 
 def shortest_between_s(
@@ -23,7 +23,7 @@ def shortest_between_s(
     Full acceleration in one direction up to a peak, then in the other; at the velocity limit a cruise between.
     """
     d, a, b, v, push = (np.asarray(x, dtype=np.float64) for x in (distance, v0, v1, velocity, acceleration))
-    direct = (a + b) / 2 * np.abs(b - a) / push  # what is covered if the velocity changes as fast as it may
+    direct = (a + b) / 2 * np.abs(b - a) / push  # distance covered if the velocity changes as fast as allowed
     sign = np.where(d >= direct, 1.0, -1.0)
     d, a, b = sign * d, sign * a, sign * b
     peak = np.sqrt(np.maximum(push * d + (a**2 + b**2) / 2, 0.0))
@@ -34,7 +34,7 @@ def shortest_between_s(
 def least_acceleration(
     distance: ArrayLike, v0: ArrayLike, v1: ArrayLike, seconds: ArrayLike, velocity: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return the least acceleration with which one joint takes exactly this time; infinite where none does.
+    """Return the least acceleration with which one joint takes exactly this time; infinite if none does.
 
     It is not a monotone function of the time: a joint that passes both ends at speed may do it quickly or, stopping on
     the way, slowly, but not in between. With acceleration c to a peak and from it, ``T^2 c^2 - 2 |h| c =
@@ -45,7 +45,7 @@ def least_acceleration(
     sign = np.where(h >= 0, 1.0, -1.0)
     peaked = (np.abs(h) + np.sqrt(h**2 + (t * (a - b)) ** 2)) / t**2
     peak = sign * peaked * t / 2 + (a + b) / 2
-    spare = t * v - sign * d  # way that is left at the velocity limit
+    spare = t * v - sign * d  # remaining distance at the velocity limit
     with np.errstate(divide="ignore"):
         cruising = ((v - sign * a) ** 2 + (v - sign * b) ** 2) / 2 / np.maximum(spare, 0.0)
     return np.where(sign * peak > v, cruising, peaked)
@@ -54,7 +54,7 @@ def least_acceleration(
 def after_gap_s(
     distance: ArrayLike, v0: ArrayLike, v1: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return from which time on one joint can take any longer one; 0 where it can take any from its shortest on.
+    """Return the time from which one joint can take any longer time; 0 if it can take any from its shortest on.
 
     Below lies the gap of ``least_acceleration``: too late to rush through, too early to brake, come back and go on.
     """
@@ -90,7 +90,7 @@ def shortest_common_s(
 
 
 def phases_between(distance: float, v0: float, v1: float, seconds: float, velocity: float) -> Phases:
-    """Return how one joint goes between two moving states in exactly this time, with the least acceleration."""
+    """Return the phases of one joint between two moving states in exactly this time, with the least acceleration."""
     if abs(distance) <= NO_WAY and not v0 and not v1:
         return [(seconds, 0.0)]
     h = 2 * distance - seconds * (v0 + v1)

@@ -36,7 +36,7 @@ class Facing:
         object.__setattr__(self, "axis", direction(self.axis, "the axis that faces a point"))
 
     def angle_rad(self, T_world_tip: SE3) -> NDArray[np.float64]:
-        """Return by how much poses (...,) of the tip face aside, (...,)."""
+        """Return the angle (...,) by which poses (...,) of the tip face away."""
         axis = T_world_tip.matrix[..., :3, :3] @ self.axis
         way = self.towards_m - T_world_tip.matrix[..., :3, 3]
         way /= np.linalg.norm(way, axis=-1, keepdims=True)

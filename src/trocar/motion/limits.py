@@ -1,4 +1,4 @@
-"""Whether a trajectory keeps its limits. Checked between the knots too, where splines misbehave."""
+"""Whether a trajectory keeps its limits. Checked between the knots too, where splines overshoot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trocar.errors import TrocarError
 from trocar.trajectory import Trajectory
 
 CHECK_STEP_S = 1e-3  # ten times finer than the control period of the dVRK, 10 ms
-KEPT = 1 + 1e-9  # a ratio up to this counts as kept: planners stop at the limit itself, and floats round
+KEPT = 1 + 1e-9  # a ratio up to this counts as kept: planners use the full limit, and floats round
 JUMP = 1e-6  # share of the acceleration limit by which an acceleration may differ on the two sides of a knot
 
 
@@ -76,7 +76,7 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
         )
     pieces = np.arange(len(times) - 1)
     orders = (0, 1, 2) if limits.jerk is None else (0, 1, 2, 3)
-    # every sample says which piece it belongs to: a knot belongs to the piece before it and to the one after it
+    # every sample is assigned to a piece; a knot belongs to the piece before it and to the one after it
     piece = np.concatenate([pieces, pieces])
     since = np.concatenate([np.zeros(len(pieces)), times[1:] - times[:-1]])
     at_knots = _derivatives(trajectory, piece, since, orders)
@@ -133,7 +133,7 @@ def hulls(trajectory: Trajectory, order: int) -> NDArray[np.float64]:
 
 
 def _beyond(trajectory: Trajectory, order: int, at_knots: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return on which pieces a derivative may go further than its values (joints, n) at the knots do: (pieces,)."""
+    """Return the pieces (pieces,) on which a derivative may exceed its values (joints, n) at the knots."""
     hull = hulls(trajectory, order)
     low, high = at_knots.min(axis=1), at_knots.max(axis=1)
     if order:
@@ -146,7 +146,7 @@ def _acceleration_jumps(trajectory: Trajectory, limits: MotionLimits) -> NDArray
     """Return which joints' acceleration jumps: at a knot, into the rest at the end, out of a rest at the start."""
     times = trajectory.times_s
     (ends,) = _derivatives(trajectory, np.array([0, len(times) - 2]), np.array([0.0, times[-1] - times[-2]]), (2,))
-    ends[:, 0] *= trajectory(times[0], 1) == 0  # what a motion under way accelerates with is not known here
+    ends[:, 0] *= trajectory(times[0], 1) == 0  # the acceleration of a motion already running is not known here
     jumps = np.concatenate([knot_jumps(trajectory, 2), np.abs(ends)], axis=1)
     return np.any(jumps > JUMP * limits.acceleration[:, None], axis=1)
 

@@ -1,4 +1,4 @@
-"""Plain moves: straight in joint space, to rest from a moving start, or straight for the tip."""
+"""Simple moves: straight in joint space, to rest from a moving start, or straight for the tip."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trocar.motion.limits import KEPT, limit_use, require_range
 from trocar.motion.phases import NO_WAY, STILL, joined, phases_to_rest
 from trocar.trajectory import Trajectory
 
-HOLD_S = 0.01  # what a move to where the arm already is takes: one control period of the dVRK
+HOLD_S = 0.01  # duration of a move to where the arm already is: one control period of the dVRK
 KNOTS = 16  # in each phase of a straight move; the tip then stays within 1 um of a line of 40 mm
 NEWTON_STEPS = 12
 REACHED = 1e-11  # m and rad
@@ -58,7 +58,7 @@ def move_to(q: ArrayLike, velocity: ArrayLike, q_goal: ArrayLike, limits: Motion
 
     Args:
         q: (joints,) where it is, rad or m.
-        velocity: (joints,) it has there, per second.
+        velocity: (joints,) its velocity there, per second.
         q_goal: (joints,) where it comes to rest.
         limits: bounds of velocity and acceleration.
 
@@ -92,13 +92,13 @@ def _joint_values(name: str, values: ArrayLike, limits: MotionLimits) -> NDArray
 
 
 def _step(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the way of every joint (joints,); 0 where it is less than rounding."""
+    """Return the signed distance of every joint (joints,); 0 if it is less than rounding."""
     step = end - start
     return np.where(np.abs(step) > NO_WAY, step, 0.0)
 
 
 def _along(step: NDArray[np.float64], limits: MotionLimits) -> tuple[float, float]:
-    """Return the greatest velocity and acceleration of the share of a step (joints,) that is done."""
+    """Return the greatest rate, and rate of change, of the share of a step (joints,) that is done."""
     used = step != 0
     share = np.abs(step[used])
     return float(np.min(limits.velocity[used] / share)), float(np.min(limits.acceleration[used] / share))
@@ -144,7 +144,7 @@ def straight(arm: ArmModel, q: ArrayLike, displacement_m: ArrayLike, limits: Mot
 def _trapezoid(
     velocity: float, acceleration: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return knots (n + 1,), and pieces' start, speed and acceleration (n,), of the shortest way 0 to 1."""
+    """Return knots (n + 1,), and pieces' start, speed and acceleration (n,), of the shortest move from 0 to 1."""
     total = float(shortest_rest_to_rest_s(1.0, velocity, acceleration))
     ramp = min(velocity / acceleration, total / 2)
     top = acceleration * ramp

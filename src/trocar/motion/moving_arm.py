@@ -16,7 +16,7 @@ from trocar.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class MovingArm:
-    """An arm on a trajectory, in the world; before and after it rests.
+    """An arm on a trajectory, in the world; it rests before and after.
 
     >>> waiting = MovingArm.resting(arm, q_now, T_world_right)
     >>> MovingArm(arm, trajectory, T_world_left, start_s=-0.2).ends_m(0.0).shape  # has been moving for .2 s

@@ -1,4 +1,4 @@
-"""What is fixed in the world and must not be touched: capsules, balls and half-spaces."""
+"""Fixed things in the world that must not be touched: capsules, balls and half-spaces."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from trocar.geometry.arrays import finite
 from trocar.geometry.capsules import Capsules
 
 BALL_RADIUS_M = 1e7
-"""Of the ball that stands for a half-space: flat within 1 um over 4 m, and rounding stays below 10 nm."""
+"""Radius of the ball that represents a half-space: flat within 1 um over 4 m, and rounding stays below 10 nm."""
 
 BALL_LIFT_M = 1e-6
-"""By which that ball is raised, so that it holds all of the half-space that is near."""
+"""How far that ball is raised, so that it contains all of the half-space nearby."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,49 +22,49 @@ from trocar.motion.straight_line import Sprint, StraightLine
 from trocar.trajectory import Trajectory
 
 RATES = 16
-"""Passing speeds tried at each end of the free piece."""
+"""Number of passing speeds tried at each end of the free piece."""
 FINE, ZOOMS = 9, 2
-"""And round the best of them, so many times over."""
+"""Number of speeds tried round the best one, and how often this is repeated."""
 HEADROOM = 1e-6
-"""Share of the acceleration limits that is left: what lies between two knots of a straight piece."""
+"""Share of the acceleration limits kept in reserve for what lies between two knots of a straight piece."""
 SAG_M, SAG_SAMPLES = 1e-5, 40
-"""Lower than this below both ends the tip does not pass between straight pieces, looked at so many times."""
+"""Between straight pieces, the tip passes no lower than this below both ends; checked at this many samples."""
 TIGHTER = 4
-"""Times that a motion is planned again at most, each with a little less acceleration than it used too much before."""
+"""Maximum number of times that a motion is replanned, each time with less acceleration, by the excess before."""
 PARALLEL = 1e-3
-"""Sine of the angle, and turn in rad, up to which a piece counts as one along ``up``."""
+"""Sine of the angle, and rotation in rad, up to which a piece counts as being along ``up``."""
 NEARLY = 0.25
-"""The same where the wrist is to be still, so that the tip turns: 26 mm up, 200 mm from the remote centre, by .13 rad;
-twice that."""
+"""The same if the wrist is to be still, so that the tip rotates: twice the .13 rad of a 26 mm lift, 200 mm from the
+remote centre."""
 
 
 @ignores(Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
 def optimal(problem: MotionProblem) -> dict[str, TimedPath]:
-    """Return the time-optimal motion of each arm that follows its straight pieces strictly, planned separately.
+    """Return the time-optimal motion of each arm that follows its straight pieces exactly, planned separately.
 
-    A straight piece is left, or entered, along its direction at a speed of the planner's choice; between two of them
-    every joint goes its own way from one velocity to the other in the time that the slowest one needs. Given the
-    speeds, all of that is in closed form or one pass over the line; the speeds, two in a transfer, are searched on a
-    grid that is refined where it is best. Free pieces that follow one another, and straight ones, meet at rest.
+    A straight piece is left, or entered, along its direction at a speed chosen by the planner; between two of them
+    every joint takes its own path from one velocity to the other in the time that the slowest one needs. Given the
+    speeds, all of this is in closed form or takes one pass over the line; the speeds, two in a transfer, are searched
+    for on a grid that is refined round the best ones. Consecutive free pieces meet at rest, and so do consecutive
+    straight ones.
 
-    Where a problem does not say which pieces are straight, the first and the last of three or more waypoints are if
-    they lie along ``up``, or nearly so where the wrist is to be still: a block that is lifted off its peg and lowered
-    onto another.
+    If a problem does not say which pieces are straight, the first and the last of three or more waypoints are, if they
+    lie along ``up``, or nearly so if the wrist is to be still: a block is lifted off its peg and lowered onto another.
 
-    A free piece next to one along ``up`` never sags below its lower end: what is passed over with clearance at the
-    waypoints is passed over between them. Where every joint going its own way would sag (a wide transfer after a low
-    lift), that piece is straight too. A moving start may lead below it by itself; then nothing is guaranteed.
+    A free piece next to one along ``up`` never sags below its lower end, so whatever is cleared at the waypoints is
+    cleared between them. If independent joints would sag (a wide transfer after a low lift), that piece is straight
+    too. A moving start may lead below it by itself; then nothing is guaranteed.
     """
     return {name: _planned(arm) for name, arm in problem.arms.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class _Stage:
-    """Pieces between two rests: a free one, with a straight one before it or after it or both; or a straight one.
+    """Pieces between two rests: a free one, with a straight one before it, after it or both; or a single straight one.
 
     Attributes:
         lift: the straight piece before, from rest.
-        lower: the straight piece after, from its end backwards: from rest too.
+        lower: the straight piece after, reversed, and so from rest too.
         free: (2, joints) start and end of the free piece; None: only a straight piece, ``lift``.
         v0: (joints,) velocity at the start, where a free piece comes first.
         limits: of the joints.
@@ -103,7 +103,7 @@ class _Stage:
         return not _are_along_up(self.arm, fk(self.arm.model, feet[:, 0]), fk(self.arm.model, feet[:, 1])).any()
 
     def _fastest(self) -> list[Trajectory]:
-        """Return the motions of the pieces if nothing is passed over."""
+        """Return the motions of the pieces without regard to sagging."""
         if self.free is None:
             assert self.lift is not None  # a stage has one of them
             return [Sprint.to(self.lift, np.zeros(1)).trajectory(0)]

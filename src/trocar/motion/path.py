@@ -1,4 +1,4 @@
-"""What a planner answers for one arm: a trajectory, and when it passes the waypoints."""
+"""A planner's answer for one arm: a trajectory, and when it passes the waypoints."""
 
 from __future__ import annotations
 

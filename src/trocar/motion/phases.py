@@ -14,10 +14,10 @@ Phases = list[tuple[float, float]]
 """Duration in s and acceleration of each phase, in order."""
 
 APART_S = 1e-9
-"""Knots closer than this are one."""
+"""Knots closer than this count as one."""
 
 NO_WAY = 1e-15
-"""No joint (rad, m) is known so well."""
+"""Distances (rad, m) below this count as zero."""
 
 STILL = 1e-12
 """Share of a velocity limit that counts as rest."""
@@ -26,10 +26,10 @@ STILL = 1e-12
 def phases_to_rest(
     distance: float, start_velocity: float, seconds: float, velocity: float, acceleration: float
 ) -> Phases:
-    """Return how a joint goes from a moving start to rest at a signed distance in exactly this time.
+    """Return the phases of a joint from a moving start to rest at a signed distance in exactly this time.
 
-    It uses as little acceleration as the time asks for, and never passes its goal unless it cannot stop before
-    it; then it brakes as hard as it may, so as to overshoot least, and comes back.
+    It uses as little acceleration as the time allows, and never passes its goal unless it cannot stop before it; then
+    it brakes as hard as it may, to overshoot as little as possible, and comes back.
 
     Args:
         distance: to go, rad or m, of either sign.
@@ -48,7 +48,7 @@ def phases_to_rest(
         braking_s = v0 / acceleration
         back = _ahead(stop - d, 0.0, seconds - braking_s, velocity, acceleration)
         return [(braking_s, -sign * acceleration), *((t, -sign * a) for t, a in back)]
-    if d < v0 * seconds / 2:  # even constant braking would lead too far in this time: stop there sooner, and wait
+    if d < v0 * seconds / 2:  # even constant braking would go too far in this time: stop there sooner, and wait
         braking_s = 2 * d / v0
         return [(braking_s, -sign * v0 / braking_s), (seconds - braking_s, 0.0)]
     return [(t, sign * a) for t, a in _ahead(d, v0, seconds, velocity, acceleration)]
@@ -91,7 +91,7 @@ def joined(q: NDArray[np.float64], v: NDArray[np.float64], phases: Sequence[Phas
 
 
 def _column(q: float, v: float, phases: Phases, knots: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one joint's coefficients (3, knots - 1) between the knots, which hold the ends of its phases."""
+    """Return one joint's coefficients (3, knots - 1) between the knots, which include the ends of its phases."""
     seconds, push = np.array(phases).T
     begins = np.concatenate([[0.0], np.cumsum(seconds[:-1])])
     speed = np.concatenate([[v], v + np.cumsum(seconds * push)[:-1]])

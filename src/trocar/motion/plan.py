@@ -84,7 +84,7 @@ class MotionPlan:
         """Return the valid motion of every arm; they start together.
 
         Raises:
-            TrocarError: there is none; the reason.
+            TrocarError: there is none; states the reason.
         """
         if not self.found:
             raise TrocarError(self.reason)
@@ -122,8 +122,8 @@ def plan_motion(problem: MotionProblem, planner: str | Planner = "spline") -> Mo
         planner: name in ``PLANNERS``, or a planner.
 
     Raises:
-        TrocarError: an unknown planner, goals that are where the arm is, or an answer that is malformed. That
-            there is no motion, or none that keeps what was asked, is a plan that is not ``found``.
+        TrocarError: an unknown planner, goals that are where the arm is, or a malformed answer. If there is no motion,
+            or none that meets the requirements, the result is a plan that is not ``found``.
     """
     solve = PLANNERS.pick(planner) if isinstance(planner, str) else planner
     name = planner if isinstance(planner, str) else getattr(planner, "__name__", type(planner).__name__)
@@ -186,7 +186,7 @@ def plan_through(
 
 
 def _answered(name: str, problem: MotionProblem, paths: object) -> dict[str, TimedPath]:
-    """Return a planner's answer, or raise a sentence that says whose it is and what is wrong with it."""
+    """Return a planner's answer, or raise a sentence that names the planner and says what is wrong with it."""
     if not (isinstance(paths, Mapping) and all(isinstance(path, TimedPath) for path in paths.values())):
         raise TrocarError(f"planner '{name}' returned {paths!r:.80}; it must return a TimedPath for each arm by name")
     if set(paths) != set(problem.arms):
@@ -197,7 +197,7 @@ def _answered(name: str, problem: MotionProblem, paths: object) -> dict[str, Tim
 
 
 def _reason(name: str, solve: Planner, violations: Sequence[Violation]) -> str:
-    """Return why an answer is refused, empty where it is not: the first violation, and what the planner ignores."""
+    """Return why an answer is refused (empty if it is not): the first violation, and what the planner ignores."""
     if not violations:
         return ""
     more = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""

@@ -13,8 +13,8 @@ from trocar.registry import Lazy, Registry
 Planner = Callable[[MotionProblem], Mapping[str, TimedPath]]
 """A function that returns one path per arm for a problem, or raises a ``TrocarError`` that says why there is none.
 
-It gets a checked problem with joint waypoints only. None of its answers is trusted:
-:func:`trocar.motion.plan_motion` checks them, so that the planner need not.
+It gets a checked problem with joint waypoints only. Its answers are not trusted: :func:`trocar.motion.plan_motion`
+checks them, so the planner need not.
 """
 
 PLANNERS: Registry[Planner] = Registry(
@@ -32,7 +32,7 @@ PLANNERS: Registry[Planner] = Registry(
 
 
 class Demand(Enum):
-    """What a problem can ask of a motion."""
+    """The demands that a problem can make on a motion."""
 
     WAYPOINTS = "waypoints"
     LIMITS = "limits"

@@ -1,4 +1,4 @@
-"""What a planner is asked to plan: one arm or several, on one clock."""
+"""A motion planning problem, for one arm or several on one clock."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ SETTINGS = (
     "waypoint_tolerance_rad",
 )
 SAME_PLACE_M = 1e-3
-"""Remote centres closer than this belong to arms whose place was not given."""
+"""Remote centres closer than this mean that the arms' bases were not given."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionProblem:
-    """What a planner is asked to plan, for one arm or several that start together.
+    """A motion planning problem, for one arm or several that start together.
 
     >>> table = HalfSpace(point_m=[0.0, 0.0, -0.01], normal=[0.0, 0.0, 1.0])
     >>> problem = MotionProblem({"psm1": left, "psm2": right}, obstacles={"table": table}, min_distance_m=1e-3)
@@ -38,7 +38,7 @@ class MotionProblem:
         arms: what each arm is asked to do, by name.
         others: arms that are not planned, by name: they rest or follow a known trajectory. Their clock starts with
             the plan's, so that one that is already running has a ``start_s`` below 0.
-        obstacles: what stands still in the world, by name.
+        obstacles: fixed things in the world, by name.
         min_distance_m: to keep between the parts of different arms, and to obstacles.
         range_slack: share of each joint's range by which it may be left, for recordings of arms whose real
             range is wider than the nominal one.
@@ -103,7 +103,7 @@ class MotionProblem:
         """Return the same with all goals as waypoints, as planners get it.
 
         Raises:
-            Unreachable: a goal is out of reach; says whose.
+            Unreachable: a goal is out of reach; names the arm.
         """
         arms = {}
         for name, arm in self.arms.items():

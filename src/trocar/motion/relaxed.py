@@ -28,20 +28,21 @@ Array = NDArray[np.float64]
 KNOTS = 16
 """Pieces of the spline on each piece of the path."""
 PROGRAMMES = 5
-"""At most, each linear about the motion that the last one found; the second is at the answer within 0.1 %."""
+"""Maximum number of programs, each linearised about the previous motion; the second is within 0.1 % of the answer."""
 ENOUGH, OVER = 0.997, 1.3
-"""Share of a tolerance that is aimed at where a motion uses more, and by how much more than the rest it is cut."""
+"""If a motion uses more than its tolerance, this share of it is aimed at, and the cut is this much larger than the
+excess."""
 ROOM = 0.995
-"""Share of a tolerance that is used: what lies between the samples, and what is linear about another motion."""
+"""Share of a tolerance that is used; the rest is a margin for what lies between the samples and for linearisation."""
 SIDES, TURNS = (0.97, 0.24), (0.26, 0.93, 0.26)
-"""Shares of a tolerance along and across the way to the target, and of the turn about these axes and ``up``: boxes
-within the balls, long where it pays. The tip leans towards the target."""
+"""Shares of a tolerance along and across the direction to the target, and of the rotation about these axes and ``up``:
+boxes within the balls, long where it pays. The tip leans towards the target."""
 DENSE = 9
-"""Samples on the two pieces of the spline where the tip leaves or enters a channel fast."""
+"""Number of samples on the two pieces of the spline on which the tip leaves or enters a channel fast."""
 SMOOTH = 1e-5
-"""Weight of the changes of acceleration between knots, s^2: joints that do not bind have one answer, a smooth one."""
+"""Weight of the changes of acceleration between knots, s^2, so that joints that are not limiting move smoothly."""
 FAST = 0.8
-"""Share of a velocity limit from which on a joint's velocities are bounded."""
+"""A joint's velocities are bounded if they reach this share of the limit."""
 
 
 @ignores(Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
@@ -49,13 +50,14 @@ def relaxed(problem: MotionProblem) -> dict[str, TimedPath]:
     """Return the fastest motion of each arm that stays within the problem's tolerances, planned separately.
 
     Between rest and rest over a share s of the duration T, the limits of acceleration are linear in the control points
-    of a quadratic spline and in T^2. So the least T follows from a linear program, up to what the tip does, which is
-    linear about the motion before it: while lifting and lowering it strays from the straight piece by no more than
-    ``straight_tolerance_m`` and ``_rad``, and over the free piece it is never lower than the lower inner waypoint less
-    ``waypoint_tolerance_m``. The first motion is that of 'optimal'; the programs settle after two or three.
+    of a quadratic spline and in T^2. So the least T follows from a linear program, except for the tip's motion, which
+    is linearised about the previous motion: while lifting and lowering, the tip deviates from the straight piece by no
+    more than ``straight_tolerance_m`` and ``_rad``, and over the free piece it is never lower than the lower inner
+    waypoint minus ``waypoint_tolerance_m``. The first motion is that of 'optimal'; the programs converge after two or
+    three.
 
-    Where there is nothing to gain from (no tolerance, a moving start, waypoints other than a lift and a lowering
-    along ``up`` or one of them), it answers what 'optimal' does.
+    If there is nothing to gain (no tolerance, a moving start, waypoints other than a lift and a lowering along ``up``
+    or one of them), the answer is that of 'optimal'.
     """
     exact = optimal(problem)
     return {name: _Clearance.of(problem, arm).fastest(exact[name]) for name, arm in problem.arms.items()}
@@ -71,9 +73,9 @@ class _Clearance:
         lowers: whether the last one is.
         tips: (n,) poses at the waypoints.
         height_m: (n,) along ``up``.
-        off_m: from the straight pieces.
-        off_rad: turned from there.
-        below_m: below the inner waypoints.
+        off_m: allowed distance from the straight pieces.
+        off_rad: allowed rotation there.
+        below_m: allowed depth below the inner waypoints.
     """
 
     arm: ArmMotion
@@ -97,7 +99,7 @@ class _Clearance:
 
     @property
     def gains(self) -> bool:
-        """Return whether there is something to gain, in a way that this planner knows."""
+        """Return whether there is something that this planner can gain."""
         straight = straight_pieces(self.arm)
         known = straight in ((True, False, True), (True, False), (False, True))
         if not known or self.arm.moves or min(self.off_m, self.off_rad, self.below_m) <= 0.0:
@@ -107,7 +109,7 @@ class _Clearance:
         return bool(np.linalg.norm(aside, axis=1).max() <= (1 - ROOM) * self.off_m)
 
     def fastest(self, exact: TimedPath) -> TimedPath:
-        """Return the fastest motion, from the one that passes the waypoints exactly."""
+        """Return the fastest motion, starting from the one that passes the waypoints exactly."""
         if not self.gains:
             return exact
         found, clearance = exact, self
@@ -117,7 +119,7 @@ class _Clearance:
                 break
             found = improved
             if not programme:
-                continue  # linear about a motion that is far away: the tip strays
+                continue  # linearised about a motion that is far away, so the tip deviates
             used = self.used(found)
             if max(used) <= 1.0:
                 return min(exact, found, key=lambda path: path.trajectory.duration_s)
@@ -131,7 +133,7 @@ class _Clearance:
         return exact
 
     def improved(self, path: TimedPath) -> TimedPath | None:
-        """Return the fastest motion by the program that is linear about this one; None where it has no answer."""
+        """Return the fastest motion from the program linearised about this one; None if it has no solution."""
         seconds, waypoints = path.trajectory.duration_s, self.arm.waypoints
         passed = path.waypoint_times_s / seconds
         pieces = [np.linspace(a, b, KNOTS, endpoint=False) for a, b in pairwise(passed)]
@@ -151,7 +153,7 @@ class _Clearance:
         return self._passing(motion.stretched(max(sqrt(pushed), speed)))
 
     def _smoothness(self, spline: JointSpline, seconds: float) -> sparse.csc_matrix:
-        """Return the weights of the changes of acceleration from knot to knot, in limits."""
+        """Return the weights of the changes of acceleration from knot to knot, as shares of the limits."""
         pushes = spline.each_joint(spline.basis(spline.shares[:-1], 2), self.arm.limits.acceleration * seconds**2)
         count = spline.first.shape[1]
         pieces = len(spline.shares) - 1
@@ -160,7 +162,7 @@ class _Clearance:
         return sparse.csc_matrix(SMOOTH * (jumps.T @ jumps))
 
     def _bound_rates(self, rows: Rows, spline: JointSpline, motion: Trajectory) -> None:
-        """Bound accelerations, linear in T^2, and the velocities that come near their limits, by a tangent in T^2."""
+        """Bound accelerations, which are linear in T^2, and velocities near their limits, by a tangent in T^2."""
         limits, seconds = self.arm.limits, motion.duration_s
         pushes = spline.each_joint(spline.basis(spline.shares[:-1], 2), limits.acceleration)
         for block in (pushes, -pushes):
@@ -171,7 +173,7 @@ class _Clearance:
                 rows.add(block, -FREE, seconds / 2, weight=-1 / (2 * seconds))
 
     def _bound_tip(self, rows: Rows, spline: JointSpline, path: TimedPath, passed: Array) -> None:
-        """Bound where the tip is, about the motion before."""
+        """Bound the tip's position, linearised about the previous motion."""
         for foot, begin, end in self._channels(passed):
             inside = spline.shares[(spline.shares > begin) & (spline.shares < end)]
             top = np.linspace(begin, inside[1], DENSE) if foot else np.linspace(inside[-2], end, DENSE)
@@ -188,7 +190,7 @@ class _Clearance:
         rows.add(spline.rows(spline.basis(over), slopes), floor_m - rest, FREE)
 
     def _bound_channel(self, rows: Rows, spline: JointSpline, path: TimedPath, foot: int, at: Array) -> None:
-        """Bound how far the tip is from the vertical through a waypoint, and turned, at these shares of the time."""
+        """Bound the tip's distance from the vertical through a waypoint, and its rotation, at shares of the time."""
         q = path.trajectory(path.trajectory.duration_s * at)
         poses, gradient, axes = fk(self.arm.model, q), jacobian(self.arm.model, q), self._axes
         gone = (poses.translation_m - self.tips.translation_m[foot]) @ axes.T
@@ -204,13 +206,13 @@ class _Clearance:
             )
 
     def _channels(self, passed: Array) -> list[tuple[int, float, float]]:
-        """Return the waypoints that straight pieces start from or end at, and from when to when they last."""
+        """Return the waypoints at which straight pieces start or end, and the times from when to when they last."""
         found = [(0, 0.0, float(passed[1]))] if self.lifts else []
         return found + [(len(passed) - 1, float(passed[-2]), 1.0)] * self.lowers
 
     @property
     def _axes(self) -> Array:
-        """Return unit vectors (3, 3) in the base: to the place where the motion leads, to the side of that, up."""
+        """Return unit vectors (3, 3) in the base: towards the target of the motion, sideways, and up."""
         up, way = self.arm.up, self.tips.translation_m[-1] - self.tips.translation_m[0]
         ahead = way - (way @ up) * up
         if np.linalg.norm(ahead) <= self.off_m:
@@ -220,12 +222,12 @@ class _Clearance:
 
     @property
     def _floor_m(self) -> float:
-        """Return how low the tip may be over the free piece."""
+        """Return the lowest height allowed for the tip over the free piece."""
         ends = self.height_m[int(self.lifts) : len(self.height_m) - int(self.lowers)]
         return float(ends.min() - ROOM * self.below_m)
 
     def _passing(self, motion: Trajectory) -> TimedPath | None:
-        """Return the path, its inner waypoints passed where the tip is as high as they are less the tolerance."""
+        """Return the path; inner waypoints are passed when the tip is at their height minus the tolerance."""
         times_s, q = motion.sample(CHECK_STEP_S)
         height_m = fk(self.arm.model, q).translation_m @ self.arm.up
         passed = [0.0]
@@ -239,7 +241,7 @@ class _Clearance:
         return TimedPath(motion, np.array([*passed, motion.duration_s]))
 
     def used(self, path: TimedPath) -> tuple[float, float, float]:
-        """Return the largest shares of the tolerances that a motion uses at 1 kHz: aside, turned, below."""
+        """Return the largest shares of the tolerances that a motion uses at 1 kHz: sideways, rotation, below."""
         pieces = np.flatnonzero(straight_pieces(self.arm)).tolist()
         strays = np.array([line_deviation(self.arm, path, piece) for piece in pieces]).max(axis=0)
         below = sag_m(self.arm, path, int(self.lifts)) / self.below_m

@@ -1,4 +1,4 @@
-"""Quadratic programs over splines of the joints: limits and the tip's way as linear rows, solved by PIQP."""
+"""Quadratic programs over joint splines: limits and the tip's path as linear rows, solved by PIQP."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from trocar.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 FREE = 1e32
-"""A bound that PIQP takes for none."""
+"""A bound that PIQP treats as infinite."""
 ITERATIONS = 60
-"""After which it has found nothing; an answer takes 15 to 30."""
+"""Maximum number of iterations; a solution takes 15 to 30."""
 PRECISION = 1e-7
-"""Of its answer; the times are taken from the splines themselves, exactly."""
+"""Precision of its solution; the times are computed exactly from the splines themselves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Basis:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Rows of a matrix: their entries (entries,) with row and column, and what is added to each row (rows,)."""
+    """Rows of a matrix: their entries (entries,) with row and column, and a constant per row (rows,)."""
 
     data: Array
     row: NDArray[np.intp]
@@ -67,7 +67,7 @@ class JointSpline:
     last: Array
 
     def basis(self, shares: Array, order: int = 0) -> Basis:
-        """Return what the control points weigh in a derivative by the share at shares (k,)."""
+        """Return the weights of the control points in a derivative by the share at shares (k,)."""
         dense = self._unit(shares, nu=order)
         piece = np.clip(np.searchsorted(self.shares, shares, side="right") - 1, 0, len(self.shares) - 2)
         columns = piece[:, None] + np.arange(self.degree + 1)
@@ -76,8 +76,8 @@ class JointSpline:
     def rows(self, basis: Basis, gradient: Array) -> Block:
         """Return the rows ``gradient (k, joints) . q`` of the free control points, joint by joint, of a basis of k.
 
-        A free control point is told by how far it is off the straight line between both ends, so that numbers of the
-        same size are not subtracted.
+        A free control point is given relative to the straight line between both ends, to avoid subtracting large
+        numbers.
         """
         free, before = self.free, len(self.first)
         held = (basis.columns < before) | (basis.columns >= before + free)
@@ -89,7 +89,7 @@ class JointSpline:
         return Block(data[there], row[there], columns[there], rest)
 
     def each_joint(self, basis: Basis, scale: Array) -> Block:
-        """Return the rows of every joint alone (joints * k), joint by joint, divided by ``scale (joints,)``."""
+        """Return the rows of each joint by itself (joints * k), joint by joint, divided by ``scale (joints,)``."""
         repeated = Basis(np.tile(basis.weights, (len(scale), 1)), np.tile(basis.columns, (len(scale), 1)))
         return self.rows(repeated, np.repeat(np.diag(1 / scale), len(basis.weights), axis=0))
 
@@ -99,7 +99,7 @@ class JointSpline:
         return len(self.shares) - 1 + self.degree - len(self.first) - len(self.last)
 
     def control(self, free: Array) -> Array:
-        """Return all control points (.., joints) from what the free ones are off the line, joint by joint."""
+        """Return all control points (.., joints) from the free ones' offsets from the line, joint by joint."""
         control = self._line.copy()
         control[len(self.first) : -len(self.last)] += free.reshape(self.first.shape[1], -1).T
         return control
@@ -113,7 +113,7 @@ class JointSpline:
 
     @cached_property
     def _line(self) -> Array:
-        """Return the control points of a straight line between the ends: the free ones are told from there."""
+        """Return the control points of a straight line between the ends, to which the free ones are relative."""
         at = np.lib.stride_tricks.sliding_window_view(self._knots[1:-1], self.degree).mean(axis=1)[:, None]
         line = (1 - at) * self.first[0] + at * self.last[-1]
         line[: len(self.first)], line[-len(self.last) :] = self.first, self.last
@@ -130,7 +130,7 @@ class JointSpline:
 
 @dataclass
 class Rows:
-    """Linear inequalities ``low <= G x <= high``, gathered block by block; an equation where both are the same.
+    """Linear inequalities ``low <= G x <= high``, gathered block by block; an equation if both are the same.
 
     x are the free control points and, after them, ``extras`` other variables.
     """
@@ -163,7 +163,7 @@ class Rows:
         self.highs.append(high - block.rest)
 
     def least(self, hessian: sparse.csc_matrix, cost: Array) -> Array | None:
-        """Return the x (m,) that makes ``x H x / 2 + cost x`` least; None where none was found."""
+        """Return the x (m,) that minimises ``x H x / 2 + cost x``; None if none was found."""
         data, row, column = (
             np.concatenate([getattr(block, name) for block in self.blocks]) for name in ("data", "row", "column")
         )
@@ -171,7 +171,7 @@ class Rows:
         matrix = sparse.csr_matrix((data, (row, column)), shape=(len(low), self.free + self.extras))
         equal, bounded = low == high, low < high
         equations = (matrix[equal].tocsc(), low[equal]) if equal.any() else (None, None)
-        hessian.sort_indices()  # PIQP takes them for sorted, and answers something else where they are not
+        hessian.sort_indices()  # PIQP assumes that they are sorted, and gives wrong answers if they are not
         solver = piqp.SparseSolver()
         solver.settings.eps_abs = PRECISION
         solver.settings.eps_rel = PRECISION

@@ -14,7 +14,7 @@ from trocar.motion.planners import Demand, ignores
 from trocar.motion.problem import MotionProblem
 from trocar.trajectory import Trajectory
 
-# As the authors ran it: the lengths that they recorded come out again (tests/motion/test_splines.py).
+# As the authors ran it: these reproduce the durations that they recorded (tests/motion/test_splines.py).
 STEP_RATE = 0.06  # beta of Algorithm 2
 STEPS = 51
 PROBE = 0.15  # half width of the central difference, rad/s along a unit direction in joint space
@@ -28,10 +28,10 @@ def spline(problem: MotionProblem) -> dict[str, TimedPath]:
     """Return the cubic spline of each arm through its waypoints, planned separately.
 
     Hwang et al. 2022, section IV-C. It rests at the end and passes the inner waypoints along ``up`` (or against
-    it: the sign of the speed is found too), so that a block leaves its peg and meets it straight. Every probed
-    set of passing speeds is priced by the sum of the shortest durations of the cubics on a grid; of the speeds
-    visited, the cheapest are kept, because the descent on a stepped cost does not end at its best. The limits
-    of velocity and acceleration are kept exactly: a cubic's extremes are known in closed form.
+    it: the sign of the speed is found too), so that a block leaves and enters its peg straight. The cost of a set of
+    passing speeds is the sum of the shortest durations of the cubics on a grid; of the speeds visited, the cheapest are
+    kept, because a descent on a stepped cost does not end at its best. The limits of velocity and acceleration are kept
+    exactly: a cubic's extremes are known in closed form.
     """
     return {name: _spline(arm) for name, arm in problem.arms.items()}
 
@@ -48,7 +48,7 @@ def _spline(arm: ArmMotion) -> TimedPath:
 
 
 def _passing_directions(arm: ArmMotion) -> NDArray[np.float64]:
-    """Return the unit joint velocities (n - 2, joints) along ``up``: the tip does not turn, or the wrist rests."""
+    """Return unit joint velocities (n - 2, joints) along ``up``, without turning the tip or with a still wrist."""
     inner = arm.waypoints[1:-1]
     if not len(inner):
         return np.zeros_like(inner)

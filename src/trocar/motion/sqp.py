@@ -26,38 +26,38 @@ from trocar.motion.straightness import SHORT_M, line_deviation
 Array = NDArray[np.float64]
 
 SAMPLE_S = 0.01
-"""By which the horizon shrinks: the control period."""
+"""Step by which the horizon shrinks: the control period."""
 KNOTS = 16
 """Pieces of the cubic spline on each piece of the path."""
 LINEARISED = 5
-"""Programs for one horizon at most."""
+"""Maximum number of programs for one horizon."""
 SHORTER = 0.85
-"""Share of a piece's time down to which it is shortened by itself."""
+"""A single piece is shortened down to this share of its time."""
 LONGER, LONGEST = 1.2, 12
-"""Where the horizon of the spline is too short, it grows by this factor, so many times at most."""
+"""If the horizon of the spline is too short, it grows by this factor, at most this many times."""
 ROOM = 0.85
 """Share of the channel's width that is used at the samples."""
 SLACK = 1e-3
-"""Share of the channel's width by which it counts as kept in a program; it is measured again at 1 kHz."""
+"""The channel counts as kept in a program within this share of its width; it is checked again at 1 kHz."""
 KEPT = 1 - 1e-6
 """Share of each limit that is used."""
 PENALTY = 1e3
-"""Of leaving the channel by once its width, beside the mean square of the jerks in accelerations per knot."""
+"""Cost of leaving the channel by its own width, relative to the mean square of the jerks in accelerations per knot."""
 
 
 @ignores(Demand.DISTANCES, Demand.TIP_SPEED, Demand.FACING)
 def sqp(problem: MotionProblem) -> dict[str, TimedPath]:
     """Return the smoothest motion over the shortest horizon that has one, of each arm, planned separately.
 
-    Hwang et al. 2022, section IV-D. For a horizon, the sum of the squared jerks is made least within the limits of
-    range, velocity, acceleration and, if one is given, jerk; all waypoints are passed, and on straight pieces the tip
-    stays in a channel as wide as the problem's tolerance, linear about the motion before and with a penalised slack.
-    The spline is the first motion and its duration the first horizon. The authors shorten it by one sample until there
-    is no answer; here it is halved in between, and then so is each piece by itself.
+    Hwang et al. 2022, section IV-D. For a horizon, the sum of the squared jerks is minimised within the limits of
+    range, velocity, acceleration and, if given, jerk; all waypoints are passed, and on straight pieces the tip stays in
+    a channel as wide as the problem's tolerance, linearised about the previous motion and with a penalised slack. The
+    spline is the first motion and its duration the first horizon. The authors shorten it by one sample until there is
+    no solution; here it is bisected, and then so is each piece by itself.
 
-    Otherwise than in the paper all pieces are one program, the splines are cubic (their jerk is finite), and where
-    the horizon of the spline is too short (a limited jerk, a narrow channel) a longer one is looked for. Where none has
-    an answer, the spline is.
+    Unlike in the paper, all pieces form one program, the splines are cubic (their jerk is finite), and if the horizon
+    of the spline is too short (because of a jerk limit or a narrow channel), a longer one is searched for. If none has
+    a solution, the spline is the answer.
     """
     return {
         name: _Refinement(arm, problem).shortest(path) if (arm := problem.arms[name]) else path
@@ -78,7 +78,7 @@ class _Refinement:
     problem: MotionProblem
 
     def shortest(self, path: TimedPath) -> TimedPath:
-        """Return the motion over the shortest horizon, or the given one where there is none."""
+        """Return the motion over the shortest horizon, or the given one if there is none."""
         pieces_s, found = np.diff(path.waypoint_times_s), None
         for _ in range(LONGEST):
             found = self.over(pieces_s, path)
@@ -98,7 +98,7 @@ class _Refinement:
         return found
 
     def _halved(self, found: TimedPath, least_s: Array, most_s: Array) -> TimedPath:
-        """Return the motion over the shortest horizon between two, of which the longer one has an answer."""
+        """Return the motion over the shortest horizon between two, the longer of which has a solution."""
         while (most_s - least_s).sum() > SAMPLE_S:
             middle_s = (most_s + least_s) / 2
             shorter = self.over(middle_s, found)
@@ -109,7 +109,7 @@ class _Refinement:
         return found
 
     def over(self, pieces_s: Array, path: TimedPath) -> TimedPath | None:
-        """Return the smoothest motion that takes these times (n - 1,) between the waypoints; None where none does."""
+        """Return the smoothest motion that takes these times (n - 1,) between the waypoints; None if there is none."""
         for _ in range(LINEARISED):
             answer = self._smoothest(pieces_s, path)
             if answer is None:
@@ -129,7 +129,7 @@ class _Refinement:
         return all(off_m <= tolerances[0] and off_rad <= tolerances[1] for off_m, off_rad in strays)
 
     def _smoothest(self, pieces_s: Array, path: TimedPath) -> tuple[TimedPath, float] | None:
-        """Return the answer of the program that is linear about a motion, and its slack in widths of the channel."""
+        """Return the solution of the program linearised about a motion, and its slack in widths of the channel."""
         times_s = np.concatenate([[0.0], np.cumsum(pieces_s)])
         curve = self._curve(times_s)
         rows = Rows(curve.first.shape[1] * curve.free, 1)
@@ -178,7 +178,7 @@ class _Refinement:
             rows.add(curve.each_joint(curve.basis(at, order), most * seconds**order), -KEPT, KEPT)
 
     def _bound_channel(self, rows: Rows, curve: JointSpline, path: TimedPath, times_s: Array, piece: int) -> None:
-        """Bound how far the tip is from a straight piece, and turned, in widths of the channel; more for a price."""
+        """Bound the tip's distance from a straight piece, and its rotation, in channel widths, with a slack."""
         model, ends = self.arm.model, fk(self.arm.model, self.arm.waypoints[piece : piece + 2])
         begin, end = times_s[piece : piece + 2] / times_s[-1]
         inside = curve.shares[(curve.shares > begin) & (curve.shares < end)]

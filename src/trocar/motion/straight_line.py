@@ -15,19 +15,19 @@ from trocar.geometry import SE3, SO3
 from trocar.trajectory import Trajectory
 
 PIECES = 16
-"""Of a line; the tip then stays within a micrometre of one of 40 mm."""
+"""Number of pieces of a line; the tip then stays within a micrometre of a line of 40 mm."""
 NEWTON_STEPS = 12
 REACHED = 1e-8
-"""Of the tip's pose, m and rad."""
+"""Accuracy of the tip's pose, m and rad."""
 TRAP = 1e-2
-"""Share of the limits by which a plain pass may miss them before it is redone with a look ahead."""
+"""Share of the limits by which a simple pass may exceed them before it is redone with a look-ahead."""
 TINY = 1e-12
-"""Joints (rad or m a line) that move less do not move."""
+"""Joints that move less over a line (rad or m) count as not moving."""
 
 
 @dataclass(frozen=True, eq=False)
 class StraightLine:
-    """Joints along a straight line of the tip, turning as little as possible, by the share s that is done.
+    """Joints along a straight line of the tip, rotating as little as possible, by the share s that is done.
 
     Attributes:
         q: (PIECES + 1, joints) at equal steps of s from 0 to 1.
@@ -83,8 +83,8 @@ class StraightLine:
     def top_squares(self) -> NDArray[np.float64]:
         """Return the greatest squares (PIECES + 1,) of ds/dt within the limits.
 
-        Of velocity, and of acceleration: where the joints bend, each pair of them leaves room for some change of the
-        rate only up to a speed (the maximum velocity curve of Bobrow et al. 1985).
+        Velocity limits bound it, and so do acceleration limits: where the joints bend, each pair of them allows some
+        change of the rate only up to a certain speed (the maximum velocity curve of Bobrow et al. 1985).
         """
         cruising = np.min(self.limits.velocity / np.maximum(np.abs(self.slope), TINY), axis=1) ** 2
         factor = np.where(np.abs(self.slope) < TINY, TINY, self.slope)
@@ -96,9 +96,9 @@ class StraightLine:
     def stoppable_squares(self) -> NDArray[np.float64]:
         """Return the greatest squares (PIECES + 1,) of ds/dt from which the end can be reached within the limits.
 
-        Backwards from the end: with u the change of the rate on a piece, the square x at its start is as great as some
-        u allows. All that bounds u is linear in x, so the greatest x lies where two such bounds meet (Pham & Pham
-        2018, "A new approach to time-optimal path parameterization based on reachability analysis").
+        Backwards from the end: with u the change of the rate on a piece, the square x at its start is the greatest that
+        some u allows. All bounds on u are linear in x, so the greatest x lies where two of them meet (Pham & Pham 2018,
+        "A new approach to time-optimal path parameterization based on reachability analysis").
         """
         step = 1.0 / PIECES
         share, room = (rows[..., 0] for rows in self._rows_ahead)
@@ -119,7 +119,7 @@ class StraightLine:
         return squares if self.follows(squares[:, None]) else self._sped_up(self.stoppable_squares)
 
     def follows(self, squares: NDArray[np.float64]) -> bool:
-        """Return whether these squares (PIECES + 1, k) of ds/dt keep the limits, up to a little."""
+        """Return whether these squares (PIECES + 1, k) of ds/dt keep the limits, with a small tolerance."""
         if squares[1:-1].min() <= 0.0:
             return False
         share, room = self._rows_ahead
@@ -150,14 +150,14 @@ class StraightLine:
 class Sprint:
     """A straight line followed from rest as fast as the limits allow, to several rates at its end.
 
-    Along a piece the rate's change is constant, so that its square is linear in s; the limits of acceleration are kept
-    at both ends of each piece (time-optimal path parameterisation, Bobrow et al. 1985).
+    Along a piece the change of the rate is constant, so that its square is linear in s; the limits of acceleration are
+    kept at both ends of each piece (time-optimal path parameterisation, Bobrow et al. 1985).
 
     Attributes:
         line: what is followed.
         rates: (k,) ds/dt at the end, per second.
         squares: (PIECES + 1, k) of ds/dt on the way.
-        seconds: (k,) what it takes.
+        seconds: (k,) durations.
     """
 
     line: StraightLine
@@ -200,7 +200,7 @@ class Sprint:
 
 
 def _slowed_down(line: StraightLine, rates: NDArray[np.float64], most: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the squares (PIECES + 1, k) of ds/dt that end at these rates, as fast before as can still be braked."""
+    """Return the squares (PIECES + 1, k) of ds/dt that end at these rates, as fast before as braking still allows."""
     step, fastest = 1.0 / PIECES, line.fastest_squares
     squares = np.empty((PIECES + 1, len(rates)))
     squares[-1] = np.minimum(rates**2, fastest[-1])
@@ -245,10 +245,10 @@ def _small_turn(wanted: NDArray[np.float64], now: NDArray[np.float64]) -> NDArra
 
 
 def _rows(line: StraightLine, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what bounds the rate's change u on the piece that begins at each knot, ``|u + share x| <= room``.
+    """Return bounds on the rate's change u on the piece that begins at each knot.
 
-    x is the square of ds/dt at that knot. The first rows, one a joint, are the limits there, the others those at the
-    knot ``step`` further, where the square is ``x + 2 step u``.
+    They have the form ``|u + share x| <= room``, where x is the square of ds/dt at that knot. The first rows, one per
+    joint, are the limits there, the others those at the knot ``step`` further, where the square is ``x + 2 step u``.
 
     Returns:
         share: (PIECES + 1, 2 joints, 1); room: the same.

@@ -1,4 +1,4 @@
-"""How far a tip strays from the lines that it should follow."""
+"""How far a tip deviates from the lines that it should follow."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from trocar.motion.limits import CHECK_STEP_S
 from trocar.motion.path import TimedPath
 
 SHORT_M = 1e-6
-"""A piece whose ends are closer than this only turns: the turn then says how much of it is done."""
+"""A piece whose ends are closer than this only rotates; the rotation then tells how much of it is done."""
 
 
 def line_deviation(motion: ArmMotion, path: TimedPath, piece: int) -> tuple[float, float]:
-    """Return how far the tip strays from the line between two waypoints (m), and from the shortest turn (rad).
+    """Return how far the tip deviates from the line between two waypoints (m), and from the shortest turn (rad).
 
-    At 1 kHz. At each instant the foot of the tip on the line says how much of the piece is done, and so how far
+    At 1 kHz. At each instant the projection of the tip on the line tells how much of the piece is done, and so how far
     the tip should have turned.
 
     Args:
@@ -41,9 +41,9 @@ def line_deviation(motion: ArmMotion, path: TimedPath, piece: int) -> tuple[floa
 
 
 def vertical_deviation_m(motion: ArmMotion, path: TimedPath) -> float:
-    """Return how far the tip strays from the verticals of a transfer, along ``up``, at 1 kHz.
+    """Return how far the tip deviates from the verticals of a transfer, along ``up``, at 1 kHz.
 
-    Of the one through its first waypoint while it lifts off, on the first piece; of the one through its last
+    From the one through its first waypoint while it lifts off, on the first piece; from the one through its last
     waypoint while it lowers, on the last piece.
     """
     deviations = []

@@ -1,4 +1,4 @@
-"""What the tip does on a motion: how fast it is, and how far it faces aside."""
+"""The tip's speed on a motion, and how far it faces away."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from trocar.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 STEP_S = 0.02
-"""Between samples of the tip."""
+"""Time between samples of the tip."""
 WIDTH = 1e-6
-"""What the joints (rad, m) move by to either side, for the tip's speed."""
+"""Half step (rad, m) of the difference quotient for the tip's speed."""
 
 
 def tip_speeds_m_s(arm: ArmMotion, q: Array, velocity: Array) -> Array:
@@ -27,7 +27,7 @@ def tip_speeds_m_s(arm: ArmMotion, q: Array, velocity: Array) -> Array:
 
 
 def tip_use(arm: ArmMotion, motion: Trajectory) -> tuple[float, float]:
-    """Return the greatest speed of the tip (m/s), and how far it faces aside at most (rad), at 50 Hz and at all knots.
+    """Return the greatest speed of the tip (m/s), and its greatest facing angle (rad), at 50 Hz and at all knots.
 
     Each is 0 if the arm has no such constraint.
     """

@@ -1,4 +1,4 @@
-"""How far a motion passes its inner waypoints from where they are, and what that leaves each joint."""
+"""How far from its inner waypoints a motion passes, and how far each joint may deviate there."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from trocar.motion.path import TimedPath
 from trocar.motion.problem import MotionProblem
 
 CURVED = 1.05
-"""Share by which a joint may stray further than what is linear in a millimetre tells."""
+"""Factor by which a joint may deviate further than the linear estimate, for tolerances of a millimetre."""
 
 
 def passing_deviation(arm: ArmMotion, path: TimedPath, waypoint: int) -> tuple[float, float]:
     """Return how far from a waypoint the tip passes (m) and how far it is turned (rad).
 
-    The distance is the greater of the one along ``up`` and the one to its side.
+    The distance is the greater of the one along ``up`` and the one sideways.
     """
     tip = fk(arm.model, path.trajectory(path.waypoint_times_s[waypoint]))
     wanted = fk(arm.model, arm.waypoints[waypoint])
@@ -40,7 +40,7 @@ def sag_m(arm: ArmMotion, path: TimedPath, piece: int) -> float:
 def passed_over(arm: ArmMotion) -> list[int]:
     """Return the pieces on which the tip must not sag where waypoints have a tolerance.
 
-    These are all that are not straight and have an inner waypoint; not the first one of a moving start.
+    These are all pieces that are not straight and have an inner waypoint, except the first one of a moving start.
     """
     last = len(arm.waypoints) - 2
     if not last:
@@ -49,9 +49,9 @@ def passed_over(arm: ArmMotion) -> list[int]:
 
 
 def joint_strays(arm: ArmMotion, problem: MotionProblem) -> NDArray[np.float64] | None:
-    """Return how far (n, joints) each joint may be from each waypoint, rad and m; None where there is no tolerance.
+    """Return how far (n, joints) each joint may be from each waypoint, rad and m; None if there is no tolerance.
 
-    Up to first order in the tolerances, and a little more; infinite at a singular waypoint.
+    To first order in the tolerances, and a little more; infinite at a singular waypoint.
     """
     if not max(problem.waypoint_tolerance_m, problem.waypoint_tolerance_rad):
         return None

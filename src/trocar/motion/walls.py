@@ -1,4 +1,4 @@
-"""Walls out of capsules: a receptacle that stands on the table."""
+"""Walls made of capsules: a receptacle that stands on the table."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def wall(name: str, start_m: ArrayLike, end_m: ArrayLike, height_m: float, radiu
 def open_box(
     name: str, T_world_box: SE3, inside_m: tuple[float, float], height_m: float, radius_m: float
 ) -> dict[str, Capsule]:
-    """Return the four walls of a box without a lid, by name: a receptacle. What it stands on is its floor.
+    """Return the four walls of a box without a lid, by name: a receptacle. Its floor is what it stands on.
 
     >>> receptacle = open_box("receptacle", T_world_left, (0.11, 0.07), 0.02, 0.002)
 

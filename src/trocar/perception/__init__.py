@@ -1,1 +1,1 @@
-"""Poses of board and blocks from images and point clouds."""
+"""Perception shared by all tasks: images and lenses, depth, colour, fiducials, instruments, needles."""

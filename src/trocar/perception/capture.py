@@ -18,7 +18,7 @@ def load_capture(path: str | Path, unit: str | None = None) -> NDArray[np.float6
 
     Args:
         path: the file.
-        unit: 'mm' or 'm'; required if the array's name does not tell.
+        unit: 'mm' or 'm'; required if the array's name does not tell it.
 
     Raises:
         TrocarError: the file is missing, broken or of another shape, or its unit is unknown or contradictory.

@@ -1,4 +1,4 @@
-"""Colours by hue, saturation and value, as OpenCV counts them: H 0 to 179, S and V 0 to 255."""
+"""Colours by hue, saturation and value in OpenCV's units: H 0 to 179, S and V 0 to 255."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ HUES = 180
 
 @dataclass(frozen=True)
 class HueRange:
-    """Colours of a kind.
+    """A range of colours.
 
     Attributes:
-        low: first hue; above ``high`` the range goes through 0.
+        low: first hue; if above ``high``, the range goes through 0.
         high: last hue.
         saturation: smallest.
-        value: smallest; in the dark a hue means nothing.
+        value: smallest, because hue means nothing in the dark.
     """
 
     low: int
@@ -35,7 +35,7 @@ class HueRange:
         return HueRange((middle - hue) % HUES, (middle + hue) % HUES, saturation, value)
 
     def mask(self, hsv: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return 255 for each pixel (h, w) of an HSV picture (h, w, 3) that has such a colour, else 0."""
+        """Return 255 for each pixel (h, w) of an HSV picture (h, w, 3) in the range, else 0."""
         if self.low <= self.high:
             return self._between(hsv, self.low, self.high)
         return self._between(hsv, self.low, HUES - 1) | self._between(hsv, 0, self.high)
@@ -46,7 +46,7 @@ class HueRange:
 
 
 RED_FOAM = HueRange(170, 6, 120, 50)
-"""Of the fragments: hue 0-6 or 170-180, as the program of Kehoe et al. 2014 had it."""
+"""Colour of the fragments: hue 0-6 or 170-180, as in the program of Kehoe et al. 2014."""
 
 
 def to_hsv(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

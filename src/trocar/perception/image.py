@@ -144,7 +144,7 @@ class StereoWindow:
     Attributes:
         left: of the left eye.
         right: of the right eye.
-        binning: the sensors combine so many by so many pixels; corners and sizes are multiples of it.
+        binning: the sensors combine this many by this many pixels; corners and sizes are multiples of it.
     """
 
     left: Window

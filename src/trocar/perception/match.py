@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEAST_CORRELATION = 0.6
-"""A window that correlates less was not found."""
+"""A window with less correlation counts as not found."""
 AGREE_PX = 1.0
-"""By which the disparity found from the right picture may differ from that found from the left one."""
+"""Maximum difference between the disparities found from the right and from the left picture."""
 FLAT = 1.0
-"""Variance in squared grey levels that noise alone has; windows without more of it match anything."""
+"""Variance of noise alone, in squared grey levels; windows with no more than that match anything."""
 
 
 def disparity_map(
@@ -25,7 +25,7 @@ def disparity_map(
 
     Each pixel's window is correlated with windows in the same row of the right picture (zero mean, unit variance, so
     that the eyes' gains do not matter); a parabola through the best three places gives the fraction. A match must be
-    mutual: from the right picture the same place must be found.
+    mutual: matching from the right picture must give the same place.
 
     Args:
         left: (h, w) one channel of the left picture.
@@ -44,7 +44,7 @@ def disparity_map(
     scores = np.empty((most - least + 1, high, wide), dtype=np.float32)
     inside = np.s_[pad : pad + high, pad : pad + wide]
     for k in range(most - least + 1):
-        start = most - least - k  # of the columns that the left ones meet at disparity ``least + k``
+        start = most - least - k  # of the columns that match the left ones at disparity ``least + k``
         shifted = np.s_[:, start : start + one.shape[1]]
         both = cv2.boxFilter(one * other[shifted], -1, (window_px, window_px)) - mean_one * mean_other[shifted]
         scores[k] = (both / np.sqrt(var_one * var_other[shifted]))[inside]
@@ -62,7 +62,7 @@ def disparity_map(
 
 
 def _from_right(scores: NDArray[np.float32], best: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return what the right pixel that each left pixel matches takes for its best disparity."""
+    """Return, for each left pixel, the best disparity of the right pixel that it matches."""
     count, high, wide = scores.shape
     turned = np.full((count, high, wide + count - 1), -np.inf, dtype=np.float32)
     for k in range(count):
@@ -73,7 +73,7 @@ def _from_right(scores: NDArray[np.float32], best: NDArray[np.intp]) -> NDArray[
 
 
 def _cut(picture: NDArray, u: int, v: int, wide: int, high: int) -> NDArray[np.float32]:
-    """Return a rectangle as float; beyond the picture's border its last pixels are repeated."""
+    """Return a rectangle as float; beyond the picture's border the last pixels are repeated."""
     rows = np.clip(np.arange(v, v + high), 0, picture.shape[0] - 1)
     columns = np.clip(np.arange(u, u + wide), 0, picture.shape[1] - 1)
     return picture[np.ix_(rows, columns)].astype(np.float32)

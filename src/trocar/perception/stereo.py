@@ -20,8 +20,8 @@ SAME_ROW = 1e-9
 def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tuple[NDArray[np.float64], NDArray]:
     """Return points (..., 3) in the left camera's frame, and by how much the two rays miss each other (...,) in m.
 
-    A point is the middle of the shortest line between the rays through its pixels. Works for every pair of lenses;
-    where the rays are parallel or meet behind an eye, point and miss are NaN.
+    A point is the middle of the shortest line between the rays through its pixels. Works for every pair of lenses; if
+    the rays are parallel or meet behind an eye, point and miss are NaN.
 
     Args:
         rig: the cameras.
@@ -102,7 +102,7 @@ def check_stereo(image: StereoImage) -> None:
 
 
 def _new_lens(lens: Intrinsics, R_lens_new: SO3, focal: float) -> Intrinsics:
-    """Return a lens without distortion whose picture has the same middle."""
+    """Return a lens without distortion whose picture has the same centre."""
     middle = rays_through(lens, [(lens.width - 1) / 2, (lens.height - 1) / 2]) @ R_lens_new.matrix
     cx = (lens.width - 1) / 2 - focal * middle[0] / middle[2]
     cy = (lens.height - 1) / 2 - focal * middle[1] / middle[2]

@@ -1,4 +1,4 @@
-"""The rows of a study's conditions: no trial is in memory but the one that is being reduced."""
+"""The rows of a study's conditions; only the trial that is being reduced is in memory."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class CellRows(Generic[AnyRow]):
-    """What came of a cell.
+    """The results of a cell.
 
     Attributes:
-        cell: which.
+        cell: the cell.
         rows: of its trials.
     """
 
@@ -28,7 +28,7 @@ class CellRows(Generic[AnyRow]):
     rows: Sequence[AnyRow]
 
     def by_session(self, value: Callable[[AnyRow], Value]) -> dict[int, list[Value]]:
-        """Return a value of each trial, by session."""
+        """Return one value per trial, by session."""
         found: dict[int, list[Value]] = {}
         for row in self.rows:
             found.setdefault(row.session, []).append(value(row))

@@ -1,4 +1,4 @@
-"""The command that makes a run again."""
+"""The command that repeats a run."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from trocar.tasks import TASKS
 from trocar.tasks.kit import pick_method
 
 FILE = "FILE"
-"""Stands for a path: a run keeps what its files said, and not where they lay."""
+"""Placeholder for a path, because a run stores the content of its files, not their paths."""
 
 
 def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
-    """Return the line that runs the same trials again, with ``FILE`` for each file that was given.
+    """Return the command that runs the same trials again, with ``FILE`` for each file that was given.
 
     Args:
-        about: of a trial: what tells its run from others.
+        about: of a trial: what distinguishes its run from others.
         sessions: of the run.
         trials: of the run, in each session.
     """
@@ -52,7 +52,7 @@ def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
 
 
 def _options(task: Any, given: Mapping[str, Any]) -> list[str]:
-    """Return the task's own options that are not as they usually are; of a task that is unknown here, all."""
+    """Return the task's own options that differ from their defaults; all, if the task is unknown here."""
     usual = task().options() if task is not None else {}
     flags = {f.name: f.metadata.get("flag") or f.name for f in fields(task)} if task is not None else {}
     words: list[str] = []
@@ -68,7 +68,7 @@ def _options(task: Any, given: Mapping[str, Any]) -> list[str]:
 
 
 def _station(task: Any, about: Mapping[str, Any]) -> list[str]:
-    """Return the option of the station, where it is not the task's usual one."""
+    """Return the option of the station, if it is not the task's default."""
     name, digest = about["station"], about["station_digest"]
     built_in = name in built_in_stations() and digest == station_digest(name)
     if built_in and task is not None and name == task.station:

@@ -1,4 +1,4 @@
-"""Comparisons between conditions that met the same sessions: what counts is the session, not the trial."""
+"""Comparisons between conditions in the same sessions; the unit is the session, not the trial."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from trocar.errors import TrocarError
 from trocar.report.statistics import session_posterior
 
 EXACT_UP_TO = 1 << 14
-"""Sign patterns that are counted all; of more sessions so many are drawn."""
+"""Maximum number of sign patterns that are all counted; with more sessions, this many are drawn."""
 DRAWS = 10_000
 """How often sessions are resampled for the interval of a ratio."""
 
@@ -24,7 +24,7 @@ class Estimate:
 
     Attributes:
         mean: of the sessions' means.
-        low: end of the 95 % interval; None of a single session.
+        low: end of the 95 % interval; None for a single session.
         high: likewise.
     """
 
@@ -35,14 +35,14 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Difference:
-    """One condition less another, session by session.
+    """One condition minus another, session by session.
 
     Attributes:
-        sessions: that both conditions have.
+        sessions: number that both conditions have.
         mean: of the differences; NaN without a session.
-        low: end of the 95 % interval of Student's t over the differences; None of fewer than two sessions.
+        low: end of the 95 % interval of Student's t over the differences; None for fewer than two sessions.
         high: likewise.
-        p: that a mean so far in the direction asked for comes by chance (one-sided).
+        p: probability of a mean at least this far in the tested direction by chance (one-sided).
     """
 
     sessions: int
@@ -71,8 +71,8 @@ Pairs = Mapping[int, Sequence[tuple[float, float]]]
 def ratio_estimate(values: Pairs) -> Estimate | None:
     """Return a ratio of sums with its 95 % interval over sessions; None where the denominators are all 0.
 
-    The interval is Student's t over what each session's numerator is off the common ratio (linearised, Cochran 1977).
-    Where all sessions have the same denominator it is that of :func:`session_estimate`.
+    The interval is Student's t over the deviations of the sessions' numerators from the common ratio (linearised,
+    Cochran 1977). If all sessions have the same denominator, it is that of :func:`session_estimate`.
 
     Args:
         values: of the trials of each session.
@@ -86,14 +86,14 @@ def ratio_estimate(values: Pairs) -> Estimate | None:
 
 
 def ratio_of_ratios(first: Pairs, second: Pairs) -> Estimate | None:
-    """Return one ratio of sums over another's, of the sessions that both have; None where that cannot be divided.
+    """Return one ratio of sums over another, over the sessions that both have; None if a divisor is 0.
 
-    The 95 % interval is that of the percentiles when sessions are resampled with replacement, the same ones for both.
-    With few sessions it is somewhat narrow. Draws in which nothing can be divided are left out.
+    The 95 % interval is the percentile interval when sessions are resampled with replacement, the same ones for both.
+    With few sessions it is somewhat narrow. Draws with a divisor of 0 are left out.
 
     Args:
         first: values of the trials, by session.
-        second: likewise; it divides.
+        second: likewise; the divisor.
     """
     both = [session for session in first if session in second]
     one, two = _sums(first, both), _sums(second, both)
@@ -116,7 +116,7 @@ def _sums(values: Pairs, sessions: Sequence[int]) -> NDArray[np.float64]:
 
 
 def _divided(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the first ratio over the second; NaN where one of them is not known, or the second is 0."""
+    """Return the first ratio over the second; NaN if one of them is unknown, or the second is 0."""
     below = one[..., 1] * two[..., 0]
     return np.where((below > 0) & (two[..., 1] > 0), one[..., 0] * two[..., 1] / below, np.nan)
 
@@ -124,11 +124,11 @@ def _divided(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.f
 def session_difference(
     first: Mapping[int, Sequence[float]], second: Mapping[int, Sequence[float]], *, less: bool
 ) -> Difference:
-    """Return how a condition differs from another that met the same sessions.
+    """Return the difference between two conditions in the same sessions.
 
-    Each session gives one difference of means. If the conditions did not differ, each difference could as well have the
+    Each session gives one difference of means. If the conditions did not differ, each difference could equally have the
     other sign: the p-value is the share of all sign patterns (drawn ones for more than 14 sessions) with a mean at
-    least as far in the direction asked for. It needs no distribution, and with n sessions it cannot be below 2^-n.
+    least as far in the tested direction. It assumes no distribution, and with n sessions it cannot be below 2^-n.
 
     Args:
         first: values of the trials, by session.
@@ -172,26 +172,26 @@ def rate_difference(
 ) -> tuple[float, float]:
     """Return the interval of the difference of two success rates over sessions.
 
-    The rates have the posteriors of :func:`trocar.report.statistics.session_interval`, taken as independent: where the
-    sessions are the same ones, that is on the safe side. It is honest where everything succeeded.
+    The rates have the posteriors of :func:`trocar.report.statistics.session_interval`, treated as independent, which is
+    conservative if the sessions are the same. It also holds if everything succeeded.
 
     Args:
         first: successes and attempts, by session.
         second: likewise; it is subtracted.
-        share: of the posterior that the interval holds.
+        share: share of the posterior inside the interval.
     """
     middles, one = session_posterior(*first)
     two = session_posterior(*second)[1]
     weights = np.convolve(one, two[::-1])
     grid = (np.arange(len(weights)) - (len(middles) - 1)) * (middles[1] - middles[0])
-    cumulative = (np.cumsum(weights) - weights / 2.0) / weights.sum()  # half of a bin lies below its middle
+    cumulative = (np.cumsum(weights) - weights / 2.0) / weights.sum()  # half of a bin is below its middle
     tail = (1.0 - share) / 2.0
     low, high = np.interp([tail, 1.0 - tail], cumulative, grid)
     return float(low), float(high)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values adjusted for their number (Holm 1979): below .05 they hold together with 95 %."""
+    """Return p-values adjusted for their number (Holm 1979): those below .05 hold jointly at 95 %."""
     order = np.argsort(p_values)
     adjusted = np.empty(len(order))
     worst = 0.0

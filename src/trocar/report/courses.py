@@ -18,14 +18,15 @@ ORDERS = ("position", "velocity", "acceleration")
 PER = ("", "/s", "/s²")
 ARM_NAMES = ("yaw", "pitch", "insertion (mm)", "roll", "wrist pitch", "wrist yaw")
 ARM_SCALES = np.where(np.arange(6) == 2, 1e3, np.degrees(1.0))
-"""What shows an arm's joints in mm and deg."""
+"""Factors that convert an arm's joints to mm and deg."""
 SAMPLES = 400
 
 
 def course(figure: Figure, paths: Mapping[str, TimedPath | Trajectory], joints: Sequence[str] = ()) -> None:
-    """Draw each trajectory as a column of three charts; dotted lines are where it passes its waypoints.
+    """Draw each trajectory as a column of three charts; dotted lines show when it passes its waypoints.
 
-    Six joints are taken for an arm's and shown in deg, the insertion in mm; others in rad or m as they are.
+    Six joints are assumed to be an arm's and shown in deg, the insertion in mm; others are shown as they are, in rad or
+    m.
 
     Args:
         figure: empty.

@@ -1,4 +1,4 @@
-"""Goals that were not reached, of all trials of a run, and a picture of each from its saved trial."""
+"""Goals that were not reached in a run, and a picture of each from its saved trial."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from trocar.tasks.kit import TaskReport, in_words
 from trocar.trials.trial import Trial
 
 MOST = 12
-"""So many failed goals get a picture; the page says how many more there are."""
+"""Maximum number of failed goals with a picture; the page says how many more there are."""
 SCALE = 0.75
-"""Of a picture's 640 pixels from left to right."""
+"""Scale of a picture, relative to a width of 640 pixels."""
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class Failed:
     """One goal that was not reached.
 
     Attributes:
-        place: of its trial among the run's.
+        place: index of its trial among the run's.
         session: of its trial.
         trial: number of its trial in the session.
         number: of the goal, from 0 on.
         failure: its name.
-        what: the goal, as a reader knows it.
+        what: the goal in words.
         reason: in a sentence; empty if there is none.
         stem: of its picture's file.
     """
@@ -68,7 +68,7 @@ def failed_goals(trials: Sequence[Trial], report: TaskReport) -> list[Failed]:
 
 
 def picked(failed: Sequence[Failed], most: int) -> list[Failed]:
-    """Return those that get a picture, in order: of each failure the first, then the second, until there are enough."""
+    """Return those that get a picture, in order: the first of each kind of failure, then the second, and so on."""
     by_name = groupby(sorted(failed, key=lambda one: one.failure), key=lambda one: one.failure)
     in_turn = chain.from_iterable(zip_longest(*(list(group) for _, group in by_name)))
     chosen = [one for one in in_turn if one is not None][:most]

@@ -1,4 +1,4 @@
-"""Everything that a run's folder shows beside its trials: summary, pictures, replay, page."""
+"""Everything in a run's folder besides its trials: summary, pictures, replay, page."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from trocar.trials.trial import Trial
 
 
 def report_of(trial: Trial) -> TaskReport:
-    """Return what a trial's task adds to a report; of a task that is not registered here, nothing."""
+    """Return what a trial's task adds to a report; nothing, if the task is not registered here."""
     name = str(trial.about["task"])
     found = TASKS[name].report if name in TASKS else None
     made = found.load() if isinstance(found, Lazy) else found
@@ -43,8 +43,8 @@ def write_report(
 
     Args:
         folder: of the run.
-        trials: that were finished, or those of them that the report is of.
-        strange: sentences on what else lies in the folder.
+        trials: the finished ones, or those to report on.
+        strange: sentences on unexpected files in the folder.
         into: folder for the files; None: the run's.
     """
     run, folder = Path(folder), Path(folder if into is None else into)
@@ -82,7 +82,7 @@ def write_report(
 
 
 def _for_people(replay: Replay, report: TaskReport) -> Replay:
-    """Return a replay whose bodies have the colours that they have in pictures for people."""
+    """Return a replay whose bodies have the colours used in pictures for people."""
 
     def painted(solid: Solid) -> Solid:
         rgb = next((rgb for prefix, rgb in report.colours.items() if solid.body.startswith(prefix)), None)
@@ -94,7 +94,7 @@ def _for_people(replay: Replay, report: TaskReport) -> Replay:
 def _pictures(
     folder: Path, first: Trial, trials: Sequence[Trial], report: TaskReport
 ) -> tuple[list[Picture], Picture | None]:
-    """Draw the first trial and what the task draws of all; return these pictures, and the time chart."""
+    """Draw the first trial and the task's pictures of all trials; return these pictures, and the time chart."""
     about = first.about
     what = ", ".join(str(about[key]) for key in ("task", "variant", "method") if about[key])
     place, found = _place(first), []
@@ -115,7 +115,7 @@ def _pictures(
 
 
 def _there(trials: Sequence[Trial]) -> tuple[int, int]:
-    """Return how many sessions, and trials in each, hold these trials."""
+    """Return the numbers of sessions, and of trials in each, that these trials span."""
     places = [(trial.about["session"], trial.about["index"]) for trial in trials]
     return 1 + max(session for session, _ in places), 1 + max(index for _, index in places)
 
@@ -125,10 +125,10 @@ def _place(trial: Trial) -> str:
 
 
 def draw_trial(trial: Trial, path: str | Path, title: str = "", report: TaskReport | None = None) -> Path:
-    """Draw the telling moments of a trial as a storyboard, and return its path.
+    """Draw the main moments of a trial as a storyboard, and return its path.
 
     Raises:
-        TrocarError: there is no simulator here, whose rays draw the pictures.
+        TrocarError: the simulator, which draws the pictures, is not installed.
     """
     report = report or report_of(trial)
     photographer = photographer_of(trial, report)

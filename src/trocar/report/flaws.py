@@ -1,4 +1,4 @@
-"""What of a laboratory was imperfect, in a sentence; ``summary.json`` and the page have all of it."""
+"""The imperfections of a laboratory in one sentence; ``summary.json`` and the page list all of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def brief_flaws(flaws: Mapping[str, str]) -> str:
     """Return the difficulty of a run's laboratory and only what differs from it.
 
     Args:
-        flaws: as ``summary.json`` has them, with the difficulty's level and the flaws that were given sizes.
+        flaws: as in ``summary.json``, with the difficulty's level and the flaws that were given sizes.
     """
     level, *named = flaws["difficulty"].split(", ")
     said = [f"difficulty {level}" + (f" except for {', '.join(named)}" if named else "")]

@@ -1,4 +1,4 @@
-"""What became of each goal and of each trial, in tables."""
+"""The outcome of each goal and of each trial, in tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trocar.trials.trial import Trial
 
 
 def goals_table(trials: Sequence[Trial], report: TaskReport) -> Table:
-    """Return a row for each goal: of one trial how it ended and why, of several how often it was reached.
+    """Return a row for each goal: for one trial how it ended and why, for several how often it was reached.
 
     Args:
         trials: of one run.
@@ -73,7 +73,7 @@ def failures_table(failures: Mapping[str, int], attempted: int, piece: str, repo
 
     Args:
         failures: counts by name, as in ``summary.json``.
-        attempted: of how many goals.
+        attempted: number of goals attempted.
         piece: what a goal is called.
         report: of the task, which knows the outcomes' sentences.
     """
@@ -87,18 +87,18 @@ def failures_table(failures: Mapping[str, int], attempted: int, piece: str, repo
 
 
 def reason_of(score: Mapping[str, Any], report: TaskReport) -> str:
-    """Return why a goal was not reached, in a sentence where there is one; empty after a success."""
+    """Return why a goal was not reached, in a sentence if there is one; empty after a success."""
     return str(score["reason"]) or sentence_of(str(score["failure"]), report)
 
 
 def sentence_of(name: str, report: TaskReport) -> str:
-    """Return the sentence of an outcome of a task; empty where it has none of this name."""
+    """Return the sentence of an outcome of a task; empty if it has no outcome of this name."""
     outcomes = report.outcomes
     return str(outcomes[name].value) if outcomes is not None and name in outcomes.__members__ else ""
 
 
 def named_failures(scores: Sequence[Mapping[str, Any]]) -> str:
-    """Return the failures among scores with how often each occurred."""
+    """Return how often each failure occurred among scores."""
     counted = Counter(in_words(str(score["failure"])) for score in scores if score["failure"])
     return ", ".join(f"{name} {count}" for name, count in counted.most_common())
 
@@ -112,7 +112,7 @@ def _how_many(scores: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _same(words: Sequence[str]) -> str:
-    """Return what all goals of a number were; empty where trials differ in it."""
+    """Return the description of the goals with a number; empty if trials differ in it."""
     return words[0] if len(set(words)) == 1 else ""
 
 

@@ -1,4 +1,4 @@
-"""What an arm's time was spent on: every moment counted once, however spans overlap."""
+"""What an arm's time was spent on, counting every moment once, however spans overlap."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from trocar.log import Span
 
 OTHER = "other"
-"""Time in which a script noted nothing."""
+"""Name of the time in which a script noted nothing."""
 
 
 def parts_of(spans: Sequence[Span], arm: str, duration_s: float) -> dict[str, float]:
     """Return the time in s that one arm spent on each part; they add up to the duration.
 
-    Where spans of the arm overlap, as jaws that open during a motion do, the moment counts for the one that began
+    Where spans of the arm overlap, such as when jaws open during a motion, the moment counts for the one that began
     first (of those that began together, the longest).
 
     Args:
         spans: of all arms.
-        arm: whose time.
+        arm: the arm.
         duration_s: of the trial.
     """
     mine = sorted(

@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 
 
 def can_photograph() -> bool:
-    """Return whether there is a simulator here, whose rays draw the pictures."""
+    """Return whether the simulator, which draws the pictures, is installed."""
     return find_spec("mujoco") is not None
 
 
 def photographer_of(trial: Trial, report: TaskReport, scale: float = 1.0) -> Photographer:
-    """Return who draws pictures of a trial, from where and as large as its task wants them.
+    """Return an object that draws pictures of a trial, from the viewpoint and with the frame that its task defines.
 
     Args:
-        trial: which.
+        trial: the trial.
         report: of its task.
-        scale: of the pictures' 640 pixels from left to right.
+        scale: of the pictures' width of 640 pixels.
 
     Raises:
-        TrocarError: there is no simulator here.
+        TrocarError: the simulator is not installed.
     """
     if not can_photograph():
         raise TrocarError(f"pictures of a trial need mujoco; {how_to_install('sim')}")

@@ -29,7 +29,7 @@ class Picture:
 
 
 def write_png(path: str | Path, image: Image.Image | NDArray[np.uint8]) -> Path:
-    """Write a camera's picture as a PNG of 256 colours, a third of the size of one of all, and return its path."""
+    """Write a camera's picture as a PNG of 256 colours, a third of the size of a full one, and return its path."""
     image = image if isinstance(image, Image.Image) else Image.fromarray(image)
     path, mark = Path(path), PngInfo()
     mark.add_text("Software", mark_of(PICTURE))

@@ -1,4 +1,4 @@
-"""One verb for pictures on the screen: ``plot(thing)`` draws whatever has a picture."""
+"""One function for pictures on the screen: ``plot(thing)`` draws whatever has a picture."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ def plot(thing: Any, **options: Any) -> Picture:
     | ``DexterityMap`` | dexterity round the circle | ``plan``: the ``SuturePlan`` to draw on it; ``title`` |
     | ``SuturePlan`` | its sutures on the circle | ``map``: the ``DexterityMap`` that it was made from; ``title`` |
 
-    A package of yours adds a kind with ``plot.register``.
+    Your own package can add a kind with ``plot.register``.
 
     Args:
-        thing: what is to be seen.
-        options: as the table says.
+        thing: to be drawn.
+        options: as in the table.
 
     Raises:
         TrocarError: it has no picture.

@@ -14,13 +14,13 @@ from trocar.errors import TrocarError
 
 Z_95 = 1.959963984540054  # 97.5 % quantile of the standard normal
 GRID = 400
-"""Points of the grids over mean rate and correlation."""
+"""Number of points of the grids over mean rate and correlation."""
 
 
 def wilson_interval(succeeded: int, attempted: int) -> tuple[float, float]:
-    """Return the 95 % interval of a success rate of independent attempts (Wilson 1927); of none it is (0, 1).
+    """Return the 95 % interval of a success rate of independent attempts (Wilson 1927); (0, 1) without attempts.
 
-    Unlike the textbook's normal interval it stays inside [0, 1] and is honest at 120 of 120.
+    Unlike the textbook's normal interval it stays inside [0, 1] and is valid at 120 of 120.
     """
     if not 0 <= succeeded <= attempted:
         raise TrocarError(f"{succeeded} successes of {attempted} attempts; give 0 <= successes <= attempts")
@@ -36,14 +36,13 @@ def wilson_interval(succeeded: int, attempted: int) -> tuple[float, float]:
 
 
 def session_interval(succeeded: Sequence[int], attempted: Sequence[int]) -> tuple[float, float]:
-    """Return the 95 % interval of a success rate over sessions that differ; of no attempts it is (0, 1).
+    """Return the 95 % interval of a success rate over sessions that differ; (0, 1) without attempts.
 
-    Attempts of one session share its cables and its registration, so that they are no independent evidence. The rate of
-    a session is taken to be drawn from a beta distribution whose mean is what is asked for (beta-binomial model). The
-    mean has Jeffreys' prior Beta(1/2, 1/2), the correlation within sessions (ICC) the prior Beta(1, 2), and the
-    interval is the central one of the mean's posterior. It is honest where all succeeded, counts sessions and not
-    attempts, and says of a single session how little that is. Its coverage is tested in
-    ``tests/report/test_statistics.py``.
+    Attempts of one session share its cables and its registration, so they are not independent evidence. The rate of a
+    session is modelled as drawn from a beta distribution whose mean is to be estimated (beta-binomial model). The mean
+    has Jeffreys' prior Beta(1/2, 1/2), the correlation within sessions (ICC) the prior Beta(1, 2), and the interval is
+    the central one of the mean's posterior. It is valid if all attempts succeeded, counts sessions rather than
+    attempts, and is wide for a single session. Its coverage is tested in ``tests/report/test_statistics.py``.
 
     Args:
         succeeded: in each session.
@@ -63,7 +62,7 @@ def session_interval(succeeded: Sequence[int], attempted: Sequence[int]) -> tupl
 def session_posterior(
     succeeded: Sequence[int], attempted: Sequence[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the posterior of the mean rate over sessions, as :func:`session_interval` takes it: rates and weights."""
+    """Return the posterior of the mean rate over sessions that :func:`session_interval` uses: rates and weights."""
     y, n = np.asarray(succeeded, dtype=np.float64), np.asarray(attempted, dtype=np.float64)
     return (np.arange(GRID) + 0.5) / GRID, _posterior(y[n > 0], n[n > 0])
 
@@ -96,10 +95,10 @@ class Spread:
 
     Attributes:
         count: how many there are.
-        mean: NaN of none.
-        sd: standard deviation of the sample; NaN of fewer than two.
-        p50: median; NaN of none.
-        p95: NaN of none.
+        mean: NaN if there are none.
+        sd: standard deviation of the sample; NaN for fewer than two.
+        p50: median; NaN if there are none.
+        p95: NaN if there are none.
     """
 
     count: int

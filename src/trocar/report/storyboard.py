@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.report import style
 
-MAX_PICTURES = 12  # more are thinned evenly, first and last kept
-LARGEST_PX = 400  # a picture is thinned to at most this width
+MAX_PICTURES = 12  # more are thinned out evenly, keeping the first and last
+LARGEST_PX = 400  # a picture is reduced to at most this width
 
 
 def draw_storyboard(

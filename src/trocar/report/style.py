@@ -1,4 +1,4 @@
-"""One look for every figure: colours that colour-blind readers tell apart, units on axes, small files."""
+"""One style for every figure: colours that colour-blind readers can distinguish, units on axes, small files."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from PIL import Image
 from trocar.output import make_folder, write_figure
 from trocar.report.picture import write_png
 
-# Okabe and Ito 2008: told apart with every common colour blindness
+# Okabe and Ito 2008: distinguishable with every common colour blindness
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
 INK, QUIET, FAINT = "#222222", "#6B6B6B", "#E4E4E4"
-PATHS = "viridis"  # even in lightness, so it also prints in grey
+PATHS = "viridis"  # uniform in lightness, so it also prints in grey
 DPI = 130
 LARGEST_BYTES = 500_000
 
@@ -44,7 +44,7 @@ RC: dict[Any, Any] = {
 
 
 class Picture(Figure):
-    """A figure that a notebook shows by itself, whether or not it has been told how to show figures."""
+    """A figure that a notebook displays, whether or not it has been configured for figures."""
 
     def _repr_png_(self) -> bytes:
         image = BytesIO()
@@ -54,11 +54,11 @@ class Picture(Figure):
 
 
 def picture(draw: Callable[[Figure], None]) -> Picture:
-    """Return what ``draw`` puts on a figure, in this look; nothing is written."""
+    """Return the figure that ``draw`` draws, in this style; nothing is written."""
     with mpl.rc_context(RC):
         drawn = Picture(layout="constrained")
         draw(drawn)
-        drawn.draw_without_rendering()  # ticks take their colours when they are first laid out
+        drawn.draw_without_rendering()  # ticks get their colours at the first layout
     return drawn
 
 

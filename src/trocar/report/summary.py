@@ -20,7 +20,7 @@ MISSED_WARNING = 0.01
 
 
 class Summary(dict[str, Any]):
-    """What ``summary.json`` holds; a dict that a notebook shows in a line and a table."""
+    """The content of ``summary.json``; a dict that a notebook shows as a line and a table."""
 
     def __repr__(self) -> str:
         what = " ".join(str(self[key]) for key in ("task", "variant", "method") if self[key])
@@ -101,12 +101,12 @@ def _by_session(trials: Sequence[Trial]) -> tuple[list[int], list[int]]:
 
 
 def _complete(trial: Trial) -> bool:
-    """Return whether everything was done, which is the paper's successful trial."""
+    """Return whether everything succeeded, which the paper calls a successful trial."""
     return bool(trial.scores) and all(score["succeeded"] for score in trial.scores)
 
 
 def _parts(trials: Sequence[Trial], count: int, order: Sequence[str]) -> dict[str, float]:
-    """Return the mean time a goal of each part, over the arms that worked."""
+    """Return the mean time per goal of each part, over the arms that worked."""
     if not count:
         return {}
     seconds: dict[str, float] = {name: 0.0 for name in order}
@@ -120,7 +120,7 @@ def _parts(trials: Sequence[Trial], count: int, order: Sequence[str]) -> dict[st
 
 
 def _limit_use(trials: Sequence[Trial]) -> dict[str, float]:
-    """Return the largest share of the limits of velocity and acceleration in all that was sent."""
+    """Return the largest share of the velocity and acceleration limits in all commands."""
     shares = np.array([use for trial in trials for use in trial.command_limit_use.values()])
     velocity, acceleration = shares.max(axis=0).tolist()
     return {"velocity": velocity, "acceleration": acceleration}

@@ -1,4 +1,4 @@
-"""A run in tables: beside published rows, and part by part."""
+"""A run in tables: beside published rows, and the time by part."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), theirs
 
     Args:
         summary: keys as in ``summary.json``.
-        paper: rows of a paper; their intervals take every attempt as independent, for nothing else was published.
-        theirs: ours as the paper counts, where it counts otherwise.
+        paper: rows of a paper; their intervals treat every attempt as independent, because nothing else was published.
+        theirs: our run counted as in the paper, if that differs.
     """
     how_many = f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')}"
     title = ", ".join(text for text in (summary["task"], summary["variant"], how_many, "simulated") if text)
@@ -61,7 +61,7 @@ def headline(summary: Mapping[str, Any]) -> str:
 
 
 def parts_table(summary: Mapping[str, Any]) -> Table:
-    """Return where the time of a goal went, part by part."""
+    """Return the time per goal, part by part."""
     table = Table(title=f"Mean {summary['piece']}, part by part")
     table.add_column("part")
     table.add_column("s", justify="right")

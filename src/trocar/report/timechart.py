@@ -25,14 +25,14 @@ COLOURS = {
     "loading": style.GREEN,
 }
 START, BETWEEN, END = -1, sys.maxsize - 1, sys.maxsize
-"""In the place of a goal: what an arm does before its first one, between two of its own, and after its last."""
+"""Pseudo goals for what an arm does before its first goal, between two of its own, and after its last."""
 NO_GOAL = {START: "start", BETWEEN: "between", END: "end"}
 SIZE_IN, ROW_IN = (9.0, 1.3), 0.24
 """Width, height without rows, and height of a row."""
 LONG = 20
-"""Six labels of so many letters have room beside each other."""
+"""Six labels of this many letters fit beside each other."""
 OVERLAP = 0.25
-"""Less than this share of a part's time in something else is not mentioned."""
+"""An overlap of less than this share of a part's time is not mentioned."""
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 
@@ -52,12 +52,13 @@ def draw_timechart(trial: Trial, path: str | Path, title: str = "Time chart") ->
 def chart(figure: Figure, trial: Trial, title: str = "Time chart") -> None:
     """Draw one row per goal and arm, coloured by what was done; the figure grows with the rows.
 
-    What belongs to no goal is "start" before an arm's first one, "end" after its last one, and "between" them, where
-    pauses are left out. The legend counts every moment of an arm once, as tables do (``parts_of``); bars may overlap.
+    Spans without a goal are "start" before an arm's first goal, "end" after its last one, and "between" otherwise,
+    where pauses are left out. The legend counts every moment of an arm once, as tables do (``parts_of``); bars may
+    overlap.
 
     Args:
         figure: empty.
-        trial: whose spans and scores.
+        trial: with spans and scores.
         title: above the chart.
     """
     spans, turns, piece = sorted(trial.spans, key=lambda span: span.start_s), turns_of(trial), trial.piece
@@ -113,13 +114,13 @@ def chart(figure: Figure, trial: Trial, title: str = "Time chart") -> None:
 
 
 def _label(name: str, alone_s: float, noted_s: float) -> str:
-    """Return a part with its time, and how much of it overlapped with what had begun before."""
+    """Return a part with its time, and how much of it overlapped with spans that had begun before."""
     meanwhile = f" (+ {noted_s - alone_s:.1f} s meanwhile)" if noted_s - alone_s > OVERLAP * noted_s else ""
     return f"{name}, {alone_s:.1f} s{meanwhile}"
 
 
 def _goal_of(span: Span, turns: list[Turn]) -> int:
-    """Return the number of the goal that a span belongs to; START, BETWEEN or END where to none."""
+    """Return the number of the goal that a span belongs to; START, BETWEEN or END if it has none."""
     turn = turn_at(turns, span.arm, span.start_s)
     if turn is not None:
         return turn.goal

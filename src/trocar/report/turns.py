@@ -1,4 +1,4 @@
-"""Which arm was busy with which goal, and when."""
+"""Which arm worked on which goal, and when."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ NEARLY_S = 1e-9
 
 @dataclass(frozen=True)
 class Turn:
-    """A stretch of a trial in which one arm was busy with one goal.
+    """A stretch of a trial in which one arm worked on one goal.
 
     Attributes:
         goal: its number, from 0 on.
-        arm: whose; None: of any arm.
+        arm: the arm; None: any arm.
         start_s: on the trial's clock.
         end_s: likewise.
     """
@@ -28,17 +28,17 @@ class Turn:
     end_s: float
 
     def holds(self, time_s: float) -> bool:
-        """Return whether a time lies in it."""
+        """Return whether a time is within it."""
         return self.start_s - NEARLY_S <= time_s < self.end_s - NEARLY_S
 
 
 def turns_of(trial: Trial) -> list[Turn]:
     """Return the turns of all arms.
 
-    A script notes them in the event that ends a goal, the one named as the trial's piece is: ``turns`` holds for each
-    arm when it began and when it ended; ``arm`` and ``start_s`` will do where one arm did it alone. Its ``goal`` is the
-    goal's number among the scores; without one, goals are numbered as they ended. Where no arms are noted, every
-    goal is everybody's, for as long as its score says.
+    A script notes them in the event that ends a goal, named after the trial's piece: ``turns`` holds for each arm when
+    it began and when it ended; ``arm`` and ``start_s`` suffice if one arm did it alone. Its ``goal`` is the goal's
+    number among the scores; without one, goals are numbered as they ended. If no arms are noted, every goal belongs to
+    all arms, for as long as its score says.
     """
     found: list[Turn] = []
     ended = (event for event in trial.events if event["name"] == trial.piece)
@@ -52,11 +52,11 @@ def turns_of(trial: Trial) -> list[Turn]:
 
 
 def turn_at(turns: list[Turn], arm: str, time_s: float) -> Turn | None:
-    """Return the turn that an arm has at a time; None: it has none."""
+    """Return an arm's turn at a time; None: it has none."""
     return next((turn for turn in turns if turn.arm in (None, arm) and turn.holds(time_s)), None)
 
 
 def working_s(turns: list[Turn], span: Span) -> tuple[float, float]:
-    """Return when the first turn of a span's arm begins and the last one ends; without any, after everything."""
+    """Return when the first turn of a span's arm begins and the last one ends; after everything if it has none."""
     mine = [turn for turn in turns if turn.arm in (None, span.arm)]
     return min((t.start_s for t in mine), default=inf), max((t.end_s for t in mine), default=inf)

@@ -1,4 +1,4 @@
-"""A short moving picture of a trial, for a README or slides."""
+"""A short animation of a trial, for a README or slides."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from trocar.trials.trial import Trial
 
 FRAMES_PER_S = 12
 SPEED = 4.0
-"""So many seconds of the trial in one of the picture."""
+"""Seconds of the trial per second of the animation."""
 MAX_S = 15.0
-"""A longer picture is cut: it is for looking at, not for study."""
+"""A longer animation is cut: it is an illustration, not a record."""
 SCALE = 0.75
-"""Of 640 pixels from left to right."""
+"""Scale of the animation, relative to a width of 640 pixels."""
 QUALITY = 60
 
 
@@ -29,16 +29,16 @@ def draw_video(
     report: TaskReport | None = None,
     tick: Callable[[int, int], None] = lambda k, n: None,
 ) -> Path:
-    """Write an animated WebP of a trial, four times as fast as it was, and return its path.
+    """Write an animated WebP of a trial at four times its speed, and return its path.
 
     Args:
-        trial: which.
-        path: of the picture, ending in ``.webp``.
-        report: of its task: from where it is looked at, and colours.
+        trial: the trial.
+        path: of the file, ending in ``.webp``.
+        report: of its task: viewpoint and colours.
         tick: called with the number of each frame and how many there are.
 
     Raises:
-        TrocarError: there is no simulator here, whose rays draw the pictures.
+        TrocarError: the simulator, which draws the pictures, is not installed.
     """
     path = Path(path)
     photographer = photographer_of(trial, report or TaskReport(), SCALE)

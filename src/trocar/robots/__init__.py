@@ -1,4 +1,4 @@
-"""Robots: what plays set-points back, and wrappers for any robot."""
+"""Robots: the driver that plays set-points back, and wrappers for any robot."""
 
 from trocar.robots.adaptive import Adaptive
 from trocar.robots.calibrated import Calibrated

@@ -1,4 +1,4 @@
-"""A robot that learns its cables while it works, from what a camera sees of its instruments."""
+"""A robot that learns its cables while it works, from camera images of its instruments."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from trocar.robots.looks import WORST_M, Look, joints_seen, put_together
 from trocar.trajectory import Trajectory
 
 THINNED = 1e-3
-"""Commands that lie this near (rad, m) to the straight line between their neighbours need not be kept."""
+"""Commands this close (rad, m) to the straight line between their neighbours are not kept."""
 UNLIKELY = float(chdtri(3, 0.001))
-"""Squared Mahalanobis distance that one look of a thousand exceeds by chance."""
+"""Squared Mahalanobis distance that one look in a thousand exceeds by chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Knowledge:
 
     Attributes:
         cables: of its wrist and outer joints.
-        shift_m: (3,) of its instrument against where the commanded outer joints put it, in its base.
+        shift_m: (3,) shift of its instrument from where the commanded outer joints put it, in its base.
     """
 
     cables: Learned
@@ -43,12 +43,12 @@ class Knowledge:
 
 @dataclass(eq=False)
 class _Past:
-    """What was sent to one arm, and seen of it.
+    """What was sent to one arm, and what was seen of it.
 
     Attributes:
         commands: (k, 6) pieces, one after the other.
-        path: that is being sent; None: none yet.
-        until_s: up to which its commands are among the pieces.
+        path: the one being sent; None: none yet.
+        until_s: time up to which its commands are among the pieces.
         looks: at the instrument.
     """
 
@@ -58,7 +58,7 @@ class _Past:
     looks: list[Look] = field(default_factory=list)
 
     def keep(self, path: CommandPath | None, sent: SetPoint) -> None:
-        """Keep what was sent since the last time."""
+        """Store the commands sent since the last call."""
         if path is not self.path:
             self.path, self.until_s = path, 0.0
         if path is not None and sent.path_s > self.until_s:
@@ -77,9 +77,9 @@ class _Past:
 class Adaptive(Calibrated):
     """A robot whose cables are compensated by models that start from a prior and learn from looks at the instrument.
 
-    An agent notes the :meth:`moment` of an image, has it fitted, and hands in what it showed (:meth:`saw`). It may then
-    have the cables fitted again (:meth:`learned`) and, when the arm rests, use them (:meth:`adopt`); or correct an arm
-    that still rests where the image was taken (:meth:`correct`).
+    An agent notes the :meth:`moment` of an image, has it fitted, and reports what it showed (:meth:`saw`). It may then
+    have the cables fitted again (:meth:`learned`) and, when the arm is at rest, use them (:meth:`adopt`); or correct an
+    arm that is still at rest where the image was taken (:meth:`correct`).
 
     Args:
         robot: what it wraps, see ``Calibrated``.
@@ -109,8 +109,8 @@ class Adaptive(Calibrated):
     def moment(self, arm: str) -> tuple[int, NDArray[np.float64]]:
         """Return the number of the last command up to now, and the joints (6,) there.
 
-        Those of the wrist are where the model estimates them, the outer ones where they are commanded: looks are
-        compared by how the instrument is shifted against these.
+        The wrist joints are where the model estimates them, the outer ones where they are commanded: looks are compared
+        by how the instrument is shifted from these.
         """
         past, sent = self._pasts[arm], self._robot.setpoint(arm)
         past.keep(self._paths.get(arm), sent)
@@ -119,11 +119,11 @@ class Adaptive(Calibrated):
         return past.rows - 1, q
 
     def saw(self, arm: str, row: int, sighting: Sighting) -> None:
-        """Note what an image showed that was taken when that command had been sent."""
+        """Note what an image showed that was taken after that command had been sent."""
         self._pasts[arm].looks.append(Look(row, sighting))
 
     def learned(self, arm: str) -> Knowledge | None:
-        """Return what all looks up to now tell of an arm; None while there are too few for a fit."""
+        """Return what all looks so far tell about an arm; None while there are too few for a fit."""
         past = self._pasts[arm]
         seen = put_together(self._arms[arm], arm, np.concatenate(past.commands), past.looks)
         if seen.recording.valid.sum() < MIN_ROWS:
@@ -134,13 +134,13 @@ class Adaptive(Calibrated):
         """From now on, use what was learned.
 
         Raises:
-            TrocarError: the arm moves.
+            TrocarError: the arm is moving.
         """
         self._known[arm] = knowledge
         self._take(arm, knowledge.cables.model)
 
     def spread(self, arm: str) -> NDArray[np.float64] | None:
-        """Return the SDs (3,) of the wrist's joints about their estimates, rad; None: nothing is learned."""
+        """Return the SDs (3,) of the wrist joints about their estimates, rad; None: nothing was learned yet."""
         known = self._known.get(arm)
         if known is None:
             return None
@@ -157,7 +157,7 @@ class Adaptive(Calibrated):
             whether the image was accepted.
 
         Raises:
-            TrocarError: the arm moves.
+            TrocarError: the arm is moving.
         """
         known, spread = self._known.get(arm), self.spread(arm)
         if known is None or spread is None or seen.left_m > WORST_M:

@@ -24,15 +24,15 @@ CLIPPED = 5e-3
 RANGE_GUARD = 5e-3
 """Corrected commands keep this far (rad, m) inside the joints' ranges."""
 BELIEVED = 1e-3
-"""Where the model expects the joints further (rad, m) from the end of their motion than this, its estimate is used."""
+"""If the model expects the joints further (rad, m) from the end of their motion than this, its estimate is used."""
 ENDED_S = 1e-6
-"""A motion whose time is this close to its end has come to it."""
+"""A motion whose time is this close to its end has ended."""
 BUDGET_S = 0.05
-"""Declared for finding the commands of a motion that was not prepared."""
+"""Time declared for finding the commands of a motion that was not prepared."""
 SAME = 1e-9
-"""Commands this close (rad, m) are the same: a motion's end, found beforehand and come to."""
+"""Commands this close (rad, m) are the same: the end of a motion as predicted and as reached."""
 SLOWED = 1.001
-"""A motion that takes this many times as long is noted as slowed down."""
+"""A motion that is slowed down by more than this factor is noted as slowed down."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class _Start:
         q_cmd: (6,) command there.
         velocity: (6,) of the command.
         after: what was sent before; None: nothing yet.
-        then: when that will have ended; False: now.
+        then: the motion starts when that has ended; False: it starts now.
     """
 
     q_cmd: NDArray[np.float64]
@@ -54,10 +54,10 @@ class _Start:
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
-    """Commands that were found before they are wanted.
+    """Commands that were found before they are needed.
 
     Attributes:
-        motions: what they are for.
+        motions: those that they are for.
         starts: where they begin, by arm: at rest.
         paths: by arm.
     """
@@ -67,7 +67,7 @@ class _Prepared:
     paths: Mapping[str, CommandPath]
 
     def suits(self, motions: Mapping[str, Trajectory], starts: Mapping[str, _Start]) -> bool:
-        """Return whether these are the motions, and the arms where they were to be."""
+        """Return whether these are the motions, and the arms are where they were expected to be."""
         return (
             motions.keys() == self.motions.keys()
             and all(motions[name] is self.motions[name] for name in motions)
@@ -126,8 +126,8 @@ class Calibrated:
     def setpoint(self, arm: str) -> SetPoint:
         """Return what the true joints are commanded to now.
 
-        For an arm that was stopped on its way it is where the model estimates the joints: there it rests, and while a
-        cable's slack is being crossed that may be some way from where they were asked to be.
+        For an arm that was stopped on its way, this is where the model estimates the joints: the arm rests there, and
+        if a cable's slack was being crossed, that may be some way from where the joints were asked to be.
         """
         sent = self._robot.setpoint(arm)
         if arm not in self._rested:
@@ -141,12 +141,12 @@ class Calibrated:
         return SetPoint(sent.time_s, q, velocity, sent.moving, sent.path_s, sent.path_rate, sent.on_path)
 
     def expected(self, arm: str) -> Trajectory | None:
-        """Return what the joints of a compensated arm do while it plays its commands, on their time; None: unknown."""
+        """Return the motion of a compensated arm's joints while it plays its commands, on their time; None: unknown."""
         path = self._paths.get(arm)
         return None if path is None else path.desired
 
     def _believed(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
-        """Return where (6,) the model estimates the joints to be; at rest it is evaluated once."""
+        """Return where (6,) the model estimates the joints to be; evaluated only once while the arm is at rest."""
         known = self._resting.get(arm)
         if known is not None and known[0] is self._paths.get(arm) and np.array_equal(known[1], sent.q):
             return known[2]
@@ -159,7 +159,7 @@ class Calibrated:
         """Run trajectories of the true joints, from rest.
 
         Raises:
-            TrocarError: it is to stop at limits, and more than ``CLIPPED`` would stay uncorrected; or as the robot.
+            TrocarError: it has to stop at limits, and more than ``CLIPPED`` would stay uncorrected; or as the robot.
         """
         starts = {arm: self._now(arm) for arm in motions if arm in self._rested}
         prepared = self._prepared.pop(frozenset(motions), None)
@@ -200,7 +200,7 @@ class Calibrated:
             self._prepared[frozenset(motions)] = _Prepared(dict(motions), starts, self._found(motions, starts))
 
     async def jaw(self, arm: str, angle_rad: float) -> Execution:
-        """Drive the jaws; their cables are taken as they are."""
+        """Drive the jaws, whose cables are not compensated."""
         return await self._robot.jaw(arm, angle_rad)
 
     def hold(self, *arms: str, reason: str = "") -> None:
@@ -215,7 +215,7 @@ class Calibrated:
         await self._robot.rest(*arms)
 
     def _memory(self, arm: str, sent: SetPoint) -> CableMemory:
-        """Return what the cables of an arm remember of the commands up to now."""
+        """Return the cable memory of an arm after the commands up to now."""
         path = self._paths.get(arm)
         if path is None:
             return self._rested[arm]
@@ -229,19 +229,19 @@ class Calibrated:
         return memory.after(aside, 1.0)
 
     def _now(self, arm: str) -> _Start:
-        """Return where a motion of a compensated arm begins that starts now."""
+        """Return where a motion that starts now begins, for a compensated arm."""
         sent = self._robot.setpoint(arm)
         return _Start(sent.q, sent.velocity, self._paths.get(arm))
 
     def _next(self, arm: str) -> _Start:
-        """Return where a motion begins that follows on what the arm does now."""
+        """Return where a motion that follows the arm's current one begins."""
         path = self._paths.get(arm)
         if path is None or not self._robot.setpoint(arm).moving:
             return self._now(arm)
         return _Start(path.commands(path.commands.times_s[-1]), np.zeros(6), path, then=True)
 
     def _joints(self, arm: str, start: _Start) -> tuple[NDArray[np.float64], CableMemory]:
-        """Return where (6,) the true joints are told to be at a start, and what the cables remember."""
+        """Return where (6,) the true joints are commanded to be at a start, and the cable memory."""
         if not start.then or start.after is None:
             return self.setpoint(arm).q, self._memory(arm, self._robot.setpoint(arm))
         path, memory = start.after, start.after.memory_at(start.after.commands.duration_s)
@@ -292,7 +292,7 @@ class Calibrated:
         self._paths.update(paths)  # the robot starts the motions before it first waits
         try:
             return await verb(commands)
-        except TrocarError:  # refused: nothing has moved, or what was under way goes on
+        except TrocarError:  # refused: nothing has moved, or the current motion goes on
             for arm, path in before.items():
                 if path is None:
                     del self._paths[arm]
@@ -307,7 +307,7 @@ def _not_started(reason: str) -> Execution:
 
 
 def _require_inside(arm: ArmModel, path: CommandPath) -> None:
-    """Raise a sentence where commands would have to leave a joint's range to make up for its cables."""
+    """Raise a sentence if commands would have to leave a joint's range to compensate for its cables."""
     index = int(np.argmax(path.lacking))
     if path.lacking[index] <= CLIPPED:
         return

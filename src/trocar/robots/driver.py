@@ -1,4 +1,4 @@
-"""Several arms on one clock behind the ``Robot`` protocol: what any controller that takes set-points needs."""
+"""Several arms on one clock behind the ``Robot`` protocol, for any controller that takes set-points."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ TICK_S = 0.010
 """Period of the arms' controller (Hwang et al. 2022, V-B: 10 ms)."""
 
 JAW_REST_S = 0.05
-"""Time after the jaw's ramp until it holds still."""
+"""Time after the end of the jaws' ramp until they hold still."""
 
 
 @dataclass
 class _Jaw:
-    """Jaws on a ramp at their greatest speed."""
+    """Jaws that move on a ramp at their maximum speed."""
 
     rad: float
     goal_rad: float
@@ -34,7 +34,7 @@ class _Jaw:
 
 @dataclass
 class _Ticket:
-    """What a script that waits for a motion learns: how it ended, and the row after its last."""
+    """What a script that waits for a motion is told: how it ended, and the row after its last one."""
 
     ended: tuple[Ended, str] = (Ended.DONE, "")
     last: int = 0
@@ -43,7 +43,7 @@ class _Ticket:
 
 @dataclass
 class _Arm:
-    """One arm: what it is commanded, and who waits for it."""
+    """One arm: its commands, and who is waiting for it."""
 
     model: ArmModel
     limits: MotionLimits
@@ -62,7 +62,7 @@ class Driver:
     """Plays trajectories back as set-points, one tick after the other.
 
     The owner of the hardware or the physics calls :meth:`targets` for the set-points of the next tick, sends them,
-    and calls :meth:`note` with what was read. This class checks nothing that a ``Guarded`` around it checks.
+    and calls :meth:`note` with what was read. This class does not repeat the checks of the ``Guarded`` around it.
 
     Args:
         now_s: returns the cell's clock.
@@ -143,7 +143,7 @@ class Driver:
         if self._gone:
             await trio.lowlevel.checkpoint()
             return self._execution(arm, 0, 0, (Ended.FAULT, self._gone))
-        jaw.arrived.set()  # whoever waits for an earlier goal
+        jaw.arrived.set()  # scripts that wait for an earlier goal
         jaw.goal_rad, jaw.arrived, jaw.ended = angle_rad, trio.Event(), (Ended.DONE, "")
         first, arrived = len(self._times), jaw.arrived
         try:
@@ -209,7 +209,7 @@ class Driver:
         return q, velocity, np.array(jaws)
 
     def remaining(self, name: str) -> tuple[Trajectory, float] | None:
-        """Return what an arm still plays and the clock at its start; None at rest."""
+        """Return what an arm is still playing and the clock at its start; None at rest."""
         return self._arm(name).playback.remaining(self._now_s(), TICK_S)
 
     def braking(self, name: str) -> bool:
@@ -222,12 +222,12 @@ class Driver:
         return max(jaw.rad, jaw.goal_rad)
 
     def limit_use(self, name: str) -> tuple[float, float]:
-        """Return the largest share of an arm's limits of velocity and of acceleration that was sent so far."""
+        """Return the largest share of an arm's velocity and acceleration limits used so far."""
         velocity, acceleration = self._arm(name).use.tolist()
         return velocity, acceleration
 
     def idle(self, name: str) -> bool:
-        """Return whether neither the arm nor its jaws move on command."""
+        """Return whether neither the arm nor its jaws are commanded to move."""
         arm = self._arms[name]
         return not arm.playback.moving and arm.jaw.rad == arm.jaw.goal_rad
 

@@ -21,12 +21,12 @@ from trocar.robots.driver import TICK_S, Driver
 from trocar.trajectory import Trajectory
 
 START_TOLERANCE = 1e-6
-"""A motion may start this far (rad, m) from the arm's set-point: rounding, no jump."""
+"""A motion may start this far (rad, m) from the arm's set-point: rounding, not a jump."""
 WORKSPACE_STEP_S = 0.010
 CLOSER_M = 1e-4
-"""Arms that are already too near may come this much nearer on their way apart."""
+"""Arms that are already too close may come this much closer on their way apart."""
 STRETCH_TOLERANCE = 1e-6
-"""A limit counts as kept up to this share above it: planners stop at the limit itself, and floats round."""
+"""A limit counts as kept up to this share above it, because planners use the full limit and floats round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,19 +48,19 @@ class ArmGuard:
 
 @runtime_checkable
 class Belief(Protocol):
-    """Who compensates an arm's cables, and so knows where its commands lead."""
+    """Compensates an arm's cables, and so knows where its commands lead."""
 
     def setpoint(self, arm: str) -> SetPoint:
         """Return where the joints are estimated to be."""
         ...
 
     def expected(self, arm: str) -> Trajectory | None:
-        """Return what the joints do while the arm plays its commands, on the commands' time; None: as commanded."""
+        """Return the joints' motion while the arm plays its commands, on the commands' time; None: as commanded."""
         ...
 
 
 class Guarded:
-    """A robot that refuses what must not be sent, slows down what is too fast, and stops an arm whose readings stop.
+    """A robot that refuses unsafe motions, slows down those that are too fast, and stops an arm whose readings stop.
 
     It covers the joints' positions, velocities and accelerations, jumps in position or velocity at the start of a
     motion, the jaws' range, a workspace for the tip, the distance swept between arms, and readings that stopped
@@ -74,9 +74,9 @@ class Guarded:
         note: called as ``note("guard", arm=..., ...)`` with what was changed.
 
     Attributes:
-        belief: who compensates the cables. Distances between arms are checked where the joints are estimated to be:
-            a command differs from that by the cables' errors, at the tip by millimetres. None: commands are taken at
-            face value.
+        belief: compensates the cables. Distances between arms are checked where the joints are estimated to be; the
+            commands differ from that by the cables' errors, millimetres at the tip. None: commands are taken at face
+            value.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Guarded:
         )
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
-        """Run trajectories from rest, all slowed down by one factor where one is beyond its limits.
+        """Run trajectories from rest, all slowed down by one factor if one exceeds its limits.
 
         Raises:
             TrocarError: a motion leaves what is allowed; nothing has moved then.
@@ -143,13 +143,13 @@ class Guarded:
         await self._driver.rest(*arms)
 
     def check(self) -> None:
-        """Stop every arm whose readings have stopped coming, and every one that would run into an arm that stopped.
+        """Stop every arm whose readings have stopped coming, and every arm that would run into one that stopped.
 
         The owner of the loop calls this each tick.
         """
         self._require_readings()
         braking = {name for name in self._arms if self._driver.braking(name)}
-        if braking - self._braking:  # what was free of collisions was so with that arm on its way
+        if braking - self._braking:  # other motions were free of collisions only as long as that arm moved on
             self._stop_before(braking)
         self._braking = braking
 
@@ -161,12 +161,12 @@ class Guarded:
             if stale:
                 reason = f"arm {name!r} has not been read for {age_s:.2f} s, more than {self._stale_s:.2f} s"
                 self._driver.fault(name, reason=reason)
-                if name not in self._silent:  # while it brakes, it is known
+                if name not in self._silent:  # its motion is known while it brakes
                     self._note("guard", arm=name, reason=reason)
             (self._silent.add if stale else self._silent.discard)(name)
 
     def _stop_before(self, braking: set[str]) -> None:
-        """Stop the arms whose motions come too near to what these arms do now."""
+        """Stop the arms whose motions come too close to what these arms are doing now."""
         for name in self._arms:
             remaining = self._driver.remaining(name)
             if name not in braking and remaining is not None:
@@ -181,7 +181,7 @@ class Guarded:
         return self._arms[arm]
 
     def _allowed(self, motions: Mapping[str, Trajectory], replaces: bool) -> dict[str, Trajectory]:
-        """Return the motions as they may be sent, on one common time scale."""
+        """Return the motions in the form in which they may be sent, on one common time scale."""
         for name in motions:
             self._guard(name)
             if not replaces and self._driver.setpoint(name).moving:
@@ -210,7 +210,7 @@ class Guarded:
         return sent
 
     def _too_near(self, motions: Mapping[str, tuple[Trajectory, float]]) -> str:
-        """Return how near motions, each with its start on the clock, bring their arms to others; empty if it is not."""
+        """Return in words how motions, each with its start on the clock, bring arms too close; empty if they do not."""
         if self._min_distance_m <= 0 or len(self._arms) < 2:
             return ""
         now = self._driver.setpoint(next(iter(motions))).time_s
@@ -222,7 +222,7 @@ class Guarded:
             return ""
         here = swept_clearance(movers, others=others, span_s=(now, now))
         if here.distance_m < self._min_distance_m and clear.distance_m >= here.distance_m - CLOSER_M:
-            return ""  # arms that are too near already may go apart
+            return ""  # arms that are already too close may move apart
         first, second = clear.between
         return (
             f"{first} comes within {shown(max(0.0, clear.distance_m), 'm')} of {second} after "
@@ -230,7 +230,7 @@ class Guarded:
         )
 
     def _mover(self, name: str, motion: tuple[Trajectory, float] | None) -> MovingArm:
-        """Return an arm on a motion with its start on the clock; None: at rest."""
+        """Return an arm moving on a motion that starts at this clock; None: at rest."""
         guard, jaw_rad = self._arms[name], self._driver.widest_jaw_rad(name)
         belief = self.belief
         told = self._driver.setpoint(name).q
@@ -248,7 +248,7 @@ class Guarded:
         return MovingArm(guard.model, shifted, guard.T_world_base, start_s, jaw_rad)
 
     def _factor(self, name: str, trajectory: Trajectory) -> float:
-        """Return by how much a motion has to be slowed down, 1 or less if not; refuse what is no motion of the arm."""
+        """Return the factor by which a motion has to be slowed down (1 or less: not at all); refuse invalid motions."""
         guard, now = self._guard(name), self._driver.setpoint(name)
         joints = trajectory.coefficients.shape[2]
         if joints != len(guard.model.joints):

@@ -1,4 +1,4 @@
-"""What a camera saw of an arm's instrument, combined into a recording to which its cables can be fitted."""
+"""What a camera saw of an arm's instrument, combined into a recording on which its cables can be fitted."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from trocar.calibration.recording import Recording
 from trocar.perception.instrument import Sighting
 
 SHIFT_SD_M = 0.5e-3
-"""Of an instrument on each axis, by its registered base and the errors of its outer joints."""
+"""SD of an instrument's shift on each axis, due to its registered base and the errors of its outer joints."""
 WORST_M = 0.6e-3
-"""A sighting whose points lie further than this (SD) from the instrument's solids was of something else."""
+"""A sighting whose points lie further than this (SD) from the instrument's solids shows something else."""
 LEAST_INFORMATION = 1.0
-"""1/rad^2, added: a turn about which an image shows nothing has an SD of a radian."""
+"""1/rad^2, added to the information: a rotation about which an image shows nothing has an SD of one radian."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Look:
     """One sighting, and when it was.
 
     Attributes:
-        row: of the commands, the last one that had been sent.
+        row: index of the last command that had been sent.
         sighting: fitted with the outer joints where they were commanded.
     """
 
@@ -41,7 +41,7 @@ class Seen:
     Attributes:
         recording: all commands; measured where there was a look.
         sd_rad: (n, 3) of the wrist's measurements.
-        shift_m: (3,) of the instrument against where the commanded outer joints put it, in the arm's base.
+        shift_m: (3,) shift of the instrument from where the commanded outer joints put it, in the arm's base.
     """
 
     recording: Recording
@@ -50,14 +50,15 @@ class Seen:
 
 
 def put_together(arm: ArmModel, name: str, q_cmd: NDArray[np.float64], looks: Sequence[Look]) -> Seen:
-    """Return the recording that looks make.
+    """Return the recording made of looks.
 
-    The shift of the instrument is common to all looks, and found from all; then each gives the joints of its wrist.
+    The shift of the instrument is common to all looks and is found from all of them; then each look gives its wrist
+    joints.
 
     Args:
         arm: whose instrument was seen.
         name: of the recording.
-        q_cmd: (n, 6) all commands that were sent, with where they turned; rad and m.
+        q_cmd: (n, 6) all commands that were sent, including where they reversed; rad and m.
         looks: in order.
     """
     good = [look for look in looks if look.sighting.left_m < WORST_M]
@@ -73,7 +74,7 @@ def put_together(arm: ArmModel, name: str, q_cmd: NDArray[np.float64], looks: Se
 
 
 def _common_shift(looks: Sequence[Look]) -> NDArray[np.float64]:
-    """Return the shift (3,) that all looks together make likely, whatever each one's wrist was."""
+    """Return the most likely shift (3,) given all looks, whatever the wrist joints were in each."""
     information, pull = np.eye(3) / SHIFT_SD_M**2, np.zeros(3)
     for look in looks:
         seen = look.sighting
@@ -87,7 +88,7 @@ def _common_shift(looks: Sequence[Look]) -> NDArray[np.float64]:
 def joints_seen(
     arm: ArmModel, seen: Sighting, shift_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the joints (6,) in a sighting if the instrument is shifted so, and the wrist's covariance (3, 3)."""
+    """Return the joints (6,) in a sighting for this shift of the instrument, and the wrist's covariance (3, 3)."""
     covariance, q = _of_wrist(seen), seen.q.copy()
     q[3:] += covariance @ (seen.pull[:3] - seen.information[:3, 3:] @ (shift_m - seen.shift_m))
     axes, origins = joint_axes(arm, q)
@@ -97,5 +98,5 @@ def joints_seen(
 
 
 def _of_wrist(seen: Sighting) -> NDArray[np.float64]:
-    """Return the covariance (3, 3) of the wrist in a sighting, the shift given."""
+    """Return the covariance (3, 3) of the wrist in a sighting, given the shift."""
     return np.asarray(np.linalg.inv(seen.information[:3, :3] + LEAST_INFORMATION * np.eye(3)), dtype=np.float64)

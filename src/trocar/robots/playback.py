@@ -14,7 +14,7 @@ from trocar.motion.brake import Brake, brake
 from trocar.trajectory import Trajectory
 
 DONE_S = 1e-6
-"""A motion has ended when the clock is this close to its end: durations are sums of floats."""
+"""A motion has ended when the clock is this close to its end, since durations are sums of floats."""
 
 
 @dataclass
@@ -24,8 +24,8 @@ class _Motion:
     Attributes:
         trajectory: what is played.
         start_s: clock at which it began.
-        braked: how it comes to rest, where it was told to, and since when.
-        ended: how it will have ended when it has.
+        braked: how it comes to rest, if it was told to, and since when.
+        ended: how it will have ended, once it has.
         reason: why.
     """
 
@@ -56,7 +56,7 @@ class Playback:
         self._rest = np.array(q, dtype=np.float64)
         self._motion: _Motion | None = None
         self._path = 0.0, True
-        self._told: SetPoint | None = None  # as last asked for; None: what is played has changed since
+        self._told: SetPoint | None = None  # as last asked for; None: the motion has changed since then
 
     @property
     def moving(self) -> bool:
@@ -69,9 +69,9 @@ class Playback:
         return self._motion is not None and self._motion.braked is not None
 
     def remaining(self, now_s: float, step_s: float) -> tuple[Trajectory, float] | None:
-        """Return what is still played and the clock at its start; None at rest.
+        """Return what is still being played and the clock at its start; None at rest.
 
-        A motion that brakes is sampled in steps: its own trajectory no longer tells when it is where.
+        A braking motion is sampled in steps, because its own trajectory no longer tells when it is where.
         """
         motion = self._motion
         if motion is None:
@@ -84,11 +84,11 @@ class Playback:
         return Trajectory.hermite(times - now_s, q, velocity), now_s
 
     def start(self, trajectory: Trajectory, now_s: float) -> None:
-        """Play a trajectory from now on, whatever was played before."""
+        """Play a trajectory from now on, whatever was being played before."""
         self._motion, self._told = _Motion(trajectory, now_s), None
 
     def brake(self, now_s: float, ended: Ended, reason: str) -> None:
-        """Come to rest from now on; an arm that rests or brakes already goes on doing so."""
+        """Come to rest from now on; an arm that is already at rest or braking continues as it is."""
         motion = self._motion
         if motion is None or motion.braked is not None:
             return
@@ -111,7 +111,7 @@ class Playback:
         return motion.ended, motion.reason
 
     def freeze(self, now_s: float) -> None:
-        """Be at rest at once, where the motion is: nothing follows the set-points any more."""
+        """Rest at once where the motion is, because nothing follows the set-points any more."""
         now = self.now(now_s)
         self._rest, self._path = now.q, (now.path_s, now.on_path)
         self._motion = self._told = None
@@ -125,7 +125,7 @@ class Playback:
         return q, velocity
 
     def now(self, now_s: float) -> SetPoint:
-        """Return what the arm is told at this time of the clock; all who ask in one tick get the same, read-only."""
+        """Return the command at this time of the clock; all callers within one tick get the same, read-only."""
         if self._told is None or self._told.time_s != now_s:
             self._told = self._set_point(now_s)
             self._told.q.flags.writeable = self._told.velocity.flags.writeable = False
@@ -143,7 +143,7 @@ class Playback:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], bool]:
         """Return joints, velocities, time along the path from its start, its rate; and whether the path is kept."""
         motion = self._motion
-        assert motion is not None  # the callers know
+        assert motion is not None  # the callers make sure of this
         trajectory, first_s = motion.trajectory, motion.trajectory.times_s[0]
         if motion.braked is None:
             path_s = np.minimum(np.maximum(times_s - motion.start_s, 0.0), trajectory.duration_s)

@@ -10,5 +10,5 @@ from trocar.station.session import draw_session
 
 
 def simulated(station: Station, rng: np.random.Generator) -> SimLaboratory:
-    """Return a simulated laboratory on a day drawn from the generator, nothing on its table."""
+    """Return a simulated laboratory in a session drawn from the generator, with nothing on its table."""
     return SimLaboratory(draw_session(station, rng), rng=rng)

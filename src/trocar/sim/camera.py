@@ -1,4 +1,4 @@
-"""An RGBD camera that looks into MuJoCo's world by casting rays: no OpenGL, the same answer on every display."""
+"""An RGBD camera that renders MuJoCo's world by casting rays: no OpenGL, the same images without a display."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ VISIBLE_GROUPS = (1, 1, 1, 0, 0, 0)
 HIDDEN_GROUP = 5
 NEAR_M = 5e-3
 SHADOW_SLACK = 5e-4
-"""A surface is lit if the projector's ray comes this close to it, as a share of the ray."""
+"""A surface is lit if the projector's ray ends this close to it, as a share of the ray's length."""
 
 
 class RayCamera:
     """A calibrated camera in a MuJoCo world.
 
     Args:
-        model: the world; geoms of groups 0-2 are seen. What is welded to the world must stay as it is.
+        model: the world; geoms of groups 0-2 are visible. Bodies welded to the world must not change.
         intrinsics: lens and pixels, such as ``lens.binned(2)``.
         T_world_camera: true pose.
-        lamp_m: (3,) projector or lamp in the camera frame; what it does not light is dark and has no depth.
+        lamp_m: (3,) projector or lamp in the camera frame; surfaces that it does not light are dark and have no depth.
         flaws: of the sensor; ``SensorFlaws.none()`` gives exact depth.
         light: of the scene.
         finish: grain and wet spots of surfaces; None: each has one plain colour.
@@ -81,7 +81,7 @@ class RayCamera:
         return self.intrinsics.height, self.intrinsics.width
 
     def binned(self, factor: int) -> RayCamera:
-        """Return this camera with so many by so many pixels combined: one ray for all of them (noise as of one)."""
+        """Return this camera with this many by this many pixels combined: one ray for all of them (noise as of one)."""
         lens = self.intrinsics.binned(factor)
         return RayCamera(self.model, lens, self.T_world_camera, self._lamp_m, self.flaws, self.light, self._finish)
 
@@ -89,7 +89,7 @@ class RayCamera:
         """Return this camera with only a rectangle of its pixels read out.
 
         Args:
-            data: any state of the world; what is fixed in it is seen once for all rectangles that overlap.
+            data: any state of the world; fixed objects are rendered once for all overlapping rectangles.
             corner_px: (u, v) of the rectangle's first pixel.
             size_px: (width, height).
         """
@@ -111,7 +111,7 @@ class RayCamera:
         return camera
 
     def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
-        """Return the image as the sensor with its flaws delivers it; ``rng`` draws them."""
+        """Return the image as delivered by the sensor with its flaws, which ``rng`` draws."""
         view = self._view(data, shadow=self.flaws.shadow)
         shape = self.size
         depth, color = apply_flaws(
@@ -131,14 +131,14 @@ class RayCamera:
         return expose(view.color.reshape(*self.size, 3) * np.float32(gain), self.flaws.color_sd, rng)
 
     def render_exact(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
-        """Return depth (h, w) m with NaN where nothing is hit, geom ids (h, w) with -1, colour (h, w, 3)."""
+        """Return depth (h, w) in m, geom ids (h, w) and colour (h, w, 3); NaN and -1 where nothing is hit."""
         view = self._view(data, shadow=False)
         shape = self.size
         color = np.rint(view.color * 255).astype(np.uint8)
         return view.depth.reshape(shape), view.geom.reshape(shape), color.reshape(*shape, 3)
 
     def _view(self, data: mujoco.MjData, shadow: bool) -> _View:
-        """Return what the pixels see: what is fixed is kept, only what may have moved is cast and shaded."""
+        """Return what the pixels see: fixed objects are cached, only what may have moved is cast and shaded."""
         fixed = self._fixed_seen(data, shadow)
         view = fixed.view.copy()
         covered = self._raster.covered(self.model, data, self._moving, self.T_world_camera)[self._cell]
@@ -177,7 +177,7 @@ class RayCamera:
         view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
 
     def _fixed_seen(self, data: mujoco.MjData, shadow: bool, pixels: NDArray[np.intp] | None = None) -> _Fixed:
-        """Return what is seen of that which is fixed to the world, by these pixels or all; each looks only once."""
+        """Return what these pixels (or all) see of fixed objects; each pixel is cast only once."""
         if shadow not in self._fixed:
             self._fixed[shadow] = _Fixed.unseen(len(self._rays))
         fixed = self._fixed[shadow]
@@ -192,7 +192,7 @@ class RayCamera:
         return fixed
 
     def _projector_map(self, fixed: _Fixed) -> _ProjectorMap:
-        """Return the projector's map of what is fixed; all pixels have seen that."""
+        """Return the projector's map of fixed objects; all pixels have been cast by then."""
         if self._lamp_map is None:
             depth, lit = fixed.view.depth, fixed.view.lit
             rays = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - self._lamp_m
@@ -233,7 +233,7 @@ class RayCamera:
         normal_world: NDArray[np.float64],
         pixels: NDArray[np.intp],
     ) -> NDArray[np.bool_]:
-        """Return which of these pixels' surfaces the projector reaches: a second batch of rays from there."""
+        """Return which of these pixels' surfaces the projector reaches, by a second batch of rays from it."""
         lit = np.isfinite(depth)
         seen = np.flatnonzero(lit)
         rays = self._rays[pixels[seen]] * depth[seen, None] - self._lamp_m
@@ -264,7 +264,7 @@ class _View:
 
 @dataclass(frozen=True)
 class _Fixed:
-    """What is fixed to the world: what is seen, the normals (n, 3), and which pixels (n,) have looked so far."""
+    """The fixed objects: what is seen, the normals (n, 3), and which pixels (n,) have been cast so far."""
 
     view: _View
     normal_world: NDArray[np.float64]
@@ -294,13 +294,13 @@ class _ProjectorMap(NamedTuple):
 
 
 class _Raster:
-    """A coarse map of directions x/z, y/z on which the solids' outlines are drawn, never too small."""
+    """A coarse map of directions x/z, y/z on which the solids' outlines are drawn, conservatively large."""
 
     CELL_PIXELS = 2.0
     MARGIN_CELLS = 4
 
     def __init__(self, rays: NDArray[np.float64], focal_px: float):
-        """Make the map that holds these directions (n, 3), in cells of some pixels of that focal length."""
+        """Make the map that contains these directions (n, 3), in cells of some pixels at that focal length."""
         self.scale = focal_px / self.CELL_PIXELS
         flat = rays[:, :2] / rays[:, 2:]
         self.lower = flat.min(0) - self.MARGIN_CELLS / self.scale
@@ -309,7 +309,7 @@ class _Raster:
         self.shape = (int(rows), int(columns))
 
     def part(self, cells: NDArray[np.intp]) -> tuple[_Raster, NDArray[np.intp]]:
-        """Return the smallest map that holds these of its cells, and their numbers in it."""
+        """Return the smallest map that contains these cells, and their indices in it."""
         outside = cells == self.shape[0] * self.shape[1]
         row, column = np.divmod(cells, self.shape[1])
         inside = ~outside

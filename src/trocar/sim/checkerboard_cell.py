@@ -1,4 +1,4 @@
-"""A checkerboard before a stereo camera of the simulated cell, held by hand or by a bracket; the arms are withdrawn."""
+"""A checkerboard in view of the simulated cell's stereo camera, held by hand or bracket; the arms are withdrawn."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ WHITE_RGB, BLACK_RGB = (0.39, 0.39, 0.39), (0.03, 0.03, 0.03)
 """Matte print, too dull to mirror the lamp (assumed)."""
 TABLE_RGB = (0.2, 0.2, 0.2)
 THICK_M, PRINT_M = 2e-3, 2e-6
-"""Thickness of the board, and by how much its black squares stand out: so little that no edge moves."""
+"""Thickness of the board, and how far its black squares stand out: so little that no edge moves visibly."""
 BODY = "checkerboard"
 TURN_RAD = (0.6, 0.6, 0.8)
 DISTANCES = (0.8, 1.1)
-"""How a person holds the board: turned about the camera's axes by up to so much, this far away as a share of the
+"""How a person holds the board: rotated about the camera's axes by up to this, and this far away as a share of the
 workspace's distance (assumed)."""
 TRIES = 10_000
 
@@ -74,7 +74,7 @@ class CheckerboardCell:
     Args:
         station: whose camera looks; its true lenses and pose are used.
         camera: which of the station's cameras.
-        board: that is shown, with a white rim as wide as a square.
+        board: the one shown, with a white rim as wide as a square.
         table_z_m: height of the table in the world.
         flaws: of the camera, in place of the station's.
     """
@@ -126,7 +126,7 @@ class CheckerboardCell:
         )
 
     def image(self, T_world_board: SE3, rng: np.random.Generator) -> StereoImage:
-        """Return what both eyes see of the board at this pose."""
+        """Return the images of the board at this pose in both eyes."""
         data = self._world.data
         data.qpos[:3] = T_world_board.translation_m
         data.qpos[3:7] = T_world_board.rotation.as_quaternion()

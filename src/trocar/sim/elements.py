@@ -1,4 +1,4 @@
-"""Elements of an MJCF text, and what collides with what."""
+"""Elements of an MJCF text, and rules for what collides with what."""
 
 from __future__ import annotations
 
@@ -38,6 +38,6 @@ def scene_bits() -> dict[str, str]:
 
 
 def arm_bits(index: int) -> dict[str, str]:
-    """Collide with all but the same instrument, whose neighbouring links overlap at their joints."""
+    """Collide with everything except the same instrument, whose neighbouring links overlap at their joints."""
     bit = SCENE_BIT << (index + 1)
     return {"contype": str(bit), "conaffinity": str(ALL_BITS & ~bit)}

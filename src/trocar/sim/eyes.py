@@ -13,7 +13,7 @@ from trocar.sim.sensor import Light
 from trocar.station import SensorFlaws, StationCamera
 
 EYE_GAINS = (1.0, 0.96)
-"""Of the left and the right eye of a pair: two sensors are never equally bright (assumed)."""
+"""Gains of the left and the right eye of a pair, since two sensors are never equally bright (assumed)."""
 
 
 def eyes_of(
@@ -22,7 +22,7 @@ def eyes_of(
     """Return one eye of an RGBD camera, or the left and the right one of a pair.
 
     Args:
-        model: the world that they look into.
+        model: the world that they see.
         camera: its true lenses, lamp, gain and flaws.
         T_world_camera: true pose (of a pair: of the left one).
         flaws: in place of the camera's.

@@ -1,4 +1,4 @@
-"""One arm of the simulated cell as it is calibrated: it wears a fixture, the other arms are withdrawn."""
+"""One arm of the simulated cell during calibration: it wears a fixture, the other arms are withdrawn."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ class EmptyTable(TaskWorld):
 
 
 class FiducialCell:
-    """Takes images of an arm at rest that wears painted spheres. Simulator truth; estimators get its images alone.
+    """Takes images of an arm at rest that wears painted spheres. Simulator truth; estimators get only its images.
 
     Args:
-        session: the day; its true base and camera are used.
+        session: the session; its true base and camera are used.
         arm: which arm.
         camera: which of the station's cameras.
-        fixture: that the arm wears, as it was designed; what it really is like is drawn.
-        rng: draws what the printer did.
+        fixture: that the arm wears, as designed; its printing errors are drawn.
+        rng: draws the printing errors.
         flaws: of the camera, in place of the station's.
     """
 

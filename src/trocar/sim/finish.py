@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 GRAIN_M = (2.4e-3, 1.1e-3)
-"""Lengths over which a surface's grain agrees: two octaves, the second half as strong (assumed)."""
+"""Correlation lengths of a surface's grain: two octaves, the second half as strong (assumed)."""
 RIPPLE_M = 1.5e-3
 RIPPLE = 0.35
 """Length and slope of the uneven film of water on a wet surface (assumed)."""
 SPOT_EXPONENT = 120.0
 """Sharpness of a spot on a surface of shininess 1."""
 LATTICE = np.array([73856093, 19349663, 83492791])
-"""By these, the three coordinates of a lattice point make its key."""
+"""Factors that turn the three coordinates of a lattice point into its key."""
 AT_ONCE = 8192
-"""Points whose noise is found at once: what is computed of them on the way stays in a processor's cache."""
+"""Number of points processed at a time, so that intermediate arrays stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ class Sight:
 
 
 class Finish:
-    """Grain and wet spots of the geoms that have a material; the same wherever a body lies.
+    """Grain and wet spots of geoms that have a material; they move with the body.
 
-    MuJoCo's materials say how strong they are: ``roughness`` is twice the standard deviation of the albedo as a share
+    MuJoCo's materials define their strength: ``roughness`` is twice the standard deviation of the albedo as a share
     of it, ``specular`` the brightness of a spot where the film of water mirrors the lamp, ``shininess`` its sharpness.
     """
 
@@ -112,11 +112,11 @@ def _noise(at: NDArray, seed: NDArray) -> NDArray[np.float32]:
     """Return smooth noise (n,) of standard deviation .45: random values on a lattice, linear in between."""
     at, seed = at.astype(np.float32), seed.astype(np.int64) * 2654435761
     noise = [_noise_of_few(at[k : k + AT_ONCE], seed[k : k + AT_ONCE]) for k in range(0, len(at), AT_ONCE)]
-    return np.float32(2.9) * np.concatenate(noise)  # at the corners themselves of standard deviation .84
+    return np.float32(2.9) * np.concatenate(noise)  # at the corners themselves, the standard deviation is .84
 
 
 def _noise_of_few(at: NDArray[np.float32], seed: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the noise (n,) of points (n, 3), before its scale: the mean of a cell's eight corners by nearness."""
+    """Return the unscaled noise (n,) of points (n, 3): the mean of a cell's eight corners, weighted by nearness."""
     cell = np.floor(at)
     part, corner = (at - cell).T, cell.T.astype(np.int64)
     shares = 1 - part, part

@@ -1,4 +1,4 @@
-"""Where a picture's camera looks, and how far it is zoomed in, so that what matters fills the frame."""
+"""Direction and zoom of a picture's camera, chosen so that what matters fills the frame."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from trocar.geometry import SE3, SO3
 from trocar.perception.image import Intrinsics
 
 WIDTH = 640
-"""Pixels of a picture's width at scale 1."""
+"""Width of a picture in pixels at scale 1."""
 HEIGHTS = (0.56, 0.75)
-"""Of its width: what is flat gets a flat picture, what is tall one of 4 to 3 at most."""
+"""Least and greatest height as a share of the width: flat objects get a flat picture, tall ones at most 4 to 3."""
 FILLED = 0.94
-"""Of the frame; the rest is margin."""
+"""Share of the frame to be filled; the rest is margin."""
 NEAREST_M = 0.02
-"""What is nearer to the camera, or behind it, counts as so far away."""
+"""Points nearer to the camera, or behind it, count as this far away."""
 AIMS = 6
-"""Turning the camera to the middle of what it sees shifts that middle a little, less each time."""
+"""Iterations: turning the camera to the middle of what it sees shifts that middle a little, less each time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ def framed(eye_m: NDArray[np.float64], points_m: NDArray[np.float64], scale: flo
 
     Args:
         eye_m: (3,) where it stands, in the world.
-        points_m: (n, 3) what is to fill the frame, in the world; two or more, in front of the eye.
+        points_m: (n, 3) points to fill the frame, in the world; two or more, in front of the eye.
         scale: of the picture's pixels.
     """
     target = points_m.mean(axis=0)

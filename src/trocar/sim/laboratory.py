@@ -41,11 +41,11 @@ from trocar.station.session import Session
 from trocar.station.transmission import DriveTrain
 
 REST_S = 0.5
-"""The bodies settle for so long before the clock starts."""
+"""The bodies settle for this long before the clock starts."""
 
 
 class SimClock:
-    """The virtual time of a cell: computations take what was declared for them."""
+    """The virtual time of a cell: computations take the time declared for them."""
 
     def __init__(self, now_s: Callable[[], float]):
         self.now_s = now_s
@@ -111,20 +111,20 @@ class SimCamera:
 
 
 def _divided(window: Window, by: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return corner and size of a window in pixels that each combine so many by so many."""
+    """Return corner and size of a window in binned pixels."""
     (u, v), (width, height) = window.corner_px, window.size_px
     return (u // by, v // by), (width // by, height // by)
 
 
 class SimLaboratory:
-    """One simulated laboratory with what a task put into it, ready to run scripts.
+    """One simulated laboratory with a task's objects in it, ready to run scripts.
 
     Attributes:
-        session: the day that it is; simulator truth.
+        session: the session; simulator truth.
         world: the physics; simulator truth, for referee and tests.
         driver: the arms without their guard; for tests and faults.
         cell: what scripts are given.
-        log: what they note.
+        log: what they log.
         cameras: by name.
         recorder: what happened, tick by tick.
     """
@@ -143,12 +143,12 @@ class SimLaboratory:
         """Build the world and put the arms in their places.
 
         Args:
-            session: which day it is.
+            session: the session.
             task: what a task puts into the world; None: nothing.
             rng: of cables and cameras.
             flaws: of all cameras, in place of the station's.
-            servo: how the joints are driven, if not as usual.
-            surface: of the contacts, if not as usual.
+            servo: how the joints are driven; default: the usual servo.
+            surface: of the contacts; default: the usual surface.
             listener: called with each event of the log.
         """
         station, self.session, self.task = session.station, session, task or TaskWorld()
@@ -199,7 +199,7 @@ class SimLaboratory:
         return self._ticks * TICK_S
 
     def wear(self, wrap: Callable[[Cell], Any]) -> Cell:
-        """Add one more wrapper to the robot, which ``wrap`` makes from the cell; return the cell with it."""
+        """Add another wrapper to the robot, made by ``wrap`` from the cell; return the cell with it."""
         self.cell = replace(self.cell, robot=wrap(self.cell))
         self.recorder.asked_of = self.cell.robot
         robot = self.cell.robot
@@ -211,7 +211,7 @@ class SimLaboratory:
         """Advance everything by one period of the controller, 10 ms."""
         self.driver.tick(self.now_s())
         self._ticks += 1
-        self.world.data.time = self.now_s()  # steps of 1 ms add up to no round number
+        self.world.data.time = self.now_s()  # the sum of 1 ms steps is not a round number
         self._guard.check()
         self._observe()
 
@@ -226,7 +226,7 @@ class SimLaboratory:
         return self.recorder.record(self._touches.collisions())
 
     def truth(self) -> Any:
-        """Return what the task's referee makes of it; for the task's score alone."""
+        """Return the referee's account of it, only for the task's score."""
         return self.task.truth(self.record())
 
     def run(self, script: Script, budget_s: float, pace: Pace | None = None) -> bool:
@@ -240,8 +240,8 @@ class SimLaboratory:
             pace: how fast the clock runs; default: as fast as it can.
 
         Raises:
-            BaseException: whatever the script raises, out of the groups that nurseries put it in; an interruption
-                before all else.
+            BaseException: whatever the script raises, without the groups that nurseries wrap it in; an interruption
+                takes precedence.
         """
         clock = MockClock()
         repeat_scheduling()
@@ -259,7 +259,7 @@ class SimLaboratory:
         return Stepping(self, script, budget_s)
 
     def start_soon(self, script: Script) -> None:
-        """Start one more script beside the one that runs."""
+        """Start another script beside the one that runs."""
         if self._nursery is None:
             raise RuntimeError("a script can be started only while the cell runs")
         self._nursery.start_soon(script, self.cell)
@@ -281,7 +281,7 @@ class SimLaboratory:
                         ended = True
                         scripts.cancel_scope.cancel()
             finally:
-                # the physics goes on until the arms that scripts left moving have come to rest
+                # the physics continues until arms that scripts left moving have come to rest
                 self._nursery = None
                 with trio.CancelScope(shield=True):
                     self.cell.robot.hold(reason="the script has ended")
@@ -290,7 +290,7 @@ class SimLaboratory:
         return ended
 
     async def _turn(self, pace: Pace, clock: MockClock) -> None:
-        """Turn the clock: let every script run until it waits, then advance 10 ms; for ever."""
+        """Run the clock: let every script run until it waits, then advance 10 ms; forever."""
         try:
             while True:
                 await wait_all_tasks_blocked()
@@ -298,14 +298,14 @@ class SimLaboratory:
                 self.tick()
                 clock.jump(TICK_S)
         except Exception as error:
-            # else a script that tidies up under a shield waits for ever, for an arm or for the clock
+            # otherwise a script that cleans up under a shield would wait forever, for an arm or for the clock
             self.driver.abandon(f"the simulation has ended: {error}")
             clock.autojump_threshold = 0.0
             raise
 
 
 def _cause(group: BaseExceptionGroup) -> BaseException:
-    """Return what a nursery's group of exceptions is about: an interruption, or else the first."""
+    """Return the relevant exception of a nursery's group: an interruption, or else the first."""
     leaves: list[BaseException] = []
     rest: list[BaseException] = [group]
     while rest:
@@ -318,7 +318,7 @@ def _cause(group: BaseExceptionGroup) -> BaseException:
 
 
 def arrays_of(recorder: Recorder) -> dict[str, NDArray]:
-    """Return what a trial keeps of every cell: joints of the arms and poses of free bodies at 100 Hz."""
+    """Return what is saved of every cell: joints of the arms and poses of free bodies at 100 Hz."""
     arrays: dict[str, NDArray] = {}
     for kind in ("asked", "commanded", "measured", "true"):
         for name, rows in recorder.joints(kind).items():

@@ -1,4 +1,4 @@
-"""A simulated cell as MJCF, generated from the arms' models; no number of a robot stands here twice."""
+"""A simulated cell as MJCF, generated from the arms' models; no number of a robot is repeated here."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from trocar.sim.worn import add_fixture
 TIMESTEP_S = 1e-3
 
 MIN_CLOSED_RAD, MAX_OPEN_BEYOND_RAD = 0.0, 0.1
-"""Stops of one finger: the other one, and so far beyond the arm's widest opening. They are stiff: under the drive's
-force they give 2e-5 rad."""
+"""Stops of one finger: the other finger, and this far beyond the arm's widest opening. They are stiff: under the
+drive's force they yield by 2e-5 rad."""
 STOP_SOLREF, STOP_SOLIMP = "0.002 1", "0.99 0.9999 0.0001"
-"""MuJoCo's parameters of these stops: with its own, closed jaws would read -.015 rad."""
+"""MuJoCo's parameters of these stops; with its defaults, closed jaws would read -.015 rad."""
 JAW_STIFFNESS_NM_RAD = 1.5
-"""On one finger (assumed)."""
+"""Stiffness of the jaw drive on one finger (assumed)."""
 
 
 @dataclass(frozen=True)
 class Servo:
-    """Spring and inertia between the joint's target and the joint: what the cables' stretch leaves of stiffness.
+    """Spring and inertia between the joint's target and the joint: the stiffness that the stretching cables leave.
 
     Estimated, so that the tip yields about 1 mm/N; no source gives these for the PSM or the Raven.
 
     Attributes:
-        stiffness: N m/rad, or N/m if prismatic, one a joint.
-        inertia: reflected inertia kg m^2, or kg if prismatic, one a joint; damping is critical.
+        stiffness: N m/rad, or N/m if prismatic, one per joint.
+        inertia: reflected inertia kg m^2, or kg if prismatic, one per joint; damping is critical.
         jaw_torque_nm: largest torque of the jaw drive on one finger.
         jaw_inertia_kg_m2: reflected inertia of the jaw drive.
     """
@@ -60,8 +60,8 @@ class Surface:
     Attributes:
         abs_friction: of blocks, pegs and plate on each other.
         jaw_friction: of the jaws' teeth on a block.
-        patch_m: lengths of torsional and rolling friction; the jaws hold by patches of some square millimetres, which
-            points of contact without them would let turn.
+        patch_m: lengths of torsional and rolling friction; the jaws hold by patches of some square millimetres, and
+            with mere contact points objects would turn.
         solref: MuJoCo's time constant and damping ratio of contacts.
         solimp: MuJoCo's impedance of contacts: .05 mm of penetration at the jaws' grip.
     """
@@ -75,7 +75,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class CellModel:
-    """What the MJCF is made of.
+    """The ingredients of the MJCF.
 
     Attributes:
         arms: model of each arm by name.
@@ -84,7 +84,7 @@ class CellModel:
         servo: how the joints are driven.
         surface: contact parameters.
         worn: spheres for calibration, by the arm whose instrument wears them.
-        q_start: joints (6,) in which an arm stands where MuJoCo's state is as it was loaded; zero where it has none.
+        q_start: joints (6,) of an arm in MuJoCo's state as loaded; zero if it has none.
     """
 
     arms: Mapping[str, ArmModel]
@@ -176,7 +176,7 @@ def _add_arm(
 
 
 def _add_part(link: Element, name: str, part: Part, bits: Mapping[str, str]) -> None:
-    """Hang one solid of an instrument on its link."""
+    """Attach one solid of an instrument to its link."""
     geom = {"name": f"{name}_{part.name}", "type": part.shape, "rgba": text((*part.rgb, 1)), **bits}
     if part.shape == "box":
         add(link, "geom", **geom, size=text(0.5 * np.array(part.size_m)), pos=text(part.at_m))
@@ -220,7 +220,7 @@ def _add_fingers(
 
 
 def _add_marks(finger: Element, shape: Instrument, name: str, side: int, bits: Mapping[str, str]) -> None:
-    """Paint the marks of one finger. They collide, since rays miss geoms that nothing collides with (``worn``)."""
+    """Add the marks of one finger. They collide, since rays miss geoms that nothing collides with (``worn``)."""
     marks = shape.marks
     if marks is None:
         return
@@ -239,7 +239,7 @@ def _add_marks(finger: Element, shape: Instrument, name: str, side: int, bits: M
 
 
 def _add_drives(sections: Mapping[str, Element], servo: Servo, name: str, arm: ArmModel) -> None:
-    """Add a spring to the target and a feed-forward motor a joint; the two fingers are coupled."""
+    """Add a spring to the target and a feed-forward motor for each joint; the two fingers are coupled."""
     actuators = sections["actuator"]
     for joint, stiffness, damping in zip(arm.joints, servo.stiffness, servo.damping, strict=True):
         label = f"{name}_{joint.name}"

@@ -23,17 +23,17 @@ Script = Callable[["Cell"], Awaitable[Any]]
 
 
 def repeat_scheduling() -> None:
-    """Let scripts that are due together go on in the same order whenever the same trial is run.
+    """Make scripts that are due together run in the same order whenever the same trial is run.
 
-    Trio shuffles them on purpose, and who takes an image first draws the camera's noise first. These are the switches
-    with which Hypothesis makes trio repeat itself; trio has no public ones.
+    Trio shuffles them on purpose, and whichever takes an image first draws the camera's noise first. These are the
+    switches with which Hypothesis makes trio deterministic; trio has no public ones.
     """
     _run._ALLOW_DETERMINISTIC_SCHEDULING = True  # type: ignore[misc]
     _run._r.seed(0)
 
 
 class Pace(Protocol):
-    """Asked before each tick."""
+    """The pace of a cell; called before each tick."""
 
     async def wait(self, now_s: float) -> None:
         """Return when the tick that begins at this time of the cell's clock may begin."""
@@ -52,7 +52,7 @@ class RealTime:
     """No faster than the wall clock.
 
     Args:
-        speed: seconds of the cell in a second of the wall.
+        speed: seconds of the cell per second of the wall clock.
     """
 
     def __init__(self, speed: float = 1.0):
@@ -82,8 +82,8 @@ class Stepping:
             print(cell.cell.robot.read("psm1"))
 
     Args:
-        laboratory: whose cell.
-        script: that runs beside what is called; None: none.
+        laboratory: the laboratory of the cell.
+        script: runs beside the calls; None: none.
         budget_s: of the cell's clock.
     """
 
@@ -121,7 +121,7 @@ class Stepping:
         self._calls.put(script)
 
     def step(self, seconds: float = TICK_S) -> None:
-        """Advance the cell by so much, in whole ticks, and return when it waits again.
+        """Advance the cell by this time, in whole ticks, and return when it waits again.
 
         Raises:
             BaseException: whatever a script raised.
@@ -135,13 +135,13 @@ class Stepping:
                 raise error
 
     async def wait(self, now_s: float) -> None:
-        """Tell the one outside that the cell waits, and wait for the word."""
+        """Tell the outside program that the cell waits, and wait for its go-ahead."""
         del now_s
         if self._left:
             return
         self._at_rest.put(None)
         if not await trio.to_thread.run_sync(self._may_tick.get):
-            self._left = True  # the last ticks, in which the arms come to rest, are nobody's
+            self._left = True  # nobody waits for the last ticks, in which the arms come to rest
             self._laboratory.end()
         while not self._calls.empty():
             self._laboratory.start_soon(self._calls.get())

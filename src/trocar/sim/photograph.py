@@ -21,21 +21,21 @@ AMBIENT = 0.42
 LAMP_M = (0.12, 0.0, 0.0)
 TABLE_RGB = (0.30, 0.33, 0.36)
 BELOW_M = 2e-3
-"""The table lies this much below the lowest solid that does not move."""
+"""The table is this far below the lowest fixed solid."""
 FAR = 3.2
-"""Without a view of the task's own the eye stands so many times as far away as the motion is wide."""
+"""Without a view defined by the task, the eye is this many times as far away as the motion is wide."""
 ROOM_M = 0.02
-"""A picture of less than this on either side of its middle would show nothing but a tip."""
+"""Least half-width of a picture; less would show only a tip."""
 
 
 class Photographer:
-    """Draws a replay at any of its times: rays, light and shadow, no OpenGL.
+    """Draws a replay at any of its times by ray casting, with light and shadow, without OpenGL.
 
     Args:
-        replay: what is drawn.
-        view: from where; None: from the front and above.
+        replay: to be drawn.
+        view: viewpoint; None: from the front and above.
         colours: of bodies, in place of their own, by the beginning of their names.
-        scale: of the picture's 640 pixels from left to right.
+        scale: of the picture's width of 640 pixels.
         frame_m: (n, 3) points in the world that fill the picture; None: what moves.
     """
 
@@ -59,7 +59,7 @@ class Photographer:
         self._camera = RayCamera(self._model, framing.lens, framing.T_world_camera, LAMP_M, flaws, light)
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
-        """Return a colour picture (height, width, 3) of what was at this time."""
+        """Return a colour picture (height, width, 3) of this time."""
         row = int(np.argmin(np.abs(self._replay.times_s - time_s)))
         for number, body in enumerate(self._moving):
             T = self._replay.T_world_body[body][row]
@@ -70,7 +70,7 @@ class Photographer:
 
 
 def handled(replay: Replay) -> NDArray[np.float64]:
-    """Return the places (n, 3) in the world of loose bodies and of tips that move; without any, of everything."""
+    """Return the positions (n, 3) in the world of free bodies and moving tips; if there are none, of everything."""
     bodies = replay.T_world_body
     paths = [tool.p_world_driven_m for tool in replay.tools.values()]
     moved = [path for path in paths if np.ptp(path, axis=0).max() > ROOM_M]
@@ -83,7 +83,7 @@ def handled(replay: Replay) -> NDArray[np.float64]:
 
 
 def overview(points_m: NDArray[np.float64]) -> Viewpoint:
-    """Return a viewpoint in front of places (n, 3) and above them."""
+    """Return a viewpoint in front of and above these points (n, 3)."""
     low, high = points_m.min(axis=0), points_m.max(axis=0)
     wide = max(0.06, float(np.linalg.norm(high - low)))
     eye = (low + high) / 2 + FAR * wide * np.array([0.25, -0.8, 0.55])
@@ -124,7 +124,7 @@ def _add_solid(body: Element, assets: Element, solid: Solid, rgb: tuple[float, .
     if solid.shape != "hull":
         add(body, "geom", type=solid.shape, size=text(solid.size_m), **placed(solid.T_body_solid), **look)
         return
-    # MuJoCo shifts a mesh to its centre of mass by itself: the corners are given where they are on the body
+    # MuJoCo itself shifts a mesh to its centre of mass, so the corners are given in the body's frame
     corners = solid.T_body_solid.apply(solid.vertices_m)
     key = np.round(corners, 9).tobytes()
     if key not in hulls:
@@ -134,7 +134,7 @@ def _add_solid(body: Element, assets: Element, solid: Solid, rgb: tuple[float, .
 
 
 def _floor_m(replay: Replay) -> float:
-    """Return the height of the lowest solid that does not move; without any, of the lowest tip."""
+    """Return the height of the lowest fixed solid; if there is none, of the lowest tip."""
     lowest = [
         float((replay.T_world_body[s.body] @ s.T_body_solid).translation_m[2]) - max(s.size_m, default=0.0)
         if s.shape in ("sphere", "capsule", "cylinder")

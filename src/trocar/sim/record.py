@@ -1,4 +1,4 @@
-"""All that a simulated cell did, tick by tick. Simulator truth: for referees, files and replays."""
+"""Everything that happened in a simulated cell, tick by tick. Simulator truth, for referees, files and replays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trocar.sim.touches import Collision
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What was, at every tick.
+    """The true state at every tick.
 
     Attributes:
         times_s: (n,) clock of the cell, 100 Hz; the first is 0.

@@ -1,4 +1,4 @@
-"""Keeps what the arms and bodies of a simulated cell did, tick by tick."""
+"""Records what the arms and bodies of a simulated cell do, tick by tick."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Recorder:
     """Samples a world and its robot at each tick.
 
     Attributes:
-        asked_of: the outermost robot: what its set-points are is what the script asked for.
+        asked_of: the outermost robot, whose set-points are what the script asked for.
     """
 
     def __init__(self, world: World, robot: Robot):
@@ -34,7 +34,7 @@ class Recorder:
         }
 
     def observe(self, time_s: float) -> None:
-        """Look once."""
+        """Take one sample."""
         world = self._world
         self._times.append(time_s)
         self._free.append(world.free_poses().copy())
@@ -46,7 +46,7 @@ class Recorder:
             rows["true"].append(np.append(world.joints(name), jaw))
 
     def record(self, collisions: tuple[Collision, ...]) -> Record:
-        """Return all so far."""
+        """Return the record so far."""
         poses = np.array(self._free).reshape(len(self._times), -1, 7)
         joints = self.joints("true")
         cell = self._world.cell
@@ -90,7 +90,7 @@ def solids_of(world: World) -> tuple[Solid, ...]:
 
 
 def fixed_poses(world: World) -> dict[str, SE3]:
-    """Return the poses of the bodies that are welded to the world, the world itself among them."""
+    """Return the poses of the bodies that are welded to the world, including the world itself."""
     fixed = [b for b in range(world.model.nbody) if world.model.body_weldid[b] == 0]
     return {world.model.body(b).name: world.pose(world.model.body(b).name) for b in fixed}
 

@@ -12,7 +12,7 @@ from trocar.station.session import Session
 from trocar.station.transmission import DriveTrain
 
 ROOM_RAD, ROOM_M = 0.5, 0.05
-"""True joints may leave the commands' range by so much."""
+"""True joints may leave the commands' range by this much."""
 SAMPLE_S = 0.8
 """Time between two samples of a calibration recording (paper: 1355 in 18 minutes)."""
 
@@ -29,16 +29,16 @@ def record_motion(
     """Return a calibration recording of this arm: the paper's random smooth motion, seen by noisy fiducials.
 
     The joints are those of the cell's drive train at rest after each step of .8 s; the servos' error at rest
-    is below a thousandth of the cables' and left out (tested). Tracking the fiducials in images is not simulated:
-    their noise is the recordings'. Before its first sample the wrist swings back and forth, which takes up the slack;
+    is below a thousandth of the cables' and left out (tested). Tracking the fiducials in images is not simulated; their
+    noise is that of the recordings. Before its first sample the wrist swings back and forth, which takes up the slack;
     those rows are commands without a measurement.
 
     Args:
-        session: whose transmissions.
+        session: with its transmissions.
         arm: which arm.
         rng: of the motion and the noise.
-        box: where the motion goes.
-        samples: only so many of the recording.
+        box: range of the motion.
+        samples: number of samples.
         wide: the motion is the short one of wide swings.
     """
     model = session.station.arm(arm).model
@@ -63,7 +63,8 @@ def record_motion(
 def _as_registered(session: Session, arm: str, joints: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return joints (n, 6) that would put the tip where it is, if the base were where registration found it.
 
-    What sees the fiducials knows no other base, so what is wrong with it is in the recording, and in its model.
+    The measurement of the fiducials knows no other base, so errors of registration are in the recording and in its
+    model.
     """
     model = session.station.arm(arm).model
     T_found_true = session.T_world_base_registered[arm].inverse() @ session.T_world_base[arm]

@@ -1,4 +1,4 @@
-"""Simulated arms: a driver whose set-points move the joints of the physics through the drive trains."""
+"""Simulated arms: a driver whose set-points move the joints of the physics through the transmissions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TICK_SERVOS = round(TICK_S / SERVO_S)
 
 
 class SimRobot(Driver):
-    """Arms in the simulated world. Encoders read the commanded side of the drive trains."""
+    """Arms in the simulated world. Encoders read the commanded side of the transmissions."""
 
     def __init__(self, world: World, now_s: Callable[[], float]):
         super().__init__(now_s)
@@ -41,7 +41,7 @@ class SimRobot(Driver):
         jaw_rad: float,
         jaw: JawCable | None = None,
     ) -> None:
-        """Put an arm at rest at the command (6,) and let its drive train and its jaws' cable move it from now on."""
+        """Put an arm at rest at the command (6,); from now on its transmission and its jaws' cable move it."""
         q_joint = train.joints(q_cmd)
         cable = jaw or JawCable()
         self._jaws[name] = cable, jaw_rad
@@ -50,7 +50,7 @@ class SimRobot(Driver):
         self._trains[name], self._pulled[name] = train, q_joint
 
     def silence(self, name: str, silent: bool = True) -> None:
-        """Let an arm's readings stop coming, as a lost connection does; it still follows its set-points."""
+        """Stop an arm's readings, as a lost connection does; it still follows its set-points."""
         (self._silent.add if silent else self._silent.discard)(name)
 
     def tick(self, start_s: float) -> None:
@@ -75,7 +75,7 @@ class SimRobot(Driver):
         )
 
     def _pull(self, name: str, q_cmd: NDArray[np.float64], jaw_rad: float, over_s: float) -> None:
-        """Send the servos where the drive train holds the joints after the next command."""
+        """Set the servos' targets to where the transmission holds the joints after the next command."""
         target = self._trains[name].joints(q_cmd)
         velocity = (target - self._pulled[name]) / over_s
         self._pulled[name] = target
@@ -85,5 +85,5 @@ class SimRobot(Driver):
         self._world.drive_arm(name, target, velocity, pulled_rad)
 
     def _jaw_reading(self, name: str) -> float:
-        """Return the jaws' opening as their encoder, which does not see its cable's offset, says it."""
+        """Return the jaws' opening as read by their encoder, which does not see the offset of the cable."""
         return self._world.jaw_rad(name) - self._jaws[name][0].offset_rad

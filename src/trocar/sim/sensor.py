@@ -1,4 +1,4 @@
-"""From exact rays to what a structured-light camera delivers: colour under its projector, and its flaws."""
+"""From exact rays to the image of a structured-light camera: colour under its projector, and its flaws."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from trocar.station.sensor_flaws import SensorFlaws
 
 @dataclass(frozen=True)
 class Light:
-    """The projector's light and what the room adds.
+    """The light of the projector and of the room.
 
     The defaults give plate, table and shadow the grey levels of `images/handover`: 205 60 14, 23 23 17, 52 11 1.
 
     Attributes:
-        ambient: share of the light that comes from everywhere.
+        ambient: share of the light that comes from all directions.
         gain: of the whole exposure.
         reference_m: distance from the projector at which its light has power 1.
     """
@@ -35,9 +35,9 @@ MIRROR_EXPONENT = 80.0
 EDGE_M = 1.5e-3
 """Second difference of depth that makes an edge; smooth surfaces stay below it up to 75 deg."""
 MUJOCO_GREY = (0.5, 0.5, 0.5, 1.0)
-"""Colour of a geom that was given none: then that of its material counts."""
+"""Default colour of a geom without its own; the colour of its material is then used."""
 LENS_BLUR_PX = 0.6
-"""SD of the point that a lens makes of a point (assumed)."""
+"""SD of the lens's point spread function (assumed)."""
 
 
 def shade(
@@ -100,7 +100,7 @@ def apply_flaws(
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Return depth (h, w) float32 and colour (h, w, 3) uint8 as the sensor delivers them.
 
-    The same number of random values is drawn whatever is seen, so a seed means the same sensor in every scene.
+    The same number of random values is drawn whatever is in view, so a seed gives the same sensor in every scene.
     """
     shape = depth_m.shape
     white = rng.standard_normal(shape, dtype=np.float32)
@@ -130,7 +130,7 @@ def apply_flaws(
 
 
 def expose(color: NDArray[np.float32], sd: float, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return the picture (h, w, 3) that an eye takes: a little blurred, with noise of its own in each channel.
+    """Return the picture (h, w, 3) of an eye: slightly blurred, with independent noise in each channel.
 
     Args:
         color: (h, w, 3) in [0, 1], or brighter where the eye saturates.
@@ -144,7 +144,7 @@ def expose(color: NDArray[np.float32], sd: float, rng: np.random.Generator) -> N
 
 
 def _smooth_noise(shape: tuple[int, ...], length: float, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Return noise of unit variance whose values agree over about ``length`` pixels."""
+    """Return noise of unit variance with a correlation length of about ``length`` pixels."""
     coarse = rng.standard_normal([int(n / length) + 2 for n in shape], dtype=np.float32)
     fine = cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)
     return (fine / max(float(fine.std()), 1e-6)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""A station as a model for MuJoCo's own viewer and for programs of others: actuators, sensors, frames, all by name."""
+"""A station as a model for MuJoCo's own viewer and for other programs: actuators, sensors and frames by name."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CAMERA_FROM_OPENCV = SE3.from_parts(SO3.axis("x", np.pi))
 
 
 class _Table(TaskWorld):
-    """Nothing but a table: where the station has a fixture of that name, else a plane at the lowest fixture."""
+    """Only a table: at the station's fixture of that name, else a plane at the lowest fixture."""
 
     def __init__(self, station: Station):
         self._station = station
@@ -42,9 +42,9 @@ class _Table(TaskWorld):
 
 
 def station_mjcf(station: Station, task: TaskWorld | None = None) -> str:
-    """Return a station as MJCF text that stands alone: the nominal laboratory, with joints that follow exactly.
+    """Return a station as self-contained MJCF text: the nominal laboratory, with joints that follow exactly.
 
-    As loaded, each arm stands, and is commanded, as near to zero as its joints' ranges let it; the keyframe
+    As loaded, each arm is, and is commanded to be, as near to zero as its joints' ranges allow; the keyframe
     :data:`PARK` has it where the station parks it. Of each arm ``ARM`` and joint ``JOINT`` there are the joint and the
     position actuator ``ARM_JOINT`` (rad, m), the sensors ``ARM_JOINT_position``, ``_velocity`` and ``_effort``; for the
     opening of the jaws the actuator ``ARM_jaw`` (rad) and the sensors ``ARM_jaw_position`` and ``_velocity``; the sites
@@ -86,7 +86,7 @@ def _body(world: Element, name: str) -> Element:
 
 
 def _add_light(root: Element, station: Station) -> None:
-    """Light the scene, and let a viewer begin where all tips and remote centres are seen."""
+    """Light the scene, and start a viewer where all tips and remote centres are visible."""
     places = [arm.T_world_base.translation_m for arm in station.arms.values()]
     places += [(arm.T_world_base @ fk(arm.model, arm.park_q())).translation_m for arm in station.arms.values()]
     middle, extent = np.mean(places, axis=0), 0.15 + float(np.ptp(places, axis=0).max())
@@ -167,7 +167,7 @@ def _add_sensors(sensors: Element, name: str, arm: ArmModel) -> None:
 
 
 def _add_park(root: Element, station: Station) -> None:
-    """Add the keyframe in which the arms rest as the station says; all else is as it was loaded."""
+    """Add the keyframe in which the arms rest as defined by the station; all else is as loaded."""
     model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
     qpos, ctrl = model.qpos0.copy(), np.zeros(model.nu)
     for name, arm in station.arms.items():

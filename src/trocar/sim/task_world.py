@@ -1,4 +1,4 @@
-"""What a task puts into the simulated world: bodies, what acts on them, what its referee watches."""
+"""A task's part of the simulated world: bodies, what acts on them, what its referee observes."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 class TaskWorld:
-    """A task's side of the simulator. By itself it is an empty world; a task overrides what it needs.
+    """A task's side of the simulator. The base class is an empty world; a task overrides what it needs.
 
     Attributes:
-        sleeps: whether bodies that lie still may be left out of the physics until something touches them.
+        sleeps: whether bodies at rest may be left out of the physics until something touches them.
     """
 
     sleeps = False
@@ -32,15 +32,15 @@ class TaskWorld:
         """
 
     def start(self, world: World) -> None:
-        """Look up what is needed in the finished world; called once, with the arms in their places."""
+        """Look up ids in the finished world; called once, with the arms in their places."""
 
     def act(self) -> None:
-        """Do what MuJoCo does not know of; called before every few steps of the physics."""
+        """Apply effects that MuJoCo does not model; called before every few steps of the physics."""
 
     def hit(self, first: int, second: int) -> Hit | None:
         """Return who hits what if a contact between these two geoms counts as a collision, else None.
 
-        Two arms are looked at already.
+        Contacts between two arms are already handled.
         """
         del first, second
         return None
@@ -51,14 +51,14 @@ class TaskWorld:
         return True
 
     def observe(self, time_s: float) -> None:
-        """Look once; called after each tick of the controller, before contacts are asked about with ``hit``."""
+        """Observe the world; called after each tick of the controller, before ``hit`` is called for contacts."""
 
     def truth(self, record: Record) -> Any:
-        """Return what really happened, for the task's score alone."""
+        """Return what really happened, only for the task's score."""
         return record
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:
-        """Return what a trial keeps for the task's own pictures, beside joints and poses."""
+        """Return what is saved for the task's own pictures, beside joints and poses."""
         del record
         return {}
 

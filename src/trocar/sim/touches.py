@@ -14,18 +14,18 @@ if TYPE_CHECKING:
     from trocar.sim.world import World
 
 HIT_N = 0.5
-"""A touch with less force than this is sliding, not a collision; .5 N bends no peg visibly (assumed)."""
+"""A touch with less force than this is sliding, not a collision; .5 N does not visibly bend a peg (assumed)."""
 APART_S = 0.2
-"""A touch that comes back within this time is the same collision."""
+"""A touch that recurs within this time is the same collision."""
 
 
 class Hit(NamedTuple):
-    """Who hits what.
+    """What hits what.
 
     Attributes:
-        arm: whose.
+        arm: name of the arm.
         what: ``arm``, or what it holds.
-        against: the other arm's name, or what stands there.
+        against: the other arm's name, or the object that is hit.
     """
 
     arm: str
@@ -40,9 +40,9 @@ class Collision:
     Attributes:
         time_s: when it began, on the trial's clock.
         end_s: when it ended.
-        arm: whose.
+        arm: name of the arm.
         what: ``arm``, or what it holds.
-        against: another arm's name, or what stands there.
+        against: another arm's name, or the object that is hit.
         force_n: largest force while it lasted.
         p_world_m: where that was.
     """
@@ -68,8 +68,8 @@ class Touches:
     """Watches the contacts of a world, tick by tick.
 
     Args:
-        world: whose.
-        hit: of two geoms, who hits what; None for contacts that do not count.
+        world: the world.
+        hit: returns what hits what for two geoms; None for contacts that do not count.
         counts: whether a contact with this normal (3,) counts.
     """
 

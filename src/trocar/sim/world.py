@@ -1,4 +1,4 @@
-"""The physics of one cell: MuJoCo's model and state behind names of ours."""
+"""The physics of one cell: MuJoCo's model and state behind our own names."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from trocar.sim.mjcf import TIMESTEP_S, CellModel, build_mjcf
 
 _WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 UNSTABLE = tuple(int(warning) for warning in _WARNINGS)
-"""Warnings after which MuJoCo has silently set its state back to the beginning."""
+"""Warnings after which MuJoCo has silently reset its state."""
 
 
 class PhysicsError(TrocarError):
-    """The simulation broke down; what it was part of is void."""
+    """The simulation became unstable; the trial is void."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmIndex:
-    """Where one arm's numbers stand in MuJoCo's arrays."""
+    """Indices of one arm in MuJoCo's arrays."""
 
     qpos: NDArray[np.intp]
     dof: NDArray[np.intp]
@@ -40,7 +40,7 @@ class World:
     """Bodies, contacts and drives of the simulated cell. Only the simulator and the referee may look inside.
 
     Attributes:
-        cell: what it was made of.
+        cell: its description.
         model: MuJoCo's.
         data: MuJoCo's.
         arms: by name.
@@ -53,7 +53,7 @@ class World:
         self.cell = cell
         self.model = mujoco.MjModel.from_xml_string(build_mjcf(cell))
         self.data = mujoco.MjData(self.model)
-        self._warnings = self.data.warning.number  # how often of each kind; MuJoCo writes into it
+        self._warnings = self.data.warning.number  # number of each kind; MuJoCo writes into it
         self.arms = {name: self._index(name, arm) for name, arm in cell.arms.items()}
         self.arm_names = tuple(cell.arms)
         self.geom_arm = np.full(self.model.ngeom, -1)
@@ -79,7 +79,7 @@ class World:
         )
 
     def geoms(self, prefix: str) -> NDArray[np.intp]:
-        """Return the ids of the geoms whose names begin so."""
+        """Return the ids of the geoms whose names begin with this."""
         names = [self.model.geom(g).name for g in range(self.model.ngeom)]
         return np.array([g for g, name in enumerate(names) if name.startswith(prefix)], dtype=np.intp)
 
@@ -94,7 +94,7 @@ class World:
         mujoco.mj_forward(self.model, self.data)
 
     def drive_arm(self, name: str, q_joint: NDArray[np.float64], v_joint: NDArray[np.float64], jaw_rad: float) -> None:
-        """Set what the drives of an arm pull to: joints (6,), their velocities, the jaws' opening."""
+        """Set the targets of an arm's drives: joints (6,), their velocities, the jaws' opening."""
         index = self.arms[name]
         self.data.ctrl[index.drive] = q_joint
         self.data.ctrl[index.feed] = index.damping * v_joint

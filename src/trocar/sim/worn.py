@@ -1,4 +1,4 @@
-"""What an instrument wears in the simulated cell: painted spheres."""
+"""The painted spheres that an instrument wears in the simulated cell."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROD = (0.03, 0.03, 0.03)
 
 
 def printed(fixture: Fixture, rng: np.random.Generator) -> Fixture:
-    """Return a fixture as it came out of the printer: each sphere a little beside its place."""
+    """Return a fixture as printed: each sphere slightly off its place."""
     off = fixture.print_sd_m * rng.standard_normal((len(fixture.spheres), 3))
     moved = [
         replace(sphere, center_m=tuple((np.array(sphere.center_m) + shift).tolist()))
@@ -29,10 +29,10 @@ def printed(fixture: Fixture, rng: np.random.Generator) -> Fixture:
 def add_fixture(
     roll: Element, yaw: Element, name: str, arm: ArmModel, fixture: Fixture, bits: Mapping[str, str]
 ) -> None:
-    """Hang a fixture's spheres on the roll link (frame 4) and the yaw link (frame 6) of an arm.
+    """Attach a fixture's spheres to the roll link (frame 4) and the yaw link (frame 6) of an arm.
 
-    ``bits`` say what they collide with. MuJoCo's rays miss a body's geoms that nothing collides with where its others
-    are not near.
+    ``bits`` define what they collide with. MuJoCo's rays miss geoms that nothing collides with if the body's other
+    geoms are not near.
     """
     centers = fixture.frame_centers_m(arm)
     for number, (sphere, center) in enumerate(zip(fixture.spheres, centers, strict=True)):

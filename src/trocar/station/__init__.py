@@ -1,4 +1,4 @@
-"""Laboratories: what stands where, and a day in one."""
+"""Laboratories: what stands where, and the sessions drawn from them."""
 
 from trocar.station.check import check_station, require_reach
 from trocar.station.registration import CheckerboardRegistration, Registration

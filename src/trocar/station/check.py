@@ -1,4 +1,4 @@
-"""Whether a station makes sense. Each problem found is a sentence."""
+"""Checks a station for consistency. Each problem found is a sentence."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from trocar.station.registration import Registration
 from trocar.station.station import Station, StationArm
 
 ABOVE_FIXTURE_M = 0.01
-"""Which place an arm has to reach to work on what is fixed on the table."""
+"""An arm has to reach the point this high above a fixture to work there."""
 REGISTERED_SHARE = 0.25
-"""Of the box in which a base's registration has its points, which an arm reaches where it stands well; built-in
-stations have three quarters and more."""
+"""Share of the box of registration points that a well-placed arm reaches; built-in stations have three quarters or
+more."""
 
 
 def check_station(station: Station) -> list[str]:
-    """Return the problems of a station; none if all is well.
+    """Return the problems of a station; empty if there are none.
 
     It checks whether every arm can rest where it should, inside its workspace and apart from the others,
     whether arms reach the points of their registration and what is fixed on the table, and whether every camera looks
@@ -45,14 +45,14 @@ def check_station(station: Station) -> list[str]:
 
 
 def require_reach(station: Station) -> None:
-    """Raise TrocarError where an arm cannot rest, or work lies beyond the arms: no session can be drawn there."""
+    """Raise TrocarError if an arm cannot rest, or work is out of reach: no session can be drawn there."""
     wrong = [*_resting(station)[1], *_out_of_reach(station)]
     if wrong:
         raise TrocarError(f"station {station.name!r}: {wrong[0]} (`trocar station check` lists all problems)")
 
 
 def _resting(station: Station) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
-    """Return where each arm rests, and a sentence for each that cannot."""
+    """Return where each arm rests, and a sentence for each arm that cannot."""
     resting: dict[str, NDArray[np.float64]] = {}
     found: list[str] = []
     for name, arm in station.arms.items():
@@ -102,7 +102,7 @@ def _too_near(station: Station, first: tuple[str, Capsules], second: tuple[str, 
 
 
 def _out_of_reach(station: Station) -> list[str]:
-    """Return what work lies beyond the arms: the points that register a base, and what is fixed on the table."""
+    """Return sentences on work out of reach: the points that register a base, and what is fixed on the table."""
     found = []
     if isinstance(station.registration, Registration):
         corners = np.array(station.registration.volume_m)

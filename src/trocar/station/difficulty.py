@@ -16,9 +16,9 @@ RECORDED, MILD, HARSH = "recorded", "mild", "harsh"
 LEVELS = (MILD, RECORDED, HARSH)
 DEFAULT = RECORDED
 HARSHER = 2.0
-"""Of the recorded sizes, in a harsh laboratory."""
+"""Factor on the recorded sizes in a harsh laboratory."""
 MOST_SCALE = 100.0
-"""A flaw can be made so many times as large as it was recorded; larger errors are no longer those of a laboratory."""
+"""Maximum factor on a flaw's recorded size; larger errors are no longer those of a laboratory."""
 UNITS = {
     "m": ("m", 1.0),
     "mm": ("m", 1e-3),
@@ -36,13 +36,13 @@ DEPTH_M = 0.15
 class Flaw:
     """One way in which a laboratory differs from what is known about it.
 
-    Its size is the root mean square of its values, or for a flaw without a unit how many times it is what was recorded.
+    Its size is the root mean square of its values or, for a flaw without a unit, a multiple of the recorded one.
 
     Attributes:
         about: what it is.
-        unit: 'm', 'rad', or '' where its values have several units, or none.
+        unit: 'm', 'rad', or '' if its values have several units, or none.
         recorded: its values as recordings show them.
-        mild: in the cell that is easier than they show.
+        mild: its values in the cell that is easier than that.
         source: where the values come from.
     """
 
@@ -64,7 +64,7 @@ class Flaw:
         return size if self.unit else size / float(np.sqrt(np.mean(np.square(self.recorded))))
 
     def sized(self, size: float) -> NDArray[np.float64]:
-        """Return the recorded values, made as large as this."""
+        """Return the recorded values, scaled to this size."""
         return np.array(self.recorded) * (size / self.size(np.array(self.recorded)))
 
 
@@ -172,7 +172,7 @@ FLAWS: dict[str, Flaw] = {
         "assumed",
     ),
 }
-"""By name."""
+"""All flaws by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,9 +180,9 @@ class Difficulty:
     """The sizes of all flaws.
 
     Attributes:
-        level: of those that are not named separately.
+        level: of the flaws that are not named separately.
         values: by name of the flaw.
-        named: flaws with a size of their own, as they were asked for.
+        named: flaws that were given their own size, as requested.
     """
 
     level: str
@@ -191,7 +191,7 @@ class Difficulty:
 
     @staticmethod
     def of(level: str, named: Iterable[str] = ()) -> Difficulty:
-        """Return a level of difficulty, with some flaws of another size.
+        """Return a level of difficulty, with other sizes for some flaws.
 
         Args:
             level: 'mild', 'recorded' or 'harsh'.
@@ -216,7 +216,7 @@ class Difficulty:
         return self.values[flaw]
 
     def scale(self, flaw: str) -> float:
-        """Return the size of a flaw, times what was recorded."""
+        """Return the size of a flaw as a multiple of the recorded one."""
         kind = FLAWS[flaw]
         return kind.size(self.values[flaw]) / kind.size(np.array(kind.recorded))
 
@@ -229,7 +229,7 @@ class Difficulty:
 
 
 def _sized(text: str) -> tuple[str, float]:
-    """Return name and size of a flaw that is given as text."""
+    """Return the name and size of a flaw given as text."""
     name, _, size = text.partition("=")
     if name not in FLAWS:
         raise TrocarError(f"flaw {name!r} is unknown; choose one of {', '.join(FLAWS)}")

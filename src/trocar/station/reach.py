@@ -12,21 +12,21 @@ from trocar.geometry import SE3, SO3, TURN
 from trocar.station.station import StationArm
 
 STRAIGHT = (SO3.identity(),)
-"""The wrist turned as the base is."""
+"""The tip's rotation when it is aligned with the base."""
 
 _QUARTERS = [TURN * k / 4 for k in range(4)]
 _FACES = [*(SO3.axis("y", angle) for angle in _QUARTERS), SO3.axis("x", TURN / 4), SO3.axis("x", -TURN / 4)]
 ALL_WAYS = tuple(face @ SO3.axis("z", angle) for face in _FACES for angle in _QUARTERS)
-"""The 24 ways in which a cube can lie."""
+"""The 24 orientations of a cube."""
 
 
 def reaches(arm: StationArm, p_world_m: NDArray[np.float64], turns: Sequence[SO3] = STRAIGHT) -> NDArray[np.bool_]:
     """Return which points of the world the tip of an arm reaches, (n,).
 
     Args:
-        arm: where it stands.
+        arm: the arm and its base.
         p_world_m: (n, 3) points.
-        turns: of the tip against the base; one that can be reached is enough.
+        turns: rotations of the tip against the base; one that can be reached is enough.
     """
     p_base = arm.T_world_base.inverse().apply(p_world_m)
     return np.array([any(_reaches(arm, SE3.from_parts(turn, p)) for turn in turns) for p in p_base], dtype=bool)

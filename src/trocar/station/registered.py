@@ -1,4 +1,4 @@
-"""A station's text with what a registration found."""
+"""The text of a station file with the results of a registration."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from trocar.perception.image import Intrinsics, StereoRig
 from trocar.station.toml import read_station
 
 EXACT = 1e-9
-"""m and rad: what is read back is what was written."""
+"""m and rad: values read back are those that were written."""
 
 
 def with_registered(
     text: str, T_world_base: Mapping[str, SE3], cameras: Mapping[str, tuple[SE3, StereoRig]] | None = None
 ) -> str:
-    """Return a station's TOML text in which the ``registered`` poses are these; all else stays as it is.
+    """Return a station's TOML text with these ``registered`` poses; everything else stays as it is.
 
     Args:
         text: of the station.
@@ -27,7 +27,7 @@ def with_registered(
         cameras: pose in the world and lenses of stereo pairs, by camera.
 
     Raises:
-        TrocarError: an arm or a camera has no table ``[arms.NAME]``, ``[cameras.NAME]`` of its own in the text.
+        TrocarError: an arm or a camera has no separate table ``[arms.NAME]``, ``[cameras.NAME]`` in the text.
     """
     cameras = cameras or {}
     for name, T in T_world_base.items():
@@ -70,7 +70,7 @@ def _numbers(values: Iterable[float], digits: int) -> str:
 
 
 def _with_line(text: str, group: str, name: str, line: str) -> str:
-    """Return the text with a line at the head of the table [group.name], in place of one of the same key."""
+    """Return the text with a line at the head of the table [group.name], replacing any line with the same key."""
     lines = text.splitlines()
     header = re.compile(rf'\s*\[\s*{group}\s*\.\s*["\']?{re.escape(name)}["\']?\s*\]\s*(#.*)?$')
     heads = [number for number, found in enumerate(lines) if header.match(found)]

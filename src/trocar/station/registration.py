@@ -15,8 +15,8 @@ class Registration:
     """A rigid fit of each base to points that robot and camera both know; the cameras are the world's reference.
 
     Attributes:
-        points: how many.
-        sd_m: noise of each on each axis.
+        points: number of points.
+        sd_m: noise of each point on each axis.
         volume_m: corners of the box in the world in which they lie.
     """
 
@@ -37,16 +37,16 @@ class Registration:
 class CheckerboardRegistration:
     """A checkerboard on a bracket on each base in turn; the first arm's base is the world's reference.
 
-    The camera stands where the first arm's board shows it, the other bases where theirs do (Kehoe et al. 2014, IV-B).
+    The camera's pose follows from the first arm's board, the other bases from theirs (Kehoe et al. 2014, IV-B).
 
     Attributes:
         board: that brackets and people hold.
         T_world_board: where each arm's bracket was made to hold it.
-        sd_m: by how much a base is beside its place as found, at the board, on each axis: bracket and images together.
-        sd_rad: by how much it is turned, about each axis.
-        bracket_sd_m: by how much a bracket holds the board beside its place, on each axis.
-        bracket_sd_rad: by how much it turns it, about each axis.
-        views: in which a person shows the board for the lenses.
+        sd_m: position error of a base as found, at the board, on each axis: bracket and images together.
+        sd_rad: its rotation error about each axis.
+        bracket_sd_m: position error with which a bracket holds the board, on each axis.
+        bracket_sd_rad: its rotation error about each axis.
+        views: number of poses in which a person shows the board for the lenses.
     """
 
     board: Checkerboard = field(default_factory=Checkerboard)

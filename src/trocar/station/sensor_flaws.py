@@ -15,8 +15,8 @@ class SensorFlaws:
     real capture of a block leaves .38 mm median, .76 mm RMS to its model (`blocks/capture`), with texture of layers.
 
     Attributes:
-        axial_m: SD of white noise of depth at ``reference_m``, seen face on; grows with depth squared, 1/cos.
-        waviness_m: SD of smooth noise of depth, as projected fringes leave it.
+        axial_m: SD of white noise of depth at ``reference_m``, seen face on; grows with depth squared and 1/cos.
+        waviness_m: SD of smooth noise of depth, as projected fringes cause it.
         waviness_px: its correlation length.
         reference_m: distance at which ``axial_m`` holds.
         grazing_cos: below this cosine of incidence, pixels go missing ever more often.
@@ -44,7 +44,7 @@ class SensorFlaws:
         require_numbers(self)
 
     def with_depth(self, scale: float) -> SensorFlaws:
-        """Return a sensor whose depth scatters so many times as much."""
+        """Return a sensor whose depth scatters more by this factor."""
         return replace(self, axial_m=scale * self.axial_m, waviness_m=scale * self.waviness_m)
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""A day in a laboratory: what is true of it, and what registration found. Simulator truth; no agent may import this."""
+"""A session in a laboratory: its true state, and what registration found. Simulator truth; no agent may import it."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from trocar.station.station import Station, StationArm
 from trocar.station.transmission import JawCable, Transmission
 
 WHITE_SHARE = 0.15
-"""Of the noise of a registration's points, what is left for each by itself where the outer joints' errors make the
-rest: so neighbours err alike as in the recorded sets (``benchmarks/bench_cell.py``)."""
+"""Share of a registration point's noise that is independent; errors of the outer joints cause the rest, so that
+neighbouring points have similar errors, as in the recorded sets (``benchmarks/bench_cell.py``)."""
 
 MIN_POINTS = 4
-"""Of a registration: what a station's file has to ask for, and an arm has to reach."""
+"""Minimum number of registration points that a station file has to request, and an arm has to reach."""
 
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """The true state of a laboratory between two set-ups, and what registration found of it.
+    """The true state of a laboratory between two set-ups, and what registration found.
 
     Attributes:
         station: the laboratory.
-        models: the arms as they truly are: their wrists are not exactly as long as in the model.
+        models: the arms as they truly are; the lengths of their wrists differ slightly from the model's.
         transmissions: this session's, by arm.
         jaws: cables of the jaws, by arm.
         T_world_base: true bases.
         T_world_base_registered: as registration found them.
         T_world_camera: true poses of the cameras.
-        T_world_camera_registered: as registration found them; the first one's is true where the world refers to it.
+        T_world_camera_registered: as registration found them; the first is exact if it is the world's reference.
     """
 
     station: Station
@@ -51,7 +51,7 @@ class Session:
     T_world_camera_registered: Mapping[str, SE3]
 
     def remounted(self, rng: np.random.Generator) -> Session:
-        """Return the same cell after its instruments were mounted again: other transmissions."""
+        """Return the same cell after its instruments were remounted, with new transmissions."""
         transmissions = _transmissions(self.station, rng)
         return replace(
             self, models=_models(self.station, rng), transmissions=transmissions, jaws=_jaws(self.station, rng)
@@ -59,7 +59,7 @@ class Session:
 
 
 def draw_session(station: Station, rng: np.random.Generator) -> Session:
-    """Return a day in this laboratory, as difficult as the station says."""
+    """Return a session in this laboratory, at the difficulty of the station."""
     station = _with_its_sensors(station)
     transmissions = _transmissions(station, rng)
     bases = {name: arm.T_world_base for name, arm in station.arms.items()}
@@ -89,7 +89,7 @@ def _transmissions(station: Station, rng: np.random.Generator) -> dict[str, Tran
 
 
 def _models(station: Station, rng: np.random.Generator) -> dict[str, ArmModel]:
-    """Return the arms with tools whose wrist is not exactly as long as in the model."""
+    """Return the arms with tools whose wrist length differs slightly from the model's."""
     (sd_m,), found = station.difficulty["tool"], station.models
     for (name, model), own in zip(found.items(), rng.spawn(len(found)), strict=True):
         if sd_m > 0.0:
@@ -106,7 +106,7 @@ def _jaws(station: Station, rng: np.random.Generator) -> dict[str, JawCable]:
 
 
 def _with_its_sensors(station: Station) -> Station:
-    """Return the station with sensors that err as much as it says."""
+    """Return the station with sensors whose errors have the size that its difficulty sets."""
     scale = station.difficulty.scale("depth") * float(FLAWS["depth"].recorded[0])
     if scale == 1.0:
         return station
@@ -117,9 +117,9 @@ def _with_its_sensors(station: Station) -> Station:
 def points_of_registration(
     arm: StationArm, transmission: Transmission, how: Registration, difficulty: Difficulty, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points (n, 3), where the arm's encoders say that it took them in the base, and as they are seen.
+    """Return points (n, 3) in the base according to the arm's encoders, and as they are seen.
 
-    Errors of the outer joints shift the points, and neighbouring ones alike. The wrist's cables play no part:
+    Errors of the outer joints shift the points, neighbouring ones similarly. The wrist's cables play no role, since
     only the shaft is observed.
 
     Args:
@@ -151,7 +151,7 @@ def points_of_registration(
 
 
 def _tour(points: NDArray[np.float64]) -> list[int]:
-    """Return the numbers of points (n, 3), each followed by the nearest of the rest: as anybody goes through them."""
+    """Return the indices of points (n, 3), each followed by the nearest remaining one, as anyone would visit them."""
     order, been = [0], np.zeros(len(points))
     for _ in points[1:]:
         been[order[-1]] = np.inf
@@ -167,7 +167,7 @@ def _register(
     difficulty: Difficulty,
     rng: np.random.Generator,
 ) -> SE3:
-    """Return the base as a rigid fit finds it, and as it was moved since.
+    """Return the base as a rigid fit finds it, including how it was moved since.
 
     Raises:
         TrocarError: the arm hardly reaches any of the points.
@@ -187,7 +187,7 @@ def _register(
 def _seen_from_the_first(
     cameras: Mapping[str, SE3], difficulty: Difficulty, rng: np.random.Generator
 ) -> dict[str, SE3]:
-    """Return cameras as they are registered: the first is the world's reference, the others err against it."""
+    """Return cameras as registered: the first is the world's reference, the others have errors relative to it."""
     (sd_m,), found, others = difficulty["cameras"], dict(cameras), list(cameras)[1:]
     for name, own in zip(others, rng.spawn(len(others)), strict=True):
         found[name] = SE3.from_parts(translation_m=sd_m * own.standard_normal(3)) @ found[name]
@@ -197,7 +197,7 @@ def _seen_from_the_first(
 def _by_checkerboard(
     bases: Mapping[str, SE3], cameras: Mapping[str, SE3], how: CheckerboardRegistration, rng: np.random.Generator
 ) -> tuple[dict[str, SE3], dict[str, SE3]]:
-    """Return bases and cameras as boards on the bases' brackets show them; the first base is the world's reference."""
+    """Return bases and cameras as found from boards on the bases' brackets; the first base is the world's reference."""
     sd = np.repeat([how.sd_m, how.sd_rad], 3)
     off = {}
     for name in bases:

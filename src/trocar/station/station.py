@@ -1,4 +1,4 @@
-"""One laboratory as data: its arms, cameras, what is fixed on the table, and how well all that is registered."""
+"""One laboratory as data: its arms, cameras, what is fixed on the table, and how well all of it is registered."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from trocar.station.sensor_flaws import SensorFlaws
 from trocar.station.transmission import Transmission
 
 ABOVE_SAFE_DEPTH_M = 1e-3
-"""An arm that rests in the middle of its ranges has its wrist this much deeper than the safe depth."""
+"""In an arm that is parked in the middle of its ranges, the wrist is this much deeper than the safe depth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class StationArm:
             or None: in the middle of its ranges, high in its port.
         park_jaw_rad: opening of its jaws there.
         workspace_m: (2, 3) corners in the world of the box that its tip may not leave; None: no box.
-        calibration: where the motion of a calibration recording goes; None: the task says.
+        calibration: range of the motion of a calibration recording; None: defined by the task.
         T_world_base_registered: where a registration found the base; None: each session finds it again.
     """
 
@@ -63,7 +63,7 @@ class StationArm:
         """Return the joints (6,) in which it rests before a script.
 
         Raises:
-            TrocarError: the place lies out of its reach.
+            TrocarError: the place is out of its reach.
         """
         if self.park is None:
             q = self.model.middle.copy()
@@ -87,7 +87,7 @@ class StationCamera:
         lamp_m: (3,) projector or lamp in the camera's frame.
         flaws: of the sensor.
         gain: of the exposure: objects near the lamp need less.
-        ambient: light of the room that comes from everywhere, as a share of the lamp's at .6 m.
+        ambient: room light from all directions, as a share of the lamp's at .6 m.
         T_world_camera_registered: where a registration found it; None: each session finds it again.
         rig_registered: the lenses of a pair as a calibration found them; None: as they are.
     """
@@ -111,7 +111,7 @@ class StationCamera:
 
     @property
     def model_registered(self) -> CameraModel:
-        """Return lens or lenses as they are known to the user of the camera."""
+        """Return the lens or lenses as known to the user of the camera."""
         return self.rig_registered or self.model
 
 
@@ -126,7 +126,7 @@ class Station:
         cameras: by name.
         T_world_fixture: nominal poses of what is fixed on the table, by name.
         registration: how the arms' bases are found.
-        min_distance_m: distance that the instruments of two arms keep; 0: not checked.
+        min_distance_m: distance to keep between the instruments of two arms; 0: not checked.
         difficulty: how far it departs from what is described here.
     """
 
@@ -186,10 +186,10 @@ class Station:
         return found | {f"{name}: {FLAWS[name].about}": sizes[name] for name in self.flaws_felt}
 
     def with_flaws_felt(self) -> Station:
-        """Return this station, if each flaw that was given a size of its own has an effect here.
+        """Return this station, if each flaw that was given its own size has an effect here.
 
         Raises:
-            TrocarError: one has none; a run whose summary named it would mislead.
+            TrocarError: one has none, so a summary that names it would be misleading.
         """
         named = [text.partition("=")[0] for text in self.difficulty.named]
         for name in named:

@@ -34,7 +34,7 @@ class Table:
         self._asked: list[str] = []
 
     def has(self, key: str) -> bool:
-        """Return whether a key is there, which is then known."""
+        """Return whether a key is present; it then counts as read."""
         self._asked.append(key)
         return key in self._values
 
@@ -53,7 +53,7 @@ class Table:
         return value
 
     def choice(self, key: str, choices: tuple[str, ...], default: str | None = None) -> str:
-        """Return one of some words."""
+        """Return a string that is one of these words."""
         value = self.text(key, default)
         if value not in choices:
             raise TrocarError(f"{self.where}.{key} is {value!r}; choose one of {', '.join(choices)}")
@@ -78,7 +78,7 @@ class Table:
     def numbers(
         self, key: str, count: int, low: float, high: float, default: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Return so many numbers (count,) within bounds."""
+        """Return numbers (count,) within bounds."""
         value = self._get(key, default)
         if isinstance(value, np.ndarray):
             return value
@@ -98,7 +98,7 @@ class Table:
         return np.array([[self._number(item, key, -1e4, 1e4) for item in row] for row in value])
 
     def table(self, key: str) -> Table:
-        """Return a table, empty where there is none."""
+        """Return a table; empty if there is none."""
         return Table(self._get(key, {}), f"{self.where}.{key}")
 
     def tables(self, key: str) -> dict[str, Table]:
@@ -115,7 +115,7 @@ class Table:
 
 
 def box(table: Table, key: str) -> NDArray[np.float64] | None:
-    """Return lower and upper corner (2, 3) in m of a box in mm; None where there is none."""
+    """Return lower and upper corner (2, 3) in m of a box in mm; None if there is none."""
     if not table.has(key):
         return None
     corners = 1e-3 * table.rows(key, 2, 3)

@@ -25,11 +25,11 @@ from trocar.station.transmission import TRANSMISSIONS
 
 MAX_PIXELS = 10_000
 MAX_VIEWS = 1000
-"""Of a checkerboard."""
+"""Maximum number of views of a checkerboard."""
 MODEL_LIMITS = "model"
 """Name of the limits that the arm's own model has."""
 BOXES: dict[str, MotionBox] = {"psm1": PSM1_BOX, "psm2": PSM2_BOX}
-"""Where the motion of a calibration goes, by name: as the recorded arms went over a peg board."""
+"""Ranges of a calibration's motion, by name: those of the recorded arms over a peg board."""
 
 
 def built_in_stations() -> tuple[str, ...]:
@@ -57,12 +57,12 @@ def station_text(name_or_path: str | Path) -> str:
 
 
 def station_digest(name_or_path: str | Path) -> str:
-    """Return the SHA-256 of a station's text: whether it is still the one that a run was made with."""
+    """Return the SHA-256 of a station's text, to tell whether it is still the one that a run was made with."""
     return hashlib.sha256(station_text(name_or_path).encode()).hexdigest()[:16]
 
 
 def _text(name_or_path: str | Path) -> tuple[str, str]:
-    """Return the text of a station, and what to call it in sentences."""
+    """Return the text of a station, and its name in error messages."""
     known = built_in_stations()
     if str(name_or_path) in known:
         text = (files("trocar.station") / "stations" / f"{name_or_path}.toml").read_text(encoding="utf-8")
@@ -240,7 +240,7 @@ def _checkerboard(table: Table) -> CheckerboardRegistration:
 
 
 def _rig(table: Table) -> StereoRig | None:
-    """Return the lenses of a pair as they were found, or None where only its pose was."""
+    """Return the lenses of a pair as they were found, or None if only its pose was found."""
     if not table.has("left"):
         return None
     return StereoRig(_lens(table.table("left")), _lens(table.table("right")), pose(table.table("right_pose")))

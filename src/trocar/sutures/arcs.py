@@ -10,7 +10,7 @@ from functools import cached_property
 from trocar.geometry import TURN
 
 ROUNDING = 1e-12
-"""Sets are widened by this many rad at every step, so that rounding cannot hide a walk."""
+"""Sets are widened by this many rad at every step, so that rounding cannot rule out a walk."""
 
 Piece = tuple[float, float]
 UNDECIDED = "undecided"

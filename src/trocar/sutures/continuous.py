@@ -115,7 +115,7 @@ class _Search:
                 tried, finest = max(self.value, self.cells.floor - tolerance), finest / FINER
             level = (tried + self.bound) / 2
             if not proven:
-                # The first bound is far too high, so its middle is a costly question: grow steps up from the plan.
+                # The first bound is far too high, so testing its middle is costly: take growing steps up from the plan.
                 level, step = min(level, tried + step), 2 * step
             found = self._ask(level, finest)
             if found is None:

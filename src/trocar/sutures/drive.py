@@ -1,4 +1,4 @@
-"""One suture as an arm drives it: dense joint paths, including the way in and the way out."""
+"""One suture as driven by an arm: dense joint paths, including the way in and the way out."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from trocar.sutures.setup import DIRECTIONS, SutureSetup
 SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
 """Spacing of the places along a path."""
 BEYOND_RAD = math.radians(10.0)
-"""Open jaws go back along the wire so far beyond where they close, and then forward again: so cables that turn them
-have taken up their play in the direction in which they push."""
+"""Open jaws go back along the wire this far beyond where they close, and then forward again, so that the cables have
+taken up their play in the direction in which the jaws push."""
 ROOM_RAD = math.radians(15.0)
 """Above the tissue, where the path is free to end early, joints keep this margin: compensated commands may need it."""
 UP = np.array([0.0, 0.0, 1.0])
@@ -98,7 +98,7 @@ class Segment:
         name: lower, approach, the name of a step of the primitive, withdraw, or rise.
         q: (k, 6) joints; NaN where the arm has no solution. The roll is continuous over all segments.
         length_m: length of the path of the jaws.
-        beyond: its last so many places are beyond its end: the jaws go there, and back to the end.
+        beyond: number of its last places that are beyond its end: the jaws go there, and back to the end.
     """
 
     name: str
@@ -113,7 +113,7 @@ class Segment:
 
     @property
     def back(self) -> Segment:
-        """Return the way from beyond the end back to it."""
+        """Return the path from beyond the end back to it."""
         q = self.q[::-1][: self.beyond + 1]
         return Segment(self.name, q, self.length_m * self.beyond / max(1, len(self.q) - 1))
 
@@ -215,7 +215,7 @@ def cut_short(segments: Sequence[Segment], arm: ArmModel, order: int = 1) -> lis
 
 
 def _further(jaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the turns beyond the end of a way back, none of them before the primitive's first; there may be none."""
+    """Return the turns beyond the end of a backward movement, none before the primitive's first; may be empty."""
     end, step = jaws_rad[-1], jaws_rad[-1] - jaws_rad[-2]
     most = min(BEYOND_RAD, max(end, 0.0))
     return end + step * np.arange(1, 1 + math.floor(most / abs(step) + 1e-9)) if step else np.zeros(0)

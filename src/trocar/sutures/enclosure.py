@@ -142,7 +142,7 @@ class DexterityEnclosure:
             found = margin if found is None else found.hull(margin)
         assert found is not None
         none = Interval(*np.broadcast_arrays(NO_SOLUTION, NO_SOLUTION, found.low)[:2])
-        # one place without a solution is enough: without it the course of the roll is unknown
+        # one place without a solution is enough, because the course of the roll is then unknown
         found = found.where(ranges.real.all(1), found.hull(none))
         return none.where(ranges.unreal.any(1), found)
 
@@ -155,7 +155,7 @@ class DexterityEnclosure:
         _, pitch, insertion, _, wrist, _ = (value + offset for value, offset in zip(ranges.q, arm.offsets, strict=True))
         depth = -arm.wrist_sign * insertion
         none = Interval.around(*np.broadcast_arrays(arm.offsets[1], arm.offsets[1], pitch.low)[:2])
-        # where the arm has no solution, the surrogate takes the pitch as 0: only its offset is left
+        # where the arm has no solution, the surrogate uses a pitch of 0, so only its offset is left
         pitch = none.where(ranges.unreal, pitch.where(ranges.real, pitch.hull(none)))
         found = ((s1 * s2 * pitch.sin()) * (depth * (depth * wrist.cos() + arm.wrist_length_m))).square()
         count = found.low.shape[0] * found.low.shape[1]

@@ -20,7 +20,7 @@ from trocar.geometry import SE3, SO3
 from trocar.sutures.setup import DIRECTIONS, SutureSetup
 
 BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
-"""An arm that drives the needle does not let go of it within these turns before and after its tip comes out."""
+"""An arm that drives the needle does not release it within these rotations before and after its tip comes out."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Step:
 
     @property
     def back_rad(self) -> float:
-        """Return how far back along the wire the jaws hold it, against where they took it first."""
+        """Return how far back along the wire the jaws hold it, relative to the first grip."""
         return self.needle_rad[0] - self.jaws_rad[0]
 
     @property
@@ -58,9 +58,10 @@ def steps(setup: SutureSetup) -> tuple[Step, ...]:
 def driven_steps(setup: SutureSetup) -> tuple[Step, ...]:
     """Return the movements as an arm makes them: it holds the needle while its tip comes out of the tissue.
 
-    Where the primitive lets go of the needle from ``BEFORE_EXIT_RAD`` before to ``PAST_EXIT_RAD`` after that, jaws that
-    open and close decide where the tip comes out. So it lets go later, if the jaws can go back far enough before that,
-    or else earlier. The jaws' poses are among those of :func:`steps`, whose rotation starts at 0.
+    If the primitive released the needle between ``BEFORE_EXIT_RAD`` before and ``PAST_EXIT_RAD`` after that point, the
+    opening and closing of the jaws would decide where the tip comes out. So the needle is released later, if the jaws
+    can go back far enough before that, or else earlier. The jaws' poses are among those of :func:`steps`, whose
+    rotation starts at 0.
     """
     insertion, exit_rad = setup.insertion, exit_turn_rad(setup)
     ends = _holds_rad(setup)

@@ -1,4 +1,4 @@
-"""Setups that reproduce the paper's Table I with each margin formula: the table identifies neither of the two.
+"""Setups that reproduce the paper's Table I with each margin formula: the table determines neither setup nor formula.
 
 They differ in base, needle, grasp and formula; all come within a few points of every entry, keep all joints within
 their limits and switch directions twice, as far apart as in the paper.

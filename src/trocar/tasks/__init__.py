@@ -1,4 +1,4 @@
-"""Tasks: one folder each, a wing of its own. They are registered by entry points (``pyproject.toml``)."""
+"""Tasks: one folder each. They are registered by entry points (``pyproject.toml``)."""
 
 from trocar.registry import Registry
 from trocar.tasks.kit import Task

@@ -1,4 +1,4 @@
-"""What a study is made of: one ordinary run for each of its conditions."""
+"""The conditions of a study, each an ordinary run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Cell:
         variant: of the task.
         method: how it is done.
         config: of its run.
-        folder: of its run; ``trocar report`` and ``trocar view`` take it.
+        folder: of its run, for ``trocar report`` and ``trocar view``.
     """
 
     variant: str
@@ -29,17 +29,17 @@ class Cell:
 
     @property
     def places(self) -> list[tuple[int, int]]:
-        """Return (session, trial) of all that the study asks for."""
+        """Return (session, trial) of all trials of the study."""
         return [(s, k) for s in range(self.config.sessions) for k in range(self.config.trials)]
 
 
 def cell_of(study: str | Path, variant: str, config: RunConfig) -> Cell:
-    """Return the cell of a run, whose folder is ``VARIANT-METHOD`` in the study's."""
+    """Return the cell of a run, whose folder is ``VARIANT-METHOD`` in the study's folder."""
     return Cell(variant, config.method, config, (Path(study) / f"{variant}-{config.method}").absolute())
 
 
 def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
-    """Return the words of a list with commas, all choices if it is empty.
+    """Return the words of a comma-separated list; all choices if it is empty.
 
     Raises:
         TrocarError: a word is not among the choices, is given twice, or is missing between two commas.
@@ -58,10 +58,10 @@ def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
 
 
 def compensated_alone(task: type[Task], methods: Sequence[str], **given: str) -> dict[str, dict[str, str]]:
-    """Return, for each method, the options of those that compensate, which others have no use for.
+    """Return, for each method, the options that only compensating methods have; empty for the others.
 
     Args:
-        task: whose methods they are.
+        task: the task of the methods.
         methods: of a study.
         given: options by name, such as ``model``; empty: not given.
 

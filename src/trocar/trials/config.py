@@ -1,4 +1,4 @@
-"""What a run is made of."""
+"""The configuration of a run."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from trocar.tasks import TASKS
 from trocar.tasks.kit import Method, Task, pick_method, pick_perception
 
 PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headless", "piqp")
-"""Packages that a trial's numbers depend on."""
+"""Packages on which a trial's numbers depend."""
 
 NO_PRIOR = "none"
 USUAL_MODEL = "play"
 IMAGES, JOINTS = "images", "joints"
-"""Where a calibration recording comes from: spheres seen by the station's camera, or joints with drawn noise."""
+"""Sources of a calibration recording: spheres seen by the station's camera, or joints with drawn noise."""
 FITTED_ON = "cable models are fitted on"
-"""What a summary calls that."""
+"""Key of this source in a summary."""
 
 FOLLOWS = ("options", "variant", "piece", "station_digest", "arms", "flaws", "versions")
 """Properties of a run that follow from its other options."""
 
 MAX_TRIALS = 100_000
-"""Of a run: weeks of work on all cores of a large machine."""
+"""Maximum number of trials of a run: weeks of work on all cores of a large machine."""
 
 SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
 """Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
@@ -47,15 +47,16 @@ SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
 
 @dataclass(frozen=True, eq=False)
 class RunConfig:
-    """What a run is made of; the same configuration writes the same trials.
+    """The configuration of a run; the same configuration writes the same trials.
 
     Attributes:
-        task: what is to be done, with its options.
-        station: where: name of a built-in station or path of a TOML file; empty: where the task is usually done.
-        method: how; empty: the task's first.
+        task: the task, with its options.
+        station: name of a built-in station or path of a TOML file; empty: the task's default station.
+        method: name of the method; empty: the task's first.
         model: cable model of methods that compensate; empty: 'play'.
-        calibration: of methods that compensate: 'images' or 'joints'; empty: images, where all arms can have them.
-        prior: of methods that compensate: 'none', or 'fleet' or a file, from which cable models start; then they are
+        calibration: for methods that compensate: 'images' or 'joints'; empty: images, if they are possible for all
+            arms.
+        prior: for methods that compensate: 'none', or 'fleet' or a file, from which cable models start; they are then
             fitted on a minute of wide swings, not on a long recording.
         planner: of the motions; empty: the method's.
         perception: what agents see with; empty: the method's.
@@ -66,7 +67,7 @@ class RunConfig:
         refit_offsets: refit the model's offsets from 30 samples before the trials.
         flawless_camera: switch the sensors' flaws off.
         difficulty: how far the laboratory departs from what is known about it: 'mild', 'recorded' or 'harsh'.
-        flaws: that have a size of their own, as ``registration=1.0mm``.
+        flaws: those that are given their own size, as ``registration=1.0mm``.
         plugins: files that were loaded for this run.
     """
 
@@ -120,7 +121,7 @@ class RunConfig:
         arms = self.task.working_arms(station)
         if self.calibration not in ("", IMAGES, JOINTS):
             raise TrocarError(f"calibration {self.calibration!r} is unknown; choose one of {IMAGES}, {JOINTS}")
-        if method.calibrated:  # what cannot be calibrated says so before anything is written
+        if method.calibrated:  # if calibration is impossible, the error comes before anything is written
             missing = [why for arm in arms if (why := why_no_images(station, arm, self.task.calibration(station, arm)))]
             if missing and self.calibration == IMAGES:
                 raise TrocarError(f"{missing[0]}; or give --calibration {JOINTS}")
@@ -129,7 +130,7 @@ class RunConfig:
         self._built.update(method=method, station=station, arms=arms)
 
     def _choose_model(self, method: Method) -> None:
-        """Choose the cable model where there is one to fit, and refuse what has no effect where there is none."""
+        """Choose the cable model if there is one to fit; otherwise refuse options that would have no effect."""
         if self.model:
             MODELS.pick(self.model)
         if not method.calibrated:
@@ -151,7 +152,7 @@ class RunConfig:
             object.__setattr__(self, "model", self.model or USUAL_MODEL)
 
     def _start_from_prior(self, method: Method) -> None:
-        """Choose the built-in prior for a method that learns, and see that a prior is wanted and can be read."""
+        """Choose the built-in prior for a method that learns; check that a prior has an effect and can be read."""
         if method.learns and self.model != "play":
             raise TrocarError(f"--method {self.method} learns model 'play', not {self.model!r}; drop --model")
         if method.learns and self.prior == NO_PRIOR:
@@ -163,7 +164,7 @@ class RunConfig:
         load_prior(self.prior)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes the same configuration in another process, which first loads the same plugins."""
+        """Return what recreates this configuration in another process, after loading the same plugins."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("task", "_built")}
         options = {f.name: getattr(self.task, f.name) for f in fields(self.task)}  # type: ignore[arg-type]
         return _made_again, (self.task.name, options, values)
@@ -184,7 +185,7 @@ class RunConfig:
         return self._built["arms"]
 
     def about(self) -> dict[str, Any]:
-        """Return as JSON what distinguishes this run from others: everything but the numbers of sessions and trials."""
+        """Return as JSON what distinguishes this run from others: all but the numbers of sessions and trials."""
         return {
             "task": self.task.name,
             "variant": self.task.variant,
@@ -211,7 +212,7 @@ class RunConfig:
 
     @property
     def how_difficult(self) -> list[str]:
-        """Return the laboratory's difficulty and the flaws that have a size of their own, as they were given."""
+        """Return the laboratory's difficulty and the flaws that were given their own size."""
         return [self.difficulty, *self.laboratory.difficulty.named]
 
     def _flaws(self) -> dict[str, str]:
@@ -229,7 +230,7 @@ class RunConfig:
 
     @property
     def unusual(self) -> dict[str, Any]:
-        """Return what distinguishes this run from the usual one of its task, method and seed, by option."""
+        """Return the options that differ from the defaults of its task, method and seed."""
         kind = type(self.task)
         required = {f.name: getattr(self.task, f.name) for f in fields(kind) if f.default is MISSING}  # type: ignore[arg-type]
         usual = RunConfig(kind(**required), station=self.station, method=self.method, seed=self.seed)
@@ -238,12 +239,12 @@ class RunConfig:
         return {name: value for name, value in found.items() if value != ordinary[name]}
 
     def _chosen(self) -> dict[str, Any]:
-        """Return what was chosen, not what follows from it."""
+        """Return the chosen options, without what follows from them."""
         return {name: value for name, value in self.about().items() if name not in FOLLOWS} | self.task.options()
 
     @property
     def fingerprint(self) -> str:
-        """Return what every file of this run carries: a digest of :meth:`about`."""
+        """Return the digest of :meth:`about`, which every file of this run carries."""
         return fingerprint(self.about())
 
     def rng(self, session: int, *stream: int) -> np.random.Generator:
@@ -269,5 +270,5 @@ def fingerprint(about: dict[str, Any]) -> str:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of the packages that a trial's numbers depend on."""
+    """Return the versions of the packages on which a trial's numbers depend."""
     return {name: version(name) for name in PACKAGES}

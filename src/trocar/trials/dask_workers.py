@@ -1,4 +1,4 @@
-"""Work on a dask cluster: an existing one by its address, or one made here."""
+"""Work on a dask cluster: an existing one at an address, or a new one on this machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from distributed.client import FutureCancelledError
 from trocar.errors import TrocarError
 
 PATIENCE_S = 10
-"""For an answer of the scheduler."""
+"""Timeout for an answer of the scheduler."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class DaskWorkers:
 
     Attributes:
         count: how many units are handed out at once.
-        scheduler: address; empty: a cluster of processes of this machine is made.
+        scheduler: address; empty: a cluster of processes is started on this machine.
     """
 
     count: int
@@ -31,7 +31,7 @@ class DaskWorkers:
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
-        """Return an executor of the cluster. Dask itself hands out again what a dead worker had."""
+        """Return an executor of the cluster. Dask itself hands the work of a dead worker out again."""
         with self._client() as client:
             executor = client.get_executor(pure=False, retries=0)
             try:

@@ -1,4 +1,4 @@
-"""The folder of a run: what is done, what is still to do, and whether it is this run's at all."""
+"""The folder of a run: what is done, what is still to do, and whether the folder belongs to this run at all."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RECORD = "run.json"
 
 
 def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
-    """Make a run's folder, or take up an interrupted run; return (session, trial) of what is still to do.
+    """Make a run's folder, or resume an interrupted run; return (session, trial) of the trials still to do.
 
     A trial that cannot be read counts as not done: the same command runs it again.
 
@@ -34,7 +34,7 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
         folder.mkdir(parents=True, exist_ok=True)
         if record.is_file():
             found = _recorded(record)
-            if any(folder.glob("session_*")):  # else nothing was computed that could be mixed up
+            if any(folder.glob("session_*")):  # else nothing was computed yet that could be mixed up
                 _require_same(found, about, folder)
         text = {**about, "fingerprint": fingerprint, "sessions": config.sessions, "trials": config.trials}
     except OSError as error:
@@ -45,7 +45,7 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
 
 
 class KeptTrials(Sequence[Trial]):
-    """Trials in files, each read when it is asked for: no more than one is held in memory, however many there are.
+    """Trials in files, each read on request: at most one is held in memory, however many there are.
 
     Args:
         paths: of the files, in order.
@@ -80,7 +80,7 @@ class KeptTrials(Sequence[Trial]):
         """
         path = Path(path)
         if path not in self.paths:
-            Trial.load(path)  # says what is wrong with it
+            Trial.load(path)  # raises an error that says what is wrong with it
             raise TrocarError(f"{str(path)!r} is not a trial of this run; choose another with --session and --trial")
         return KeptTrials((path,))
 
@@ -88,9 +88,9 @@ class KeptTrials(Sequence[Trial]):
 def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     """Return the finished trials of a run's folder in order, and a sentence for each that cannot be used.
 
-    Every file is read once, to be checked; what is returned reads a trial again when it is asked for it.
+    Every file is read once for a check; the returned sequence reads a trial again on request.
 
-    Whose folder it is, its ``run.json`` says; where that is lost, the first trial.
+    ``run.json`` tells which run the folder belongs to; if it is lost, the first trial does.
 
     Raises:
         TrocarError: there is no such folder, or no trial in it.
@@ -124,10 +124,10 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
 
 
 def load_trial(path: str | Path) -> Trial:
-    """Return the trial in a file; where it lies in a run's folder, only if it is that run's.
+    """Return the trial in a file; in the folder of a run, only if it belongs to that run.
 
     Raises:
-        TrocarError: there is no such file, it is not a trial, or not the one that its place indicates.
+        TrocarError: there is no such file, it is not a trial, or not the one that its path indicates.
     """
     path = Path(path)
     trial = Trial.load(path)
@@ -142,7 +142,7 @@ def load_trial(path: str | Path) -> Trial:
 
 
 def asked(folder: str | Path) -> tuple[int, int] | None:
-    """Return for how many sessions, and trials in each, a run was asked; None where its record is lost."""
+    """Return the requested numbers of sessions and of trials in each; None if the run's record is lost."""
     try:
         found = read_json(Path(folder) / RECORD)
         return int(found["sessions"]), int(found["trials"])
@@ -151,7 +151,7 @@ def asked(folder: str | Path) -> tuple[int, int] | None:
 
 
 def still_to_do(folder: str | Path, done: int) -> list[str]:
-    """Return a sentence where a run has fewer trials than it was asked for, so that it does not pass for the whole."""
+    """Return a sentence if a run has fewer trials than requested, so that it is not taken for the whole run."""
     record = asked(folder)
     if record is None:
         return [f"{str(Path(folder) / RECORD)!r} cannot be read, so the run's number of trials is unknown"]
@@ -176,7 +176,7 @@ def _recorded_fingerprint(folder: Path) -> str:
 
 
 def is_done(folder: str | Path, place: tuple[int, int], fingerprint: str) -> bool:
-    """Return whether a trial of this run is there; refuse one of another run."""
+    """Return whether a trial of this run exists; refuse one of another run."""
     path = trial_file(folder, *place)
     if not path.is_file():
         return False
@@ -190,7 +190,7 @@ def is_done(folder: str | Path, place: tuple[int, int], fingerprint: str) -> boo
 
 
 def set_aside(path: str | Path) -> None:
-    """Rename whatever is in the place of a trial that is still to be run: nothing is thrown away."""
+    """Rename whatever is in the place of a trial that is still to be run, so that nothing is lost."""
     path = Path(path)
     if path.is_file():
         path.replace(path.with_name(f"{path.name}.aside"))
@@ -206,7 +206,7 @@ def _readable(path: Path) -> bool:
 
 
 def _recorded(record: Path) -> dict[str, Any]:
-    """Return what a folder's record says, or raise."""
+    """Return the content of a folder's record, or raise."""
     try:
         found = read_json(record)
     except ValueError:
@@ -226,7 +226,7 @@ def _require_same(found: dict[str, Any], about: dict[str, Any], folder: Path) ->
 
 
 def _said(key: str, found: object, wanted: object) -> str:
-    """Return what a folder holds under a key where that differs; a whole plan of sutures would fill a page."""
+    """Return a folder's value of a differing key, in words; a whole plan of sutures would fill a page."""
     if isinstance(found, dict) and isinstance(wanted, dict):
         other = [_said(k, found.get(k), value) for k, value in wanted.items() if found.get(k) != value]
         return ", ".join(other) or f"other {key}"

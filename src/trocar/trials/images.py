@@ -1,4 +1,4 @@
-"""Camera images as a trial keeps them: small, and good enough to see what the camera saw."""
+"""Camera images as stored with a trial: small, but good enough to show what the camera saw."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from trocar.perception.image import RgbdImage
 from trocar.sim.laboratory import SimCamera
 
 QUALITY = 70
-"""Of WebP, of 100."""
+"""WebP quality, out of 100."""
 EFFORT = 1
-"""Of WebP, of 6: a third of the time of 4, the usual one, for a file that is a fifth larger."""
+"""WebP effort, out of 6; the default, 4, takes three times as long for a file that is a sixth smaller."""
 THINNED = 4
-"""Depth is kept at one in this many pixels, in whole millimetres."""
+"""Depth is stored for one in this many rows and columns, in whole millimetres."""
 PACKED = 3
-"""Of PNG, of 9, which takes seven times as long for a file that is one in a hundred smaller."""
+"""PNG compression, out of 9; level 9 takes seven times as long for a file that is one percent smaller."""
 
 
 def encoded(cameras: Mapping[str, SimCamera]) -> tuple[dict[str, bytes], dict[str, list[tuple[float, str]]]]:
-    """Return the images that cameras took as files by name; and for each camera the times and names of its images.
+    """Return the cameras' images as files by name, and for each camera the times and names of its images.
 
     Colour is WebP. Depth is a 16-bit PNG in mm, 0 where there was none, beside it under ``NAME_depth.png``.
     """

@@ -1,4 +1,4 @@
-"""Trials as units of work that any process can do: each saves its trial, and finds what is there already."""
+"""Trials as units of work that any process can do: each saves its trial, and skips one that already exists."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from trocar.trials.trial import trial_file
 
 @dataclass(frozen=True)
 class SessionOrder:
-    """One session of one or more runs: its cables are to be calibrated.
+    """One session of one or more runs whose cables are to be calibrated.
 
     Attributes:
         runs: each with its folder; those that need the same model of an arm share it.
-        session: number.
+        session: its number.
     """
 
     runs: Sequence[tuple[RunConfig, Path]]
@@ -47,12 +47,12 @@ class TrialOrder:
 
     @property
     def path(self) -> Path:
-        """Return where the trial is kept."""
+        """Return the path of the trial's file."""
         return trial_file(self.folder, self.session, self.index)
 
 
 def calibrate(order: SessionOrder) -> None:
-    """Fit the cable models of a session, each once, and keep them in every run's folder."""
+    """Fit the cable models of a session, each once, and store them in every run's folder."""
     fitted: dict[str, tuple[Path, str]] = {}
     for config, folder in order.runs:
         _require_folder(folder)
@@ -69,7 +69,7 @@ def calibrate(order: SessionOrder) -> None:
 
 
 def play(order: TrialOrder) -> str:
-    """Run a trial and save it, unless it is there; return why it is void, empty if it is not."""
+    """Run a trial and save it, unless it exists; return why it is void, empty if it is valid."""
     _require_folder(order.folder)
     if is_done(order.folder, (order.session, order.index), order.config.fingerprint):
         return ""
@@ -84,7 +84,7 @@ def play(order: TrialOrder) -> str:
 
 
 _LAST: dict[tuple[str, Path, int], Prepared] = {}
-"""The session that this process prepared last: its trials are handed out one after the other."""
+"""The session that this process prepared last, since its trials are handed out one after the other."""
 
 
 def _prepared(order: TrialOrder) -> Prepared:

@@ -1,4 +1,4 @@
-"""Prepares a session for its trials: draws it, calibrates its arms where the method wants that."""
+"""Prepares a session for its trials: draws it, and calibrates its arms if the method needs it."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from trocar.trials.config import CALIBRATION, IMAGES, NO_PRIOR, REFIT, REMOUNT, 
 from trocar.trials.trial import session_folder
 
 IMAGES_ROWS = 650
-"""Images of an arm in a run: half of the paper's rows. The wrist's RMSE of `play` against the cables alone is then
-.0062 rad or less, with all 1355 .0054 or less (`benchmarks/bench_fiducials.py`), at half the time."""
+"""Number of images of an arm in a run: half of the paper's rows. The wrist's RMSE of `play` against the cables alone is
+then .0062 rad or less, with all 1355 .0054 or less (`benchmarks/bench_fiducials.py`), at half the time."""
 
 REFIT_SAMPLES, REFIT_IMAGES = 30, 45
-"""Samples of a quick refit of the cables' offsets after instruments were mounted again; images, of which some show too
-few spheres."""
+"""Samples for a quick refit of the cables' offsets after instruments were remounted; more for images, because some show
+too few spheres."""
 
 
 NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "new_session", "refit_offsets"}
-"""What of a run its fitted cable models do not depend on."""
+"""Keys of a run's configuration that do not affect its fitted cable models."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +39,9 @@ class Prepared:
 
     Attributes:
         number: of the session in its run.
-        session: the day; simulator truth.
-        models: the cable model of each working arm, where the method compensates.
-        priors: what these models start from, where the robot is to learn.
+        session: the session; simulator truth.
+        models: the cable model of each working arm, if the method compensates.
+        priors: those from which these models start, if the robot learns.
     """
 
     number: int
@@ -58,17 +58,17 @@ def prepare(
     spheres: str | Path | None = None,
     listener: Listener | None = None,
 ) -> Prepared:
-    """Return one session of a run, calibrated where the method wants that.
+    """Return one session of a run, calibrated if the method needs it.
 
-    A fitted model is kept in the session's folder, so that an interrupted run does not fit it again; it is always the
-    model of that file that is used, so that a resumed run computes what an uninterrupted one does.
+    A fitted model is stored in the session's folder, so that an interrupted run does not fit it again; the model is
+    always read back from that file, so that a resumed run computes the same as an uninterrupted one.
 
     Args:
         config: of the run.
         number: of the session.
         folder: of the run.
-        spheres: folder for what was found in a calibration's images, which runs of the same day may share; None: the
-            session's own.
+        spheres: folder for what was found in a calibration's images, which runs of the same session may share; None:
+            the session's own.
         listener: called after each image of a calibration.
     """
     folder = Path(folder)
@@ -108,7 +108,7 @@ def _fitted(config: RunConfig, arm: str, recording: Recording, rng: np.random.Ge
 
 
 def _prior(config: RunConfig, arm: str) -> FleetPrior:
-    """Return the prior of an arm's cables; it may not have seen the instrument that these were taken from."""
+    """Return the prior for an arm's cables, which must not have seen the instrument that these were identified from."""
     return load_prior(config.prior).without(config.laboratory.arm(arm).transmission_name)
 
 
@@ -123,7 +123,7 @@ def _recording(
     *,
     wide: bool = False,
 ) -> Recording:
-    """Return a recording of an arm in this session, from images or with drawn noise, as the run has it."""
+    """Return a recording of an arm in this session, from images or with drawn noise, as configured."""
     box = config.task.calibration(config.laboratory, arm)
     if config.calibration != IMAGES:
         return record_motion(session, arm, config.rng(*stream), box, rows, wide=wide)
@@ -133,12 +133,12 @@ def _recording(
 
 
 def cable_file(folder: str | Path, number: int, arm: str) -> Path:
-    """Return where the cable model of an arm in a session of a run lies."""
+    """Return the path of an arm's cable model in a session of a run."""
     return session_folder(folder, number) / f"cables_{arm}.npz"
 
 
 def calibration_key(config: RunConfig, arm: str) -> str:
-    """Return a digest of all that the fitted model of an arm depends on: runs with the same one can share it."""
+    """Return a digest of everything on which an arm's fitted model depends; runs with the same digest can share it."""
     about = {key: value for key, value in config.about().items() if key not in NO_MATTER}
     box = config.task.calibration(config.laboratory, arm)
     return fingerprint({**about, "arm": arm, "place": config.arms.index(arm), "motion": repr(box)})

@@ -1,4 +1,4 @@
-"""Rows: what a study needs of a trial, reduced from its file and kept beside it."""
+"""Rows: what a study needs from a trial, reduced from its file and stored beside it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Row(Protocol):
 
     @property
     def fingerprint(self) -> str:
-        """Return that of its run."""
+        """Return the fingerprint of its run."""
         ...
 
     @property
@@ -30,14 +30,14 @@ AnyRow = TypeVar("AnyRow", bound=Row)
 
 
 def row_file(trial: str | Path) -> Path:
-    """Return where the row of a trial lies."""
+    """Return the path of a trial's row."""
     return Path(trial).with_suffix(".row.json")
 
 
 def kept_row(
     trial: str | Path, fingerprint: str, kind: Callable[..., AnyRow], version: int, made: Callable[[Trial], AnyRow]
 ) -> AnyRow:
-    """Return the row of a trial's file; it is made, and kept, where there is none that fits.
+    """Return the row of a trial's file; it is made and stored if there is no valid one.
 
     Args:
         trial: its file.
@@ -59,6 +59,6 @@ def kept_row(
         pass
     row = made(Trial.load(trial))
     values: dict[str, Any] = {"version": version, **asdict(row)}  # type: ignore[call-overload]
-    path.unlink(missing_ok=True)  # a copy of what the trial says: nothing is lost where it does not fit
+    path.unlink(missing_ok=True)  # the trial has the same information: nothing is lost if the row is invalid
     write_json(path, values, "row of a trial")
     return row

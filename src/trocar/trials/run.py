@@ -1,4 +1,4 @@
-"""Runs trials: plays the task in a session that is prepared."""
+"""Runs trials of a task in a prepared session."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Liste
 def free_memory() -> None:
     """Free the worlds of trials that have ended.
 
-    Their parts refer to one another, and Python looks for such rings so seldom that a run of ten trials held 2 GB.
+    Their parts refer to one another, and Python collects such cycles so rarely that a run of ten trials held 2 GB.
     """
     gc.collect()
 
@@ -136,7 +136,7 @@ def _compensated(config: RunConfig, prepared: Prepared, cell: Cell) -> Calibrate
 
 
 def _play(laboratory: SimLaboratory, agent: Agent, budget_s: float) -> tuple[str, str]:
-    """Run an agent; return how it ended, and a sentence where something stopped it."""
+    """Run an agent; return how it ended, and a sentence if something stopped it."""
     try:
         in_time = laboratory.run(lambda cell: agent.run(), budget_s)
     except PhysicsError:
@@ -149,7 +149,7 @@ def _play(laboratory: SimLaboratory, agent: Agent, budget_s: float) -> tuple[str
 
 
 def plain(settings: Any) -> Any:
-    """Return settings as JSON's values."""
+    """Return settings as JSON values."""
     if is_dataclass(settings) and not isinstance(settings, type):
         return {name: plain(value) for name, value in vars(settings).items()}
     return settings.tolist() if isinstance(settings, np.ndarray) else settings

@@ -1,4 +1,4 @@
-"""What stood in a trial's cell, as plain values: enough to draw it again without simulator, task or arm model."""
+"""The scene of a trial's cell as plain values: enough to draw it again without simulator, task or arm model."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """Solids, arms and what does not move.
+    """Solids, arms and fixed bodies.
 
     Attributes:
-        solids: everything that is seen.
+        solids: everything visible.
         T_world_body: poses of the bodies that never move.
         arms: model of each arm by name.
         T_world_base: where each arm truly stood.
         T_world_base_registered: where registration found it.
         cameras: name to the names of its images' blobs and their times: ``[[time_s, blob], ...]``.
-        tick_s: between two rows of a trial's arrays.
+        tick_s: time between two rows of a trial's arrays.
     """
 
     solids: tuple[Solid, ...]
@@ -44,7 +44,7 @@ class Scenery:
         return f"<Scenery of {len(self.solids)} solids, arms {', '.join(self.arms)}>"
 
     def values(self) -> dict[str, Any]:
-        """Return all of it as JSON's values."""
+        """Return all of it as JSON values."""
         return {
             "solids": [_solid_values(solid) for solid in self.solids],
             "T_world_body": _pose_values(self.T_world_body),
@@ -57,7 +57,7 @@ class Scenery:
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> Scenery:
-        """Return the scenery that :meth:`values` took apart."""
+        """Return the scenery from the result of :meth:`values`."""
         return Scenery(
             solids=tuple(_solid_of(solid) for solid in values["solids"]),
             T_world_body=_poses_of(values["T_world_body"]),
@@ -72,7 +72,7 @@ class Scenery:
         )
 
     def replay(self, trial: Trial) -> Replay:
-        """Return a trial with this scenery as it is watched."""
+        """Return a trial with this scenery as a replay."""
         about, arrays = trial.about, trial.arrays
         bodies: dict[str, SE3] = dict(self.T_world_body)
         tools: dict[str, ToolPath] = {}
@@ -132,15 +132,15 @@ def link_poses(name: str, arm: ArmModel, T_world_base: SE3, joints: NDArray[np.f
 
 
 def arm_values(arm: ArmModel) -> dict[str, Any]:
-    """Return an arm's model as JSON's values."""
+    """Return an arm's model as JSON values."""
     return asdict(arm)
 
 
 def arm_of(values: Mapping[str, Any]) -> ArmModel:
-    """Return the arm's model that :func:`arm_values` took apart.
+    """Return the arm's model from the result of :func:`arm_values`.
 
     Raises:
-        TrocarError: it is none.
+        TrocarError: it is not one.
     """
     known = {f.name for f in fields(ArmModel)}
     if set(values) != known:
@@ -165,7 +165,7 @@ def _instrument_of(values: Mapping[str, Any]) -> Instrument:
 
 
 def _tuples(value: Any) -> Any:
-    """Return a value of JSON with tuples for its lists."""
+    """Return a JSON value with its lists as tuples."""
     return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
 
 

@@ -15,14 +15,14 @@ from trocar.trials.orders import SessionOrder, TrialOrder, calibrate, play
 from trocar.trials.workers import Workers, run_all
 
 Tick = Callable[[str, int, int], None]
-"""Called with what is done now, how many units are done, and of how many."""
+"""Called with what is being done now, how many units are done, and how many there are."""
 
 ReadRow = Callable[[Path, str], Any]
-"""Returns the row of a trial's file, whose run has this fingerprint, and keeps it; a function of a module."""
+"""Returns and stores the row of a trial's file, whose run has this fingerprint; a module-level function."""
 
 
 def opened(cells: Sequence[Cell]) -> tuple[list[SessionOrder], list[TrialOrder]]:
-    """Make or take up the folders of all cells; return the sessions to calibrate and the trials to run, in order.
+    """Make or resume the folders of all cells; return the sessions to calibrate and the trials to run, in order.
 
     Trials come session by session, so that an interrupted study has whole sessions of all cells.
     """
@@ -36,12 +36,12 @@ def opened(cells: Sequence[Cell]) -> tuple[list[SessionOrder], list[TrialOrder]]
 
 
 def run_study(cells: Sequence[Cell], read_row: ReadRow, workers: Workers, tick: Tick) -> list[str]:
-    """Run what a study lacks; return a sentence for each trial that is void.
+    """Run the missing trials of a study; return a sentence for each trial that is void.
 
     Args:
         cells: of the study.
         read_row: makes the rows.
-        workers: who work.
+        workers: do the work.
         tick: for a progress bar.
     """
     sessions, todo = opened(cells)
@@ -59,11 +59,11 @@ def run_study(cells: Sequence[Cell], read_row: ReadRow, workers: Workers, tick: 
 
 
 def play_and_reduce(read_row: ReadRow, order: TrialOrder) -> str:
-    """Run a trial, unless it is there, and keep its row; return why it is void, empty if it is not."""
+    """Run a trial, unless it exists, and store its row; return why it is void, empty if it is valid."""
     void = play(order)
     if not void:
         try:
             read_row(order.path, order.config.fingerprint)
-        except TrocarError as error:  # the trial is kept; the report says what is wrong with it
+        except TrocarError as error:  # the trial is saved; the report says what is wrong with it
             return str(error)
     return void

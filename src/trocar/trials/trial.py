@@ -1,4 +1,4 @@
-"""One trial as it is kept: what was done, what the referee saw, and all that a replay needs."""
+"""One trial as it is saved: what was done, what the referee saw, and everything that a replay needs."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ COLLISION = {
 class Trial:
     """A finished trial.
 
-    The file holds nothing that depends on the machine's speed: the same seed writes the same bytes. The real
-    times of computations lie beside it, in ``.timing.json``.
+    The file holds nothing that depends on the machine's speed, so the same seed writes the same bytes. The real times
+    of computations lie beside it, in ``.timing.json``.
 
     Attributes:
         about: what distinguishes its run from others, its number, settings, versions; ``fingerprint`` sums that up.
-        scores: one dict a goal (the task's ``Score``).
+        scores: one dict per goal (the task's ``Score``).
         spans: of the scripts.
         events: of the scripts.
         collisions: dicts (``trocar.sim.touches.Collision``).
         ended: ``done``, or what stopped the script: ``OUT_OF_TIME``, ``FAULT``.
         reason: why, in a sentence; empty when done.
         duration_s: on the trial's clock.
-        command_limit_use: largest share of the limits of velocity and of acceleration that was sent to each arm.
+        command_limit_use: largest share of the velocity and acceleration limits in each arm's commands.
         arrays: (n, 7) ``asked_ARM``, ``commanded_ARM``, ``measured_ARM``, ``true_ARM`` (six joints and the jaw) and
             ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on, and the task's own.
         scenery: solids, arms and where they stand.
@@ -128,11 +128,11 @@ class Trial:
         return self.scenery.tick_s * np.arange(rows, dtype=np.float64)
 
     def noted(self) -> Trial:
-        """Return the trial without arrays, images and scenery: what a summary needs, of many trials at a time."""
+        """Return the trial without arrays, images and scenery, for summaries of many trials."""
         return replace(self, arrays={}, images={}, scenery=replace(self.scenery, solids=(), T_world_body={}, arms={}))
 
     def replay(self) -> Replay:
-        """Return all that is needed to watch it."""
+        """Return everything that is needed to watch it."""
         return self.scenery.replay(self)
 
     def save(self, path: str | Path) -> Path:
@@ -161,7 +161,7 @@ class Trial:
         """Return the trial in a file that :meth:`save` wrote.
 
         Raises:
-            TrocarError: there is no such file, or it is no trial of this version.
+            TrocarError: there is no such file, or it is not a trial of this version.
         """
         path = Path(path)
         archive = read_archive(path, FORMAT, VERSION)
@@ -199,17 +199,17 @@ def trial_about(path: str | Path) -> dict[str, Any]:
 
 
 def timing_file(path: str | Path) -> Path:
-    """Return where the real times of a trial lie."""
+    """Return the path of a trial's real times."""
     return Path(path).with_suffix(".timing.json")
 
 
 def trial_file(folder: str | Path, session: int, index: int) -> Path:
-    """Return where a trial of a session of a run lies."""
+    """Return the path of a trial in a session of a run."""
     return session_folder(folder, session) / f"trial_{index:03d}.npz"
 
 
 def session_folder(folder: str | Path, session: int) -> Path:
-    """Return where the files of one session of a run lie."""
+    """Return the folder of one session of a run."""
     return Path(folder) / f"session_{session:02d}"
 
 
@@ -219,7 +219,7 @@ def trial_files(folder: str | Path) -> list[Path]:
 
 
 def _timing(path: Path) -> tuple[list[Computation], float]:
-    """Return the real times beside a trial; none where they are lost: the trial does not need them."""
+    """Return the real times beside a trial; empty if they are lost, since the trial does not need them."""
     try:
         timing = read_json(path)
         return [Computation(**c) for c in timing["computations"]], float(timing["wall_s"])
@@ -242,7 +242,7 @@ def _notes(values: Any, kinds: Mapping[str, Any]) -> Notes:
 
 
 def _check(trial: Trial, path: Path) -> None:
-    """Raise a sentence if the arrays of a trial cannot be what they are called."""
+    """Raise a sentence if the arrays of a trial cannot be what their names say."""
     for arm in trial.scenery.arms:
         if f"true_{arm}" not in trial.arrays:
             raise TrocarError(f"{str(path)!r} is damaged: it lacks 'true_{arm}'")

@@ -23,15 +23,15 @@ Result = TypeVar("Result")
 UNITS_A_PROCESS = 10
 """After this many units a process is replaced by a new one, which frees the memory that its libraries keep."""
 MAX_DEATHS = 3
-"""Workers may die so often in a row, with nothing finished in between, before the work is given up."""
+"""The work is given up after this many deaths of workers in a row, with nothing finished in between."""
 
 
 class Workers(Protocol):
-    """Where work is done."""
+    """Workers that run units of work."""
 
     @property
     def died(self) -> tuple[type[BaseException], ...]:
-        """Return what the future of a unit raises if its worker died; the unit is handed out again."""
+        """Return the exception that a unit's future raises if its worker died; the unit is then handed out again."""
         ...
 
     @property
@@ -40,7 +40,7 @@ class Workers(Protocol):
         ...
 
     def open(self) -> AbstractContextManager[Executor]:
-        """Return an executor; a new one after workers died."""
+        """Return an executor; after workers died, a new one."""
         ...
 
 
@@ -62,7 +62,7 @@ class Processes:
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
-        """Return a pool; a worker that is killed breaks it, and another one is opened.
+        """Return a pool; a killed worker breaks it, and another pool is opened.
 
         After Ctrl-C it waits for the units that are running; a second Ctrl-C kills the workers.
         """
@@ -91,7 +91,7 @@ def _left_alone() -> None:
 
 @contextmanager
 def _ctrl_c_held() -> Iterator[None]:
-    """Hold Ctrl-C back for a moment; a process that is begun meanwhile holds it back until it ignores it."""
+    """Block Ctrl-C for a moment; a process started meanwhile blocks it until it ignores it."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -107,13 +107,13 @@ def run_all(
 ) -> Iterator[tuple[Unit, Result]]:
     """Yield each unit of work with its result, in the order in which they end.
 
-    A unit whose worker died, by a signal or for lack of memory, is handed out again. So ``function`` must leave its
-    result where it finds it again (a trial's file), and return at once if it is there.
+    A unit whose worker died, by a signal or for lack of memory, is handed out again. So ``function`` must save its
+    result (a trial's file), and return at once if it exists.
 
     Args:
-        function: of a module, so that other processes find it.
+        function: defined in a module, so that other processes find it.
         units: to be handed out in order; they must pickle.
-        workers: who work.
+        workers: do the work.
 
     Raises:
         TrocarError: workers died several times in a row.
@@ -144,7 +144,7 @@ def run_all(
 def _handed_out(
     executor: Executor, function: Callable[[Unit], Result], units: Sequence[Unit], left: Sequence[int], workers: Workers
 ) -> Iterator[tuple[int, Result | BaseException]]:
-    """Yield places of units with their results, or with what killed their worker; few wait in the queue at a time."""
+    """Yield indices of units with their results, or with what killed their worker; few wait in the queue at a time."""
     waiting: dict[Future[Any], int] = {}
     queue = iter(list(left))
 
@@ -167,7 +167,7 @@ def _handed_out(
                     continue
                 yield place, result
             hand_out()
-    except workers.died as error:  # the executor takes nothing any more
+    except workers.died as error:  # the executor accepts nothing any more
         for future, place in list(waiting.items()):
             if future.done() and not future.cancelled() and future.exception() is None:
                 yield place, future.result()

@@ -1,4 +1,4 @@
-"""The bodies of a replay in a scene of viser's."""
+"""The bodies of a replay in a viser scene."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 
 class Bodies:
-    """Bodies at their places; those that move are nodes ``/bodies/NAME`` in the world's frame.
+    """Bodies at their poses; those that move are nodes ``/bodies/NAME`` in the world's frame.
 
     Attributes:
-        film: where they are at each frame.
+        film: their poses at each frame.
     """
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
         """Draw all bodies; those that move, at the first frame."""
         self.film, self._scene = film, scene
-        # what a browser draws with
+        # the precision that a browser draws with
         self._position_m, self._wxyz = film.position_m.astype(np.float32), film.wxyz.astype(np.float32)
         parts = body_parts(replay.solids)
         for body in parts:
@@ -37,12 +37,12 @@ class Bodies:
         self._nodes = [self._draw(body, parts[body], first[body]) for body in film.bodies]
 
     def moved(self, frame: int) -> Iterator[tuple[str, NDArray[np.float32], NDArray[np.float32]]]:
-        """Yield name, position (3,) m and wxyz (4,) of the nodes that are elsewhere than at the frame before."""
+        """Yield name, position (3,) m and wxyz (4,) of the nodes that have moved since the previous frame."""
         for i in np.flatnonzero(self.film.moved[:, frame]).tolist():
             yield self._nodes[i].name, self._position_m[i, frame], self._wxyz[i, frame]
 
     def show(self, frame: int) -> None:
-        """Put all where they are at a frame."""
+        """Move all bodies to their poses at a frame."""
         for node, position, wxyz in zip(self._nodes, self._position_m[:, frame], self._wxyz[:, frame], strict=True):
             node.position, node.wxyz = position, wxyz
 
@@ -67,5 +67,5 @@ class Bodies:
 
 
 def node_name(body: str) -> str:
-    """Return the name of a body's node; a slash in it would hang one body on another."""
+    """Return the name of a body's node; a slash in it would attach one body to another."""
     return "/bodies/" + body.replace("/", "|")

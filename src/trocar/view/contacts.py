@@ -1,4 +1,4 @@
-"""Contacts in a scene of viser's: a ball at each touch while it lasts."""
+"""Contacts in a viser scene: a ball at each touch while it lasts."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ if TYPE_CHECKING:
     from viser import SceneApi
 
 MIN_S = 0.5
-"""A shorter touch is shown for so long, to be seen at all."""
+"""A shorter touch is shown for this long, to be visible at all."""
 
 
 class Contacts:
-    """As many balls as there are touches at one time."""
+    """As many balls as there are simultaneous touches."""
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film, radius_m: float) -> None:
-        """Add the balls, unseen.
+        """Add the balls, hidden at first.
 
         Args:
-            scene: of viser's.
-            replay: whose contacts.
-            film: whose frames.
+            scene: the viser scene.
+            replay: with the contacts.
+            film: with the frames.
             radius_m: of a ball.
         """
         self._rows = rows(replay.contacts)
@@ -55,12 +55,12 @@ class Contacts:
 
 
 def shown_until(touch: Contact) -> float:
-    """Return until when a touch is shown."""
+    """Return the time until which a touch is shown."""
     return max(touch.end_s, touch.time_s + MIN_S)
 
 
 def rows(contacts: tuple[Contact, ...]) -> list[list[Contact]]:
-    """Return the contacts in as few rows as hold them without two at one time in a row."""
+    """Return the contacts in as few rows as possible without simultaneous contacts in a row."""
     found: list[list[Contact]] = []
     for touch in sorted(contacts, key=lambda touch: touch.time_s):
         for row in found:

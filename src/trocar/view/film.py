@@ -1,4 +1,4 @@
-"""Which moments of a replay are drawn, and which bodies have moved at each of them."""
+"""The frames of a replay that are drawn, and the bodies that have moved at each of them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from trocar.errors import TrocarError
 from trocar.replay import Replay
 
 FRAME_RATES = (30.0, 25.0, 20.0, 15.0, 12.0, 10.0, 7.5, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
-"""Frames a second of the trial's clock, the finest first."""
+"""Frames per second of the trial's clock, the finest first."""
 
 STILL_M = 20e-6
 STILL_RAD = 100e-6
-"""A body is put elsewhere once it has moved or turned by more than this since it was last put somewhere: less than a
-fifth of a pixel where the picture is 200 mm wide."""
+"""A body's pose is updated once it has moved or turned by more than this since its last update: less than a fifth of a
+pixel in a picture 200 mm wide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +25,13 @@ class Film:
     """Frames of a replay.
 
     Attributes:
-        rate_hz: frames a second of the trial's clock.
+        rate_hz: frames per second of the trial's clock.
         ticks: (k,) which of ``Replay.times_s`` are frames.
         times_s: (k,) of the frames.
         bodies: names of those that move, m of them.
         position_m: (m, k, 3) of each.
         wxyz: (m, k, 4) of each.
-        moved: (m, k) whether it has to be put elsewhere at a frame; all at the first.
+        moved: (m, k) whether its pose has to be updated at a frame; all at the first.
     """
 
     rate_hz: float
@@ -51,12 +51,12 @@ def shoot(replay: Replay, rates_hz: Sequence[float] = FRAME_RATES, max_poses: in
     """Return a replay's film at the first of these rates at which no more than ``max_poses`` poses change.
 
     Args:
-        replay: what was done.
-        rates_hz: frames a second, the finest first; the last one is taken in any case.
-        max_poses: None: as many as there are.
+        replay: of the trial.
+        rates_hz: frames per second, the finest first; the last one is used in any case.
+        max_poses: None: no limit.
 
     Raises:
-        TrocarError: there are no times, or a body or a path has another number of them.
+        TrocarError: there are no times, or a body or a path has a different number of them.
     """
     _check(replay)
     seen = {solid.body for solid in replay.solids}
@@ -79,14 +79,14 @@ def _film(
     position_m: NDArray[np.float64],
     wxyz: NDArray[np.float64],
 ) -> Film:
-    """Return a film at a rate of bodies that are here and there (m, n, 3) (m, n, 4) at times (n,)."""
+    """Return a film at a rate, of bodies with these positions (m, n, 3) and quaternions (m, n, 4) at times (n,)."""
     ticks = _ticks(times_s, rate_hz)
     at, turned = position_m[:, ticks], wxyz[:, ticks]
     return Film(rate_hz, ticks, times_s[ticks], bodies, at, turned, _moved(at, turned))
 
 
 def _check(replay: Replay) -> None:
-    """Raise a sentence unless times and poses fit."""
+    """Raise a sentence unless times and poses match."""
     n = len(replay.times_s)
     if n == 0:
         raise TrocarError("a replay without times cannot be shown; give at least one tick")
@@ -111,16 +111,16 @@ def _ticks(times_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.intp]:
 
 
 def _steady(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions (k, 4) with signs that do not leap from one to the next."""
+    """Return quaternions (k, 4) whose signs do not jump from one to the next."""
     leaps = np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1]) < 0
     return wxyz * np.where(np.append(False, np.cumsum(leaps) % 2 == 1), -1.0, 1.0)[:, None]
 
 
 def _moved(position_m: NDArray[np.float64], wxyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether each body (m, k) has to be put elsewhere.
+    """Return whether each body's pose (m, k) has to be updated.
 
-    Its way since the first frame is counted in units of ``STILL_M`` and of ``STILL_RAD``; each full unit puts it
-    elsewhere, so between two of them it stays within one unit of where it was put.
+    Its path length since the first frame is counted in units of ``STILL_M`` and ``STILL_RAD``; each full unit causes an
+    update, so in between it stays within one unit of where it was drawn.
     """
     way = np.linalg.norm(np.diff(position_m, axis=1), axis=-1) / STILL_M
     turn = 2 * np.linalg.norm(np.diff(wxyz, axis=1), axis=-1) / STILL_RAD  # |dq| is half a small angle

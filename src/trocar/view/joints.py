@@ -1,4 +1,4 @@
-"""Joints of one arm: what was asked for, commanded, measured and true, and how they differ."""
+"""Joints of one arm: asked, commanded, measured and true, and how they differ."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ PRISMATIC = 2
 """Yaw, pitch, insertion, roll, wrist pitch, wrist yaw, jaw: ``ArmModel`` has its third joint slide."""
 
 WINDOW_S = 5.0
-"""So much before and after the present is drawn."""
+"""Time before and after the present that is drawn."""
 
-POINTS = 250  # of a curve, at most
+POINTS = 250  # of a curve, maximum
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +27,8 @@ class Joints:
     Attributes:
         names: seven.
         times_s: (n,).
-        values: (n, 7) of each of ``KINDS`` that there is.
-        reference: of ``KINDS``, which the others are compared with.
+        values: (n, 7) of each available one of ``KINDS``.
+        reference: the one of ``KINDS`` with which the others are compared.
     """
 
     names: tuple[str, ...]
@@ -72,7 +72,7 @@ class Joints:
         return tuple(kind for kind in self.values if kind != self.reference)
 
     def errors_near(self, tick: int, joint: int) -> tuple[NDArray[np.float64], ...]:
-        """Return seconds from a tick's time (k,), and what each of :meth:`compared` differs by (k,), deg or mm."""
+        """Return seconds from a tick's time (k,), and the difference (k,) of each of :meth:`compared`, deg or mm."""
         now = self.times_s[tick]
         first, last = np.searchsorted(self.times_s, [now - WINDOW_S, now + WINDOW_S])
         ticks = np.arange(first, last, max(1, (last - first) // POINTS))
@@ -86,4 +86,4 @@ def unit(joint: int) -> str:
 
 
 SCALE = np.where(np.arange(7) == PRISMATIC, 1e3, 180 / np.pi)
-"""From m and rad to what is shown."""
+"""Factors from m and rad to the units shown."""

@@ -1,4 +1,4 @@
-"""Names of the arms in a scene of viser's, with what each is doing."""
+"""Names of the arms in a viser scene, with what each is doing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from trocar.view.paths import filled
 if TYPE_CHECKING:
     from viser import SceneApi
 
-STEP_M = 1e-3  # a label stays where it is while its arm moves less
+STEP_M = 1e-3  # a label stays in place while its arm moves less than this
 
 
 class ArmLabels:
@@ -23,9 +23,9 @@ class ArmLabels:
         """Add the labels.
 
         Args:
-            scene: of viser's.
-            replay: whose arms.
-            film: whose frames.
+            scene: the viser scene.
+            replay: with the arms.
+            film: with the frames.
             above_m: height over the tips.
         """
         paths = {arm: filled(path.p_world_driven_m) for arm, path in replay.tools.items()}
@@ -40,7 +40,7 @@ class ArmLabels:
         self.show(0)
 
     def show(self, frame: int) -> None:
-        """Put the labels over the tips at a frame, and say what the arms do."""
+        """Put the labels over the tips at a frame, with what the arms are doing."""
         for arm, label in self._labels.items():
             place = self._places[arm][frame]
             if np.linalg.norm(place - label.position) > STEP_M:

@@ -1,4 +1,4 @@
-"""Meshes of triangles, with edges where the solid has edges: the browser smooths over vertices that faces share."""
+"""Meshes of triangles that keep a solid's edges: the browser smooths over vertices that faces share."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, TURN
 
 CREASE_RAD = math.radians(30.0)
-"""Faces that meet at less than this are shaded as one rounded surface."""
+"""Faces that meet at a smaller angle than this are shaded as one rounded surface."""
 
 WELD_M = 1e-6
-"""Corners that lie in one cell of a grid this fine are one corner."""
+"""Corners in the same cell of a grid this fine count as one corner."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +92,10 @@ def _normals(corners_m: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _smooth_surfaces(faces: NDArray[np.intp], normals: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Return for each face (f,) the number of the smooth surface that it belongs to.
+    """Return for each face (f,) the index of the smooth surface that it belongs to.
 
     Args:
-        faces: (f, 3) vertices, one number for each place.
+        faces: (f, 3) vertices, one index per position.
         normals: (f, 3) outward units.
     """
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
@@ -103,7 +103,7 @@ def _smooth_surfaces(faces: NDArray[np.intp], normals: NDArray[np.float64]) -> N
     order = np.lexsort(edges.T)
     edges, owner = edges[order], owner[order]
     links = []
-    for step in (1, 2, 3):  # two faces meet at an edge, four where two solids lie side by side
+    for step in (1, 2, 3):  # two faces meet at an edge, or four if two solids are side by side
         same = (edges[step:] == edges[:-step]).all(1)
         a, b = owner[:-step][same], owner[step:][same]
         links.append(np.stack([a, b])[:, np.einsum("ij,ij->i", normals[a], normals[b]) > math.cos(CREASE_RAD)])
@@ -113,10 +113,10 @@ def _smooth_surfaces(faces: NDArray[np.intp], normals: NDArray[np.float64]) -> N
 
 
 def tube(points_m: ArrayLike, radii_m: ArrayLike, sides: int = 24) -> Mesh:
-    """Return a closed tube along a path; with radii that change it is a cone or a disc.
+    """Return a closed tube along a path; with varying radii it is a cone or a disc.
 
     Args:
-        points_m: (k, 3) its middle line; neighbours may coincide where the radius leaps.
+        points_m: (k, 3) its middle line; neighbours may coincide where the radius jumps.
         radii_m: (k,) or one for all.
         sides: corners of its cross-section.
     """
@@ -128,7 +128,7 @@ def tube(points_m: ArrayLike, radii_m: ArrayLike, sides: int = 24) -> Mesh:
     third = np.cross(along, across)
     circle = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * third[:, None]
     rings = points[:, None] + radii[:, None, None] * circle
-    start, end = rings[0], rings[-1]  # once more: caps have edges
+    start, end = rings[0], rings[-1]  # repeated, because caps have edges
     vertices = np.concatenate([rings.reshape(-1, 3), start, points[:1], end, points[-1:]])
     i, j = np.arange(sides), (np.arange(sides) + 1) % sides
     faces = []
@@ -143,7 +143,7 @@ def tube(points_m: ArrayLike, radii_m: ArrayLike, sides: int = 24) -> Mesh:
 
 
 def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return unit directions (k, 3) of a path; where neighbours coincide, those of the path around."""
+    """Return unit directions (k, 3) of a path; where neighbours coincide, those of the path nearby."""
     steps = np.diff(points, axis=0)
     length = np.linalg.norm(steps, axis=1)
     good = np.flatnonzero(length > 0)
@@ -153,7 +153,7 @@ def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _carried(along: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return unit vectors (k, 3) across a path that turn about it as little as can be."""
+    """Return unit vectors (k, 3) across a path that turn about it as little as possible."""
     across = np.cross(along[0], np.eye(3)[np.argmin(np.abs(along[0]))])
     found = []
     for direction in along:

@@ -1,4 +1,4 @@
-"""What viser's page gets on top: a title and a legend that catch no clicks, and an order to stay off the network."""
+"""Additions to viser's page: a title and a legend that catch no clicks, and a policy that forbids network access."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; style-src 'unsafe-inline'; "
     "img-src data: blob:; connect-src data: blob:; worker-src blob: data:; font-src data:"
 )
-"""What the browser lets the page load: only what is in it."""
+"""Security policy: the browser lets the page load only its own content."""
 
 STYLE = """
 #trocar { position: fixed; inset: 0 auto auto 0; z-index: 1; margin: 12px; padding: 8px 14px;
@@ -31,7 +31,7 @@ STYLE = """
 
 
 def with_overlay(page: str, replay: Replay, film: Film) -> str:
-    """Return viser's page with the replay's title and legend over it, and barred from the network."""
+    """Return viser's page with the replay's title and legend over it, and without network access."""
     entries = [
         *([_entry("line", PLANNED, "tip, planned"), _entry("line", DRIVEN, "tip, driven")] if replay.tools else []),
         *([_entry("ball", CONTACT, "contact")] if replay.contacts else []),

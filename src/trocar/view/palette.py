@@ -1,4 +1,4 @@
-"""Colours of what is drawn over a scene: told apart by colour-blind readers (Okabe and Ito 2008), seen on any table."""
+"""Colours of overlays on a scene: distinguishable when colour-blind (Okabe and Ito 2008), visible on any table."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ SPANS: tuple[Rgb, ...] = (
     (170, 200, 90),
     (150, 130, 200),
 )
-"""Of what an arm does, in the order in which it first does it; then from the start again."""
+"""Colours of an arm's activities, in the order in which they first occur; repeated if there are more."""
 
 
 def mixed(colour: Rgb, other: Rgb, share: float) -> Rgb:
-    """Return a colour with a share of another in it."""
+    """Return a colour mixed with a share of another."""
     red, green, blue = (round((1 - share) * a + share * b) for a, b in zip(colour, other, strict=True))
     return red, green, blue
 
 
 def css(colour: Rgb) -> str:
-    """Return a colour as style sheets write it."""
+    """Return a colour in CSS notation."""
     return "#{:02x}{:02x}{:02x}".format(*colour)

@@ -1,4 +1,4 @@
-"""What stands beside a replay in the browser: time line, camera, joints. Each shows a moment."""
+"""Panels beside a replay in the browser: time line, camera, joints. Each shows one moment."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trocar.view.timeline import TimeLine
 if TYPE_CHECKING:
     from viser import GuiApi
 
-WIDEST_PX = 840  # of a camera's image, to be sent quickly
+WIDEST_PX = 840  # width of a camera's image, small enough to be sent quickly
 CURVES = (PLANNED, CONTACT, DRIVEN)
 
 
@@ -30,7 +30,7 @@ class Panel(Protocol):
 
 
 def panels(gui: GuiApi, replay: Replay) -> list[Panel]:
-    """Add what the replay has something for, and return it."""
+    """Add the panels for which the replay has data, and return them."""
     found: list[Panel] = []
     if replay.spans:
         with gui.add_folder("Time line"):
@@ -50,7 +50,7 @@ def panels(gui: GuiApi, replay: Replay) -> list[Panel]:
 
 
 class TimeLinePanel:
-    """The scripts' spans: of the whole trial, and close up."""
+    """The scripts' spans: the whole trial, and a close-up."""
 
     def __init__(self, gui: GuiApi, replay: Replay) -> None:
         self._times_s = replay.times_s
@@ -67,7 +67,7 @@ class TimeLinePanel:
 
 
 class CameraPanel:
-    """The image that a camera took last."""
+    """The latest image of a camera."""
 
     def __init__(self, gui: GuiApi, replay: Replay, camera: str) -> None:
         self._times_s = replay.times_s
@@ -132,7 +132,7 @@ class JointsPanel:
 
 
 def decoded(image: CameraImage) -> NDArray[np.uint8] | None:
-    """Return an image (h, w, 3), made smaller where it is large; None if it is damaged."""
+    """Return an image (h, w, 3), reduced if it is large; None if it is damaged."""
     try:
         with Image.open(io.BytesIO(image.encoded)) as file:
             picture = file.convert("RGB")

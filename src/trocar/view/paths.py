@@ -1,4 +1,4 @@
-"""Paths of the tips in a scene of viser's: bold about the present, thin before and after, whole for who asks."""
+"""Paths of the tips in a viser scene: bold near the present, thin before and after, whole on request."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from trocar.view.palette import DRIVEN, PLANNED, Rgb, mixed
 if TYPE_CHECKING:
     from viser import SceneApi
 
-SPACING_M, MAX_POINTS = 1e-3, 2000  # of a whole path
+SPACING_M, MAX_POINTS = 1e-3, 2000  # spacing of a whole path
 STEP_S = 0.05  # between two points of a stretch
 THIN_PX, BOLD_PX = 1.5, 4.5
 GREY: Rgb = (128, 132, 140)
-GREYED = 0.35  # share of grey in what is thin
+GREYED = 0.35  # share of grey in thin paths
 
 
 @dataclass(frozen=True)
 class PathWindow:
-    """What is drawn of a path about the present.
+    """The part of a path near the present that is drawn.
 
     Attributes:
         name: last part of its node's name.
-        behind_s: from so long ago.
-        ahead_s: to so much later.
-        leap_s: it moves on in leaps of so much; 0: with each frame, up to the tip itself.
+        behind_s: time before the present.
+        ahead_s: time after the present.
+        leap_s: it advances in steps of this time; 0: with each frame, up to the tip itself.
         width_px: of the line.
         grey: share of grey in its colour.
     """
@@ -51,11 +51,12 @@ DRIVEN_NOW = PathWindow("now", 2.0, 0.0, 0.0, BOLD_PX, 0.0)
 class Paths:
     """Planned and driven path of each arm's tip.
 
-    Nodes: ``/paths/ARM KIND, now``, ``near`` and ``all``, which is hidden: of a long trial it would hide the scene.
+    Nodes: ``/paths/ARM KIND, now``, ``near`` and ``all``, which is hidden, since in a long trial it would cover the
+    scene.
     """
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
-        """Draw them as they are at the first frame."""
+        """Draw them for the first frame."""
         self._trails: list[Trail] = []
         self._times_s = film.times_s
         for arm, path in replay.tools.items():
@@ -71,13 +72,13 @@ class Paths:
                     self._trails += [Trail(scene, name, replay.times_s, known, colour, part) for part in (NEAR, now)]
 
     def show(self, frame: int) -> None:
-        """Draw what is near a frame in time."""
+        """Draw the parts near a frame in time."""
         for trail in self._trails:
             trail.show(float(self._times_s[frame]))
 
 
 class Trail:
-    """One stretch of one path: points on a clock of ``STEP_S``, which stay where they are while it moves on."""
+    """One stretch of one path: points every ``STEP_S``, which stay in place while the stretch advances."""
 
     def __init__(
         self,
@@ -119,7 +120,7 @@ class Trail:
 
 
 def thinned(points_m: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return points (k, 3) of a path (n, 3) that lie ``SPACING_M`` apart, or further so that they stay few."""
+    """Return points (k, 3) of a path (n, 3) that are ``SPACING_M`` apart, or further to limit their number."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=1))])
     spacing = max(SPACING_M, way[-1] / MAX_POINTS)
     _, first = np.unique(np.floor(way / spacing), return_index=True)

@@ -21,23 +21,24 @@ if TYPE_CHECKING:
 
 LARGEST_BYTES = 3_000_000
 MAX_POSES = 40_000
-"""So many changes of pose make a page of less than ``LARGEST_BYTES``; a longer trial gets fewer frames a second."""
+"""This many pose changes fit into a page of less than ``LARGEST_BYTES``; a longer trial gets fewer frames per
+second."""
 
 END_S = 1.0
-"""The player begins again after its last frame; it stands still for so long before."""
+"""Pause before the player starts again after its last frame."""
 
 
 def write_replay(replay: Replay, path: str | Path) -> Path:
     """Write a page that plays a replay in 3D, and return its path.
 
-    The page holds everything that it needs and asks no network for anything. It plays 30 frames a second of the
-    trial's clock or, where more than ``MAX_POSES`` poses would change, the next smaller rate of ``FRAME_RATES`` at
-    which they do not; each frame shows a tick as it was, nothing is interpolated. A body is moved once it is more than
-    20 um or 0.1 mrad from where it is drawn.
+    The page contains everything that it needs and loads nothing from a network. It plays 30 frames per second of the
+    trial's clock or, if more than ``MAX_POSES`` poses would change, the next lower rate of ``FRAME_RATES`` at which
+    they do not; each frame shows a recorded tick, nothing is interpolated. A body is moved once it is more than 20 um
+    or 0.1 mrad from where it is drawn.
 
     Args:
         replay: what is played.
-        path: of the page; what is there already is replaced.
+        path: of the page; an existing file is replaced.
 
     Raises:
         TrocarError: viser is not installed, the replay does not fit together, or the file cannot be written.
@@ -47,7 +48,7 @@ def write_replay(replay: Replay, path: str | Path) -> Path:
 
 
 def _page(replay: Replay) -> str:
-    """Return the finest page that is small enough; where there is a great deal beside the poses, a coarse one."""
+    """Return the finest page that is small enough; a coarse one if there is much besides the poses."""
     for share in (1, 2, 4):
         film = shoot(replay, FRAME_RATES, MAX_POSES // share)
         page = with_overlay(_recorded(replay, film), replay, film)
@@ -57,10 +58,10 @@ def _page(replay: Replay) -> str:
 
 
 def _recorded(replay: Replay, film: Film) -> str:
-    """Return viser's own page of a film. The server that it takes answers this machine only, and is gone again."""
+    """Return viser's own page of a film. The server that this needs answers only this machine, and is stopped again."""
     server = open_server(0)
     try:
-        with server.atomic():  # wakes no one at each message
+        with server.atomic():  # does not wake a thread at each message
             stage = Stage(server, replay, film)
             recording = server.get_scene_serializer()
             for frame, pause_s in enumerate(np.diff(film.times_s).tolist(), 1):
@@ -76,8 +77,8 @@ def _recorded(replay: Replay, film: Film) -> str:
 def _record_poses(recording: StateSerializer, bodies: Bodies, frame: int) -> None:
     """Record what has moved at a frame.
 
-    Setting the nodes' poses would do the same, but a node compares each number with the one before and tells the
-    server; as most messages of a page are poses, it would take three times as long.
+    Setting the nodes' poses would do the same, but a node compares each number with the previous one and notifies the
+    server; since most messages of a page are poses, it would take three times as long.
     """
     from viser._messages import SetOrientationMessage, SetPositionMessage  # noqa: PLC0415
 

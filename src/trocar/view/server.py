@@ -1,4 +1,4 @@
-"""Servers of viser's, opened and closed without a word on stdout."""
+"""Viser servers, started and stopped without output on stdout."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 LOCAL = "127.0.0.1"
-"""Nobody but this machine's own programs reaches a server there."""
+"""Only programs on this machine can reach a server at this address."""
 
 
 def open_server(port: int) -> ViserServer:
-    """Return a server that only this machine reaches.
+    """Return a server that only this machine can reach.
 
     Args:
-        port: if it is taken, the next that is free; 0: any that is free.
+        port: if it is taken, the next free one; 0: any free one.
 
     Raises:
         TrocarError: viser is not installed, or there is no such port.
@@ -39,7 +39,7 @@ def open_server(port: int) -> ViserServer:
 
 
 def close_server(server: ViserServer) -> None:
-    """Stop a server; its thread and its port are gone afterwards."""
+    """Stop a server; its thread has ended and its port is free afterwards."""
     with _quiet():
         server.stop()
 
@@ -51,7 +51,7 @@ _CONSOLE = threading.Lock()
 def _quiet() -> Iterator[None]:
     """Silence the console on which viser announces itself; other consoles and stdout stay as they are."""
     console = rich.get_console()
-    with _CONSOLE:  # or two threads would restore each other's silence
+    with _CONSOLE:  # otherwise two threads would restore each other's silenced state
         before, console.quiet = console.quiet, True
         try:
             yield

@@ -14,13 +14,13 @@ from trocar.view.mesh import Mesh, box, creased, hull, joined, tube
 
 Rgba = tuple[float, float, float, float]
 
-SIDES = 24  # of what is round
+SIDES = 24  # of round solids
 RINGS = 7  # of half a sphere
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """All solids of one colour on one body: drawn at once.
+    """All solids of one colour on one body, drawn together.
 
     Attributes:
         mesh: in the body's frame.
@@ -32,7 +32,7 @@ class Part:
 
 
 def body_parts(solids: Iterable[Solid]) -> dict[str, list[Part]]:
-    """Return what is drawn of each body that has solids, colours in the order in which they come."""
+    """Return the meshes of each body that has solids, with colours in order of first occurrence."""
     meshes: dict[str, dict[Rgba, list[Mesh]]] = {}
     for solid in solids:
         on_body = solid_mesh(solid).moved(solid.T_body_solid)
@@ -44,7 +44,7 @@ def solid_mesh(solid: Solid) -> Mesh:
     """Return a solid in its own frame.
 
     Raises:
-        TrocarError: a shape that there is not, sizes that are not positive or of another number, a flat hull.
+        TrocarError: an unknown shape, sizes that are not positive or of the wrong number, a flat hull.
     """
     if solid.shape not in SHAPES:
         raise TrocarError(f"a solid on body '{solid.body}' has shape '{solid.shape}'; choose from {', '.join(SHAPES)}")
@@ -80,7 +80,7 @@ def cylinder(radius_m: float, half_m: float) -> Mesh:
 
 
 def _turned(z_m: np.ndarray, radii_m: np.ndarray) -> Mesh:
-    """Return what a profile (k,) (k,) makes, turned about z."""
+    """Return the solid of revolution of a profile (k,) (k,) about z."""
     return tube(np.column_stack([0 * z_m, 0 * z_m, z_m]), radii_m, SIDES)
 
 
@@ -90,4 +90,4 @@ SIZED: Mapping[str, tuple[int, Callable[..., Mesh]]] = {
     "capsule": (2, capsule),
     "cylinder": (2, cylinder),
 }
-"""How many sizes each shape has, and what makes it."""
+"""The number of sizes of each shape, and the function that makes it."""

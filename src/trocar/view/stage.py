@@ -1,4 +1,4 @@
-"""A replay in a scene of viser's, at any of its frames: bodies, paths, contacts, names of arms; light and camera."""
+"""A replay in a viser scene, at any of its frames: bodies, paths, contacts, names of arms; light and camera."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from viser import SceneApi, ViserServer
 
 LAMP = (-0.9, 1.6, 3.6)
-"""Of the lamp that casts shadows: to the right, to the front and up from the workspace's middle, in its radii."""
+"""Position of the lamp that casts shadows: right, front and up from the workspace's middle, in its radii."""
 
 LIT = 3.0  # radii of the workspace that the lamp reaches
 
 
 class Stage:
-    """All that is drawn of a replay.
+    """Everything that is drawn of a replay.
 
     Attributes:
         film: its frames.
         bodies: its bodies.
-        viewpoint: where it is looked at from.
+        viewpoint: of the initial view.
     """
 
     def __init__(self, server: ViserServer, replay: Replay, film: Film) -> None:
@@ -60,7 +60,7 @@ class Stage:
 
 
 def look_from(server: ViserServer, view: Viewpoint) -> None:
-    """Let those who open the page look from there."""
+    """Set the initial view of the page."""
     camera = server.initial_camera
     camera.position, camera.look_at, camera.up = view.eye_m, view.centre_m, (0.0, 0.0, 1.0)
     camera.fov = FIELD_RAD
@@ -68,9 +68,9 @@ def look_from(server: ViserServer, view: Viewpoint) -> None:
 
 
 def light(scene: SceneApi, view: Viewpoint) -> None:
-    """Light a scene as in a photographer's studio, with one lamp that casts shadows, before a plain background.
+    """Light a scene like a photo studio: one lamp that casts shadows, and a plain background.
 
-    viser's own lamps are made for scenes of metres: their shadows begin centimetres behind what casts them.
+    viser's own lamps are made for scenes of metres: their shadows begin centimetres behind the object that casts them.
     """
     scene.configure_default_lights(False)
     scene.configure_environment_map("studio", environment_intensity=0.3)

@@ -1,4 +1,4 @@
-"""Spans of the arms' scripts as a picture: a row an arm, a bar a span, a line at the present."""
+"""Spans of the arms' scripts as a picture: a row per arm, a bar per span, a line at the present."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ QUIET: Rgb = (107, 112, 120)
 PAPER: Rgb = (255, 255, 255)
 FONT = ImageFont.load_default(size=20)
 NEAR_S = 5.0
-"""So much before and after the present is shown close up."""
+"""Time before and after the present in the close-up."""
 
 
 class TimeLine:
     """Pictures of spans.
 
     Attributes:
-        arms: a row each.
+        arms: one row each.
         colours: of the spans, by name.
     """
 
@@ -52,7 +52,7 @@ class TimeLine:
         return _marked(self._all, (time_s - self._start_s) / (self._end_s - self._start_s))
 
     def near(self, time_s: float) -> NDArray[np.uint8]:
-        """Return what is about a time (h, w, 3), within the trial, with a line at it."""
+        """Return the spans near a time (h, w, 3), within the trial, with a line at it."""
         length = min(2 * NEAR_S, self._end_s - self._start_s)
         start = min(max(time_s - length / 2, self._start_s), self._end_s - length)
         return _marked(self._drawn(start, start + length), (time_s - start) / length)
@@ -95,7 +95,7 @@ def _draw_axis(pen: ImageDraw.ImageDraw, from_s: float, to_s: float, top: int) -
 
 
 def nice_step(length_s: float) -> float:
-    """Return a round number of seconds of which five to twelve make this length."""
+    """Return a round number of seconds that fits five to twelve times into this length."""
     rough = length_s / 10
     unit = 10.0 ** math.floor(math.log10(rough))
     return unit * next(factor for factor in (1, 2, 5, 10) if factor * unit >= rough * 0.9)

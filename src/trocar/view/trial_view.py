@@ -1,4 +1,4 @@
-"""A trial in the browser: the scene of ``replay.html``, and what a page alone cannot show beside it."""
+"""A trial in the browser: the scene of ``replay.html``, and beside it what a page alone cannot show."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from trocar.view.stage import Stage
 
 SPEEDS = {"x 0.1": 0.1, "x 0.25": 0.25, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 4": 4.0, "x 8": 8.0}
 FRAMES_PER_S = 30.0
-PANELS_PER_S = 8.0  # of the numbers and pictures beside the scene, while it plays
+PANELS_PER_S = 8.0  # updates of the numbers and pictures beside the scene, while it plays
 PANEL_PX = 460
 
 
 class TrialView:
-    """A replay on a server that only this machine reaches.
+    """A replay on a server that only this machine can reach.
 
     Attributes:
         server: viser's server.
-        stage: what is drawn.
-        jumps: time in s of each event and contact, by the words in the menu.
+        stage: the scene.
+        jumps: time in s of each event and contact, by its text in the menu.
     """
 
     def __init__(self, replay: Replay, port: int = 8080) -> None:
         """Draw a replay and serve it.
 
         Args:
-            replay: what is shown.
-            port: of the server; if it is taken, the next that is free; 0: any that is free.
+            replay: to be shown.
+            port: of the server; if it is taken, the next free one; 0: any free one.
 
         Raises:
-            TrocarError: viser is not installed, or the replay does not fit together.
+            TrocarError: viser is not installed, or the replay is inconsistent.
         """
         film = shoot(replay, (FRAMES_PER_S,))
         self._times_s = replay.times_s
@@ -65,17 +65,17 @@ class TrialView:
 
     @property
     def plays(self) -> bool:
-        """Return whether time runs while :meth:`play` does."""
+        """Return whether time runs while :meth:`play` is running."""
         return self._plays
 
     def show(self, time_s: float) -> None:
-        """Show a time; before the first and after the last, these."""
+        """Show a time, clipped to the first and the last."""
         with self._lock:
             self._show_scene(time_s)
             self._show_panels()
 
     def run(self, plays: bool) -> None:
-        """Let time run, from the start if it is at the end, or stop it."""
+        """Start time, from the beginning if it is at the end, or stop it."""
         with self._lock:
             if plays and self._time_s >= self._times_s[-1]:
                 self.show(float(self._times_s[0]))
@@ -85,7 +85,7 @@ class TrialView:
                 self._show_panels()
 
     def advance(self, seconds: float) -> None:
-        """Show what is so many seconds of the wall's clock later, at the chosen speed; stop at the end."""
+        """Advance by these seconds of the wall clock, at the chosen speed; stop at the end."""
         with self._lock:
             self._show_scene(self._time_s + SPEEDS[self._speed.value] * seconds)
             if time.monotonic() >= self._panels_due_s:
@@ -94,7 +94,7 @@ class TrialView:
                 self.run(False)
 
     def play(self) -> None:
-        """Let time go by while it runs; ends with Ctrl-C."""
+        """Advance time while it runs; ends with Ctrl-C."""
         before = time.monotonic()
         while True:
             time.sleep(1.0 / FRAMES_PER_S)
@@ -139,7 +139,7 @@ class TrialView:
             self._menu.on_update(self._chosen)
 
     def _slid(self, event: Any) -> None:
-        if event.client is not None:  # somebody's hand, not this program
+        if event.client is not None:  # moved by the user, not by this program
             self.show(self._slider.value)
 
     def _chosen(self, event: Any) -> None:
@@ -149,14 +149,14 @@ class TrialView:
 
 
 def jumps(replay: Replay) -> dict[str, float]:
-    """Return the time in s of each event and contact, by what is said of it, in order of time."""
+    """Return the time in s of each event and contact, by its description, in order of time."""
     found = [(float(event["time_s"]), _said(event)) for event in replay.events]  # type: ignore[arg-type]
     found += [(c.time_s, f"contact: {' - '.join(c.between)}, {c.force_n:.1f} N") for c in replay.contacts]
     return {f"{at:.2f} s  {words}": at for at, words in sorted(found)}
 
 
 def _said(event: Any) -> str:
-    """Return an event in words: its name, then whatever else was noted that is short."""
+    """Return an event in words: its name, then the other values that are short."""
     rest = [
         f"{key} {value}"
         for key, value in event.items()
@@ -169,8 +169,8 @@ def show_replay(replay: Replay, port: int = 8080, block: bool = True) -> TrialVi
     """Serve a replay to the browser and return the view; its ``port`` says where.
 
     Args:
-        replay: what is shown.
-        port: of the server; if it is taken, the next that is free; 0: any that is free.
+        replay: to be shown.
+        port: of the server; if it is taken, the next free one; 0: any free one.
         block: stay until Ctrl-C.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Where to look at a replay from, so that its arms and what they handle fill the picture."""
+"""The viewpoint of a replay, chosen so that its arms and what they handle fill the picture."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from trocar.view.film import Film
 from trocar.view.solids import solid_mesh
 
 ELEVATION_RAD = math.radians(33.0)
-FIELD_RAD = math.radians(34.0)  # from the upper to the lower edge; narrow: parallel edges stay nearly parallel
-FILLED = 0.54  # of the picture's height and width by where objects are handled; above are the instruments
-MIN_EDGE = 0.08  # of the same, between a parked arm's tip and the edge
-HANDLING_M = 0.04  # a tip so near to where objects are handles them
-OBJECT_M = 0.01  # half of an object, whose middle is in the workspace
-ASPECT = 1.25  # of a window, or narrower than it
+FIELD_RAD = math.radians(34.0)  # from the upper to the lower edge; narrow, so that parallel edges stay nearly parallel
+FILLED = 0.54  # shares of the picture's height and width filled by where objects are handled; the instruments are above
+MIN_EDGE = 0.08  # share of the same, between a parked arm's tip and the edge
+HANDLING_M = 0.04  # a tip this close to objects handles them
+OBJECT_M = 0.01  # half of an object whose middle is in the workspace
+ASPECT = 1.25  # aspect ratio of a window, or narrower
 MIN_RADIUS_M = 0.03
-STEP_RAD = math.radians(45.0)  # of the camera's way round: boards and tables stand along axes
-UPRIGHT = 0.5  # instruments that lean by less than this tangent to the front or the back lean to neither
-MOMENTS = 9  # of the film at which one looks where the arms are
+STEP_RAD = math.radians(45.0)  # steps of the camera's azimuth: boards and tables are aligned with axes
+UPRIGHT = 0.5  # instruments that lean forwards or backwards by less than this tangent count as upright
+MOMENTS = 9  # number of the film's frames at which the arms' positions are used
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -32,8 +32,8 @@ class Viewpoint:
 
     Attributes:
         eye_m: (3,) where it is.
-        centre_m: (3,) middle of the workspace, which it looks at.
-        radius_m: of a ball that holds the workspace.
+        centre_m: (3,) middle of the workspace, at which it looks.
+        radius_m: of a ball that contains the workspace.
         right: (3,) unit, to the right in the picture, level.
         front: (3,) unit, level, from the middle towards the camera.
     """
@@ -46,12 +46,12 @@ class Viewpoint:
 
 
 def viewpoint(replay: Replay, film: Film) -> Viewpoint:
-    """Return where to look from.
+    """Return the viewpoint.
 
-    The workspace is where objects are, and tips that are near them. The camera looks across the line from arm to arm,
-    or across a single arm: along it, one would hide the other, or its own tip. Of the two sides it takes the one that
-    the instruments lean away from; if they lean to neither, the side of negative y. It stands so far off that the
-    workspace fills ``FILLED`` of the picture, and that arms which are parked elsewhere are in it too.
+    The workspace is where objects are, and tips near them. The camera looks across the line from arm to arm, or across
+    a single arm: along it, one would hide the other, or its own tip. Of the two sides it takes the one that the
+    instruments lean away from; if they lean to neither, the side of negative y. Its distance is such that the workspace
+    fills ``FILLED`` of the picture, and that arms parked elsewhere are in it too.
     """
     tips = _tips(replay, film)
     near = _handling(tips, _objects(replay, film))
@@ -70,7 +70,7 @@ def viewpoint(replay: Replay, film: Film) -> Viewpoint:
 
 
 def _right(arms_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what is right (3,) in the picture, from where arms (m, 2) are from the workspace's middle."""
+    """Return the direction to the right (3,) in the picture; arms (m, 2) are relative to the workspace's middle."""
     spread = arms_m - arms_m.mean(0) if len(arms_m) > 1 else arms_m
     x, y = np.linalg.eigh(spread.T @ spread)[1][:, 1] if np.abs(spread).sum() > 0 else (1.0, 0.0)
     turn = STEP_RAD * round(math.atan2(y, x) / STEP_RAD)
@@ -82,7 +82,7 @@ def _right(arms_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _from_middle(replay: Replay, film: Film, arm: str, centre_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where (2,) an arm is on average, all of its solids counted alike; 0 if it has none."""
+    """Return the mean position (2,) of an arm, with equal weights for its solids; 0 if it has none."""
     bodies = {body for body in replay.T_world_body if body.startswith(arm)}
     frames = np.linspace(0, len(film.ticks) - 1, MOMENTS).astype(int)
     centres = np.concatenate([_centres(replay, film, bodies, frame) for frame in frames])
@@ -92,7 +92,7 @@ def _from_middle(replay: Replay, film: Film, arm: str, centre_m: NDArray[np.floa
 def _distance(
     points_m: NDArray[np.float64], right: NDArray[np.float64], back: NDArray[np.float64], filled: float
 ) -> float:
-    """Return how far from the middle points (n, 3), given from the middle, fill this share of the picture."""
+    """Return the distance at which points (n, 3), relative to the middle, fill this share of the picture."""
     slope = filled * math.tan(FIELD_RAD / 2)
     sideways, upwards = np.abs(points_m @ right), np.abs(points_m @ np.cross(right, back))
     needed = ((np.maximum(sideways / ASPECT, upwards) + OBJECT_M) / slope - points_m @ back).max()
@@ -100,14 +100,14 @@ def _distance(
 
 
 def _tips(replay: Replay, film: Film) -> NDArray[np.float64]:
-    """Return where tips are (n, 3), of all arms at all frames."""
+    """Return the positions (n, 3) of the tips of all arms at all frames."""
     points = [path.p_world_driven_m[film.ticks] for path in replay.tools.values()]
     together = np.concatenate([*points, np.zeros((0, 3))])
     return together[np.isfinite(together).all(1)]
 
 
 def _objects(replay: Replay, film: Film) -> NDArray[np.float64]:
-    """Return where objects are (n, 3) at all frames: bodies that can move and are on no arm.
+    """Return the positions (n, 3) of objects at all frames: bodies that can move and do not belong to an arm.
 
     An arm's bodies have names that begin with its own.
     """
@@ -116,7 +116,7 @@ def _objects(replay: Replay, film: Film) -> NDArray[np.float64]:
 
 
 def _handling(tips_m: NDArray[np.float64], objects_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return objects (n, 3) and tips near to them; all tips if there are no objects, the origin if there is neither."""
+    """Return objects (n, 3) and tips near them; all tips if there are no objects, the origin if there is neither."""
     if not len(objects_m):
         return tips_m if len(tips_m) else np.zeros((1, 3))
     low, high = objects_m.min(0) - HANDLING_M, objects_m.max(0) + HANDLING_M

@@ -1,4 +1,4 @@
-"""A prior over instruments: what it is worth after half a minute, on plants and on recordings."""
+"""A prior over instruments: what it gains after half a minute, on plants and on recordings."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""Velocity and acceleration from noisy positions come near those of signals that are known."""
+"""Velocity and acceleration from noisy positions are close to those of known signals."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Recorded joints in CSV files, and what is wrong with some."""
+"""Recorded joints in CSV files, valid and invalid."""
 
 import numpy as np
 import pytest

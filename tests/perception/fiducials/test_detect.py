@@ -1,4 +1,4 @@
-"""Painted spheres in a depth image: which one is which, and which is none."""
+"""Painted spheres in a depth image: which one is which, and what is not a sphere."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Trials as flat tables: every row and column of what a trial holds, found again by whoever reads CSV or Parquet."""
+"""Trials as flat tables: all data of a trial can be read back from CSV or Parquet."""
 
 import csv
 import json

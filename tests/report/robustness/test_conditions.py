@@ -1,4 +1,4 @@
-"""The runs of a study of robustness."""
+"""The runs of a robustness study."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Figures and picture of a study of robustness, from rows."""
+"""Figures and picture of a robustness study, from rows."""
 
 import json
 from dataclasses import asdict

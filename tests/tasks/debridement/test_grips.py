@@ -1,4 +1,4 @@
-"""Closings of jaws in what they truly did."""
+"""Closings of jaws, found in the truth."""
 
 from itertools import pairwise
 

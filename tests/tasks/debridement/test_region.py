@@ -1,4 +1,4 @@
-"""The region in which fragments lie is where arms reach, as far as anybody can say before a session."""
+"""Arms reach the region of the fragments, as far as can be known before a session."""
 
 import numpy as np
 import pytest

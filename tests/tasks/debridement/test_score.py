@@ -1,4 +1,4 @@
-"""Each of the nine failure modes from truth, and scripts that lie."""
+"""Each of the nine failure modes from the truth, and scripts that lie."""
 
 from dataclasses import asdict, fields
 

@@ -1,4 +1,4 @@
-"""Debridement as a task: its options, and what it asks of a station."""
+"""Debridement as a task: its options, and its requirements on a station."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What anybody knows of the work surface."""
+"""What is known about the work surface."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What tasks are made of: options, methods and perceptions by name, the verbs of a script."""
+"""The parts of tasks: options, methods and perceptions by name, the actions of a script."""
 
 import sys
 from dataclasses import dataclass, fields, replace

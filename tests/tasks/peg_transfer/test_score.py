@@ -1,4 +1,4 @@
-"""When a transfer counts: on truths made up for it, whatever the script says."""
+"""When a transfer counts, on made-up truths, whatever the script says."""
 
 import subprocess
 import sys

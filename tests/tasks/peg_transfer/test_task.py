@@ -1,4 +1,4 @@
-"""The task: where blocks lie at first, and what is to be done with them."""
+"""The task: where blocks are at the start, and what is to be done with them."""
 
 import json
 from dataclasses import replace

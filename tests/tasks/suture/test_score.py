@@ -1,4 +1,4 @@
-"""How sutures are scored: on truths made up for it, whatever the script says."""
+"""How sutures are scored, on made-up truths, whatever the script says."""
 
 import math
 import subprocess

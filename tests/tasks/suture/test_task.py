@@ -1,4 +1,4 @@
-"""The sutures' task: what is to be driven, where, and what is refused."""
+"""The suture task: what is to be driven, where, and what is refused."""
 
 import json
 from dataclasses import replace

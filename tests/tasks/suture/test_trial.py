@@ -1,4 +1,4 @@
-"""Whole trials of sutures: what cables do to them, what compensation brings, and what the seed decides."""
+"""Whole suture trials: the effect of cables, the gain from compensation, and what the seed determines."""
 
 import json
 from dataclasses import replace

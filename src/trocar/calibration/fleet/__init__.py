@@ -1,4 +1,4 @@
-"""What instruments have in common: a prior over cables, and fits that start from it."""
+"""What instruments have in common: a prior over their cables, and fits that start from it."""
 
 from trocar.calibration.fleet.fit import Learned, expected, fit_from_prior, learn_from
 from trocar.calibration.fleet.learn import learn_prior

@@ -1,4 +1,4 @@
-"""How well a model predicts after so many rows of a recording, with a prior and without."""
+"""How well a model predicts as a function of the number of rows it was fitted on, with a prior and without."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ WITH, WITHOUT = "from the prior", "without a prior"
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """RMSE over the rows that a fit may see.
+    """RMSE as a function of the number of rows that a fit may use.
 
     Attributes:
         recording: its name.
         rows: (k,) first rows that are fitted on.
         seconds: (k,) how long they took on the robot.
-        rmse: by way of fitting, (k, 6) on the tail, rad and m (q3).
+        rmse: by kind of fit, (k, 6) on the tail, rad and m (q3).
         tail: rows that are scored.
     """
 

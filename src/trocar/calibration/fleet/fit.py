@@ -1,8 +1,8 @@
 """A fit that starts from what instruments have in common, and needs a minute of recording for the rest.
 
-The first seconds of a recording are hard to read: where in its play each cable rests is unknown until it has been
-drawn through all of it, and offsets look like slack. So the fit tries where the cables may have started, and weighs
-each start by how well it explains what was measured.
+The first seconds of a recording are ambiguous: it is unknown where in its play each cable rests until it has been
+pulled through all of it, and offsets look like slack. So the fit tries several initial states of the cables and weights
+each by how well it explains the measurements.
 """
 
 from __future__ import annotations
@@ -25,38 +25,39 @@ from trocar.calibration.plant import WRIST, fit_plant
 from trocar.calibration.recording import Recording
 
 STARTS = np.linspace(-1.0, 1.0, 5)
-"""Slacks that are tried before the first command, in shares of a radius; of roll every other one."""
+"""Slacks that are tried before the first command, as shares of a radius; for roll, every other one."""
 TRIED = np.array(list(product((0, 2, 4), range(5), range(5))))
-"""(s, 3) numbers of the starts of roll, pitch, yaw that are tried together."""
+"""(s, 3) indices of the initial slacks of roll, pitch and yaw that are tried together."""
 SHAPE_ROWS = 400
-"""With more rows, radii and coupling are those that fit best by themselves."""
+"""With more rows than this, radii and coupling are those that fit best, without the prior."""
 SEARCH = {"maxiter": 250, "xatol": 1e-2, "fatol": 0.1}
-"""Of the simplex: radii to a hundredth of themselves, a tenth of a unit of log likelihood."""
+"""Settings of the simplex search: radii to one percent, log likelihood to a tenth of a unit."""
 FIRST_STEP = 0.7
-"""Of the search, in SDs of the prior."""
+"""First step of the search, in SDs of the prior."""
 OWN_ROWS = 200
-"""With fewer rows, effects that the prior does not contain are not looked for."""
+"""With fewer rows than this, no effects beyond those in the prior are fitted."""
 ENOUGH_ROWS = 600
-"""With so many rows, eight minutes on the robot, a recording suffices by itself: on five of them a fit without a prior
-was by then as often better as worse on their last fifth."""
+"""With this many rows, eight minutes on the robot, a recording needs no prior: on the last fifth of five recordings, a
+fit without one was better as often as worse."""
 HELD_SHARE = 0.3
-"""Of the rows, the last ones, on which it is tried whether that predicts better."""
+"""Share of the rows, at the end, on which the two maps are compared."""
 WIDER = np.array([1.4, 2.3, 1.7])
-"""Errors of q4 q5 q6 are so many times as large as the regression says: real loops are not quite of this shape, and
-errors drift. This holds on six recordings of instruments that the prior never saw, after 50 and 100 rows
+"""Errors of q4 q5 q6 are larger than the regression states by these factors: real loops are not quite of this shape,
+and errors drift. Found on six recordings of instruments that the prior never saw, after 50 and 100 rows
 (`benchmarks/bench_prior.py`)."""
 SHARPNESS = 4
-"""Power of the ratio of the squared errors there, by which the two are mixed: half as large counts 16 times as much."""
+"""The two maps are mixed by the ratio of their squared errors there, raised to this power: half the squared error
+counts 16 times as much."""
 
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """A play model, and how well it is known.
+    """A play model and its uncertainty.
 
     Attributes:
         model: the expected one.
         covariance: (3, FEATURES, FEATURES) of the weights of each joint's error.
-        left_sd: (3,) of what such a map leaves, rad.
+        left_sd: (3,) SD of the errors that such a map leaves, rad.
     """
 
     model: PlayModel
@@ -87,7 +88,7 @@ def expected(prior: FleetPrior, box: MotionBox) -> PlayModel:
 def fit_from_prior(recording: Recording, prior: FleetPrior) -> PlayModel:
     """Return the play model of an instrument, from a prior and a recording that may be short.
 
-    From ``OWN_ROWS`` on, a map of the instrument's own, fitted without the prior, is mixed in as far as it predicted
+    From ``OWN_ROWS`` on, a map fitted to this instrument without the prior is mixed in to the extent that it predicts
     the last part of the recording better; from ``ENOUGH_ROWS`` on, the prior is left out.
 
     Raises:
@@ -111,15 +112,14 @@ def fit_from_prior(recording: Recording, prior: FleetPrior) -> PlayModel:
 
 
 def learn_from(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] | None = None) -> Learned:
-    """Return the play model of an instrument from a prior and a short recording, and how well it is known then.
+    """Return the play model of an instrument from a prior and a short recording, with its uncertainty.
 
-    The shape of the loops, and where the cables started, count as known there: what is most likely.
+    The shape of the loops and the initial state of the cables are set to their most likely values and count as known.
 
     Args:
         recording: commands and measurements.
         prior: over instruments and sessions.
-        sd_rad: (n, 3) SDs of the wrist's measurements, where they are worse than those of the recordings that the
-            prior was learned from.
+        sd_rad: (n, 3) SDs of the wrist's measurements, if they are less accurate than the recordings behind the prior.
 
     Raises:
         TrocarError: the recording has too few valid rows.
@@ -155,7 +155,7 @@ def _shape(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] 
 
 @dataclass(frozen=True, eq=False)
 class _Explained:
-    """How measurements are explained, for each start that is tried.
+    """How well each initial state of the cables explains the measurements.
 
     Attributes:
         likely: (s,) log likelihood.
@@ -169,7 +169,7 @@ class _Explained:
 
     @property
     def expected(self) -> NDArray[np.float64]:
-        """Return the expected weights (3, FEATURES), all starts weighed by how likely they are."""
+        """Return the expected weights (3, FEATURES): the mean over all initial states, weighted by their likelihood."""
         share = np.exp(self.likely - self.likely.max())
         return np.einsum("s,sjf->jf", share / share.sum(), self.weights)
 
@@ -181,9 +181,9 @@ def _weights(recording: Recording, shape: LoopShape, prior: FleetPrior) -> NDArr
 def _explained(
     recording: Recording, shape: LoopShape, prior: FleetPrior, sd_rad: NDArray[np.float64] | None = None
 ) -> _Explained:
-    """Return how a shape of loops explains the measurements.
+    """Return how well a shape of loops explains the measurements.
 
-    Linear regression with a normal prior, in the coordinates in which that is a standard one.
+    Linear regression with a normal prior, in coordinates in which the prior is standard normal.
     """
     q, valid = recording.q_cmd, recording.valid
     whiten = DriftWhitener.of(np.flatnonzero(valid), DRIFT)
@@ -224,7 +224,7 @@ def _outer(recording: Recording, prior: FleetPrior) -> NDArray[np.float64]:
 
 
 def _share(recording: Recording, shape: LoopShape, prior: FleetPrior) -> NDArray[np.float64]:
-    """Return how much (3,) the prior's map counts beside the instrument's own, by what both predict."""
+    """Return the weight (3,) of the prior's map against the instrument's own, from how well both predict."""
     good = np.flatnonzero(recording.valid)
     cut = int(good[int((1.0 - HELD_SHARE) * len(good))])
     first, held = recording.first(cut), recording.scored(cut).valid
@@ -243,9 +243,9 @@ def _without_bumps(linear: NDArray[np.float64]) -> PlayMap:
 
 
 def _mixed(linear: NDArray[np.float64], own: PlayMap, share: NDArray[np.float64]) -> PlayMap:
-    """Return the mean of two maps, of which the prior's counts ``share`` (3,).
+    """Return the mean of two maps, with weight ``share`` (3,) for the prior's.
 
-    Its inputs are the slacks of both: of each joint those of the prior's radii first, then those of ``own``.
+    Its inputs are the slacks of both: for each joint first those of the prior's radii, then those of ``own``.
     """
     few, many = len(MULTIPLES), 1 + len(RADII_RAD)
     ours, theirs = (1.0 - share)[:, None] * own.linear, share[:, None] * linear

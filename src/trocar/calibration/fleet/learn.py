@@ -10,7 +10,7 @@ from trocar.calibration.recording import Recording
 
 
 def learn_prior(recordings: Sequence[Recording]) -> FleetPrior:
-    """Return the prior over instruments and sessions that recordings of some of them show.
+    """Return the prior over instruments and sessions, learned from recordings of some of them.
 
     Raises:
         TrocarError: they are fewer than two.

@@ -1,4 +1,4 @@
-"""The loops of one recording in the form in which a fleet's instruments are compared."""
+"""The hysteresis loops of one recording, in a form in which instruments can be compared."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from trocar.calibration.plant import WRIST, fit_plant
 from trocar.calibration.recording import Recording
 
 DRIFT = 0.3
-"""Variance of the drift over that of the noise: of ``DRIFT_RATIOS``, what recordings show."""
+"""Variance of the drift over that of the noise: the value of ``DRIFT_RATIOS`` that recordings show."""
 RIDGE = np.array([0.0] + [0.05] * 3 + [0.15] * (FEATURES - 4))
-"""Penalty on each weight of one recording's map: weights of neighbouring radii would trade places."""
+"""Penalty on each weight of one recording's map; without it, weights of neighbouring radii could be exchanged
+freely."""
 OUTER_RIDGE = np.array([0.0] + [1.0] * 6)
 
 
@@ -28,7 +29,7 @@ class LoopFit:
         shape: (5,) of ``LoopShape.theta``.
         weights: (3, FEATURES) of the map from ``LoopShape.features`` to the errors of q4 q5 q6.
         outer: (3, 7) of the errors of q1 q2 q3 as maps of 1 and the command, rad and m.
-        left: (6,) variances of what these maps leave.
+        left: (6,) variances of the errors that these maps leave.
     """
 
     name: str
@@ -39,12 +40,12 @@ class LoopFit:
 
 
 def outer_features(q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what the errors of q1 q2 q3 are linear in: 1 and the command (n, 7)."""
+    """Return the inputs (n, 7) of the linear maps for the errors of q1 q2 q3: 1 and the command."""
     return np.column_stack([np.ones(len(q_cmd)), q_cmd])
 
 
 def fit_loops(recording: Recording) -> LoopFit:
-    """Return what is fitted to a recording by itself."""
+    """Return the fit to one recording alone."""
     plant, valid = fit_plant(recording), recording.valid
     shape = LoopShape(plant.radii, plant.a, plant.b)
     error = (recording.q_phy - recording.q_cmd)[valid]

@@ -1,4 +1,4 @@
-"""Hysteresis loops of one shape: what a fleet's instruments are compared in."""
+"""Hysteresis loops of one common shape, by which instruments are compared."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from trocar.calibration.plant import WRIST, play_slacks
 MULTIPLES = np.array([0.4, 1.0, 1.8])
 """Radii of the play operators of a joint, in multiples of its backlash: real loops have round corners."""
 FEATURES = 4 + 3 * len(MULTIPLES)
-"""Of the linear map to the errors of q4 q5 q6: 1, q4, q5, q6, then the slacks of each joint in turn."""
+"""Number of inputs of the linear map to the errors of q4 q5 q6: 1, q4, q5, q6, then the slacks of each joint in
+turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class LoopShape:
-    """Where the errors of the wrist come from, apart from the weights.
+    """The shape of the wrist's hysteresis loops, without the weights.
 
     Attributes:
         radii: (3,) backlash of roll, pitch, yaw, rad.
@@ -49,7 +50,7 @@ class LoopShape:
 
         Args:
             q_cmd: all commands since the arm was at rest.
-            starts: (s,) slacks before the first one, in shares of the radii: -1 to 1.
+            starts: (s,) slacks before the first one, as shares of the radii: -1 to 1.
         """
         shape = (3, len(starts), len(MULTIPLES))
         radii = np.broadcast_to(self.banks[:, None], shape)

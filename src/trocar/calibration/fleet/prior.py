@@ -22,12 +22,13 @@ VERSION = 2
 BUILT_IN = "fleet"
 """Name of the prior that comes with Trocar."""
 _SHAPES = {"shape": ("fits", 5), "weights": ("fits", 3, FEATURES), "outer": ("fits", 3, 7), "left": ("fits", 6)}
-"""Of the file's arrays: what was fitted to each recording."""
+"""Shapes of the file's arrays, which hold the fit to each recording."""
 
 LEAST_SHAPE_SD = np.array([0.4, 0.4, 0.4, 0.06, 0.06])
-"""Of ``LoopShape.theta``: half a dozen recordings do not show every instrument; radii within a factor of 1.5."""
+"""Least SD of ``LoopShape.theta``, since half a dozen recordings do not show every instrument; radii within a factor of
+1.5."""
 OFFSET_SD = 0.15
-"""rad, least: offsets change whenever an instrument is mounted."""
+"""Least SD of an offset, rad: offsets change whenever an instrument is mounted."""
 OWN_SD = (0.02, 0.05, 0.10)
 """Least SD of a joint's error per rad of its own command: gain of roll, pitch, yaw."""
 COUPLING_SD = 0.03
@@ -35,24 +36,24 @@ COUPLING_SD = 0.03
 SLACK_SD = 0.06 / np.sqrt(len(MULTIPLES))
 """Least SD of a joint's error per rad of slack."""
 OUTER_OFFSET_SD = np.array([3e-3, 3e-3, 5e-4])
-"""Of the errors of q1 q2 q3, least: rad, rad, m."""
+"""Least SD of the offsets of q1 q2 q3: rad, rad, m."""
 COMMON = 0.5
-"""Share of the least variances that is added to what the recordings show together."""
+"""Share of the least variances that is added to the variances found over all recordings."""
 
 
 @dataclass(frozen=True, eq=False)
 class FleetPrior:
-    """Normal distributions of what a fit looks for, over instruments and sessions.
+    """Normal distributions of the parameters of a fit, over instruments and sessions.
 
     Attributes:
         shape_mean: (5,) of ``LoopShape.theta``.
         shape_sd: (5,) likewise.
         weights: (3, FEATURES) mean of the map from ``LoopShape.features`` to the errors of q4 q5 q6.
         factors: (3, FEATURES, FEATURES) lower Cholesky factors of its covariance, joint by joint.
-        noise_sd: (3,) of what such a map leaves of a measurement, rad.
-        outer_sd: (3, 7) of the errors of q1 q2 q3 as maps of 1 and the command, whose mean is 0; rad and m.
-        outer_noise_sd: (3,) of what these leave, rad and m.
-        fits: of the recordings that it was learned from.
+        noise_sd: (3,) SD of the errors that such a map leaves, rad.
+        outer_sd: (3, 7) SD of the maps from 1 and the command to the errors of q1 q2 q3, whose mean is 0; rad and m.
+        outer_noise_sd: (3,) SD of the errors that these leave, rad and m.
+        fits: the recordings that it was learned from.
     """
 
     shape_mean: NDArray[np.float64]
@@ -66,7 +67,7 @@ class FleetPrior:
 
     @staticmethod
     def of(fits: Sequence[LoopFit]) -> FleetPrior:
-        """Return the prior over instruments and sessions that fits to recordings of some of them show.
+        """Return the prior over instruments and sessions, from the fits to recordings of some of them.
 
         Raises:
             TrocarError: they are fewer than two.
@@ -76,7 +77,7 @@ class FleetPrior:
         shapes, weights, outer, left = (
             np.array([getattr(fit, name) for fit in fits]) for name in ("shape", "weights", "outer", "left")
         )
-        spread = np.sqrt(1.0 + 1.0 / len(fits))  # of the next one about the mean of these
+        spread = np.sqrt(1.0 + 1.0 / len(fits))  # deviation of the next one from the mean of these
         factors = []
         for joint in range(3):
             away = weights[:, joint] - weights[:, joint].mean(axis=0)
@@ -102,7 +103,7 @@ class FleetPrior:
         return tuple(fit.name for fit in self.fits)
 
     def without(self, instrument: str) -> FleetPrior:
-        """Return the prior that never saw an instrument: without the recordings whose names begin so.
+        """Return the prior without one instrument: without the recordings whose names begin like this.
 
         Raises:
             TrocarError: fewer than two are left.

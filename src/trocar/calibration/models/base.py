@@ -122,7 +122,7 @@ def commands(q_cmd: ArrayLike) -> NDArray[np.float64]:
 
 
 def shaped(arrays: Arrays, **shapes: tuple[int | str, ...]) -> dict[str, NDArray[Any]]:
-    """Return arrays of a file after checking what they are.
+    """Return arrays of a file after checking them.
 
     >>> shaped(arrays, offset=(6,), radii=(3, "k"), linear=(3, "d"))
 
@@ -145,7 +145,7 @@ def shaped(arrays: Arrays, **shapes: tuple[int | str, ...]) -> dict[str, NDArray
         )
         if value.shape != told:
             raise TrocarError(f"{name!r} has shape {value.shape}, not {told}")
-        # a column that never moved has an endless scale, and so no weight
+        # a column that never moved has an infinite scale, and so no weight
         known = value[value != np.inf] if name.endswith("scale") else value
         if value.dtype.kind not in "biuf" or not np.isfinite(known).all() or np.abs(known).max(initial=0.0) > MAX_VALUE:
             raise TrocarError(f"{name!r} holds numbers that no model can have")

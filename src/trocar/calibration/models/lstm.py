@@ -30,7 +30,7 @@ SHAPES = {
     "out": (6, HIDDEN),
     "bias_out": (6,),
 }
-"""Of the network's weights, by name."""
+"""Shapes of the network's weights, by name."""
 
 Weights = dict[str, NDArray[np.floating]]
 

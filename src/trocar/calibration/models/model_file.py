@@ -65,7 +65,7 @@ def load_model(path: str | Path, fingerprint: str | None = None) -> CableModel:
 
 
 def _require_sense(model: CableModel) -> None:
-    """Raise if a model errs absurdly in the middle of the motion that it was fitted on."""
+    """Raise if a model predicts absurd errors in the middle of the motion that it was fitted on."""
     middle = (model.training.lower + model.training.upper) / 2
     off = model.step(model.start(middle), middle)[0] - middle
     if off.shape != (6,) or not np.isfinite(off).all() or np.abs(off).max() > MISDETECTION_RAD:

@@ -29,7 +29,7 @@ PlayBank = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PlayResponse:
-    """The joints along a path of commands, and what moves them.
+    """The joints along a path of commands, and their derivatives.
 
     Attributes:
         joints: (n, 6) after each command.
@@ -139,13 +139,13 @@ class PlayModel:
         return play_operator(self.inputs(q_cmd)[:, :, None], self.radii, state)[-1]
 
     def respond(self, state: PlayBank, q_cmd: NDArray[np.float64], turns: NDArray[np.float64]) -> PlayResponse:
-        """Return the joints along commands (n, 6), and how they hang on these and on earlier commands.
+        """Return the joints along commands (n, 6), and how they depend on these and on earlier commands.
 
         Args:
             state: the operators (3, k) before the first command.
             q_cmd: (n, 6), one after the other.
-            turns: (n - 1, 3) inputs of the operators where they turn on the way from a command to the next; what
-                they are at either one where they do not.
+            turns: (n - 1, 3) inputs of the operators where they reverse between a command and the next; if they do not
+                reverse, the input at either command.
         """
         u = np.empty((2 * len(q_cmd) - 1, 3, 1))
         u[::2, :, 0], u[1::2, :, 0] = self.inputs(q_cmd), turns

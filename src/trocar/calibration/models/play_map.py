@@ -78,7 +78,7 @@ class PlayMap:
 
     @cached_property
     def _bumps_times_centres(self) -> NDArray[np.float64]:
-        """Return (m, 3 p): what the kernel's gradient sums over the centres."""
+        """Return (m, 3 p): the terms that the kernel's gradient sums over the centres."""
         return np.einsum("jm,mp->mjp", self.bumps, self.centres).reshape(len(self.centres), -1)
 
     def arrays(self) -> dict[str, NDArray[Any]]:

@@ -1,4 +1,4 @@
-"""What a recorded motion was: velocities, accelerations and jerk of joints and tool tip from measured positions."""
+"""Analysis of recorded motions: velocities, accelerations and jerk of joints and tool tip from measured positions."""
 
 from trocar.motion.analysis.derivatives import Derivatives, JointAnalysis, analyse, analyse_joints
 from trocar.motion.analysis.huber import Motion, estimate

@@ -14,7 +14,7 @@ from trocar.motion.analysis.huber import estimate
 Array = NDArray[np.float64]
 
 HALF_STEP_S = 1e-4
-"""Of the central difference that gives the Jacobian's change along a motion."""
+"""Half step of the central difference that gives the Jacobian's change along a motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Derivatives:
         return {name: np.sqrt(np.mean(rows**2, axis=0)) for name, rows in kinds.items()}
 
     def largest(self) -> dict[str, Array]:
-        """Return the largest size (k,) of velocity, acceleration and jerk."""
+        """Return the largest magnitude (k,) of velocity, acceleration and jerk."""
         kinds = {"velocity": self.velocity, "acceleration": self.acceleration, "jerk": self.jerk}
         return {name: np.abs(rows).max(axis=0) for name, rows in kinds.items()}
 

@@ -15,21 +15,21 @@ from trocar.errors import TrocarError
 Array = NDArray[np.float64]
 
 THRESHOLD = 1.345
-"""Where the Huber losses turn linear, in standard deviations: as good as least squares to 5 % on Gaussian noise."""
+"""Where the Huber losses become linear, in standard deviations: within 5 % of least squares on Gaussian noise."""
 WINDOW, OVERLAP = 2000, 100
-"""Samples that are solved at once, and how many two windows share: half of them count from either."""
+"""Number of samples solved at once, and how many two windows share; each window supplies half of the shared ones."""
 CHOSEN_ON = 800
-"""Number of samples used in cross-validation: where the signal moves most."""
+"""Number of samples used in cross-validation, where the signal moves most."""
 DECADES, FIRST_DECADE = (-3, 7), 1
-"""Steps between the smoothness weights of cross-validation: downhill by decades, then by half decades."""
+"""Steps between the smoothness weights of cross-validation: a descent by decades, then by half decades."""
 HELD_OUT = 7
-"""One in this many samples is left out, to be predicted."""
+"""One in this many samples is held out, to be predicted."""
 PRECISION = 1e-6
-"""Of the solver, in standard deviations of the noise."""
+"""Precision of the solver, in standard deviations of the noise."""
 FINEST = 1e-7
-"""Noise is taken to be at least this share of the signal's range: single precision."""
+"""The noise is assumed to be at least this share of the signal's range: single precision."""
 SHORTEST = 16
-"""Samples that a signal needs."""
+"""Minimum number of samples of a signal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def estimate(measured: Array, step_s: float, smoothness: float | None = None) ->
 
 
 def noise_sd(measured: Array) -> float:
-    """Return the standard deviation of white noise on a smooth signal, outliers not counted: from sixth differences."""
+    """Return the standard deviation of white noise on a smooth signal, without outliers, from sixth differences."""
     gain = np.sqrt(924.0)  # root of the sum of the squared binomials (6 over k)
     return float(1.4826 * np.median(np.abs(np.diff(measured, 6))) / gain)
 
@@ -100,13 +100,13 @@ def _liveliest(scaled: Array) -> slice:
     if len(scaled) <= CHOSEN_ON:
         return slice(0, len(scaled))
     steps = np.abs(np.diff(scaled))
-    moved = np.concatenate([[0.0], np.cumsum(np.minimum(steps, np.quantile(steps, 0.98)))])  # outliers do not move it
+    moved = np.concatenate([[0.0], np.cumsum(np.minimum(steps, np.quantile(steps, 0.98)))])  # outliers do not affect it
     first = int(np.argmax(moved[CHOSEN_ON - 1 :] - moved[: len(moved) - CHOSEN_ON + 1]))
     return slice(first, first + CHOSEN_ON)
 
 
 def _best_weight(scaled: Array, kept: Array) -> float:
-    """Return the smoothness weight with which left-out samples are predicted best (mean Huber loss)."""
+    """Return the smoothness weight with which held-out samples are predicted best (mean Huber loss)."""
     held_out = np.zeros(len(scaled), dtype=bool)
     held_out[HELD_OUT // 2 :: HELD_OUT] = True
     judged = held_out & (kept > 0)
@@ -134,7 +134,7 @@ def _in_windows(scaled: Array, weight: float, kept: Array) -> tuple[Array, ...]:
     first = 0
     while True:
         last = min(first + WINDOW, n)
-        if n - last < WINDOW // 4:  # rather a longer last window than a very short one
+        if n - last < WINDOW // 4:  # a longer last window is better than a very short one
             last = n
         part = _solve(scaled[first:last], weight, kept[first:last])
         skip = 0 if first == 0 else OVERLAP // 2
@@ -173,7 +173,7 @@ def _solve(scaled: Array, weight: float, kept: Array) -> tuple[Array, Array, Arr
 
 
 def _losses(kept: Array, root: float) -> sparse.csc_matrix:
-    """Return the matrix of what is squared: measurements that are kept, then jumps of the acceleration.
+    """Return the matrix of the squared terms: measurements that are kept, then jumps of the acceleration.
 
     The variables are p, v, a (n each), then the linear parts of the Huber losses: above and below each measurement
     (n each), above and below each jump (n - 1 each).
@@ -188,7 +188,7 @@ def _losses(kept: Array, root: float) -> sparse.csc_matrix:
 
 
 def _dynamics(n: int) -> sparse.csc_matrix:
-    """Return the matrix of the equations between samples, times T and T squared taken into v and a."""
+    """Return the matrix of the equations between samples, with T and T squared absorbed into v and a."""
     change, here = _change(n), _two(n, 1.0, 0.0)
     free = sparse.csc_matrix((n - 1, 4 * n - 2))
     rows = [[change, -here, -_two(n, 1 / 3, 1 / 6), free], [None, change, -_two(n, 1 / 2, 1 / 2), None]]
@@ -201,7 +201,7 @@ def _change(n: int) -> sparse.csc_matrix:
 
 
 def _two(n: int, this: float, following: float) -> sparse.csc_matrix:
-    """Return the matrix (n - 1, n) that weighs each sample and the one that follows."""
+    """Return the matrix (n - 1, n) that weights each sample and the next one."""
     return _bands(n, [np.full(n - 1, this), np.full(n - 1, following)])
 
 

@@ -13,7 +13,7 @@ from trocar.errors import TrocarError
 from trocar.motion.analysis.huber import SHORTEST
 
 OFF_GRID = 0.3
-"""A step may differ by this share of the usual one; where it is a multiple of that, samples are missing."""
+"""A step may differ from the usual one by this share; if it is a multiple of it, samples are missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class JointTable:
     """Signals at even steps.
 
     Attributes:
-        names: of the columns, without that of the times.
+        names: of the columns, without that of times.
         values: (n, k), rad and m; NaN where there is no measurement.
         step_s: between samples.
     """
@@ -35,7 +35,7 @@ class JointTable:
 
         Args:
             names: wanted.
-            path: of the file, for the sentence if one is missing.
+            path: of the file, for the error message if one is missing.
         """
         missing = [name for name in names if name not in self.names]
         if missing:

@@ -16,15 +16,15 @@ from trocar.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 CERTIFIED_M = 1e-6
-"""What a certified distance may be short of what was asked: a tenth of what the check allows."""
+"""A certified distance may fall short of the required one by this: a tenth of what the check allows."""
 THROUGH_M = 3e-3
-"""A path that is so much short of what was asked, and was not where it was planned, passes through something."""
+"""A path whose distance falls short by this much, though not at the planned places, passes through something."""
 
 
 def clearance(problem: MotionProblem, motion: Trajectory) -> Clearance:
     """Return how near the arms come to each other and to everything else on a motion of all joints.
 
-    Where nothing else moves, the motion may be a path, with any time. From its start until everything rests.
+    If nothing else moves, the motion may be a path with any timing. From its start until everything rests.
     """
     arms = {
         name: MovingArm(arm.model, joint_path(motion, k), arm.T_world_base, jaw_rad=arm.jaw_rad)
@@ -42,7 +42,7 @@ def clearance(problem: MotionProblem, motion: Trajectory) -> Clearance:
 
 
 def in_range(arms: tuple[ArmMotion, ...], q: Array, slack: float) -> bool:
-    """Return whether no joint leaves its range at even places q (n, joints), nor by what a parabola hides between."""
+    """Return whether joints keep their ranges at evenly spaced places q (n, joints), with a parabola in between."""
     for k, arm in enumerate(arms):
         part = q[:, JOINTS * k : JOINTS * (k + 1)]
         beyond = slack * (arm.model.upper - arm.model.lower) - np.abs(np.diff(part, n=2, axis=0)).max(axis=0) / 8
@@ -52,9 +52,9 @@ def in_range(arms: tuple[ArmMotion, ...], q: Array, slack: float) -> bool:
 
 
 def faces(arms: tuple[ArmMotion, ...], q: Array) -> bool:
-    """Return whether the tips face what they should at even places q (n, joints), and between them as far as known.
+    """Return whether the tips face what they should at evenly spaced places q (n, joints), and as far as known between.
 
-    The first and the last are given: they are not judged here.
+    The first and the last are given, so they are not checked here.
     """
     for k, arm in enumerate(arms):
         if arm.facing is None:

@@ -1,4 +1,4 @@
-"""Paths of all joints together: cubic B-splines over the share of the way, their energy and their exact pieces."""
+"""Paths of all joints together: cubic B-splines over the share of the path, their energy and exact polynomials."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Array = NDArray[np.float64]
 
 DEGREE = 3
 BENDING = 0.01
-"""Weight of the squared second derivative by the share, beside the squared first one."""
+"""Weight of the squared second derivative by the share, relative to that of the squared first one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A clamped, evenly spaced cubic B-spline from 0 to 1, of any number of joints: its control points are given later.
+    """A clamped, evenly spaced cubic B-spline from 0 to 1, for any number of joints; control points are given later.
 
     Attributes:
-        pieces: polynomials that it consists of.
+        pieces: number of its polynomials.
     """
 
     pieces: int
@@ -54,11 +54,11 @@ class Curve:
         return (first.T * weight) @ first + BENDING * (second.T * weight) @ second
 
     def basis(self, shares: Array, order: int = 0) -> Array:
-        """Return what the control points weigh in a derivative by the share at shares (k,): (k, controls)."""
+        """Return the weights of the control points in a derivative by the share, at shares (k,): (k, controls)."""
         return np.asarray(self._unit(np.asarray(shares, dtype=np.float64), nu=order), dtype=np.float64)
 
     def inner(self, samples: int) -> Array:
-        """Return shares inside the curve, so many a piece."""
+        """Return shares inside the curve, this many per piece."""
         return np.linspace(0.0, 1.0, self.pieces * samples + 1)[1:-1]
 
     def line(self, start: Array, end: Array) -> Array:
@@ -71,7 +71,7 @@ class Curve:
 
     @cached_property
     def _taylor(self) -> Array:
-        """Return what the control points weigh in the pieces' coefficients, (4, pieces, controls), highest first."""
+        """Return the control points' weights in the pieces' coefficients, (4, pieces, controls), highest first."""
         orders = range(DEGREE, -1, -1)
         inside = (self.knots[:-1] + self.knots[1:]) / 2
         third = self.basis(inside, DEGREE)  # it jumps at the knots
@@ -89,5 +89,5 @@ class Curve:
 
 @lru_cache(maxsize=16)
 def curve_of(pieces: int) -> Curve:
-    """Return the curve of so many pieces; made once."""
+    """Return the curve with this number of pieces; cached."""
     return Curve(pieces)

@@ -1,4 +1,4 @@
-"""The planner ``convex``: what is asked of it, what it refuses, and what it answers."""
+"""The planner ``convex``: its input, what it refuses, and its answer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trocar.motion.planners import Demand, ignores
 from trocar.motion.problem import MotionProblem
 
 NEAR_M = 1e-9
-"""What a distance at an end may be short of what was asked: rounding."""
+"""A distance at an end may fall short of the required one by this: rounding."""
 ASIDE_RAD = 1e-9
 
 
@@ -76,7 +76,7 @@ def require_possible(problem: MotionProblem, scene: Scene) -> None:
 
 
 def _require_waypoints_clear(scene: Scene, k: int, min_distance_m: float) -> None:
-    """Raise where an inner waypoint of an arm is too near to what stands still."""
+    """Raise if an inner waypoint of an arm is too close to something that does not move."""
     arm = scene.arms[k]
     if len(arm.waypoints) == 2:
         return

@@ -1,4 +1,4 @@
-"""One convex program: the least energy with an l1 price on broken rows, solved in the prices of the rows."""
+"""One convex program: the least energy with an l1 penalty on violated rows, solved in its dual variables."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from trocar.motion.convex.rows import Rows
 Array = NDArray[np.float64]
 
 ROUNDS = 4
-"""Times that rows which the answer breaks are added to the programme."""
+"""Maximum number of times that rows violated by the answer are added to the program."""
 ADDED = 40
-"""Rows that are added at a time at most, the most broken ones first."""
+"""Maximum number of rows added at a time, the most violated first."""
 KEPT_M = 1e-6
-"""A row counts as broken below minus this."""
+"""A row counts as violated below minus this."""
 PRECISION = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class Programme:
-    """The energy of a path, and which changes of its control points are free.
+    """The energy of a path, and the changes of its control points that are free.
 
     Attributes:
         curve: of the path.
         weights: (joints,) of the squared joints in the energy.
-        held: for each arm the basis (waypoints, controls) of what must stay: its inner waypoints.
-        known: inverses by damping, kept because the next step often asks for the same.
+        held: for each arm the basis (waypoints, controls) of its inner waypoints, which must stay.
+        known: inverses by damping, cached because the next step often needs the same.
     """
 
     curve: Curve
@@ -65,15 +65,15 @@ class Programme:
         return found
 
     def step(self, control: Array, rows: Rows, price: float, damping: float) -> Array:
-        """Return the change (controls, joints) of the control points that the programme asks for.
+        """Return the change (controls, joints) of the control points that solves the program.
 
-        Least ``energy + damping |dx|^2 / 2 + price * sum of what rows are broken by``. Its dual has one variable a row,
-        its price between 0 and the greatest; a row that is not broken costs nothing and is left out until it is.
+        It minimises ``energy + damping |dx|^2 / 2 + price * sum of violations``. Its dual has one variable per row,
+        between 0 and ``price``; a row that is not violated costs nothing and is left out until it is.
 
         Args:
             control: (controls, joints) about which the rows are linear.
             rows: to be kept.
-            price: of a row that is broken by a metre.
+            price: of a row that is violated by one metre.
             damping: the trust region: the greater, the smaller the step.
         """
         inverses = self.inverses(damping)
@@ -95,7 +95,7 @@ class Programme:
         return change
 
     def _pushed(self, rows: Rows, which: NDArray[np.intp], free: Array, inverses: list[Array], price: float) -> Array:
-        """Return by how much the prices of rows push the control points from where they would go without."""
+        """Return by how much the prices of rows shift the control points from where they would be without rows."""
         basis, slope = rows.basis[which], rows.slope[which]
         gram = np.zeros((len(which), len(which)))
         for k, inverse in enumerate(inverses):
@@ -111,7 +111,7 @@ class Programme:
 
 
 def _bounded_least(gram: Array, missing: Array, price: float) -> Array:
-    """Return the prices (rows,) from 0 to the greatest that make ``x gram x / 2 - missing x`` least."""
+    """Return the prices (rows,), between 0 and the greatest, that minimise ``x gram x / 2 - missing x``."""
     count = len(missing)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-12))
     matrix = gram / scale / scale[:, None] + 1e-9 * np.eye(count)

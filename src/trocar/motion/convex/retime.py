@@ -1,4 +1,4 @@
-"""Timing of a path: the fastest speeds along it within the limits of joints and tips."""
+"""Timing of a path: the highest speeds along it within the limits of joints and tips."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ Array = NDArray[np.float64]
 STEPS, LEAST_STEPS = 5, 25
 """Steps of constant acceleration along the path in each of its pieces, and on all of it at least."""
 HEADROOM = 2e-3
-"""Share of every limit that is left for what lies between the steps."""
+"""Share of every limit that is kept in reserve for what lies between the steps."""
 LEAST = 1e-12
 """Slopes below this share of a limit do not bind."""
 KEPT = 1 - 1e-7
 """Share of the limits that is used in the end."""
 SAMPLES = 3
-"""In every step, where the limits are measured in the end."""
+"""Samples per step at which the use of the limits is measured in the end."""
 
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """How a path is followed.
+    """A path with its timing.
 
     Attributes:
         motion: of all joints over time, exactly on the path: polynomials of degree 6, or 2 on a straight line.
@@ -40,7 +40,7 @@ class Timing:
     shares: Array
 
     def times_s(self, shares: Array) -> Array:
-        """Return when shares (k,) of the path that are knots of the motion, or near, are passed; it starts at 0."""
+        """Return the times at which shares (k,) of the path, at or near the motion's knots, are passed, from 0 on."""
         return np.where(shares > 0, np.interp(shares, self.shares, self.motion.times_s), 0.0)
 
     def later(self, wait_s: float) -> Timing:
@@ -54,8 +54,8 @@ class Timing:
 def retimed(path: Trajectory, arms: tuple[ArmMotion, ...], passing: Array) -> Timing:
     """Return the fastest motion from rest to rest along a path, all arms together.
 
-    Time-optimal path parameterisation by two passes (Pham & Pham 2018), the square of the speed linear in the share
-    in every step; what the limits are exceeded by between the steps is given back by taking a little longer.
+    Time-optimal path parameterisation by two passes (Pham & Pham 2018), with the square of the speed linear in the
+    share in every step; if limits are exceeded between the steps, the motion is slowed down a little.
 
     Args:
         path: of all joints side by side, over the share: linear or cubic.
@@ -112,11 +112,11 @@ def _fastest(path: Trajectory, shares: Array, arms: tuple[ArmMotion, ...]) -> Ar
     free = np.where(~binds & (np.abs(pull) > LEAST), 1 / np.maximum(np.abs(pull), LEAST), inf).min(axis=1)
     top[:-1] = np.minimum(top[:-1], np.minimum(free, _widest(lean, width)))
     top = np.minimum(top, 1e12)
-    # x + 2 h u is what the next one becomes, where |u + lean x| <= width
+    # x + 2 h u is the next value, where |u + lean x| <= width
     share, more = 1 - 2 * h * lean, 2 * h * width
     back = np.where(share > 0, 1 / np.where(share > 0, share, 1.0), inf)
     can = top.tolist()
-    for i in range(len(h) - 1, -1, -1):  # with the least push, no more than the next one may be
+    for i in range(len(h) - 1, -1, -1):  # with the least push, the next value must not exceed its bound
         can[i] = min(can[i], float(((can[i + 1] + more[i]) * back[i]).min()))
     for i in range(len(h)):  # with the greatest push
         can[i + 1] = max(0.0, min(can[i + 1], float((share[i] * can[i] + more[i]).min())))

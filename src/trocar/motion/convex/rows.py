@@ -1,4 +1,4 @@
-"""What a path must keep, linear about a path: distances, ranges, what tips face; one row a place and a thing."""
+"""The constraints on a path, linearised about it: distances, ranges, facing; one row per place and constraint."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from trocar.motion.convex.scene import Distances
 Array = NDArray[np.float64]
 
 FACING_M = 0.05
-"""What the cosine of an angle counts beside distances: as much as a mark this far from the tip moves."""
+"""Weight of the cosine of an angle relative to distances: the displacement of a mark this far from the tip."""
 FACED = 0.3
-"""Cosines by which a tip may face less aside than it may, and still counts."""
+"""A facing constraint counts if its cosine is within this of the limit."""
 INSIDE = 5e-4
-"""By how much (rad, m) control points stay inside the joints' ranges."""
+"""Margin (rad, m) of the control points to the ends of the joints' ranges."""
 RANGE_M = 0.1
-"""What a joint out of its range (rad, m) counts beside distances."""
+"""Weight of a joint outside its range (rad, m) relative to distances."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Rows:
     """Rows ``room + slope . (basis dx)``, each to be at least 0, where dx (controls, joints) moves the control points.
 
     Attributes:
-        room: (rows,) what is left now, m; below 0 where a row is broken.
+        room: (rows,) what is left now, m; below 0 where a row is violated.
         slope: (rows, joints) by the joints.
         basis: (rows, controls) of the control points.
     """
@@ -45,18 +45,18 @@ class Rows:
         return Rows(np.concatenate(room), np.concatenate(slope), np.concatenate(basis))
 
     def after(self, change: Array) -> Array:
-        """Return what is left of the rows (rows,) where the control points move by (controls, joints)."""
+        """Return what is left of the rows (rows,) if the control points move by (controls, joints)."""
         return self.room + np.einsum("rj,rj->r", self.slope, self.basis @ change)
 
 
 def distance_rows(distances: Distances, wanted_m: Array, basis: Array, watched_m: float) -> Rows:
-    """Return the rows of all pairs that are nearer than wanted, or not much further.
+    """Return the rows of all pairs that are closer than required, or not much further apart.
 
     Args:
         distances: at n places.
         wanted_m: (n,) least distance at each.
         basis: (n, controls) of the places.
-        watched_m: by how much further a pair may be and still counts.
+        watched_m: how much further apart a pair may be and still count.
     """
     room = distances.distance_m - wanted_m[:, None]
     place, pair = np.nonzero(room < watched_m)
@@ -66,7 +66,7 @@ def distance_rows(distances: Distances, wanted_m: Array, basis: Array, watched_m
 def range_rows(arms: tuple[ArmMotion, ...], control: Array, slack: float) -> Rows:
     """Return the rows of control points (controls, joints) near the end of a joint's range or beyond it.
 
-    The path lies within the hull of its control points, joint by joint.
+    The path lies within the hull of its control points, separately for each joint.
     """
     lower, upper = (np.concatenate([getattr(arm.model, name) for arm in arms]) for name in ("lower", "upper"))
     extent = upper - lower
@@ -80,11 +80,11 @@ def range_rows(arms: tuple[ArmMotion, ...], control: Array, slack: float) -> Row
 
 
 def facing_rows(distances: Distances, spare_rad: Array, basis: Array) -> Rows:
-    """Return the rows of what tips face, where it is not much less than they may be turned aside.
+    """Return the rows of the facing constraints that are violated or nearly so.
 
     Args:
         distances: at n places.
-        spare_rad: (n,) angle to be kept to spare.
+        spare_rad: (n,) margin to be kept to the limit.
         basis: (n, controls) of the places.
     """
     joints = distances.q.shape[1]

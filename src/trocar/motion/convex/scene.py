@@ -28,12 +28,12 @@ TOUCHING_M = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The arms that are asked, those that are not, obstacles, and which pairs of their capsules are looked at.
+    """The planned arms, the other arms, obstacles, and which pairs of their capsules are considered.
 
     Attributes:
-        arms: that are asked, in order; their joints stand side by side.
-        bodies: all capsules, numbered; those of the arms come first.
-        pairs: (pairs, 2) that are looked at: of bodies, the first of an asked arm.
+        arms: the planned ones, in order; their joints are concatenated.
+        bodies: all capsules, numbered; those of the planned arms come first.
+        pairs: (pairs, 2) indices of bodies; the first belongs to a planned arm.
     """
 
     arms: tuple[ArmMotion, ...]
@@ -60,7 +60,7 @@ class Scene:
 
     @property
     def timed(self) -> bool:
-        """Return whether another arm moves, so that it matters when a place is passed."""
+        """Return whether another arm moves, so that the time of passing a place matters."""
         others = self.bodies.movers[len(self.arms) :]
         return any(len(arm.trajectory.coefficients) > 1 and arm.end_s > 0 for arm in others)
 
@@ -128,18 +128,18 @@ class Distances:
 
     @cached_property
     def screws(self) -> tuple[Screws, ...]:
-        """Return the joints' axes of every asked arm at all places."""
+        """Return the joint axes of every planned arm at all places."""
         arms = enumerate(self.scene.arms)
         return tuple(Screws.of(arm, self.q[:, JOINTS * k : JOINTS * (k + 1)]) for k, arm in arms)
 
 
 @dataclass(frozen=True, eq=False)
 class Screws:
-    """The joints of one arm at n places, in the world: what each moves a point of the instrument by.
+    """The joints of one arm at n places, in the world: the velocity that each gives a point of the instrument.
 
     Attributes:
-        turning: (n, 6, 3) axes of the joints that turn; 0 for the one that slides.
-        sliding: (n, 6, 3) how fast each carries the world's origin.
+        turning: (n, 6, 3) axes of the revolute joints; 0 for the prismatic one.
+        sliding: (n, 6, 3) velocity that each gives the world's origin.
     """
 
     turning: Array
@@ -147,7 +147,7 @@ class Screws:
 
     @classmethod
     def of(cls, arm: ArmMotion, q: Array) -> Screws:
-        """Return those at joints (n, 6)."""
+        """Return the axes at joints (n, 6)."""
         axes, origins = joint_axes(arm.model, q)
         R, t = arm.T_world_base.matrix[:3, :3], arm.T_world_base.matrix[:3, 3]
         axes, origins = axes @ R.T, origins @ R.T + t
@@ -157,7 +157,7 @@ class Screws:
         return cls(axes, sliding)
 
     def slopes(self, place: NDArray[np.intp], points_m: Array, ways: Array) -> Array:
-        """Return how fast points (rows, 3) go along directions (rows, 3) with each joint at places: (rows, 6)."""
+        """Return the speeds of points (rows, 3) along directions (rows, 3) due to each joint, at places: (rows, 6)."""
         moments = cross(points_m, ways)
         turned = np.einsum("rji,ri->rj", self.turning[place], moments)
         return turned + np.einsum("rji,ri->rj", self.sliding[place], ways)

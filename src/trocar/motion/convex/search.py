@@ -1,4 +1,4 @@
-"""Sequential convex programs from one start after the other, until a path is certified."""
+"""Sequential convex programs from several starts, one after the other, until a path is certified."""
 
 from __future__ import annotations
 
@@ -22,36 +22,38 @@ from trocar.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 PIECES, PIECES_A_WAYPOINT = 9, 4
-"""Pieces of the curve: between two waypoints, and for each one more."""
+"""Pieces of the curve, and additional ones for each waypoint on the way."""
 SAMPLES_A_PIECE = 4
 """Places at which a path is planned; it is certified between them too."""
 COARSE = 2
-"""Of these every so many is looked at when starts are compared."""
+"""When starts are compared, only one in this many of these places is used."""
 FINER = 4
-"""Times as fine as planned, what tips face is looked at in the end."""
+"""Facing is checked in the end at this many times the places used for planning."""
 MARGIN_M, MARGIN_RAD = 5e-4, 0.01
-"""By which distances and angles are kept more than asked at first, for what lies between the places."""
+"""Initial extra margin of distances and angles, for what lies between the places."""
 WATCHED_M, NEAR_M = 0.015, 0.04
-"""A row counts when its pair is nearer than this and what is asked; a pair is followed if it is near at the start."""
+"""A pair gets a row if it is closer than the required distance plus the first; it is tracked if it is within the second
+at the start."""
 PRICE = 300.0
-"""Of a metre by which a distance is broken, beside the energy."""
+"""Penalty per metre of a violated distance, relative to the energy."""
 TRUST_RAD, TRUST_M = 0.35, 0.05
-"""By which a control point moves in one step at most: a joint that turns, one that slides."""
+"""Greatest change of a control point in one step, for revolute joints and for the prismatic one."""
 ACCEPTED = 0.1
-"""Share of what a step promised that it must keep to be taken."""
+"""A step is accepted if it achieves this share of the predicted decrease."""
 KEPT_M = 2e-5
-"""How far a path may violate its margins and still be passed on for certification."""
+"""How far a path may violate its margins and still be submitted to certification."""
 WAITS = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Shares of the time until all other arms rest by which a motion may start later, where others move."""
+"""If other arms move, a motion may start later by these shares of the time until they all rest."""
 FAR_ROUND, SAVED, SHORTER = 1.3, 0.97, 10
-"""A path with so many times the energy of the plain one is shortened while a step saves enough, in so many steps."""
+"""A path with more than the first factor times the plain path's energy is shortened as long as steps leave less than
+the second share of its energy, in at most the third number of steps."""
 STARTS = 12
-"""Starts that are followed, of those in one batch."""
+"""Number of starts pursued from one batch."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How long a start is followed: prices of a broken metre, one after the other, and programs at each."""
+    """How long a start is pursued: penalties per violated metre, one after the other, and programs at each."""
 
     prices: tuple[float, ...]
     steps: int
@@ -62,12 +64,12 @@ QUICK, PATIENT = Effort((PRICE,), 6), Effort((PRICE, 10 * PRICE, 100 * PRICE), 8
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What a path of control points keeps, at its places.
+    """The constraints of a path of control points at its places.
 
     Attributes:
         control: (controls, joints).
         rows: linear about it.
-        broken_m: what its rows are broken by, summed.
+        broken_m: sum of the violations of its rows.
         energy: of the path.
     """
 
@@ -78,16 +80,16 @@ class Sight:
 
     @property
     def worst_m(self) -> float:
-        """Return what the worst row is broken by."""
+        """Return the largest violation of a row."""
         return float(max(0.0, -self.rows.room.min(initial=0.0)))
 
     def merit(self, price: float) -> float:
-        """Return the energy and the price of what is broken."""
+        """Return the energy plus the penalty of the violations."""
         return self.energy + price * self.broken_m
 
 
 class Search:
-    """The search for one problem: what it looks at, and how finely, grows as certificates fail."""
+    """The search for one problem; the pairs it considers and its resolution grow as certificates fail."""
 
     def __init__(self, problem: MotionProblem, scene: Scene) -> None:
         self.problem, self.scene = problem, scene
@@ -108,11 +110,11 @@ class Search:
         self.shares, self.basis = shares, self.curve.basis(shares)
 
     def plain(self) -> Timing | None:
-        """Return the motion along the path of least energy, if that is certified."""
+        """Return the motion along the path of least energy, if it is certified."""
         return self.certified(self._plain_path())
 
     def round_about(self) -> Timing | None:
-        """Return the motion of the first path that is certified; None where none was found."""
+        """Return the motion of the first path that is certified; None if none was found."""
         for batch, effort in self._batches():
             for control in self._in_order(batch):
                 timing = self.followed(control, effort)
@@ -121,7 +123,7 @@ class Search:
         return None
 
     def _batches(self) -> Iterator[tuple[Array, Effort]]:
-        """Yield starts (k, controls, joints), the most promising first, and with how much patience to follow them."""
+        """Yield starts (k, controls, joints), the most promising first, and how long to pursue them."""
         plain = self.starts.plain[None]
         yield plain, QUICK
         few = self.starts.few()
@@ -134,14 +136,14 @@ class Search:
             yield batch, PATIENT
 
     def _plain_path(self) -> Trajectory:
-        """Return the path of least energy: a straight line where there are no waypoints on the way."""
+        """Return the path of least energy: a straight line if there are no waypoints on the way."""
         if any(len(shares) > 2 for shares in self.passing):
             return self.curve.path(self.starts.plain)
         start, end = self.starts.plain[0], self.starts.plain[-1]
         return Trajectory(np.array([0.0, 1.0]), np.stack([end - start, start])[:, None])
 
     def _in_order(self, controls: Array) -> Array:
-        """Return the best starts (k, controls, joints) of a batch, the best first; look at what is near any of them."""
+        """Return the best starts (k, controls, joints) of a batch, best first; consider pairs near in any of them."""
         self.scene = self.scene.everything()
         shares, basis = self.shares[::COARSE], self.basis[::COARSE]
         q = np.einsum("nc,kcj->knj", basis, controls)
@@ -166,7 +168,7 @@ class Search:
                         return self._shortened(sight, timing, price)
                     if self.passes_through:
                         return None
-                    sight = self.seen(sight.control)  # more is asked now
+                    sight = self.seen(sight.control)  # the requirements have been tightened
                 after, hoped = self._step(sight, price, damping)
                 gained, merit = sight.merit(price) - after.merit(price), sight.merit(price)
                 if hoped <= 1e-6 * merit:
@@ -179,7 +181,7 @@ class Search:
         return None
 
     def _step(self, sight: Sight, price: float, damping: float) -> tuple[Sight, float]:
-        """Return the path after one program, and by how much its linear model promised to lower the merit."""
+        """Return the path after one program, and the decrease of the merit predicted by its linear model."""
         change = self.programme.step(sight.control, sight.rows, price, damping)
         change = change * min(1.0, 1.0 / max(1e-9, float((np.abs(change) / self.trust).max())))
         after = self.seen(sight.control + change)
@@ -188,7 +190,7 @@ class Search:
         return after, sight.merit(price) - model
 
     def _shortened(self, sight: Sight, timing: Timing, price: float) -> Timing:
-        """Return a motion along a path of less energy, where a start led far round and steps on from it are allowed."""
+        """Return a motion along a path of less energy, if a start made a long detour and further steps are allowed."""
         least, damping, shortest = self.programme.energy(self.starts.plain), 0.0, sight.energy
         for _ in range(SHORTER):
             if sight.energy <= FAR_ROUND * least:
@@ -207,7 +209,7 @@ class Search:
         return timing
 
     def seen(self, control: Array) -> Sight:
-        """Return what a path keeps."""
+        """Return the constraints of a path."""
         basis = self.basis
         q = basis @ control
         rows = [range_rows(self.arms, control, self.problem.range_slack)]
@@ -219,7 +221,7 @@ class Search:
         return Sight(control, joined, float(np.maximum(0, -joined.room).sum()), self.programme.energy(control))
 
     def _times_s(self, control: Array, shares: Array) -> Array:
-        """Return when a path is where; it only matters where another arm moves."""
+        """Return the times of a path's places, which matter only if another arm moves."""
         if not self.scene.timed:
             return np.zeros(len(shares))
         return self._timed(self.curve.path(control)).times_s(shares)
@@ -228,7 +230,7 @@ class Search:
         return retimed(path, self.arms, np.concatenate(self.passing))
 
     def certified(self, path: Trajectory) -> Timing | None:
-        """Return the motion along a path that keeps all that was asked, between its places too; else ask for more."""
+        """Return the motion along a path that meets all requirements, also between places; else tighten them."""
         self.passes_through = False
         fine = path(np.linspace(0.0, 1.0, FINER * SAMPLES_A_PIECE * self.curve.pieces + 1))
         if not in_range(self.arms, fine, self.problem.range_slack):
@@ -243,7 +245,7 @@ class Search:
         return next((later for later in waiting if self._clear(later.motion, later)), None)
 
     def _clear(self, motion: Trajectory, timing: Timing | None) -> bool:
-        """Return whether all distances are kept on a path, or where others move on its motion; else look closer."""
+        """Return whether all distances are kept on a path (on its motion, if others move); else refine the search."""
         clear = clearance(self.problem, motion)
         if clear.distance_m >= self.problem.min_distance_m - CERTIFIED_M:
             return True
@@ -254,7 +256,7 @@ class Search:
         return False
 
     def _look_closer(self, timing: Timing | None, time_s: float, missing_m: float) -> None:
-        """Plan with more margin, and at the place where a path was refused."""
+        """Plan with more margin, and with a place where the path was refused."""
         share = time_s if timing is None else float(np.interp(time_s, timing.motion.times_s, timing.shares))
         self.margin_m = min(self.margin_m + 0.5 * missing_m, 2e-3)
         self._plan_at(np.union1d(self.shares, [np.clip(share, 1e-3, 1 - 1e-3)]))
@@ -262,6 +264,6 @@ class Search:
 
 
 def passing_shares(arm: ArmMotion) -> Array:
-    """Return the shares (waypoints,) of the way at which an arm passes its waypoints: by the time its joints need."""
+    """Return the shares (waypoints,) of the path at which an arm passes its waypoints, by the time its joints need."""
     pieces = (np.abs(np.diff(arm.waypoints, axis=0)) / arm.limits.acceleration).max(axis=1) ** 0.5
     return np.concatenate([[0.0], np.cumsum(pieces) / pieces.sum()])

@@ -1,4 +1,4 @@
-"""Where the search starts: the plain path, and detours: one arm or both pull back or swing aside, or one waits."""
+"""Starts of the search: the plain path, and detours on which one arm or both pull back or swing aside, or one waits."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from trocar.motion.convex.programme import Programme
 Array = NDArray[np.float64]
 
 FEW = ((0.0, 0.0, 0.03), (0.0, 0.0, 0.06), (0.2, 0.0, 0.0), (-0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, -0.2, 0.0))
-"""Ways aside that are tried first: the first two joints (rad), and by how much the instrument is pulled back (m)."""
+"""Detours that are tried first: offsets of the first two joints (rad), and how far the instrument is pulled back
+(m)."""
 MORE = tuple((a, b, c) for c in (0.0, 0.04, 0.08) for a in (-0.4, 0.0, 0.4) for b in (-0.4, 0.0, 0.4) if a or b or c)
-"""Those after them."""
+"""Detours that are tried next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class Starts:
 
     Attributes:
         arms: in order.
-        programme: of the curve and what is held.
+        programme: of the curve and what is held fixed.
         plain: (controls, joints) the path of least energy through all waypoints.
         slack: share of the joints' ranges by which they may be left.
     """
@@ -38,7 +39,7 @@ class Starts:
     slack: float
 
     def few(self) -> Array:
-        """Return the most promising ways round (k, controls, joints)."""
+        """Return the most promising detours (k, controls, joints)."""
         found = []
         for asides in self._combined(FEW[:2]):
             found.append(self._aside(asides))
@@ -69,7 +70,7 @@ class Starts:
                 yield {k: way}
 
     def _aside(self, ways: dict[int, tuple]) -> Array:
-        """Return the plain path with some arms (by index) swung aside in its middle."""
+        """Return the plain path with some arms (by index) swung aside in the middle."""
         control = self.plain.copy()
         bump = np.sin(np.pi * self.programme.curve.places) ** 0.7
         for k, (first, second, back_m) in ways.items():
@@ -88,7 +89,7 @@ class Starts:
         return control
 
     def _kept(self, found: list[Array]) -> Array:
-        """Return paths within the ranges and through the waypoints."""
+        """Return the paths changed to lie within the ranges and pass through the waypoints."""
         controls = np.stack(found)
         for k, arm in enumerate(self.arms):
             columns, spare = slice(JOINTS * k, JOINTS * (k + 1)), self.slack * (arm.model.upper - arm.model.lower)
@@ -105,7 +106,7 @@ class Starts:
 
 
 def _spread(curve: Curve) -> Array:
-    """Return the inverse (controls, controls) of the energy of the inner control points, 0 for both ends."""
+    """Return the inverse (controls, controls) of the energy of the inner control points, with 0 for both ends."""
     inverse = np.zeros_like(curve.energy)
     inverse[1:-1, 1:-1] = np.linalg.inv(curve.energy[1:-1, 1:-1])
     return inverse

@@ -1,1 +1,1 @@
-"""A checkerboard before a stereo pair: its corners, the pair's lenses, the board's pose (Kehoe et al. 2014, IV-B)."""
+"""A checkerboard seen by a stereo pair: its corners, the lenses, the board's pose (Kehoe et al. 2014, IV-B)."""

@@ -1,4 +1,4 @@
-"""What a printed checkerboard is."""
+"""A printed checkerboard."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 
 MIN_CORNERS, MAX_CORNERS = 3, 40
-"""Inner corners along one side."""
+"""Least and greatest number of inner corners along one side."""
 MAX_SQUARE_M = 0.1
 MIN_VIEWS = 6
-"""In which a board must be shown for the lenses of a pair."""
+"""Minimum number of views of a board to calibrate the lenses of a pair."""
 
 
 @dataclass(frozen=True)

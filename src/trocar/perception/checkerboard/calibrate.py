@@ -1,4 +1,4 @@
-"""The lenses of a stereo pair, and how its eyes stand, from views of a checkerboard."""
+"""The lenses of a stereo pair, and the relative pose of its eyes, from views of a checkerboard."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trocar.perception.image import Intrinsics, StereoRig
 
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-9)
 LENS = cv2.CALIB_FIX_K3
-"""k1 k2 p1 p2 are free; a lens of 6 mm before so small a workspace shows no k3."""
+"""k1 k2 p1 p2 are free; k3 of a 6 mm lens cannot be observed over so small a workspace."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The corners of a checkerboard in an image, in an order that is the board's own."""
+"""The corners of a checkerboard in an image, in the board's order."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from trocar.errors import TrocarError
 from trocar.perception.checkerboard.board import Checkerboard
 
 DARKEST, BRIGHTEST = 1.0, 99.0
-"""Percentiles of the image that become black and white before corners are looked for: exposure does not matter."""
+"""Percentiles of the image that become black and white before corners are searched for, so exposure does not matter."""
 ATTEMPTS = (
     (0.0, cv2.CALIB_CB_EXHAUSTIVE),
     (1.0, cv2.CALIB_CB_EXHAUSTIVE),
@@ -18,18 +18,18 @@ ATTEMPTS = (
 )
 """SD of a blur in pixels and flags of OpenCV's search, one after the other until one finds the board."""
 REFINE_BLUR_PX, REFINE_SHARE, REFINE_PX = 1.0, 0.4, 1.5
-"""Then each corner is moved to where gradients nearby meet: SD of a blur, half the window as a share of the distance
-between corners, and the farthest that it may go. OpenCV's search alone shifts whole boards by some .05 px."""
+"""Then each corner is moved to where nearby gradients intersect: SD of a blur, half the window as a share of the
+distance between corners, and the greatest shift allowed. OpenCV's search alone shifts whole boards by some .05 px."""
 STEPS = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
 MIN_CONTRAST = 3.0
-"""Grey levels between white and black squares as exposed; below, it is no board."""
+"""Least difference in grey levels between white and black squares as exposed; with less, it is not a board."""
 
 
 def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> NDArray[np.float64] | None:
     """Return the inner corners (rows * columns, 2) u, v of a board in the board's order, or None if it is not seen.
 
     Args:
-        board: which one is looked for; the whole of it must be in the image.
+        board: the one to search for; the whole of it must be in the image.
         image: (height, width, 3) uint8 RGB.
 
     Raises:
@@ -50,7 +50,7 @@ def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> NDArray[np.fl
 
 
 def _refined(grid: NDArray[np.float64], picture: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Return corners (rows, columns, 2) at the saddles of brightness; one that would go far stays where it is."""
+    """Return corners (rows, columns, 2) at the saddles of brightness; one that would move far stays where it is."""
     apart = min(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1))
     half = max(2, int(REFINE_SHARE * apart))
     smooth = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), REFINE_BLUR_PX)

@@ -1,4 +1,4 @@
-"""The pose of a checkerboard that both eyes of a pair see."""
+"""The pose of a checkerboard seen by both eyes of a pair."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from trocar.perception.depth import project
 from trocar.perception.image import StereoRig
 
 LENGTH_M = 0.1
-"""A turn by 1 rad counts as much as a shift by this much: both are of the same size for the solver."""
+"""A rotation by 1 rad counts as much as a shift by this length, to scale both alike for the solver."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardPose:
-    """Where a board is.
+    """The pose of a board.
 
     Attributes:
         T_left_board: pose of the board in the left eye's camera.

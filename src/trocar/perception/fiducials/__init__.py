@@ -1,1 +1,1 @@
-"""Painted spheres on an instrument, from an image to the joints of the arm."""
+"""Painted spheres on an instrument: from images to the joints of the arm."""

@@ -15,19 +15,20 @@ from trocar.perception.fiducials.sphere_fit import SphereFit, fit_sphere
 from trocar.perception.image import RgbdImage
 
 HUE_DEG = 20.0
-"""A pixel is of a paint if its hue is this near; the paints are 48 deg apart or more, noise moves a hue by some deg."""
+"""A pixel shows a paint if its hue is this close; the paints are at least 48 deg apart, and noise shifts a hue by some
+deg."""
 MIN_SATURATION, MIN_VALUE = 0.45, 0.14
-"""Less is metal, carbon or dark, where hue means nothing."""
+"""Pixels below these are metal, carbon or dark, where hue means nothing."""
 MIN_SHARE = 0.15
-"""Of a sphere's disc that must be seen."""
+"""Share of a sphere's disc that must be seen."""
 MIN_GOOD = 0.7
-"""Share of a patch's points that must lie on one sphere; less are two spheres behind each other."""
+"""Share of a patch's points that must lie on one sphere; with less, it is two spheres behind each other."""
 MAX_RMS_M = 0.5e-3
-"""Of these points about the sphere; the sensor's noise is .2 mm."""
+"""Maximum RMS distance of these points from the sphere; the sensor's noise is .2 mm."""
 RADIUS_OFF_M = 0.6e-3
-"""By which a found radius may differ from that of the sphere it is taken for."""
+"""Maximum difference between a fitted radius and that of the assigned sphere."""
 MAX_POINTS = 300
-"""Of a patch that are fitted: more find the centre no better."""
+"""Number of a patch's points that are fitted; more would not improve the centre."""
 OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
 
 
@@ -40,10 +41,10 @@ class _Patch:
 
 
 def find_spheres(image: RgbdImage, fixture: Fixture) -> NDArray[np.float64]:
-    """Return the centres (n, 3) of a fixture's spheres in the camera frame; NaN for those that are not well seen.
+    """Return the centres (n, 3) of a fixture's spheres in the camera frame; NaN for those not seen well.
 
-    Pixels are grouped by colour; patches of one colour are told apart by the radius of the sphere through them; the
-    centre is then that of the sphere of the known radius.
+    Pixels are grouped by colour; patches of the same colour are distinguished by the radius of the sphere through them;
+    the centre is then fitted with the known radius.
 
     Raises:
         TrocarError: the arrays of the image do not match its camera.
@@ -69,7 +70,7 @@ def _hue(color: str) -> int:
 
 
 def _patches(image: RgbdImage, mask: NDArray[np.uint8], radius_m: float) -> list[_Patch]:
-    """Return what may be a sphere at least so large, of the pixels in the mask."""
+    """Return the patches in the mask that may be spheres of at least this size."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(cv2.morphologyEx(mask, cv2.MORPH_OPEN, OPENING))
     found = []
     for label in range(1, count):
@@ -92,7 +93,7 @@ def _patches(image: RgbdImage, mask: NDArray[np.uint8], radius_m: float) -> list
 
 
 def _assigned(patches: Sequence[_Patch], radii_m: NDArray[np.float64]) -> dict[int, _Patch]:
-    """Return which patch is which sphere of a colour: by size, the best pairs first; each is used once."""
+    """Assign patches of a colour to spheres by size, the best pairs first; each is used once."""
     off = np.array([[abs(patch.rough.radius_m - radius) for patch in patches] for radius in radii_m])
     chosen: dict[int, _Patch] = {}
     used: set[int] = set()

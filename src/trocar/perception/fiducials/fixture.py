@@ -22,7 +22,8 @@ COLORS = {
 """Colours of the paint: share of red, green and blue that it reflects (assumed)."""
 
 _PITCH_FRAME, _YAW_FRAME = 4, 6
-"""Numbers of the frames, in ``trocar.arms.frames``, that shaft and jaw carry; frame 4 lies on the pitch axis."""
+"""Indices in ``trocar.arms.frames`` of the frames that carry shaft and jaw; the origin of frame 4 is on the pitch
+axis."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,10 @@ class Sphere:
     """One painted sphere.
 
     Attributes:
-        part: that carries it, 'shaft' or 'jaw'.
+        part: the part that carries it, 'shaft' or 'jaw'.
         color: name in :data:`COLORS`.
         radius_m: of the sphere.
-        center_m: of the shaft: (0, 0, distance up the shaft from the pitch axis); of the jaw: in frame 6, whose z is
+        center_m: on the shaft: (0, 0, distance up the shaft from the pitch axis); on the jaw: in frame 6, whose z is
             the yaw axis and along whose y the jaws point.
     """
 
@@ -45,13 +46,13 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Fixture:
-    """What is worn. Two spheres of one colour on one part must differ in size.
+    """The spheres that an instrument wears. Two spheres of the same colour on one part must differ in size.
 
     Attributes:
         spheres: two or more on the shaft, three or more on the jaw.
         hub_m: (3,) middle of the cross in frame 6; thin dark arms lead from it to the jaw's spheres.
         arm_radius_m: of these arms.
-        print_sd_m: SD on each axis by which a printed and glued sphere lies beside its place (assumed; the printer's
+        print_sd_m: SD of a sphere's position error on each axis after printing and gluing (assumed; the printer's
             tolerance). Only the simulator draws it.
     """
 
@@ -81,7 +82,7 @@ class Fixture:
 
     @cached_property
     def on_shaft(self) -> NDArray[np.bool_]:
-        """Return which spheres (n,) the shaft carries."""
+        """Return which spheres (n,) are on the shaft."""
         return np.array([sphere.part == SHAFT for sphere in self.spheres])
 
     def frame_centers_m(self, arm: ArmModel) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ MIN_ON_JAW = 3
 
 
 def require_psm(arm: ArmModel) -> None:
-    """Raise TrocarError unless an arm's first axes are a PSM's, which the closed form is for."""
+    """Raise TrocarError unless an arm's first axes are a PSM's, for which the closed form holds."""
     if not is_psm(arm):
         raise TrocarError(f"joints can be found from spheres on a PSM only, not on {arm.name!r}; give its recording")
 
@@ -27,7 +27,7 @@ def is_psm(arm: ArmModel) -> bool:
 
 
 def shaft_joints(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return q1 q2 q3 (n, 3) from centres (n, k, 3) of all spheres in the base; NaN where no sphere of the shaft is.
+    """Return q1 q2 q3 (n, 3) from centres (n, k, 3) of all spheres in the base; NaN if no shaft sphere was seen.
 
     The shaft runs through the remote centre, the base's origin, and its spheres sit on its axis: their direction gives
     yaw and pitch (farther spheres weigh more), their distance the insertion.
@@ -55,7 +55,7 @@ def wrist_joints(
     require_psm(arm)
     R_base_insertion = frames(arm, np.column_stack([q_shaft, np.zeros_like(q_shaft)])).matrix[:, 3, :3, :3]
     R = np.swapaxes(R_base_insertion, -1, -2) @ R_base_yaw
-    jaw, axis = R[:, :, 1], -R[:, :, 2]  # where the jaws point, and the axis that they turn about
+    jaw, axis = R[:, :, 1], -R[:, :, 2]  # the direction of the jaws, and the axis about which they turn
     w = arm.wrist_sign
     turn4 = np.arctan2(w * axis[:, 1], w * axis[:, 0])
     turn5 = np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1]))
@@ -88,7 +88,7 @@ def joints_from_spheres(
     Args:
         arm: a PSM.
         fixture: that it wears.
-        p_base_m: NaN where a sphere was not seen; joints that what was seen does not tell are NaN.
+        p_base_m: NaN where a sphere was not seen; joints that cannot be determined are NaN.
         q_cmd: (n, 6) commands; they only tell in which turn the roll is.
     """
     q_shaft = shaft_joints(arm, fixture, p_base_m)

@@ -1,4 +1,4 @@
-"""From the spheres of all images of a collection to base and joints; what does not fit is flagged."""
+"""From the spheres in all images of a collection to base and joints; what does not fit is flagged."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from trocar.perception.fiducials.fixture import Fixture
 from trocar.perception.fiducials.joints import MIN_ON_JAW, joints_from_spheres, require_psm
 
 SHAFT_OFF_M = 1.0e-3
-"""A centre on the shaft further from where the outer joints' encoders put it is rejected: they are off by .1 mm."""
+"""A shaft centre further from where the outer joints' encoders put it is rejected; their errors are about .1 mm."""
 DISTANCE_OFF_M = 1.0e-3
-"""By so much two spheres of the jaw may be nearer or farther than printed; measured: .1 mm RMS."""
+"""Maximum difference between the measured and the printed distance of two jaw spheres; measured: .1 mm RMS."""
 MIN_ROWS = 10
 
 GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft", "fewer than 3 spheres on the jaw"
@@ -26,11 +26,11 @@ GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft",
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """Where a camera sees an arm's base.
+    """The pose of an arm's base in a camera.
 
     Attributes:
         T_camera_base: pose.
-        rms_m: of the centres about it.
+        rms_m: residual of the centres.
         used: number of centres.
         rejected: number of centres that do not agree.
     """
@@ -48,8 +48,8 @@ class Measured:
     Attributes:
         hand_eye: the base in the camera.
         q: (n, 6) joints, NaN where they could not be found.
-        flags: (n,) of each row: 'good' or what is the matter.
-        distance_rms_m: of the distances between spheres of one part against those printed.
+        flags: (n,) of each row: 'good' or what is wrong.
+        distance_rms_m: error of the distances between spheres of one part against those printed.
         p_camera_m: (n, k, 3) the accepted centres; else NaN.
     """
 
@@ -65,7 +65,7 @@ class Measured:
         return np.array([flag == GOOD for flag in self.flags])
 
     def counts(self) -> dict[str, int]:
-        """Return how many rows have which flag."""
+        """Return the number of rows with each flag."""
         return {flag: self.flags.count(flag) for flag in sorted(set(self.flags))}
 
 
@@ -82,7 +82,7 @@ def measure(
         arm: a PSM.
         fixture: that it wears.
         p_camera_m: (n, k, 3) centres in the camera frame, NaN where a sphere was not seen.
-        q_cmd: (n, 6) what the encoders said.
+        q_cmd: (n, 6) encoder readings.
         rng: of the search for outliers.
     """
     hand_eye = register_base(arm, fixture, p_camera_m, q_cmd, rng)
@@ -105,9 +105,9 @@ def register_base(
     q_cmd: NDArray[np.float64],
     rng: np.random.Generator,
 ) -> HandEye:
-    """Return the rigid fit of the shaft's spheres as the encoders place them to those in the camera, outliers left out.
+    """Return the rigid fit of the shaft's spheres, placed by the encoders, to those in the camera, without outliers.
 
-    The outer joints' encoders are exact to .3 mrad and .1 mm, so that many places of the shaft give the base.
+    The outer joints' encoders are exact to .3 mrad and .1 mm, so many positions of the shaft give the base.
 
     Raises:
         TrocarError: the arm is no PSM, or the shaft was seen in too few rows.
@@ -126,7 +126,7 @@ def register_base(
 
 
 def distance_errors_m(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return measured less printed distances (n, pairs) between spheres of one part, NaN where one was not seen."""
+    """Return measured minus printed distances (n, pairs) between spheres of one part, NaN where one was not seen."""
     pairs = [
         (a, b) for a, b in combinations(range(len(fixture.spheres)), 2) if fixture.on_shaft[a] == fixture.on_shaft[b]
     ]
@@ -136,7 +136,7 @@ def distance_errors_m(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.
 
 
 def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return centres (n, k, 3) with NaN for those of the jaw that lie at wrong distances from most others there."""
+    """Return centres (n, k, 3) with NaN for jaw spheres at wrong distances from most other jaw spheres."""
     p_m = p_m.copy()
     jaw = np.flatnonzero(~fixture.on_shaft)
     printed = np.linalg.norm(fixture.centers_m[jaw, None] - fixture.centers_m[None, jaw], axis=-1)
@@ -151,7 +151,7 @@ def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArr
 
 
 def _flag(fixture: Fixture, seen: NDArray[np.bool_]) -> str:
-    """Return what is wrong with a row in which these spheres (k,) are accepted."""
+    """Return the flag of a row in which these spheres (k,) are accepted."""
     if not seen.any():
         return NOTHING
     if not seen[fixture.on_shaft].any():

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 STEPS = 12
 DONE_M = 1e-6
-"""Gauss-Newton steps of a fit at most, and the change at which it ends."""
+"""Maximum number of Gauss-Newton steps of a fit, and the change at which it ends."""
 LARGEST_M = 0.1
-"""A larger radius is that of points on a plane or a line."""
+"""A larger radius means that the points lie on a plane or a line."""
 GATE_SIGMAS, MIN_GATE_M = 3.0, 0.3e-3
-"""A point counts if its distance from the sphere is below so many SDs of the others', but never below the gate:
-pixels at the rim lie between the sphere and what is behind it."""
+"""A point counts if its distance from the sphere is below this many SDs; the gate never shrinks below the minimum.
+Pixels at the rim, between the sphere and what is behind it, are rejected this way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +24,8 @@ class SphereFit:
     Attributes:
         center_m: (3,) in the frame of the points.
         radius_m: found, or as given.
-        rms_m: of the distances of the points that count.
-        share: of the points that count.
+        rms_m: RMS distance of the points that count.
+        share: share of the points that count.
     """
 
     center_m: NDArray[np.float64]
@@ -39,11 +39,11 @@ def fit_sphere(
 ) -> SphereFit | None:
     """Return the sphere nearest to points (n, 3) that are seen from the origin; None if it cannot be found.
 
-    Gauss-Newton on the distances from the surface; points that are far off it are left out, step by step.
+    Gauss-Newton on the distances from the surface; outliers are left out step by step.
 
     Args:
         points_m: on the side of the sphere that faces the origin.
-        radius_m: of the sphere, where it is known; None: it is found too.
+        radius_m: of the sphere, if known; None: it is fitted too.
         near_m: (3,) guess of its centre; None: behind the points.
     """
     if len(points_m) < 4:
@@ -51,7 +51,7 @@ def fit_sphere(
     radius = radius_m or 0.5 * float(np.ptp(points_m[:, :2], axis=0).max())
     if near_m is None:
         center = np.median(points_m, axis=0)
-        center = center * (1.0 + 0.7 * radius / max(float(np.linalg.norm(center)), 1e-9))  # behind what is seen of it
+        center = center * (1.0 + 0.7 * radius / max(float(np.linalg.norm(center)), 1e-9))  # behind the visible points
     else:
         center = near_m
     free = radius_m is None

@@ -1,4 +1,4 @@
-"""Where an instrument's wrist stands, from one depth image of it."""
+"""The wrist joints of an instrument, from one depth image of it."""
 
 from trocar.perception.instrument.sighting import Sighting, sight
 

@@ -1,8 +1,9 @@
 """What one depth image shows of the wrist of an instrument.
 
-Points on the instrument have to lie on its solids, and rays that end far behind it must not have passed through them:
-without those a finger could turn into the empty space beside it. The wrist's joints are fitted together with a shift of
-the whole instrument, by which its base and its outer joints are off; one image shows little of that shift, many a lot.
+Points on the instrument have to lie on its solids, and rays that end far behind it must not have passed through them;
+without these rays, a finger could turn into the empty space beside it. The wrist joints are fitted together with a
+shift of the whole instrument, due to errors of its base and its outer joints; one image shows little of that shift,
+many show a lot.
 """
 
 from __future__ import annotations
@@ -19,44 +20,45 @@ from trocar.perception.image import RgbdImage
 from trocar.perception.instrument.solids import InstrumentSolids
 
 WINDOW_M = 0.030
-"""Half the edge of the cube about the tip in which the instrument is looked for."""
+"""Half the edge of the cube about the tip in which the instrument is searched for."""
 NEAR_M = 4e-3
-"""Points this near to the instrument where it is expected are taken for points on it."""
+"""Points this close to the expected instrument are taken for points on it."""
 BEHIND_M = 0.015
 """Points this far behind the tip are background."""
 BESIDE_M = 1.6e-3
-"""Rays that pass the instrument this near, where it is expected, show where it is not."""
+"""Rays that pass this close to the expected instrument show where it is not."""
 COARSE_M, FINE_M = 4e-3, 0.7e-3
-"""Spacing in depth at which rays are followed: all of them, and finer where they pass the instrument."""
+"""Spacing in depth at which all rays are sampled, and a finer one where they pass the instrument."""
 FINE_STEPS = 6
-"""Fine steps on either side of where a ray is nearest."""
+"""Number of fine steps on either side of the point where a ray is nearest."""
 INTO_M = 0.1e-3
-"""Rays may pass through an edge this deep, because a pixel averages."""
+"""Rays may pass through an edge this deep, because a pixel averages over its area."""
 POINT_SD_M = 0.3e-3
 ROBUST = 1.5
-"""A residual of more SDs counts less (Cauchy)."""
+"""A residual of more SDs than this counts less (Cauchy)."""
 TOGETHER = 25.0
-"""This many neighbouring points share their errors and count as one (checked: `benchmarks/bench_sighting.py`)."""
+"""This many neighbouring points share their error and count as one (checked: `benchmarks/bench_sighting.py`)."""
 STEPS = 8
 MOST_TURN_RAD, MOST_SHIFT_M = 0.1, 0.5e-3
 """Greatest step of the search."""
 START_SD = np.array([0.3, 0.3, 0.3, 1e-3, 1e-3, 1e-3])
-"""SDs of wrist (rad) and shift (m) about where they are expected: they hold the search where an image shows nothing."""
+"""SDs of wrist (rad) and shift (m) about their expected values; they constrain the search where an image shows
+nothing."""
 FEWEST = 60
-"""With fewer points on it, the instrument was not seen."""
+"""With fewer points than this on it, the instrument was not seen."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A normal likelihood of what was seen.
+    """A normal likelihood of the wrist joints and the shift.
 
     Attributes:
-        q: (6,) joints about which it was fitted, rad and m; of the wrist those that fit best.
-        shift_m: (3,) of the instrument in its base, likewise.
+        q: (6,) joints about which it was fitted, rad and m; for the wrist, the best fit.
+        shift_m: (3,) best-fitting shift of the instrument in its base.
         information: (6, 6) of q4 q5 q6 and the shift, 1/rad and 1/m.
-        pull: (6,) gradient of the log likelihood there: 0 except for the prior that held the search.
-        points: on the instrument.
-        left_m: SD of their distances to its solids, robust.
+        pull: (6,) gradient of the log likelihood there; 0 except for the effect of the search's prior.
+        points: number of points on the instrument.
+        left_m: robust SD of their distances to its solids.
     """
 
     q: NDArray[np.float64]
@@ -79,11 +81,11 @@ def sight(
 
     Args:
         image: with depth.
-        T_base_camera: the camera as it is registered in the arm's base.
+        T_base_camera: the camera as registered in the arm's base.
         arm: whose instrument.
-        q: (6,) joints where they are expected, rad and m.
+        q: (6,) expected joints, rad and m.
         jaw_rad: opening between the fingers.
-        T_base_floor: a plane, z up; what lies below it is no part of the instrument. None: nothing else is near.
+        T_base_floor: a plane, z up; nothing below it is part of the instrument. None: nothing else is near.
     """
     evidence = _gather(image, T_base_camera, arm, q, jaw_rad, T_base_floor)
     if evidence is None:
@@ -154,7 +156,7 @@ def _normal_equations(
     points: NDArray[np.float64],
     rays: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return information (6, 6) and gradient (6,) of the fit's cost at a turn and a shift (6,), and what is left."""
+    """Return information (6, 6) and gradient (6,) of the fit's cost at a rotation and shift (6,), and the residuals."""
     turned = q.copy()
     turned[3:] += x[:3]
     solids = InstrumentSolids.of(arm, turned, jaw_rad)

@@ -17,7 +17,7 @@ from trocar.arms.instrument import CLEVIS_SHARE, KNUCKLE_SHARE, SLEEVE_M, SLEEVE
 CARRIED = np.array([[0, 0, 0], [0, 0, 0], [1, 1, 0], [1, 1, 1], [1, 1, 1], [1, 1, 1]], dtype=np.float64)
 """(6, 3) 1 where q4 q5 q6 move a solid: shaft and its sleeve (which are round), clevis, knuckle, fingers."""
 FRAMES = np.array([0, 0, 1, 2, 2, 2])
-"""Which of the frames 4, 5, 6 a solid is fixed in."""
+"""Index of the frame (4, 5 or 6) in which each solid is fixed."""
 
 
 class Solid(Protocol):
@@ -34,7 +34,7 @@ class Solid(Protocol):
 
 @dataclass(frozen=True)
 class Cylinder:
-    """About z, closed at both ends."""
+    """A solid of revolution about z, closed at both ends."""
 
     radius_m: float
     lower_m: float
@@ -65,7 +65,7 @@ class Cylinder:
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """From the frame's origin to an end (3,)."""
+    """A rod from the frame's origin to an end (3,)."""
 
     end_m: NDArray[np.float64]
     radius_m: float
@@ -86,7 +86,7 @@ class Capsule:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """Convex, with outward normals (k, 3) and offsets (k,); beside its edges the distance is a little too small."""
+    """A convex solid, outward normals (k, 3) and offsets (k,); near its edges the distance is slightly too small."""
 
     normals: NDArray[np.float64]
     offsets: NDArray[np.float64]
@@ -141,9 +141,9 @@ class InstrumentSolids:
         return self._all(self._local(points_m)).min(axis=0)
 
     def slopes(self, points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the distances (n,) of points (n, 3), and how they change (n, 6).
+        """Return the distances (n,) of points (n, 3), and their derivatives (n, 6).
 
-        That is with q4 q5 q6 (m/rad), and with a shift of the whole instrument in the base.
+        The derivatives are by q4 q5 q6 (m/rad) and by a shift of the whole instrument in the base.
         """
         local = self._local(points_m)
         found = self._all(local)
@@ -154,7 +154,7 @@ class InstrumentSolids:
             frame = FRAMES[number]
             normal = solid.gradient(local[frame][rows]) @ self.R[frame].T
             arms = points_m[rows] - self.p[:, None]
-            moves = np.cross(self.R[:, :, 2][:, None], arms)  # of a point on the solid, with each joint about its z
+            moves = np.cross(self.R[:, :, 2][:, None], arms)  # velocity of a point on the solid, by joint
             by[rows, :3] = -np.einsum("ni,kni->nk", normal, moves) * CARRIED[number]
             by[rows, 3:] = -normal
         return found.min(axis=0), by

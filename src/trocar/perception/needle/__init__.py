@@ -1,4 +1,4 @@
-"""Where a suture needle is, from one depth image of it."""
+"""The pose of a suture needle, from depth images of one moment."""
 
 from trocar.perception.needle.arc import NeedleArc
 from trocar.perception.needle.sighting import NeedleSighting, search_starts, sight_needle

@@ -38,12 +38,12 @@ class NeedleArc:
     def behind_tip_rad(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far (n,) behind the tip the points of the wire lie that are nearest to points (n, 3)."""
         angle = np.arctan2(-p[:, 0], -p[:, 1])
-        beyond = 0.5 * (TURN - self.arc_rad)  # half of the gap between the ends: beyond it the other end is nearer
+        beyond = 0.5 * (TURN - self.arc_rad)  # half of the gap between the ends, beyond which the other end is nearer
         angle = (angle + beyond) % TURN - beyond
         return np.clip(angle, 0.0, self.arc_rad)
 
     def point_m(self, behind_tip_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (n, 3) of the wire's middle line so far (n,) behind the tip."""
+        """Return points (n, 3) of the wire's middle line at these arc lengths (n,) behind the tip."""
         angle = np.asarray(behind_tip_rad, dtype=np.float64)
         return self.radius_m * np.stack([-np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=-1)
 
@@ -58,7 +58,7 @@ class NeedleArc:
         return np.linalg.norm(away, axis=1) - 0.5 * self.wire_m
 
     def slopes(self, p: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the distances (n,) of points (n, 3), and how they change (n, 6) with a twist of the needle.
+        """Return the distances (n,) of points (n, 3), and their derivatives (n, 6) by a twist of the needle.
 
         The twist is in its frame, a translation (m/m) and a rotation (m/rad), as in ``SE3.exp``.
         """

@@ -2,8 +2,8 @@
 
 Points on the needle have to lie on its wire. A pixel that does not have the colour of the floor under the needle shows
 the wire, so its ray has to meet it; a ray that ends on the floor, by its colour or its depth, must not have passed
-through it. The wire is about two pixels wide and its depth scatters by most of its thickness: its place across the rays
-comes from the colours, its distance from the mean of many points.
+through it. The wire is about two pixels wide and its depth scatters by most of its thickness: its position across the
+rays comes from the colours, its distance from the mean of many points.
 """
 
 from __future__ import annotations
@@ -22,71 +22,72 @@ from trocar.perception.image import RgbdImage
 from trocar.perception.needle.arc import NeedleArc
 
 FIRST_M, THEN_M = 2.5e-3, 1.3e-3
-"""What is this near to the wire is taken for it: where the wire is expected, and then where it was found."""
+"""Points this close to the wire are taken for points on it: first of the expected wire, then of the one found."""
 WIDE_M = 5.0e-3
-"""What is this near to the expected wire decides between what was found from several starts."""
+"""Points this close to the expected wire decide between the results from several starts."""
 SURE_M, AWAY, FAR_AWAY = 0.8e-3, 1.5, 3.0
-"""If the wire's end is less certain than this (SD), the search starts from several places, so many SDs away from where
-it is expected; if it ends somewhere that does not explain what is seen, it starts again even further away."""
+"""If the wire's end is less certain than this (SD), the search starts from several poses, this many SDs away from the
+expected one; if the result does not explain what is seen, it starts again even further away."""
 ASIDE_M, UNEXPLAINED = 0.5e-3, 0.1
-"""Pixels of steel within ``WIDE_M`` whose rays pass the wire so far aside show another place of it, as those of the
-floor do whose rays go through it. Where there are more of them than this share of those that show steel, the pose is
-not the needle's. (In the cell there is none of them about a needle that was found, and a fifth about one that was not.)
+"""Steel pixels within ``WIDE_M`` whose rays miss the wire by this distance contradict a pose, and so do floor pixels
+whose rays pass through the wire. If more than this share of the steel pixels do, the pose is rejected. (In the cell
+there are none around a needle that was found, and a fifth around one that was not.)
 """
 BEHIND_M = 1.5e-3
-"""What lies this far behind the wire was seen past it."""
+"""A ray that ends this far behind the wire passed it."""
 OVER_FLOOR_M = 0.7e-3
-"""Lower points over the floor are not on a needle."""
+"""Points lower than this over the floor are not on a needle."""
 ON_FLOOR_M = 1.0e-3
-"""Points this near to the floor show its colour."""
+"""Points this close to the floor show its colour."""
 APART_M = 1.0e-3
-"""Points this near to another known object may be on that object."""
+"""Points this close to another known object may be on that object."""
 IN_FRONT_M = 1.5e-3
-"""What is seen so much nearer than the wire can be hides it."""
+"""A point this much nearer than the wire can be hides it."""
 STEP_M, COARSE = 1.5e-3, 5
 BEFORE_M = np.arange(-0.08, 0.004, STEP_M)
-"""Where along a ray, against where it is nearest to the wire, something else would hide it or be taken for it. One
-of so many places is tried first."""
+"""Positions along a ray, relative to where it is nearest to the wire, at which another object would hide the wire or be
+taken for it. One in this many is tried first."""
 UNLIKE = 0.05
 """Colours whose shares of red, green and blue differ by more are not the same."""
 GREY = 0.25
 """Steel has less saturation."""
 DARK = 0.12
-"""Pixels that have less than this share of the floor's light are in a shadow and show no colour."""
+"""Pixels with less than this share of the floor's light are in shadow and show no colour."""
 SEARCH_PIXEL_M = 0.25e-3
-"""Pixels that lie nearer to each other on the needle are left out while it is searched for."""
+"""While searching, pixels that are closer to each other on the needle than this are left out."""
 SPACING_M, WIRE_SPACING_M = 0.4e-3, 0.1e-3
-"""At which rays and the wire are followed."""
+"""Spacing at which rays and the wire are sampled."""
 POINT_SD_M, RAY_SD_PX = 0.35e-3, 0.25
-"""SDs of a point's distance from the wire, and of how far a ray passes beside it or through it."""
+"""SDs of a point's distance from the wire, and of the distance by which a ray misses it or passes through it."""
 ROBUST = 1.5
-"""A residual of more SDs counts less (Cauchy)."""
+"""A residual of more SDs than this counts less (Cauchy)."""
 TOGETHER = 4.0
-"""This many neighbouring points and rays share their errors and count as one (chosen so that errors of looks in the
-cell are as large as stated)."""
+"""This many neighbouring points and rays share their error and count as one (chosen so that errors of looks in the cell
+are as large as stated)."""
 STEPS = 12
 MOST_SHIFT_M, MOST_TURN_RAD = 0.5e-3, 0.1
 """Greatest step of the search."""
 FEWEST, DEEP = 12, 0.4
-"""With fewer pixels on the wire it was not seen; at least this share of them has depth in each image."""
+"""Minimum number of pixels on the wire for it to count as seen, and the share of them that must have depth in each
+image."""
 STEEP = 0.4
-"""If the sine between ray and wire is less, depth tells nothing about the wire."""
+"""If the sine of the angle between ray and wire is less, depth tells nothing about the wire."""
 WORST_M = 0.9e-3
 """Points that scatter about the wire by more than this (SD) are not on it."""
 
 Elsewhere = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Signed distances (n,) of points (n, 3) in the camera's frame from what else is there."""
+"""Signed distances (n,) of points (n, 3) in the camera's frame from other known objects."""
 
 
 @dataclass(frozen=True, eq=False)
 class NeedleSighting:
-    """A normal likelihood of where the needle is.
+    """A normal likelihood of the needle's pose.
 
     Attributes:
         T_camera_needle: pose that fits best.
         information: (6, 6) of a twist of the needle in its own frame about that pose, 1/m and 1/rad.
-        pixels: that show the wire.
-        left_m: SD of its depth, robust.
+        pixels: number of pixels that show the wire.
+        left_m: robust SD of its depth.
     """
 
     T_camera_needle: SE3
@@ -97,12 +98,12 @@ class NeedleSighting:
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """In the camera's frame.
+    """The evidence of images, in the camera's frame.
 
     Attributes:
         points: (n, 3) on the wire.
-        through: (m, k, 3) places along rays that meet it.
-        past: (l, k, 3) places along rays that pass it.
+        through: (m, k, 3) positions along rays that meet it.
+        past: (l, k, 3) positions along rays that pass it.
         pixel_m: distance of neighbouring rays there.
     """
 
@@ -120,16 +121,17 @@ def sight_needle(
     T_camera_floor: SE3,
     elsewhere: Elsewhere | None = None,
 ) -> NeedleSighting | None:
-    """Return what depth images of one moment say of a needle's pose; None if the needle is not seen.
+    """Return what depth images of one moment tell about a needle's pose; None if the needle is not seen.
 
     Args:
         images: with depth, by one camera, while nothing moves; more of them scatter less in depth.
         T_camera_needle: where it is expected.
-        covariance: (6, 6) of a twist of the needle in its own frame about there, m and rad; says where the search
-            begins, keeps it at home where the images say nothing, and is no part of the information that is returned.
+        covariance: (6, 6) of a twist of the needle in its own frame about that pose, m and rad; it determines where the
+            search begins, constrains it where the images show nothing, and is not part of the returned information.
         arc: its shape.
         T_camera_floor: a plane, z up, below which nothing of the needle is seen.
-        elsewhere: how far points are from what else is there, such as the instrument that holds it; None: nothing is.
+        elsewhere: distances of points from other known objects, such as the instrument that holds it; None: there are
+            none.
 
     Raises:
         TrocarError: there is no image.
@@ -179,13 +181,13 @@ def sight_needle(
 def search_starts(
     T_camera_needle: SE3, covariance: NDArray[np.float64], arc: NeedleArc, away: float = AWAY
 ) -> list[SE3]:
-    """Return where the search for a needle starts: where it is expected, and around that if its tip is uncertain.
+    """Return where the search for a needle starts: at the expected pose, and around it if the tip is uncertain.
 
     Args:
         T_camera_needle: where it is expected.
-        covariance: (6, 6) of a twist of the needle in its own frame about there, m and rad.
+        covariance: (6, 6) of a twist of the needle in its own frame about that pose, m and rad.
         arc: its shape.
-        away: so many SDs around.
+        away: distance of the other starts, in SDs.
     """
     tip = arc.point_m(np.zeros(1))[0]
     lever = np.column_stack([np.eye(3), np.cross(np.eye(3), tip).T])
@@ -193,7 +195,7 @@ def search_starts(
     starts = [T_camera_needle]
     for variance, axis in zip(sd, axes.T, strict=True):
         if variance > SURE_M**2:
-            likeliest = covariance @ lever.T @ axis / np.sqrt(variance)  # twist that has the tip one SD away along it
+            likeliest = covariance @ lever.T @ axis / np.sqrt(variance)  # twist that moves the tip by one SD along it
             starts += [T_camera_needle @ SE3.exp(share * likeliest) for share in (away, -away)]
     return starts
 
@@ -207,9 +209,9 @@ def _gather(
     elsewhere: Elsewhere | None,
     every: int,
 ) -> _Evidence | None:
-    """Return what images show of a needle that is about here; None if there is too little.
+    """Return what images show of a needle near this pose; None if it is too little.
 
-    Colours are those of the first image: the others have the same. Of rows and columns one of ``every`` is read.
+    Colours are taken from the first image, since the others have the same. One in ``every`` rows and columns is read.
     """
     half = np.array([arc.radius_m, arc.radius_m, 0.0]) + 0.5 * arc.wire_m + max(near_m, FIRST_M)
     patches = [
@@ -246,7 +248,7 @@ def _gather(
 def _along_rays(
     rays: NDArray[np.float64], T_camera_needle: SE3, arc: NeedleArc, near_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how deep (n,) the wire lies where rays (n, 3) are nearest to it, and how far (n,) from it they stay.
+    """Return the depth (n,) of the wire where rays (n, 3) are nearest to it, and their least distances (n,) from it.
 
     Rays that pass it further away than ``near_m`` have an infinite distance.
     """
@@ -259,7 +261,7 @@ def _along_rays(
 
 
 def _clear(elsewhere: Elsewhere, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which rays (n, 3) come to these depths (n,) and a little further without meeting something else."""
+    """Return which rays (n, 3) reach these depths (n,) and a little further without meeting another object."""
 
     def least(which: NDArray[np.intp], before_m: NDArray[np.float64]) -> NDArray[np.float64]:
         along = rays[which, None] * (z_near[which, None] + before_m)[..., None]
@@ -267,7 +269,7 @@ def _clear(elsewhere: Elsewhere, rays: NDArray[np.float64], z_near: NDArray[np.f
 
     roughly = least(np.arange(len(rays)), BEFORE_M[::COARSE])
     clear = roughly > APART_M
-    # A distance changes by no more than the way along the ray: only near something the places between have to be tried.
+    # A distance changes by no more than the step along the ray, so positions in between matter only near an object.
     unsure = np.flatnonzero(clear & (roughly < APART_M + COARSE * STEP_M))
     clear[unsure] = least(unsure, BEFORE_M) > APART_M
     return clear
@@ -290,7 +292,7 @@ def _colors(patch: Patch, T_floor_camera: SE3) -> tuple[NDArray[np.bool_], NDArr
 def _normal_equations(
     evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return information (6, 6) and gradient (6,) of the fit's cost at a pose, and what is left of the points."""
+    """Return information (6, 6) and gradient (6,) of the fit's cost at a pose, and the residuals of the points."""
     T = T_camera_needle.inverse()
     behind, by_behind = _behind(evidence.points, T, arc)
     missed, by_missed = _closest(evidence.through, T, arc)
@@ -311,7 +313,7 @@ def _normal_equations(
 
 
 def _missed_by(evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc) -> float:
-    """Return how badly a pose explains which rays meet the wire and which pass it, comparable for one evidence."""
+    """Return how badly a pose explains which rays meet the wire and which pass it; comparable for the same evidence."""
     T = T_camera_needle.inverse()
     missed, entered = np.maximum(_closest(evidence.through, T, arc)[0], 0.0), _closest(evidence.past, T, arc)[0]
     off = np.concatenate([missed, np.minimum(entered, 0.0)]) / (RAY_SD_PX * evidence.pixel_m)
@@ -319,7 +321,7 @@ def _missed_by(evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc) -> flo
 
 
 def _unexplained(evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc) -> float:
-    """Return how many rays a pose contradicts, against how many meet steel."""
+    """Return the number of rays that contradict a pose, as a share of those that meet steel."""
     T = T_camera_needle.inverse()
     missed, entered = _closest(evidence.through, T, arc)[0], _closest(evidence.past, T, arc)[0]
     within_m = -0.25 * arc.wire_m
@@ -329,10 +331,10 @@ def _unexplained(evidence: _Evidence, T_camera_needle: SE3, arc: NeedleArc) -> f
 def _behind(
     points: NDArray[np.float64], T_needle_camera: SE3, arc: NeedleArc
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far (n,) points lie behind the wire's front as their rays see it, and how that changes (n, 6).
+    """Return how far (n,) points lie behind the wire's front as seen along their rays, and the derivatives (n, 6).
 
-    It is taken along the rays, as depth scatters, and counted across the wire. A point's distance from the surface
-    would not do: what scatters through the thin wire comes out of its back.
+    It is measured along the rays, because depth scatters along them, and converted to a distance across the wire. A
+    point's distance from the surface would not do: points that scatter through the thin wire come out at its back.
     """
     p = T_needle_camera.apply(points)
     ray = p - T_needle_camera.translation_m
@@ -360,7 +362,7 @@ def _behind(
 def _closest(
     places: NDArray[np.float64], T_needle_camera: SE3, arc: NeedleArc
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least distances (n,) along rays from the wire's surface, and how they change (n, 6)."""
+    """Return the least distances (n,) along rays from the wire's surface, and their derivatives (n, 6)."""
     if not len(places):
         return np.zeros(0), np.zeros((0, 6))
     local = T_needle_camera.apply(places)

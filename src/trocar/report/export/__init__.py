@@ -1,4 +1,4 @@
-"""Trials as flat tables, for whatever reads CSV or Parquet."""
+"""Trials as flat tables, for any program that reads CSV or Parquet."""
 
 from trocar.report.export.export import FORMATS, Written, export_trials
 

@@ -29,7 +29,7 @@ class Written:
 
     Attributes:
         path: of the file.
-        rows: that it has.
+        rows: their number.
         columns: their names.
     """
 
@@ -46,11 +46,11 @@ def export_trials(
 ) -> list[Written]:
     """Write trials of one run as flat tables, and return what was written.
 
-    ``trials``, ``goals``, ``spans``, ``events`` and ``collisions`` have the rows of all trials; what was sampled at
-    100 Hz is in ``samples``, a table for each trial; ``columns`` says what each column means.
+    ``trials``, ``goals``, ``spans``, ``events`` and ``collisions`` have the rows of all trials; what was sampled at 100
+    Hz is in ``samples``, one table per trial; ``columns`` says what each column means.
 
     Args:
-        trials: each is looked at once.
+        trials: each is read once.
         folder: made if it is not there.
         format: a key of :data:`FORMATS`.
         progress: called with the number of trials done and of all.

@@ -1,4 +1,4 @@
-"""What trials say of themselves, goal by goal, span by span, event by event, as flat tables."""
+"""The goals, spans, events and collisions of trials as flat tables."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OF_RUN = {
     "planner": "of the motions",
     "station": "where",
 }
-"""What a trial's ``about`` says of its run, and what it means."""
+"""Keys of a trial's ``about`` that describe its run, with their meaning."""
 
 TRIALS = (
     *PLACE,
@@ -91,7 +91,7 @@ SCORED = ("attempted", "succeeded", "failure", "reason", "start_s", "end_s")
 
 @dataclass
 class Notes:
-    """Rows of all tables but the sampled ones; trials are added one by one."""
+    """Rows of all tables except the sampled ones; trials are added one by one."""
 
     _rows: dict[str, list[tuple[Any, ...]]] = field(
         default_factory=lambda: {name: [] for name in ("trials", "goals", "spans", "events", "collisions")}
@@ -99,7 +99,7 @@ class Notes:
     _own: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, trial: Trial) -> None:
-        """Add all that one trial says."""
+        """Add the rows of one trial."""
         about, turns, rows = trial.about, turns_of(trial), self._rows
         place = about["session"], about["index"]
         rows["trials"].append((*place, *_of_trial(trial)))
@@ -121,7 +121,7 @@ class Notes:
             rows["collisions"].append((*place, *told, *hit["p_world_m"]))
 
     def tables(self) -> list[FlatTable]:
-        """Return the tables of all that was added."""
+        """Return the tables of all trials that were added."""
         columns = {"trials": TRIALS, "goals": GOALS, "spans": SPANS, "events": EVENTS, "collisions": COLLISIONS}
         found = [FlatTable.of_rows(name, columns[name], rows) for name, rows in self._rows.items()]
         return [_with_own(table, self._own) if table.name == "goals" else table for table in found]
@@ -144,7 +144,7 @@ def _of_trial(trial: Trial) -> tuple[Any, ...]:
 
 
 def _of_event(event: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Return the cells of an event; what is not of a column's kind stands with all else that was noted."""
+    """Return the cells of an event; values that do not have a column's type are listed with everything else."""
     kinds = {"arm": str, "goal": int, "outcome": str, "reason": str}
     flat = {key: event[key] for key, kind in kinds.items() if isinstance(event.get(key), kind)}
     more = {key: value for key, value in event.items() if key not in ("name", "time_s", *flat)}
@@ -153,12 +153,12 @@ def _of_event(event: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _own_name(trial: Trial, key: str) -> str:
-    """Return the column of what a task's own score says, such as ``transfer_source``."""
+    """Return the column of a field of the task's own score, such as ``transfer_source``."""
     return re.sub(r"\W", "_", f"{trial.piece}_{key}")
 
 
 def _with_own(goals: FlatTable, own: Sequence[Mapping[str, Any]]) -> FlatTable:
-    """Return the table of goals with a column for each thing that the task's own score says."""
+    """Return the table of goals with a column for each field of the task's own score."""
     names = dict.fromkeys(name for score in own for name in score)
     columns, values = list(goals.columns), list(goals.values)
     for name in names:

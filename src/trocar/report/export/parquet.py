@@ -11,7 +11,7 @@ from trocar.report.export.table import FlatTable
 
 
 def require_parquet() -> None:
-    """Raise TrocarError if Parquet files cannot be written here: ask before anything is read."""
+    """Raise TrocarError if Parquet files cannot be written here; check this before anything is read."""
     try:
         import pyarrow  # noqa: F401, PLC0415 - an extra, of 150 MB
     except ImportError:
@@ -29,5 +29,5 @@ def write_parquet(table: FlatTable, path: str | Path) -> Path:
     path, kind = Path(path), f"table of {table.name}"
     with writing(path, kind) as draft, pq.ParquetWriter(draft, filled.schema, store_schema=False) as file:
         file.write_table(filled)
-        file.add_key_value_metadata({MADE_BY: mark_of(kind)})  # at the very end of the file, where it is looked for
+        file.add_key_value_metadata({MADE_BY: mark_of(kind)})  # at the very end of the file, where it is searched for
     return path

@@ -27,7 +27,7 @@ Values = tuple[Column, NDArray[Any]]
 def samples_of(trial: Trial) -> FlatTable:
     """Return a row for each tick: time; of each arm joints, jaw and tip of all kinds; pose of each free body.
 
-    Tips stand in the world: the true one by the arm's true base, all others by the base as it was registered.
+    Tips are in the world: the true one by the arm's true base, all others by the base as it was registered.
     """
     times = trial.times_s
     found: list[Values] = [

@@ -20,7 +20,7 @@ class Column:
     """One column.
 
     Attributes:
-        name: in the table's first line; numbers have their unit in it.
+        name: in the table's first line, with the unit for numbers.
         about: what it means.
         kind: of its values.
         unit: of its values; empty if they have none.
@@ -39,7 +39,7 @@ class FlatTable:
     Attributes:
         name: what one row is, in the plural.
         columns: in order.
-        values: of each column, all of one length; None where a row has none.
+        values: of each column, all of the same length; None for a missing value.
     """
 
     name: str
@@ -56,7 +56,7 @@ class FlatTable:
         return FlatTable(name, tuple(columns), values)
 
     def write_csv(self, path: str | Path) -> Path:
-        """Write it as CSV: an empty cell is no value, truth is ``true`` or ``false``, numbers have nine digits."""
+        """Write it as CSV: empty cells are missing values, booleans ``true`` or ``false``, numbers have nine digits."""
         cells = [
             list(map(_SHOWN[column.kind], values)) for column, values in zip(self.columns, self.values, strict=True)
         ]
@@ -79,7 +79,7 @@ _SHOWN: dict[Kind, Callable[[Any], str]] = {"text": _text, "integer": _text, "nu
 
 
 def kind_of(values: Sequence[Any]) -> Kind:
-    """Return the kind that holds all of these values."""
+    """Return the type that fits all of these values."""
     there = [value for value in values if value is not None]
     if there and all(isinstance(value, bool | np.bool_) for value in there):
         return "truth"

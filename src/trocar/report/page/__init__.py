@@ -1,1 +1,1 @@
-"""Pages for a browser: of a run, of a study. Each holds its pictures in itself; nothing is asked of a network."""
+"""Pages for a browser: of a run, of a study. Each includes its pictures; nothing is loaded from a network."""

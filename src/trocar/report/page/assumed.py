@@ -1,4 +1,4 @@
-"""What a run's figures rest on, and how to get them again."""
+"""The assumptions behind a run's figures, and how to reproduce them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def reproduced(summary: Mapping[str, Any], command: str) -> list[str]:
 
     Args:
         summary: keys as in ``summary.json``.
-        command: that makes the run again.
+        command: that repeats the run.
     """
     use = summary["command_limit_use"]
     versions = ", ".join(f"{name} {number}" for name, number in summary["versions"].items())

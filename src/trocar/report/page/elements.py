@@ -1,4 +1,4 @@
-"""What pages are made of, as HTML: everything that is given is text, and is escaped."""
+"""The elements of pages, as HTML; all arguments are text and are escaped."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def document(title: str, sub: Iterable[str], parts: Iterable[str]) -> str:
     """Return a page.
 
     Args:
-        title: of the page, which is its first heading too.
+        title: of the page, and its first heading.
         sub: lines under it.
         parts: HTML, in order.
     """
@@ -35,7 +35,7 @@ def section(name: str, title: str, *parts: str) -> str:
     """Return a section with a heading.
 
     Args:
-        name: that links of the page know it by.
+        name: anchor for links within the page.
         title: of the heading.
         parts: HTML, in order; without any there is no section.
     """
@@ -49,7 +49,7 @@ def paragraph(text: str, kind: str = "") -> str:
 
 
 def bullets(lines: Iterable[str]) -> str:
-    """Return a list of sentences; of none, nothing."""
+    """Return a list of sentences; empty if there are none."""
     inside = "".join(f"<li>{escape(line)}</li>" for line in lines)
     return f"<ul class=notes>{inside}</ul>" if inside else ""
 
@@ -63,13 +63,13 @@ def table(
     kinds: Sequence[str] = (),
     compact: bool = False,
 ) -> str:
-    """Return a table; the first cell of each row heads it.
+    """Return a table; the first cell of each row is its header.
 
     Args:
         head: of the columns.
         rows: cells.
         caption: below it.
-        numbers: columns that are set flush right.
+        numbers: columns that are right-aligned.
         kinds: class of each row, ``ours`` or ``dim``; empty: none.
         compact: set in smaller type.
     """
@@ -94,7 +94,7 @@ def table(
 
 
 def of_table(printed: Table) -> str:
-    """Return a table that the console prints as one of the page, with its title as a heading."""
+    """Return a console table as a table of the page, with its title as a heading."""
     columns = list(printed.columns)
     cells = [[str(cell) for cell in column.cells] for column in columns]
     kinds = [{"bold": "ours", "dim": "dim"}.get(str(row.style), "") for row in printed.rows]
@@ -110,7 +110,7 @@ def of_table(printed: Table) -> str:
 
 
 def picture(shown: Picture) -> str:
-    """Return a picture, which the page then holds in itself, with its caption."""
+    """Return a picture, embedded in the page, with its caption."""
     data = base64.b64encode(shown.path.read_bytes()).decode()
     source = f"data:{MIME[shown.path.suffix]};base64,{data}"
     return (
@@ -120,7 +120,7 @@ def picture(shown: Picture) -> str:
 
 
 def pictures(shown: Iterable[Picture]) -> str:
-    """Return several small pictures beside each other; of none, nothing."""
+    """Return several small pictures beside each other; empty if there are none."""
     inside = "".join(picture(one) for one in shown)
     return f"<div class=pictures>{inside}</div>" if inside else ""
 

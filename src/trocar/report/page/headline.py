@@ -1,4 +1,4 @@
-"""What a reader wants first: success, time, collisions, and what casts doubt on them."""
+"""What a reader wants first: success, time, collisions, and reasons to doubt them."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def headline(summary: Mapping[str, Any]) -> str:
 
 
 def warnings(summary: Mapping[str, Any]) -> Sequence[str]:
-    """Return what casts doubt on the figures."""
+    """Return reasons to doubt the figures."""
     if summary["missed_budgets"] <= MISSED_WARNING:
         return []
     return [

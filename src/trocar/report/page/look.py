@@ -1,4 +1,4 @@
-"""How pages look: by day, by night, and on paper."""
+"""How pages look: in light and dark mode, and on paper."""
 
 STYLE = """
 :root{color-scheme:light dark;--ink:#1c1f23;--quiet:#5c6670;--line:#d8dde2;--paper:#fff;--card:#f4f6f8;--mark:#0b63a5;

@@ -1,4 +1,4 @@
-"""The page of a run: what one would hand to a colleague."""
+"""The page of a run, to hand to a colleague."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REPLAY = "replay.html"
 
 @dataclass(frozen=True, eq=False)
 class RunReport:
-    """All that the page of a run shows.
+    """Everything that the page of a run shows.
 
     Attributes:
         summary: keys as in ``summary.json``.
@@ -33,12 +33,12 @@ class RunReport:
         failures: how often each failure occurred.
         failed: all goals that were not reached.
         failed_pictures: of some of them.
-        storyboard: pictures of a trial, and what else a task draws.
+        storyboard: pictures of a trial, and others that a task draws.
         timechart: what took the time; None: nothing was noted.
         shown: which trial the pictures and the replay are of.
         notes: sentences that a reader must know.
         strange: sentences about what is missing or unexpected.
-        command: that makes the run again.
+        command: that repeats the run.
     """
 
     summary: Mapping[str, Any]
@@ -56,7 +56,7 @@ class RunReport:
 
 
 def write_page(path: str | Path, run: RunReport) -> Path:
-    """Write the page of a run and return its path; the replay, where there is one, lies beside it."""
+    """Write the page of a run and return its path; the replay, if there is one, is beside it."""
     summary = run.summary
     names = (str(summary[key]) for key in ("task", "variant", "method") if summary[key])
     title = ", ".join(name.replace("-", " ") for name in names)

@@ -1,4 +1,4 @@
-"""What a study of robustness is made of: one ordinary run for each method, each flaw and each of its sizes."""
+"""The conditions of a robustness study: one ordinary run for each method, each flaw and each of its sizes."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ USUAL_SCALES = (0.0, 1.0, 2.0, 4.0)
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """One flaw of one size, met by one method.
+    """One flaw of one size with one method.
 
     Attributes:
-        method: how it is done.
+        method: name of the method.
         flaw: its name.
-        scale: its size, times what was recorded.
-        cell: its run; conditions that are the same share one.
+        scale: its size, as a multiple of the recorded one.
+        cell: its run; identical conditions share one.
     """
 
     method: str
@@ -35,13 +35,13 @@ class Condition:
 
     @property
     def size(self) -> float:
-        """Return the size as :attr:`unit` has it."""
+        """Return the size in :attr:`unit`."""
         flaw = FLAWS[self.flaw]
         return SHOWN[flaw.unit][1] * flaw.size(self.cell.config.laboratory.difficulty[self.flaw])
 
     @property
     def unit(self) -> str:
-        """Return the unit of the size: 'mm', 'deg', or 'x' of what was recorded."""
+        """Return the unit of the size: 'mm', 'deg', or 'x' for multiples of the recorded size."""
         return SHOWN[FLAWS[self.flaw].unit][0] or "x"
 
 
@@ -62,11 +62,11 @@ def conditions_of(
     Args:
         folder: of the study; each run has one in it.
         task: with its options.
-        methods: with commas; empty: all that the task has.
-        flaws: likewise; empty: all that its station feels.
-        scales: sizes of each flaw, times what was recorded, with commas; empty: ``USUAL_SCALES``.
-        difficulty: of what is not varied.
-        model: of the methods that compensate; empty: the usual one.
+        methods: comma-separated; empty: all that the task has.
+        flaws: likewise; empty: all that affect its station.
+        scales: sizes of each flaw as multiples of the recorded one, comma-separated; empty: ``USUAL_SCALES``.
+        difficulty: of the flaws that are not varied.
+        model: of the methods that compensate; empty: the default.
         calibration: of these too; empty: joints with drawn noise.
         run: the rest, as in RunConfig.
 
@@ -106,7 +106,7 @@ def _is_usual(flaw: str, scale: float, difficulty: str) -> bool:
 
 
 def _text(flaw: str, scale: float) -> str:
-    """Return a flaw of so many times its recorded size as ``--flaw`` takes it."""
+    """Return a flaw with a multiple of its recorded size, in the form that ``--flaw`` takes."""
     kind = FLAWS[flaw]
     return f"{flaw}={scale * kind.size(kind.values('recorded')):.6g}{kind.unit}"
 

@@ -16,7 +16,7 @@ from trocar.report.statistics import session_interval
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What came of a condition: goals reached, of all that there were; collisions a trial; time for a goal reached.
+    """The results of a condition: goals reached, of all; collisions per trial; time per goal reached.
 
     Attributes:
         condition: which.
@@ -27,7 +27,7 @@ class Result:
     rows: Sequence[Row]
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures with their 95 % intervals over sessions, as JSON's values."""
+        """Return the figures with their 95 % intervals over sessions, as JSON values."""
         found = CellRows(self.condition.cell, self.rows)
         reached = [sum(values) for values in found.by_session(lambda row: row.succeeded).values()]
         goals = [sum(values) for values in found.by_session(lambda row: row.goals).values()]

@@ -1,4 +1,4 @@
-"""What a study of robustness needs of a trial of any task."""
+"""What a robustness study needs from a trial of any task."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Row:
 
 
 def read_row(trial: str | Path, fingerprint: str) -> Row:
-    """Return the row of a trial's file; it is made, and kept, where there is none that fits.
+    """Return the row of a trial's file; it is made and stored if there is no valid one.
 
     Raises:
         TrocarError: the trial cannot be read.

@@ -9,7 +9,7 @@ from trocar.station.transmission.pose_error_field import PoseErrorField
 from trocar.station.transmission.stiff import Stiff
 
 SESSIONS = {"psm1_grey": PSM1_GREY_SESSIONS}
-"""Means over the recorded sessions of instruments that were recorded in several."""
+"""Means over the recorded sessions, for instruments with several sessions."""
 
 TRANSMISSIONS: Registry[Transmission] = Registry(
     "transmission",

@@ -1,4 +1,4 @@
-"""What lies between an encoder and its joint, and one of them at work."""
+"""What lies between an encoder and its joint, and a running instance of it."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from trocar.station.difficulty import Difficulty
 
 CORRELATION_TIME_S = 1.0
-"""Time over which the unrepeatable part of the joints' error fades (assumed; the recordings sample each .8 s)."""
+"""Correlation time of the unrepeatable part of the joints' error (assumed; the recordings sample every .8 s)."""
 
 CREEP_TIME_S = 300.0
-"""Time over which creep fades (assumed: it is seen after 80 s in recordings of a quarter of an hour)."""
+"""Correlation time of creep (assumed: it is seen after 80 s in recordings of a quarter of an hour)."""
 
 
 class Transmission(Protocol):
-    """What an instrument's drive does to the joints, as it is drawn again for every session."""
+    """What an instrument's drive does to the joints; drawn anew for every session."""
 
     @property
     def source(self) -> str:
-        """Return where its numbers come from."""
+        """Return the source of its numbers."""
         ...
 
     @property
@@ -31,7 +31,7 @@ class Transmission(Protocol):
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:
-        """Return the SD (6,) of the joints' error that no model repeats, rad and m."""
+        """Return the SD (6,) of the joints' error that no model can reproduce, rad and m."""
         ...
 
     @property
@@ -41,7 +41,7 @@ class Transmission(Protocol):
 
     @property
     def creep_sd(self) -> NDArray[np.float64]:
-        """Return the SD (6,) of what wanders over minutes, rad and m."""
+        """Return the SD (6,) of the part that wanders over minutes, rad and m."""
         ...
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Self:
@@ -49,19 +49,19 @@ class Transmission(Protocol):
         ...
 
     def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> Any:
-        """Return the memory of an arm that rests at this command (6,), its slack unknown."""
+        """Return the state of an arm that rests at this command (6,) with unknown slack."""
         ...
 
     def step(self, memory: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
-        """Return the joints (6,) after the command (6,), without what no model repeats, and the new memory."""
+        """Return the joints (6,) after the command (6,), without the unrepeatable part, and the new state."""
         ...
 
 
 class DriveTrain:
-    """One arm's transmission at work: its repeatable part, plus errors that do not repeat.
+    """The running transmission of one arm: its repeatable part, plus errors that do not repeat.
 
-    What does not repeat fades within a second (an Ornstein-Uhlenbeck process through a low pass of the same time) or,
-    creep, over minutes. Hysteresis does not depend on speed: the recordings are quasi-static.
+    These change within a second (an Ornstein-Uhlenbeck process through a low pass of the same time) or, for creep, over
+    minutes. Hysteresis does not depend on speed: the recordings are quasi-static.
     """
 
     def __init__(self, transmission: Transmission, q_start: NDArray[np.float64], rng: np.random.Generator):
@@ -76,7 +76,7 @@ class DriveTrain:
         self._creep = self._creep_sd * self._creep_rng.standard_normal(6)
 
     def advance(self, dt_s: float) -> None:
-        """Let the unrepeatable part wander for ``dt_s``."""
+        """Advance the unrepeatable part by ``dt_s``."""
         keep = np.exp(-dt_s / CORRELATION_TIME_S)
         kick = self._sd * np.sqrt(2.0 * (1.0 - keep * keep))
         self._push = keep * self._push + kick * self._rng.standard_normal(6)
@@ -87,6 +87,6 @@ class DriveTrain:
             self._creep = keep * self._creep + kick * self._creep_rng.standard_normal(6)
 
     def joints(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where the joints (6,) are held after the command (6,); call it along the path."""
+        """Return where the joints (6,) are held after the command (6,); to be called along the path."""
         q, self._memory = self.transmission.step(self._memory, q_cmd)
         return q + self._drift + self._creep

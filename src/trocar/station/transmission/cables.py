@@ -15,18 +15,19 @@ from trocar.station.transmission.history_field import HistoryField
 from trocar.station.transmission.outer import OuterErrors, OuterMemory
 
 OUTER_SHARE = float(np.sqrt(0.5))
-"""Of the outer joints' SD between two equal runs, what the joints do; the rest is the fiducials' (assumed)."""
+"""Share of the outer joints' SD between two equal runs that comes from the joints; the rest is fiducial noise
+(assumed)."""
 MOST_SHARE = 0.9
-"""The fiducials' noise is at least what this share of the SD between two equal runs leaves."""
+"""At most this share of the SD between two equal runs comes from the joints; the rest is fiducial noise."""
 MOST_SDS = 2.0
-"""No radius, gain or coupling is further off: a more worn instrument would be thrown away (assumed)."""
+"""No radius, gain or coupling differs by more SDs: an instrument with more wear would be discarded (assumed)."""
 SCALE = np.array([1.5, 1.5, 1.5])
 RADII = np.tile([0.2, 0.5], (3, 1))
-"""Of the residual field, rad: with these, residuals in the cell correlate along the way as those of recordings do."""
+"""Radii of the residual field, rad: with these, residuals in the cell correlate along the path as in recordings."""
 
 
 class CableMemory(NamedTuple):
-    """All that the joints depend on besides the command."""
+    """Everything that the joints depend on besides the command."""
 
     play: PlayState
     residual: NDArray[np.float64] | None
@@ -35,16 +36,17 @@ class CableMemory(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cables:
-    """Play, coupling and offset of identified cables, and what no model of them has.
+    """Play, coupling and offset of identified cables, and an error outside the model.
 
     Attributes:
-        plant: the identified instrument, or what it is in a session.
-        usual: what sessions scatter about where the instrument changes between them (the flaw ``wear``): the mean of
-            those recorded. One session alone may be an unusual one: about `psm1_grey_random` tips miss recorded
-            places by 4.6 mm where they really missed them by 3.7 (``benchmarks/bench_cell.py``). None: the plant.
-        noise_sd: (3,) SD of the wrist that no run repeats, rad.
+        plant: the identified instrument, or its state in a session.
+        usual: the plant about which sessions scatter if the instrument changes between them (the flaw ``wear``): the
+            mean of the recorded ones. A single session may be unusual: with sessions about `psm1_grey_random`, tips
+            miss recorded places by 4.6 mm, whereas they really missed them by 3.7 (``benchmarks/bench_cell.py``). None:
+            the plant.
+        noise_sd: (3,) SD of the wrist's error that differs from run to run, rad.
         wander_sd: (3,) SD of the wrist's offsets over minutes, rad.
-        residual: error of the wrist of no model's family.
+        residual: error of the wrist that fits no model's family.
         outer: errors of q1 q2 q3.
     """
 
@@ -60,7 +62,7 @@ class Cables:
 
     @property
     def source(self) -> str:
-        """Return where the numbers come from."""
+        """Return the source of the numbers."""
         return self.plant.source
 
     @property
@@ -70,7 +72,7 @@ class Cables:
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:
-        """Return the joints' share of the SD between two equal runs."""
+        """Return the part of the SD between two equal runs that comes from the joints."""
         return np.concatenate([self.plant.noise_sd[:3] * OUTER_SHARE, self.noise_sd])
 
     @property
@@ -80,7 +82,7 @@ class Cables:
 
     @property
     def measurement_sd(self) -> NDArray[np.float64]:
-        """Return the fiducials' share of the SD between two equal runs."""
+        """Return the part of the SD between two equal runs that comes from the fiducials."""
         share = np.minimum(self.unrepeatable_sd / self.plant.noise_sd, MOST_SHARE)
         return self.plant.noise_sd * np.sqrt(1.0 - share**2)
 

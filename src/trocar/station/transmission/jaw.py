@@ -9,10 +9,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class JawCable:
-    """Jaws that are off by a constant, and follow with play.
+    """Jaws with a constant offset that follow with play.
 
     Attributes:
-        offset_rad: of their angle against what their encoder says, in one session.
+        offset_rad: true minus encoder angle, in one session.
         play_rad: half-width of the play.
     """
 
@@ -25,6 +25,6 @@ class JawCable:
         return JawCable(size_rad * float(rng.standard_normal()), size_rad)
 
     def step(self, followed_rad: float, jaw_rad: float) -> tuple[float, float]:
-        """Return where the jaws are pulled to after a command, and what followed it through the play."""
+        """Return the angle to which a command pulls the jaws, and the output of the play."""
         followed = min(max(followed_rad, jaw_rad - self.play_rad), jaw_rad + self.play_rad)
         return followed + self.offset_rad, followed

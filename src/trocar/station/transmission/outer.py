@@ -11,23 +11,23 @@ from numpy.typing import NDArray
 from trocar.station.transmission.history_field import HistoryField
 
 MIDDLE = np.array([0.0, 0.0, 0.15])
-"""Where gains have no effect, rad and m (assumed: what is left there is taken for the base's place)."""
+"""Joints at which gains have no effect, rad and m (assumed: an error there is attributed to the base's pose)."""
 GAIN_SD = 0.25 * np.array([[0.021, 0.005, 0.065], [0.004, 0.013, 0.033], [0.0019, 0.0012, 0.0105]])
-"""Error of q1 q2 q3 (rows) for each rad of q1, of q2, each m of q3: a quarter of the RMS over six recordings.
+"""Error of q1 q2 q3 (rows) per rad of q1, rad of q2 and m of q3: a quarter of the RMS over six recordings.
 
-In these, most of it is the registration's through which they were measured: with all of it, a rigid fit would leave
-three times what the recorded registration sets leave (``benchmarks/bench_cell.py``)."""
+Most of the recorded gain stems from the registration used for measuring: with all of it, a rigid fit would leave three
+times what the recorded registration sets leave (``benchmarks/bench_cell.py``)."""
 PLAY = np.array([[0.0005], [0.0005], [0.0003]])
-"""Half-width of their own play, rad and m: what halves the error of q3 in recordings, if a model has it."""
+"""Half-width of their own play, rad and m: a model with this play halves the error of q3 in recordings."""
 FIELD_SD = np.array([0.0009, 0.0012, 0.00012])
-"""SD of what is neither gain nor play, rad and m."""
+"""SD of the errors that are neither gain nor play, rad and m."""
 SCALE = np.array([0.3, 0.3, 0.05])
 RADII = np.array([[0.05, 0.15], [0.05, 0.15], [0.008, 0.025]])
-"""Of the field: with these, residuals in the cell correlate along the way as those of recordings do."""
+"""Radii of the field: with these, residuals in the cell correlate along the path as in recordings."""
 
 
 class OuterMemory(NamedTuple):
-    """Operators of the joints' own play (3, 1), and of the field."""
+    """Operators of the joints' own play (3, 1), and those of the field."""
 
     play: NDArray[np.float64]
     field: NDArray[np.float64]
@@ -49,16 +49,16 @@ class OuterErrors:
 
     @staticmethod
     def drawn(rng: np.random.Generator, scale: float) -> OuterErrors:
-        """Return the errors of a session, times what recordings show."""
+        """Return the errors of a session, as a multiple of what recordings show."""
         field = HistoryField.drawn(rng, scale * FIELD_SD, SCALE, RADII)
         return OuterErrors(scale * GAIN_SD * rng.standard_normal((3, 3)), scale * PLAY, field)
 
     def start(self, q: NDArray[np.float64], rng: np.random.Generator) -> OuterMemory:
-        """Return the memory at a command (3,), slack unknown."""
+        """Return the state at a command (3,) with unknown slack."""
         return OuterMemory(q[:, None] + rng.uniform(-1.0, 1.0, (3, 1)) * self.play, self.field.start(q, rng))
 
     def step(self, memory: OuterMemory, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], OuterMemory]:
-        """Return the error (3,) at a command (3,), and the memory."""
+        """Return the error (3,) at a command (3,), and the new state."""
         followed = np.minimum(np.maximum(memory.play, q[:, None] - self.play), q[:, None] + self.play)
         rest, operators = self.field.step(memory.field, q)
         return self.gains @ (q - MIDDLE) + (followed[:, 0] - q) + rest, OuterMemory(followed, operators)

@@ -17,11 +17,11 @@ class PoseErrorField:
     """Joints that are off by a constant of the session and by a smooth field over the joints' space, with some play.
 
     ``q_joint = q_cmd + bias + sum_k a_k sin(w_k q_cmd + p_k) + slack``: a cable-driven arm whose encoders sit at the
-    motors. The default sizes give tips that are off as measured on a Raven II: 38 mm and 24.5 deg on average, 7.1 mm
-    RMS after the best rigid fit (facts/debridement.md, Real data). How they share among the joints is assumed: most of
+    motors. The default sizes give tip errors as measured on a Raven II: 38 mm and 24.5 deg on average, 7.1 mm RMS after
+    the best rigid fit (facts/debridement.md, Real data). How they are distributed over the joints is assumed: most of
     the measured bias is along the vertical, and so along the insertion of an instrument that works downwards. One
-    session was recorded, so how sizes vary is not known: the constant has the same size in every session, for the outer
-    joints and for the wrist, and another direction in the space of either (assumed). Tested in
+    session was recorded, so it is unknown how sizes vary: the constant has the same size in every session, for the
+    outer joints and for the wrist, but a different direction in the space of either (assumed). Tested in
     ``tests/station/test_transmission.py``.
 
     Attributes:
@@ -53,7 +53,7 @@ class PoseErrorField:
 
     @property
     def source(self) -> str:
-        """Return where the numbers come from."""
+        """Return the source of the numbers."""
         return "pose errors of a Raven II, gripper_pose_pairs (38 mm and 24.5 deg raw, 7 mm RMS after a rigid fit)"
 
     @property
@@ -63,21 +63,21 @@ class PoseErrorField:
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:
-        """Return the SD of what does not repeat."""
+        """Return the SD of the part that does not repeat."""
         return np.array(self.noise_sd)
 
     @property
     def measurement_sd(self) -> NDArray[np.float64]:
-        """Return the SD of one measurement by fiducials, taken to be as large as what does not repeat."""
+        """Return the SD of one measurement by fiducials, assumed to be as large as the unrepeatable part."""
         return np.array(self.noise_sd)
 
     @property
     def creep_sd(self) -> NDArray[np.float64]:
-        """Return that nothing wanders over minutes."""
+        """Return zeros: nothing wanders over minutes."""
         return np.zeros(6)
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> PoseErrorField:
-        """Return another session: another constant, another field."""
+        """Return another session, with another constant and another field."""
         count, scale = self.WAVES, difficulty.scale("kinematics")
         return replace(
             self,
@@ -102,6 +102,6 @@ class PoseErrorField:
 
 
 def _direction(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return three shares, the mean of whose squares is 1, in a random direction."""
+    """Return three numbers with a mean square of 1, in a random direction."""
     shares = rng.standard_normal(3)
     return np.sqrt(3.0) * shares / np.linalg.norm(shares)

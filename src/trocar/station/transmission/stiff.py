@@ -12,7 +12,7 @@ from trocar.station.difficulty import Difficulty
 
 @dataclass(frozen=True)
 class Stiff:
-    """No cables at all; no session and no difficulty changes it."""
+    """No cables at all; the same in every session and at every difficulty."""
 
     @property
     def source(self) -> str:
@@ -26,26 +26,26 @@ class Stiff:
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:
-        """Return that all repeats."""
+        """Return zeros: everything repeats."""
         return np.zeros(6)
 
     @property
     def creep_sd(self) -> NDArray[np.float64]:
-        """Return that nothing wanders."""
+        """Return zeros: nothing wanders."""
         return np.zeros(6)
 
     @property
     def measurement_sd(self) -> NDArray[np.float64]:
-        """Return that the joints are measured exactly."""
+        """Return zeros: the joints are measured exactly."""
         return np.zeros(6)
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Stiff:
-        """Return the same."""
+        """Return itself: sessions do not differ."""
         del rng, difficulty
         return self
 
     def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> None:
-        """Return no memory."""
+        """Return None: it has no state."""
         del q_cmd, rng
 
     def step(self, memory: None, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:

@@ -1,1 +1,1 @@
-"""Multilateral debridement (Kehoe 2014): what is this task's own, all in this folder."""
+"""Multilateral debridement (Kehoe 2014); everything of the task is in this folder."""

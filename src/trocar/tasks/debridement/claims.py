@@ -1,4 +1,4 @@
-"""What an agent said it saw, held against what there was (Kehoe 2014, III-B, modes 1 to 4)."""
+"""What an agent claimed to see, compared with the truth (Kehoe 2014, III-B, modes 1 to 4)."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from trocar.tasks.debridement.workspace import Workspace
 
 Event = Mapping[str, Any]
 USES = ("allocated", "fragment", "stopped")
-"""What an agent notes when it has acted on a look."""
+"""Events that an agent notes when it has acted on a look."""
 
 
 def false_detections(truth: DebridementTruth, events: Sequence[Event]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return how often each fragment was overlooked, and how often something was seen near it where nothing was: (k,).
+    """Return how often each fragment was overlooked, and how often a fragment was falsely seen near it: (k,).
 
-    A fragment is overlooked if an agent acts on a look that did not show it, though it lay free and visible in the
-    region. Looks in a row that overlook the same one count once; so do looks in a row that see the same thing that is
-    not there. What is not there has no fragment of its own: the one nearest to it takes the blame.
+    A fragment is overlooked if an agent acts on a look that did not show it, although it lay free and visible in the
+    region. Consecutive looks that overlook the same one count once; so do consecutive looks with the same false
+    detection. A false detection is attributed to the nearest fragment.
     """
     missed, phantoms = np.zeros((2, truth.count), dtype=np.intp)
     missing = np.zeros(truth.count, dtype=bool)
@@ -52,13 +52,13 @@ def false_detections(truth: DebridementTruth, events: Sequence[Event]) -> tuple[
 def false_pickups(
     truth: DebridementTruth, events: Sequence[Event], closings: Sequence[Closing], meant: Sequence[int]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return how often an agent's last word on a grip was wrong, by fragment (k,): held and not seen, and the reverse.
+    """Return how often an agent's last judgement of a grip was wrong, by fragment (k,): held but not seen; reverse.
 
     Args:
         truth: what happened.
         events: what was noted.
         closings: of all arms.
-        meant: fragment that each was meant for.
+        meant: the fragment for which each was meant.
     """
     unseen, imagined = np.zeros((2, truth.count), dtype=np.intp)
     for closing, target in zip(closings, meant, strict=True):
@@ -76,7 +76,7 @@ def false_pickups(
 
 
 def _acted_on(events: Sequence[Event], number: int) -> bool:
-    """Return whether an agent acted on a look before it looked again, or looked no more."""
+    """Return whether an agent acted on a look before it looked again or stopped looking."""
     event = events[number]
     arms = event.get("arms") or [event.get("arm")]
     for later in events[number + 1 :]:

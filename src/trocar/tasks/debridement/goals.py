@@ -1,4 +1,4 @@
-"""What is to be done in debridement: fragments are all alike, so a goal is one more of them."""
+"""Goals of debridement: fragments are interchangeable, so a goal is one more of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each closing of jaws round fragments, and what happened to what they held: from the truth alone."""
+"""Each closing of jaws on fragments, and what happened to what they held, from the truth alone."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from trocar.tasks.debridement.truth import DebridementTruth
 PICKUP, DROP, DROPOFF, STUCK, PUT_BACK, DELIVERED, KEPT = (
     "pickup failure", "drop en route", "dropoff failure", "stuck", "put back", "delivered", "kept"
 )  # fmt: skip
-"""What can become of a fragment between closed jaws."""
+"""Possible fates of a fragment between closed jaws."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Closing:
         arm: whose.
         start: row at which the jaws began to close.
         closed: row at which they had closed.
-        opened: row at which they began to open again; the last row of all if they did not.
+        opened: row at which they began to open again; the last row if they did not.
         next: row at which the arm's next closing begins; the last row if there is none.
         gripped: fragments that were between the fingers then.
     """
@@ -62,8 +62,8 @@ def fate(truth: DebridementTruth, closing: Closing, fragment: int, meant_to_rele
         truth: what happened.
         closing: the grip.
         fragment: one of those gripped.
-        meant_to_release: whether the agent said then that it lets go over the receptacle; this only tells a regrasp
-            from a release that missed the receptacle by far.
+        meant_to_release: whether the agent announced a release over the receptacle then; this only distinguishes a
+            regrasp from a release far beside the receptacle.
     """
     held = truth.held_by[closing.arm][:, fragment]
     tip = truth.T_world_tips[closing.arm].translation_m
@@ -132,10 +132,10 @@ def _at_work(truth: DebridementTruth, tip_m: NDArray[np.float64]) -> bool:
 
 
 def _stalls(truth: DebridementTruth, jaw: NDArray[np.float64], start: int, low: int) -> list[int]:
-    """Return the rows of a closing at which the jaws began to stand still.
+    """Return the rows of a closing at which the jaws came to a stop.
 
-    They close on when they lose what they hold; and they may have closed a little beforehand, to be opened no wider
-    than a fragment needs.
+    They close further if they lose what they hold; and they may have closed a little beforehand, to open no wider than
+    a fragment needs.
     """
     later = np.minimum(np.arange(start, low + 1) + _rows(truth, STALL_S), low)
     still = (jaw[start] - jaw[start : low + 1] > CLOSING_RAD) & (jaw[start : low + 1] - jaw[later] < ENOUGH_RAD)
@@ -144,7 +144,7 @@ def _stalls(truth: DebridementTruth, jaw: NDArray[np.float64], start: int, low: 
 
 
 def _left(truth: DebridementTruth, held: NDArray[np.bool_], closing: Closing) -> int | None:
-    """Return the row after which a fragment was not between the fingers any more, but for flickers; None: never."""
+    """Return the row after which a fragment was no longer between the fingers, except for flickers; None: never."""
     rows = closing.closed + np.flatnonzero(held[closing.closed :])
     if not len(rows):
         return closing.closed
@@ -154,9 +154,9 @@ def _left(truth: DebridementTruth, held: NDArray[np.bool_], closing: Closing) ->
 
 
 def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int) -> str:
-    """Return what happened to a fragment that was let go at the receptacle: judged when no finger touched it a while.
+    """Return what happened to a fragment released at the receptacle, judged once no finger has touched it for a while.
 
-    A charged one may cling to a finger for longer, and touches it now and then.
+    A charged one may cling to a finger for longer, touching it now and then.
     """
     touched = np.flatnonzero(truth.touched_by[closing.arm][left:, fragment])
     begins = left + np.append(0, touched + 1)
@@ -172,7 +172,7 @@ def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int)
 
 
 def _rows(truth: DebridementTruth, seconds: float) -> int:
-    """Return how many rows of the truth a time is."""
+    """Return a time as a number of rows of the truth."""
     if len(truth.times_s) < 2:
         return 0
     return round(seconds / float(truth.times_s[1] - truth.times_s[0]))

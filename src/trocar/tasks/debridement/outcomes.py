@@ -1,4 +1,4 @@
-"""How the handling of a fragment can end."""
+"""Outcomes of handling a fragment."""
 
 from __future__ import annotations
 

@@ -13,22 +13,22 @@ from trocar.tasks.debridement.workspace import Receptacle, Workspace
 
 LENGTH_M, WIDTH_M, HEIGHT_M = (0.010, 0.016), (0.008, 0.012), (0.008, 0.012)
 """Extents of a fragment, smallest and largest: small irregular pieces of foam rubber. Sizes are assumed: jaws that open
-by 22 mm (facts/debridement.md) take them when the tip is 5 mm off, and 3.5 % of the paper's grasps failed. It let a tip
-be 8 mm off in height too: fingers hold little of pieces lower than these."""
+by 22 mm (facts/debridement.md) can take them if the tip is 5 mm off, and 3.5 % of the paper's grasps failed. The paper
+also allowed a tip to be 8 mm off in height; fingers would hardly hold pieces lower than these."""
 CORNERS = 14
-"""Corners that are drawn; about ten of them are on the hull."""
+"""Number of random corners; about ten of them are on the hull."""
 DENSITY_KG_M3 = (150.0, 270.0)
-"""So that a fragment weighs .05 to .2 g (facts/debridement.md)."""
+"""Range of densities; a fragment then weighs .05 to .2 g (facts/debridement.md)."""
 CLING_SHARE = 0.25
 """Share of fragments that are charged (assumed: occasional static cling, Kehoe 2014, VI)."""
 CLING_N = (0.2e-3, 1.5e-3)
 """Force with which a charged fragment clings to a finger; .1 g weigh 1 mN (assumed)."""
 GAP_M = 0.5e-3
-"""Fragments may lie so close to each other."""
+"""Minimum gap between fragments."""
 SHIFT_M, TURN_RAD = 1.5e-3, np.radians(1.5)
-"""How far a person puts the receptacle beside its place."""
+"""Error with which a person places the receptacle."""
 ABOVE_M = 0.2e-3
-"""Fragments are let go so far above the work surface."""
+"""Height above the work surface from which fragments are dropped."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Fragment:
 
     Attributes:
         vertices_m: (n, 3) corners of its convex hull in its frame, whose origin is its centre of mass.
-        T_world_fragment: where it is let go.
+        T_world_fragment: where it is dropped.
         density_kg_m3: of the foam.
         cling_n: force of static cling to a finger that touches it.
     """
@@ -55,7 +55,7 @@ class Fragment:
 
 @dataclass(frozen=True, eq=False)
 class DebridementScene:
-    """What lies on the work surface in one trial.
+    """The objects on the work surface in one trial.
 
     Attributes:
         T_world_table: the work surface: z up.
@@ -64,7 +64,8 @@ class DebridementScene:
         fragments: in any order.
         backdrop: what covers the work surface: ``plain`` or ``tissue``.
         tissue: patches on it, if it is tissue.
-        p_world_eyes_m: (n, 3) where cameras look from: the referee asks which fragments could be seen.
+        p_world_eyes_m: (n, 3) positions of the cameras' eyes, from which the referee checks which fragments could be
+            seen.
     """
 
     T_world_table: SE3
@@ -83,7 +84,7 @@ def lay_out(
     rng: np.random.Generator,
     backdrop: str = "plain",
 ) -> DebridementScene:
-    """Return a random scene: each fragment anywhere in the region where the ones before left room."""
+    """Return a random scene: each fragment anywhere in the region where the previous ones left room."""
     shift = np.append(rng.uniform(-SHIFT_M, SHIFT_M, 2), 0.0)
     turn = SO3.axis("z", rng.uniform(-TURN_RAD, TURN_RAD))
     fragments: list[Fragment] = []
@@ -102,15 +103,15 @@ def lay_out(
 
 
 def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator) -> Fragment:
-    """Return a piece with flat bottom, lying somewhere in the region."""
-    from scipy.spatial import ConvexHull  # noqa: PLC0415 (slow to import; help of the task needs none)
+    """Return a piece with a flat bottom, somewhere in the region."""
+    from scipy.spatial import ConvexHull  # noqa: PLC0415 (slow to import; help of the task does not need it)
 
     size = np.array([rng.uniform(*extent) for extent in (LENGTH_M, WIDTH_M, HEIGHT_M)])
     directions = rng.standard_normal((CORNERS, 3))
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     corners = directions * rng.uniform(0.8, 1.0, (CORNERS, 1))
     bottom = corners[:, 2] < -0.3
-    corners[bottom, 2] = -0.6  # pieces are cut, not torn, from below: they do not roll
+    corners[bottom, 2] = -0.6  # pieces are cut flat at the bottom, not torn, so they do not roll
     corners *= size / np.ptp(corners, axis=0)
     hull = ConvexHull(corners)
     corners = corners[hull.vertices]

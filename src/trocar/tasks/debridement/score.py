@@ -1,4 +1,4 @@
-"""What became of each fragment, from what really happened. No agent may import this."""
+"""The outcome of each fragment, from what really happened. No agent may import this."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ Event = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class FragmentScore(Score):
-    """One fragment as the referee saw it, with how often each failure mode of Kehoe 2014, III-B, befell it.
+    """One fragment as the referee saw it, with the count of each failure mode of Kehoe 2014, III-B.
 
     Attributes:
         fragment: its number in the scene.
         attempts: closings of jaws that were meant for it, or gripped it.
-        first_attempt: it was cleared by the first, and nothing failed on the way.
-        recoveries: failures of grasping or movement after which it was cleared after all.
+        first_attempt: it was cleared by the first, without any failure on the way.
+        recoveries: failures of grasping or movement after which it was still cleared.
         fragment_false_negatives: it lay there and was overlooked.
-        fragment_false_positives: something was seen, nearest to it, where nothing was.
-        pickup_false_negatives: it was held and not seen in the jaws.
-        pickup_false_positives: it was seen in the jaws and not held.
+        fragment_false_positives: a false detection, to which it was the nearest fragment.
+        pickup_false_negatives: it was held but not seen in the jaws.
+        pickup_false_positives: it was seen in the jaws but not held.
         grasp_failures: the jaws closed and no part of a fragment was between them.
         multiple_grasps: the jaws that were meant for it closed on several.
         pickup_failures: it was gripped and lost before it was lifted.
         drops_en_route: it was lifted and lost before the receptacle.
-        dropoff_failures: it was let go at the receptacle and came to lie outside, or still clings to a finger.
+        dropoff_failures: it was released at the receptacle and ended outside, or still clings to a finger.
     """
 
     fragment: int
@@ -56,7 +56,7 @@ class FragmentScore(Score):
 
 @dataclass
 class _Tally:
-    """What the closings did to one fragment: failures (row, arm, what), and rows at which closings began."""
+    """The closings at one fragment: failures (row, arm, what), and rows at which closings began."""
 
     began: list[int] = field(default_factory=list)
     failures: list[tuple[int, str, FragmentOutcome]] = field(default_factory=list)
@@ -68,13 +68,14 @@ class _Tally:
 
 
 def score_fragments(truth: DebridementTruth, events: Sequence[Event]) -> list[FragmentScore]:
-    """Return one score for each fragment, those first that were cleared first.
+    """Return one score for each fragment, in the order in which they were cleared.
 
-    Fragments are alike: who clears three of six has reached the first three goals, whichever they were.
+    Fragments are interchangeable: clearing any three of six reaches the first three goals.
 
     Args:
         truth: what happened; it alone decides.
-        events: what scripts noted: modes 1 to 4 hold their claims against truth; else they give times and words.
+        events: what scripts noted: modes 1 to 4 compare their claims with the truth; otherwise they only give times and
+            descriptions.
     """
     closings = closings_of(truth)
     meant = [_meant(truth, events, closing) for closing in closings]
@@ -124,7 +125,7 @@ MOVEMENT = (
     FragmentOutcome.DROPOFF_FAILURE,
     FragmentOutcome.STUCK_IN_JAWS,
 )
-"""After these a fragment has to be fetched again."""
+"""After these outcomes a fragment has to be fetched again."""
 
 _OF_FATE = {
     PICKUP: FragmentOutcome.PICKUP_FAILURE,
@@ -135,7 +136,7 @@ _OF_FATE = {
 
 
 def cleared_at(truth: DebridementTruth) -> NDArray[np.intp]:
-    """Return the row (k,) since which each fragment is in the receptacle for good; -1 if it does not rest there."""
+    """Return the row (k,) from which each fragment stays in the receptacle; -1 if it does not rest there."""
     inside = truth.between_walls & ~truth.held
     since = np.searchsorted(truth.times_s, truth.times_s[-1] - STILL_S)
     middle = truth.p_world_fragments_m
@@ -146,7 +147,7 @@ def cleared_at(truth: DebridementTruth) -> NDArray[np.intp]:
 
 
 def _meant(truth: DebridementTruth, events: Sequence[Event], closing: Closing) -> int:
-    """Return the fragment that a closing was meant for: that at the allocated place, else the nearest to the tip."""
+    """Return the fragment that a closing was meant for: the one at the allocated place, else the nearest to the tip."""
     loose = ~truth.between_walls[closing.start] & ~truth.held[closing.start]
     begun = float(truth.times_s[closing.start])
     said = [e for e in events if e["name"] == "allocated" and e.get("arm") == closing.arm and e["time_s"] <= begun]
@@ -182,14 +183,14 @@ def _tallies(
 
 
 def _let_go(truth: DebridementTruth, events: Sequence[Event], closing: Closing) -> bool:
-    """Return whether the agent said that it lets go when these jaws opened again."""
+    """Return whether the agent announced a release when these jaws opened again."""
     opened = float(truth.times_s[closing.opened])
     said = [float(e["time_s"]) for e in events if e["name"] == "releasing" and e.get("arm") == closing.arm]
     return any(opened - RELEASE_S < time_s <= opened + STILL_S for time_s in said)
 
 
 def _start(truth: DebridementTruth, events: Sequence[Event], tally: _Tally, fragment: int) -> float:
-    """Return when a fragment was first gone for: allocated, or else jaws closed for it; the end if never."""
+    """Return when a fragment was first approached: allocated, or else jaws closed for it; the end if never."""
     times = [float(truth.times_s[row]) for row in tally.began]
     for event in events:
         if event["name"] == "allocated":
@@ -200,7 +201,7 @@ def _start(truth: DebridementTruth, events: Sequence[Event], tally: _Tally, frag
 
 
 def _noted(truth: DebridementTruth, events: Sequence[Event], tally: _Tally) -> Event | None:
-    """Return the event with which the arm that went for a fragment last noted the end of that; None if it did not."""
+    """Return the event with which the arm that last approached a fragment noted the end; None if it did not."""
     if not tally.arms:
         return None
     row, arm = max(tally.arms)
@@ -209,7 +210,7 @@ def _noted(truth: DebridementTruth, events: Sequence[Event], tally: _Tally) -> E
 
 
 def _why(tally: _Tally, noted: Event | None, overlooked: int, events: Sequence[Event]) -> tuple[str, str]:
-    """Return the name of what went wrong, and a sentence: what happened to it last, else what the script said."""
+    """Return the name of the failure, and a sentence: what happened to it last, else the script's own."""
     last = max((failure[0], failure[2].name) for failure in tally.failures)[1] if tally.failures else ""
     said = told(noted, events)
     if last:

@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from trocar.sim.task_world import TaskWorld
 
 MOST_FRAGMENTS = 12
-"""More find no room beside each other in the region where fragments lie."""
+"""More would not fit into the region where fragments lie."""
 BACKDROPS = ("plain", "tissue")
 FIXTURES = ("table", "receptacle")
 CAMERA = "stereo"
 
 SWING = np.array([0.12, 0.12, 0.02, 0.60, 0.40, 0.40])
-"""How far a calibration's motion goes from the parking place, rad and m (assumed: above the work surface)."""
+"""Range of a calibration's motion about the parking place, rad and m (assumed: above the work surface)."""
 PACE = np.array([0.010, 0.010, 0.0015, 0.06, 0.05, 0.05])
 """Its mean step from sample to sample, rad and m, about as in the recordings of the PSM."""
 
@@ -38,11 +38,11 @@ REGION_M = {
     1: ((-0.092, -0.092), (-0.017, -0.046)),
     2: ((-0.132, -0.092), (-0.017, -0.046)),
 }
-"""Where fragments lie, corners x, y in the world, by the number of arms: where one that works, its gripper straight
-down, reaches in nine of ten sessions at least, though its kinematics err by centimetres (assumed: a person lays them
-there; ``tests/tasks/debridement/test_region.py`` draws 24 sessions)."""
+"""Region of the fragments, corners x, y in the world, by the number of arms: where a working arm reaches, with its
+gripper straight down, in at least nine of ten sessions, despite kinematic errors of centimetres (assumed: a person lays
+them there; ``tests/tasks/debridement/test_region.py`` draws 24 sessions)."""
 WITHDRAWN_M = 0.10
-"""An arm that does not work is drawn back into its port by so much, out of the way; a person does that."""
+"""An idle arm is withdrawn into its port by this distance, out of the way, by a person."""
 
 _SETTINGS = "trocar.tasks.debridement.agents.settings"
 _METHOD = {
@@ -125,7 +125,7 @@ class Debridement(Task):
         return tuple(station.arms)[: self.arms]
 
     def calibration(self, station: Station, arm: str) -> MotionBox:
-        """Return where the station says, else round the parking place."""
+        """Return the range defined by the station, else one round the parking place."""
         there = station.arm(arm)
         if there.calibration is not None:
             return there.calibration
@@ -137,15 +137,15 @@ class Debridement(Task):
         return tuple(Clearing(number) for number in range(self.fragments))
 
     def known(self) -> Workspace:
-        """Return the receptacle's shape, and where fragments may lie."""
+        """Return the receptacle's shape, and the region of the fragments."""
         return Workspace(fragments=self.fragments, region_m=REGION_M[self.arms])
 
     def scene(self, rng: np.random.Generator, station: Station) -> DebridementScene:
-        """Return fragments scattered at random, and the receptacle a little beside its place."""
+        """Return fragments scattered at random, and the receptacle slightly off its place."""
         table, receptacle = (station.T_world_fixture[name] for name in FIXTURES)
         scene = lay_out(table, receptacle, self.known(), rng, self.backdrop)
         camera = station.cameras[CAMERA]
-        assert isinstance(camera.model, StereoRig)  # ``at`` has looked
+        assert isinstance(camera.model, StereoRig)  # ``at`` has checked it
         right = camera.T_world_camera @ camera.model.T_left_right
         return replace(scene, p_world_eyes_m=np.stack([camera.T_world_camera.translation_m, right.translation_m]))
 
@@ -154,12 +154,12 @@ class Debridement(Task):
         return _WORLD.load()(scene)
 
     def score(self, truth: DebridementTruth, events: Sequence[Mapping[str, Any]]) -> list[FragmentScore]:
-        """Return one score for each fragment, those first that were cleared first."""
+        """Return one score for each fragment, in the order in which they were cleared."""
         return score_fragments(truth, events)
 
 
 def _withdrawn(arm: StationArm) -> StationArm:
-    """Return an arm parked as high in its port as its range allows, up to ``WITHDRAWN_M`` above where it else parks."""
+    """Return an arm parked as high in its port as its range allows, up to ``WITHDRAWN_M`` above its usual place."""
     q, model = arm.park_q(), arm.model
     back = q.copy()
     back[2] = np.clip(q[2] + model.wrist_sign * WITHDRAWN_M, model.lower[2] + 1e-3, model.upper[2] - 1e-3)

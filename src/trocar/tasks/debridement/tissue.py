@@ -10,32 +10,33 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3, SO3, TURN
 
 HALF_M = (0.16, 0.13)
-"""Half the sides of the area round the table's origin that is covered."""
+"""Half the sides of the covered area round the table's origin."""
 KINDS = {
     "organ": (7, (0.020, 0.045), (0.6, 1.0), (0.62, 0.44, 0.33)),
     "fat": (16, (0.005, 0.014), (0.5, 1.0), (0.72, 0.63, 0.44)),
     "film": (10, (0.012, 0.030), (0.3, 0.7), (0.70, 0.60, 0.50)),
     "vein": (9, (0.020, 0.045), (0.05, 0.09), (0.34, 0.29, 0.46)),
 }
-"""How many, longest half axis in m, its ratio to the other one, linear colour. None is as red as a fragment or as full
-as the marks of a gripper: hues of 20 to 45 and 260 deg, all of them pale (``trocar.perception.hue``)."""
+"""Kinds of patches: how many, longest half axis in m, its ratio to the other one, linear colour. None is as red as a
+fragment or as saturated as the marks of a gripper: hues of 20 to 45 and 260 deg, all of them pale
+(``trocar.perception.hue``)."""
 GROUND = (0.66, 0.50, 0.39)
-"""Colour of what lies between."""
+"""Colour of the area between patches."""
 PROUD_M = 0.6e-3
-"""Nothing stands out further; fragments lie on the plane, and 6 to 9 mm of them are seen."""
+"""Maximum height of patches; fragments lie on the plane, and 6 to 9 mm of them are visible."""
 SEGMENTS = 20
-"""Corners of a patch's outline."""
+"""Number of corners of a patch's outline."""
 SHADE = 0.08
-"""Standard deviation of the brightness from piece to piece."""
+"""Standard deviation of the brightness from patch to patch."""
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A flat mound that is solid to nothing.
+    """A flat mound that collides with nothing.
 
     Attributes:
         half_m: (3,) half axes, and height.
-        T_world_patch: where its foot lies.
+        T_world_patch: pose of its foot.
         color: linear RGB in [0, 1].
     """
 
@@ -51,7 +52,7 @@ class Patch:
 
 
 def lay_tissue(T_world_table: SE3, rng: np.random.Generator) -> tuple[Patch, ...]:
-    """Return patches of flesh, fat, film and veins, at random."""
+    """Return random patches of flesh, fat, film and veins."""
     found = []
     for count, longest, ratio, color in KINDS.values():
         for _ in range(count):

@@ -1,4 +1,4 @@
-"""What the referee of debridement saw: simulator truth, for the score alone. No agent may import this."""
+"""What the referee of debridement saw: simulator truth, only for the score. No agent may import this."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ HEAP_M = 0.015
 
 @dataclass(frozen=True, eq=False)
 class Sights:
-    """Which fragments a camera could have seen, looked at now and then.
+    """The fragments that a camera could have seen, checked at intervals.
 
     Attributes:
         times_s: (m,) trial clock, in order.
@@ -31,7 +31,7 @@ class Sights:
 
 @dataclass(frozen=True, eq=False)
 class DebridementTruth:
-    """Where everything really was.
+    """The true poses of everything.
 
     Attributes:
         times_s: (n,) trial clock.
@@ -45,7 +45,7 @@ class DebridementTruth:
         T_world_receptacle: where the receptacle stands.
         receptacle: its shape.
         table_z_m: height of the work surface.
-        sights: whether each fragment could be seen now and then, in order of time.
+        sights: whether each fragment could be seen, at intervals, in order of time.
     """
 
     times_s: NDArray[np.float64]
@@ -92,7 +92,7 @@ class DebridementTruth:
         return self.over_receptacle(p) & (p[..., 2] < edge_m + HEAP_M)
 
     def over_receptacle(self, p_world: NDArray[np.float64], margin_m: float = 0.0) -> NDArray[np.bool_]:
-        """Return whether points (..., 3) are above the receptacle's inside, or no further beside it than a margin."""
+        """Return whether points (..., 3) are above the receptacle's inside, or within a margin beside it."""
         p = self.T_world_receptacle.inverse().apply(p_world)
         near = np.abs(p[..., :2]) < 0.5 * np.array(self.receptacle.size_m) + margin_m
         return np.all(near, axis=-1)

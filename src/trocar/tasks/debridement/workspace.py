@@ -1,4 +1,4 @@
-"""What anybody knows of the work surface beforehand: the receptacle's shape, and where fragments may lie."""
+"""What is known about the work surface beforehand: the receptacle's shape, and the region of the fragments."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class Receptacle:
 
 @dataclass(frozen=True)
 class Workspace:
-    """The plane work surface as an agent is given it.
+    """The plane work surface as given to an agent.
 
     Attributes:
-        receptacle: shape of what the fragments go into; the fixture ``receptacle`` says where.
+        receptacle: shape of the receptacle; its pose is the fixture ``receptacle``.
         region_m: (2, 2) corners x, y in the world of the rectangle in which fragments may lie.
         fragment_m: smallest and largest extent of a fragment.
-        fragments: how many there are at most.
+        fragments: maximum number of fragments.
     """
 
     receptacle: Receptacle = field(default_factory=Receptacle)

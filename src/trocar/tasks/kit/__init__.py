@@ -1,4 +1,4 @@
-"""What a task must have, and what its scripts can use."""
+"""The parts of a task, and helpers for its scripts."""
 
 from trocar.tasks.kit.arm_script import ArmScript
 from trocar.tasks.kit.method import (

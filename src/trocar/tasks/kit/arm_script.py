@@ -1,4 +1,4 @@
-"""One arm as a script uses it: its actions are noted in the cell's log."""
+"""One arm as used by a script; its actions are noted in the cell's log."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ArmScript:
     Attributes:
         cell: the laboratory.
         name: of the arm.
-        limits: of velocity and acceleration where only start and end of a motion are given.
+        limits: of velocity and acceleration if only start and end of a motion are given.
         settle_s: rest after a motion before the jaws act.
         jaw_zero_rad: the encoder reading of closed jaws; see :meth:`zero_jaw`.
     """
@@ -57,7 +57,7 @@ class ArmScript:
         return self.cell.robot.read(self.name).jaw_rad - self.jaw_zero_rad
 
     async def wake(self) -> None:
-        """Turn the wrist back and forth: afterwards the slack in the cables is known, whatever it was before."""
+        """Turn the wrist back and forth, so that the slack in the cables is known, whatever it was before."""
         home, swing = self.q, np.array([0.0, 0.0, 0.0, *WAKE_RAD])
         for q in (home + swing, home - swing, home):
             await self.go(q)
@@ -83,7 +83,7 @@ class ArmScript:
     async def zero_jaw(self, closed_rad: float) -> None:
         """Close the jaws on nothing, and take their encoder reading then as closed.
 
-        Jaws that read wide open are held open by something; their zero stays what it was.
+        Jaws that read wide open are held open by something; their zero then stays as it was.
 
         Args:
             closed_rad: target that lets the drive press.
@@ -93,7 +93,7 @@ class ArmScript:
             self.jaw_zero_rad += self.jaw_rad
 
     async def settle(self) -> None:
-        """Wait at rest, so that the jaws act on something that holds still."""
+        """Wait at rest, so that the jaws act while everything is still."""
         with self.cell.log.span(self.name, "settling"):
             await self.cell.clock.sleep(self.settle_s)
 

@@ -91,10 +91,10 @@ class Method:
 
 
 METHODS: Registry[Method] = Registry("method", "trocar.methods")
-"""Methods from outside, under ``TASK/METHOD``; a task brings its own along."""
+"""Methods from outside, as ``TASK/METHOD``; a task has its own besides."""
 
 PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions")
-"""Perceptions from outside, under ``TASK/NAME``; a task brings its own along."""
+"""Perceptions from outside, as ``TASK/NAME``; a task has its own besides."""
 
 
 def methods_of(task: type[Task]) -> dict[str, Method | Lazy]:
@@ -134,7 +134,7 @@ def perceptions_of(task: type[Task]) -> tuple[str, ...]:
 
 
 def _together(own: Mapping[str, Any], registry: Registry[Any], task: str) -> dict[str, Any]:
-    """Return what a task has of a kind: its own, then what is from outside, under other names."""
+    """Return all entries of a kind for a task: its own, then those from outside, under other names."""
     outside = _from_outside(registry, task)
     for name in outside:
         if name in own:

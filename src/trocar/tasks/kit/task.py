@@ -1,4 +1,4 @@
-"""What a task is: a scene, what counts as done, and who may try."""
+"""The definition of a task: a scene, what counts as done, and the methods."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 def option(default: Any, help: str, *, flag: str = "", metavar: str = "", choices: Sequence[str] = ()) -> Any:
-    """Return the field of an option of a task, which the command line offers as it is described here.
+    """Return the dataclass field of a task's option, which the command line offers as described here.
 
     Args:
         default: if the option is not given; its type is the option's, and the field's annotation.
         help: one line.
         flag: on the command line, if not the field's name with dashes.
-        metavar: what stands for the value in the help.
+        metavar: placeholder for the value in the help.
         choices: the values that it may have; none: any.
     """
     return field(default=default, metadata={"help": help, "flag": flag, "metavar": metavar, "choices": tuple(choices)})
@@ -60,7 +60,7 @@ class Score:
 
 
 class Task:
-    """What is to be done, apart from how it is done. A task is a frozen dataclass whose fields are its options.
+    """What is to be done, independent of how it is done. A task is a frozen dataclass whose fields are its options.
 
     Class attributes:
         name: on the command line.
@@ -69,7 +69,7 @@ class Task:
         station: name of the station where it is done if none is given.
         methods: how it can be done, by name, the default first.
         perceptions: by name; whatever its agents expect of them.
-        report: the pictures, tables and figures that are its own.
+        report: its own pictures, tables and figures.
     """
 
     name: ClassVar[str]

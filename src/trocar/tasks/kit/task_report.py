@@ -1,4 +1,4 @@
-"""What a report shows that is a task's own: pictures, tables, figures of the paper."""
+"""A task's own part of a report: pictures, tables, figures of the paper."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class PaperCount:
 
 
 class TaskReport:
-    """What a task adds to the report of its trials. By itself it adds nothing; a task overrides what it has."""
+    """What a task adds to the report of its trials. The base class adds nothing; a task overrides what it needs."""
 
     view: Viewpoint | None = None
     """Where pictures of a trial are taken from; None: from the front and above."""
@@ -65,7 +65,7 @@ class TaskReport:
     """Colours of bodies in pictures for people, by the beginning of their names, if a sensor sees them differently."""
 
     parts: tuple[str, ...] = ("capture", "perception", "planning", "motion", "jaw", "settling")
-    """Spans that the time of a piece is made of, in the order of the tables; what is left is ``other``."""
+    """Spans that make up the time of a piece, in the order of the tables; the rest is ``other``."""
 
     outcomes: type[Outcome] | None = None
     """The task's outcomes, whose sentences explain its failures on the page; None: only their names are shown."""
@@ -79,12 +79,12 @@ class TaskReport:
         return None
 
     def goal(self, score: Mapping[str, Any]) -> str:
-        """Return what a goal was, besides its number: ``peg 1 to 7``; empty where there is no more to say."""
+        """Return a description of a goal besides its number: ``peg 1 to 7``; empty if there is none."""
         del score
         return ""
 
     def measured(self, score: Mapping[str, Any]) -> Mapping[str, float | None]:
-        """Return what was measured of one goal, by name and unit, for the table of goals."""
+        """Return the measurements of one goal, by name and unit, for the table of goals."""
         del score
         return {}
 
@@ -105,17 +105,17 @@ class TaskReport:
         return []
 
     def summary(self, trials: Sequence[Trial]) -> dict[str, Any]:
-        """Return keys that the summary of a run gets besides the usual ones."""
+        """Return additional keys for the summary of a run."""
         del trials
         return {}
 
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
-        """Return published rows with which a run can be compared."""
+        """Return published rows to compare a run with."""
         del summary
         return ()
 
     def paper_count(self, summary: Mapping[str, Any]) -> PaperCount | None:
-        """Return the run as the paper counts; None: it counts as we do."""
+        """Return the run as counted in the paper; None: the paper counts as we do."""
         del summary
         return None
 
@@ -131,5 +131,5 @@ class TaskReport:
 
 
 def in_words(name: str) -> str:
-    """Return an outcome's name as it is read: ``NOT_GRASPED`` is "not grasped"."""
+    """Return an outcome's name in readable form: ``NOT_GRASPED`` is "not grasped"."""
     return name.lower().replace("_", " ")

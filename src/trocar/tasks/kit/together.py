@@ -1,4 +1,4 @@
-"""Scripts side by side, and what is computed while an arm still moves."""
+"""Scripts that run side by side, and computations while an arm still moves."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.cell import Result
 
 
 class Pending(Generic[Result]):
-    """A result that is still to come; None if there was none, or if it was not asked for."""
+    """A result that is still being computed; None if there was none, or if it was not requested."""
 
     def __init__(self) -> None:
         self._value: Result | None = None
@@ -29,11 +29,11 @@ class Pending(Generic[Result]):
             done.set()
 
     def put(self, value: Result | None) -> None:
-        """Set it: it was computed elsewhere."""
+        """Set it, if it was computed elsewhere."""
         self._value, self._done = value, None
 
     async def take(self) -> Result | None:
-        """Return it once it is there; the second time None."""
+        """Return it once it is available; the second time, None."""
         if self._done is not None:
             await self._done.wait()
         value, self._value = self._value, None
@@ -41,9 +41,9 @@ class Pending(Generic[Result]):
 
 
 async def with_helpers(script: Callable[[trio.Nursery], Awaitable[Result]]) -> Result:
-    """Run a script that may start helpers beside itself; return what it returns when all have ended.
+    """Run a script that may start helpers; return its result when all have ended.
 
-    Helpers compute and may not fail. What the script raises is passed on, and ends them.
+    Helpers compute and must not fail. Whatever the script raises is passed on, and ends them.
     """
     failure: Exception | None = None
     results: list[Result] = []
@@ -61,7 +61,7 @@ async def with_helpers(script: Callable[[trio.Nursery], Awaitable[Result]]) -> R
 async def together(*scripts: Callable[[], Awaitable[Any]]) -> None:
     """Run scripts side by side; return when all have ended.
 
-    What the first one raises is passed on, and ends the others.
+    Whatever the first one raises is passed on, and ends the others.
     """
     failures: list[Exception] = []
 
@@ -80,7 +80,7 @@ async def together(*scripts: Callable[[], Awaitable[Any]]) -> None:
 
 
 async def first_of(*events: trio.Event) -> None:
-    """Return when one of some events has happened."""
+    """Return when one of several events has happened."""
 
     async def wait(event: trio.Event) -> None:
         await event.wait()

@@ -1,4 +1,4 @@
-"""What is to be done in a peg transfer, and how it can end."""
+"""Goals of a peg transfer, and their outcomes."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ BACK = tuple(Transfer(target, source) for source, target in THERE)
 
 
 LEFT_THERE = tuple(Transfer(*pegs) for pegs in ((0, 7), (2, 6), (1, 8)))
-"""What the left arm does of the paper's parallel transfers [0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10]
+"""The left arm's share of the paper's parallel transfers [0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10]
 (facts/peg_transfer.md). They are paired differently: in every pair the left arm's pegs are those further left, and
 neither the sources nor the targets are neighbours, where one arm would be in the other's way."""
 RIGHT_THERE = tuple(Transfer(*pegs) for pegs in ((5, 10), (3, 11), (4, 9)))
-"""What the right arm does meanwhile."""
+"""What the right arm does at the same time."""
 
 
 def back(there: tuple[Transfer, ...]) -> tuple[Transfer, ...]:
@@ -57,7 +57,7 @@ GOALS = {
 
 @dataclass(frozen=True)
 class PegSet:
-    """What lies on the table, as it is sold, and which variant is played.
+    """What is on the table, as manufactured, and the variant of the task.
 
     Attributes:
         board: shape of the pegboard.

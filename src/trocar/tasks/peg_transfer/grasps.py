@@ -18,7 +18,7 @@ GRASP_ASIDE_M = (-1.0e-3, 1.0e-3)
 """Grasp points on the side at +y in the block frame lie so far along x, and are then rotated by +-120 deg
 (facts/peg_transfer.md, The board and the blocks)."""
 GRASP_FROM_MIDDLE_M = 5.0e-3
-"""And so far along y: a little outside the middle of the wall, since the inner finger has the peg beside it."""
+"""Their y: a little outside the middle of the wall, since the inner finger has the peg beside it."""
 
 MIN_OPENING_M = 2.0e-3
 OPENING_STEP_M = 0.1e-3
@@ -27,7 +27,7 @@ REACH_M = 30e-3
 
 
 NEAR_END_M = 3.0e-3
-"""A finger counts as thick as it is this far behind its end: about so deep it is in a block."""
+"""A finger's thickness is taken this far behind its end, which is about how deep it is in a block."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def choose_grasp(
     best: Grasp | None = None
     blocked: list[str] = []
     for candidate, T_board_tip in enumerate(vertical_grasps(T_board_block, depth_m)):
-        outwards = T_board_tip.matrix[:2, 0]  # before the tool is turned round, its x leads out of the block
+        outwards = T_board_tip.matrix[:2, 0]  # before the tool is turned round, its x points out of the block
         if towards is not None and outwards @ towards <= 0:
             blocked.append(f"{candidate}: on the far side")
             continue

@@ -18,10 +18,10 @@ YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
 OUTER_FINGER_M = 4.5e-3
 """Distance from the tip to the middle of the open outer finger, outwards."""
 FINGER_ROOM_M = 0.7e-3
-"""A block is aimed so far off its peg's middle, towards the wall that is held: the inner finger opens between that wall
+"""A block is aimed this far off the middle of its peg, towards the held wall: the inner finger opens between that wall
 and the peg, and opposite a wall is a corner, where the hole is 1 mm wider."""
 ROOM_M = 2.5e-3
-"""Clearance above which no more is sought, so that the tool need not turn for it."""
+"""Clearance that is enough, so that the tool need not turn for more."""
 
 
 @dataclass(frozen=True, eq=False)

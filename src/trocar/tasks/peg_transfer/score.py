@@ -1,4 +1,4 @@
-"""What became of each transfer, from what really happened. No agent may import this."""
+"""The outcome of each transfer, from what really happened. No agent may import this."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.truth import PegTruth
 
 REST_S = 0.3
-"""A released block is judged after it had this time to fall."""
+"""A released block is judged after this time, in which it may fall."""
 RETREAT_M = 0.020
-"""And once more when no tip is this near to it any more: the jaws have gone, and taken nothing along."""
+"""It is judged again once no tip is this close to it any more: the jaws have gone without dragging it along."""
 FLICKER_S = 0.25
-"""A block that is off its peg for less than this has not left it: jaws that close may lift it for a moment."""
+"""A block that is off its peg for less than this has not left it, since closing jaws may lift it for a moment."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,13 @@ class TransferScore(Score):
 
 @dataclass(frozen=True)
 class Stay:
-    """A block stands on a peg for a while.
+    """A stay of a block on a peg.
 
     Attributes:
-        block: which.
-        peg: which.
-        first: row of the truth at which it is there first.
-        last: row at which it is there last.
+        block: which block.
+        peg: which peg.
+        first: first row of the truth at which it is there.
+        last: last row at which it is there.
     """
 
     block: int
@@ -66,7 +66,7 @@ def score_transfers(
         goals: in order.
         truth: what happened.
         events: what the script noted.
-        handover: whether the block must have been in the jaws of two arms on its way, too.
+        handover: whether the block must also have been in the jaws of two arms on its way.
     """
     stays = [stays_of(truth, block) for block in range(truth.held.shape[1])]
     used: set[tuple[int, int]] = set()
@@ -128,7 +128,7 @@ def _is_of(event: Mapping[str, Any], goal: Transfer) -> bool:
 
 
 def _stays_placed(stay: Stay, truth: PegTruth) -> bool:
-    """Return whether a block that came to a peg was released there, and stood when it had rested and the jaws gone."""
+    """Return whether a block was released on a peg, and still stood there after resting and the jaws' retreat."""
     free = np.flatnonzero(~truth.held[stay.first :, stay.block])
     if not len(free):
         return False
@@ -152,7 +152,7 @@ def _retreated(block: int, released: int, truth: PegTruth) -> int:
 
 
 def _first(rows: NDArray[np.bool_]) -> int:
-    """Return the first row that is true; the last if none is."""
+    """Return the index of the first true row; of the last if none is true."""
     return int(np.argmax(rows)) if rows.any() else len(rows) - 1
 
 
@@ -164,7 +164,7 @@ def _why(
     truth: PegTruth,
     events: Sequence[Mapping[str, Any]],
 ) -> tuple[str, str]:
-    """Return the name of what went wrong, and a sentence: the script's own word where it gave one, else the truth's."""
+    """Return the name of the failure, and a sentence: the script's own if it gave one, else from the truth."""
     said = told(noted, events)
     if said is not None:
         return said

@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 BOARD_SHIFT_M = 2e-3
 BOARD_TURN_RAD = np.radians(3.0)
 BLOCK_SHIFT_M = 1.6e-3
-"""How far a person leaves a block off its peg's middle; the hole's clearance is 2.1 mm."""
+"""How far off its peg's middle a person lays a block; the hole's clearance is 2.1 mm."""
 
 BESIDE_PEG_M = 0.2e-3
-"""Between a block as it is laid down and its peg."""
+"""Least gap between a block as laid down and its peg."""
 MOST_OFF_M = 0.5e-3
-"""No print is used that is off by more."""
+"""Prints with larger errors are not used."""
 MIN_GAP_M = 0.5e-3
-"""Between two blocks as they are laid down at the start."""
+"""Least gap between two blocks as laid down at the start."""
 
 VARIANTS = tuple(GOALS)
 TWO_ARMS = ("bilateral", "handover")
@@ -49,7 +49,7 @@ _WORLD = Lazy("trocar.tasks.peg_transfer.world.peg_world:PegWorld")
 
 @dataclass(frozen=True)
 class PegTransfer(Task):
-    """Twelve transfers on a board that was moved a little, with blocks that lie loosely."""
+    """Twelve transfers on a slightly displaced board, with blocks that lie loosely."""
 
     variant: str = option(
         "unilateral",
@@ -148,9 +148,9 @@ class PegTransfer(Task):
 
 
 def printed(board: Pegboard, block: Block, sd_m: float, rng: np.random.Generator) -> tuple[Pegboard, Block]:
-    """Return a board and its blocks as a printer makes them: places and sizes off by so much (SD), at most .5 mm.
+    """Return a board and its blocks as printed: positions and sizes with errors of this SD, at most .5 mm.
 
-    All pegs are as thick and as tall as each other, and all blocks have one shape.
+    All pegs have the same thickness and height, and all blocks the same shape.
     """
 
     def off(*shape: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What the referee of a peg transfer saw: simulator truth, for the score alone. No agent may import this."""
+"""What the referee of a peg transfer saw: simulator truth, only for the score. No agent may import this."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UPRIGHT_RAD = np.radians(10.0)
 
 @dataclass(frozen=True, eq=False)
 class PegTruth:
-    """Where everything really was.
+    """The true poses of everything.
 
     Attributes:
         times_s: (n,) trial clock.
@@ -28,7 +28,7 @@ class PegTruth:
         p_board_tips: (n, 3) true tip of each arm in the board's frame, m, by name.
         board: the pegboard's shape.
         block: the blocks' shape.
-        held_by: the same as ``held`` of each arm by itself, by name.
+        held_by: the same as ``held`` for each arm separately, by name.
     """
 
     times_s: NDArray[np.float64]
@@ -40,7 +40,7 @@ class PegTruth:
     held_by: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
 
     def pegs(self) -> NDArray[np.intp]:
-        """Return for each time and block (n, k) the peg round which it stands upright, -1 where there is none."""
+        """Return for each time and block (n, k) the peg round which it stands upright, -1 if there is none."""
         return pegs_under(self.T_board_blocks, self.board, self.block)
 
 

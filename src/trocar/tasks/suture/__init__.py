@@ -1,1 +1,1 @@
-"""Sutures round a circle, driven along the needle primitive: all of the task in this folder."""
+"""Sutures round a circle, driven along the needle primitive; everything of the task is in this folder."""

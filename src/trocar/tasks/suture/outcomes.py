@@ -1,4 +1,4 @@
-"""How a suture can end."""
+"""Outcomes of a suture."""
 
 from __future__ import annotations
 

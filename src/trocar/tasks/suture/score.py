@@ -1,4 +1,4 @@
-"""What became of each suture, from where needle and jaws really were. No agent may import this."""
+"""The outcome of each suture, from where needle and jaws really were. No agent may import this."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.truth import NeedleTruth
 
 ON_TARGET_M = 1.0e-3
-"""Where the needle goes in and comes out may be off by this (assumed; FLS marks off the suture's dots by the mm)."""
+"""Allowed error of entry and exit (assumed; FLS penalises sutures that miss their dots by the millimetre)."""
 
 TOUCH_M = 0.5e-3
-"""The tip has gone in when it is deeper than this."""
+"""The tip has gone in once it is deeper than this."""
 
 SLIP_M, SLIP_RAD = 0.5e-3, math.radians(10.0)
 """A needle that moves more than this in closed jaws has slipped (assumed)."""
 
 SETTLED_S = 0.25
-"""Jaws that close turn and centre the needle for so long; what it moves afterwards is slip."""
+"""Closing jaws turn and centre the needle for this long; movement after that is slip."""
 
 FLICKER_S = 0.05
-"""Fingers that press less for no longer than this have not let go."""
+"""Fingers that press less for no longer than this have not released the needle."""
 
 MEANT_M = 0.010
-"""A needle that goes in no further than this from a planned entry was meant for it."""
+"""A needle that goes in within this distance of a planned entry was meant for it."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class SutureScore(Score):
 
 @dataclass(frozen=True)
 class Loading:
-    """What was done with the needle between two times that a person held it: rows of the truth.
+    """What happened to the needle between two times that a person held it: rows of the truth.
 
     Attributes:
         first: row at which the person let go.
@@ -81,7 +81,7 @@ class Loading:
 def score_sutures(
     sutures: Sequence[Suture], truth: NeedleTruth, events: Sequence[Mapping[str, Any]]
 ) -> list[SutureScore]:
-    """Return one score for each planned suture: of the last time that the needle went in near its entry."""
+    """Return one score for each planned suture, for the last time that the needle went in near its entry."""
     tips = truth.p_circle_needle_tip_m
     loadings = loadings_of(truth, tips)
     meant: dict[int, Loading] = {}
@@ -93,7 +93,7 @@ def score_sutures(
 
 
 def loadings_of(truth: NeedleTruth, tips_m: NDArray[np.float64]) -> list[Loading]:
-    """Return what was done with the needle, from one time that a person held it to the next."""
+    """Return what happened to the needle, from one time that a person held it to the next."""
     free = np.flatnonzero(~truth.in_hand)
     if not len(free):
         return []
@@ -190,7 +190,7 @@ def _score(
 def _why(
     noted: Mapping[str, Any] | None, loading: Loading | None, held: bool, events: Sequence[Mapping[str, Any]]
 ) -> tuple[str, str]:
-    """Return the name of what went wrong, and a sentence: the script's own word where it gave one, else the truth's."""
+    """Return the name of the failure, and a sentence: the script's own if it gave one, else from the truth."""
     said = told(noted, events)
     if said is not None:
         return said
@@ -202,7 +202,7 @@ def _why(
 
 
 def grips_of(truth: NeedleTruth, loading: Loading) -> list[tuple[int, int]]:
-    """Return (first, last) row of each time that the jaws held the needle; a flicker is no end of it."""
+    """Return (first, last) row of each time that the jaws held the needle; a flicker does not end it."""
     rows = loading.first + np.flatnonzero(truth.gripped[loading.first : loading.last + 1])
     if not len(rows):
         return []

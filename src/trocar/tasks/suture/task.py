@@ -35,7 +35,7 @@ PRESET, DIRECTION, SUTURES = "default", "best", 4
 """The default plan."""
 
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
-"""How far the calibration's motion goes beyond the plan's joints, rad and m: room for the corrections."""
+"""How far the calibration's motion goes beyond the plan's joints, rad and m, to leave room for corrections."""
 
 _AGENT = "trocar.tasks.suture.agents.circle"
 _LOOKING = {
@@ -110,7 +110,7 @@ class CircleSutures(Task):
             )
 
     def _keep_to(self, planned: PlannedSutures) -> None:
-        """Raise a sentence if something else is asked for than what is planned; count its sutures."""
+        """Raise a sentence if other options contradict a given plan; count its sutures."""
         for what in ("preset", "direction"):
             if getattr(self, what) is not None:
                 raise TrocarError(
@@ -161,12 +161,12 @@ class CircleSutures(Task):
         return replace(station, arms=arms, T_world_fixture=fixtures)
 
     def goals(self) -> tuple[Suture, ...]:
-        """Return the sutures of the plan, in the forced direction where there is one."""
+        """Return the sutures of the plan, in the forced direction if there is one."""
         forced = DIRECTIONS_BY_NAME[self.direction or DIRECTION]
         return tuple(replace(suture, direction=forced or suture.direction) for suture in self.plan.sutures)
 
     def calibration(self, station: Station, arm: str) -> MotionBox:
-        """Return everywhere that the plan goes, and a little beyond.
+        """Return the range of joints of the plan, widened a little.
 
         Raises:
             TrocarError: the plan is out of reach, and leaves no room to move in.

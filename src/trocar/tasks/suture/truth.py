@@ -1,4 +1,4 @@
-"""What the referee of sutures saw: simulator truth, for the score alone. No agent may import this."""
+"""What the referee of sutures saw: simulator truth, only for the score. No agent may import this."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot that is put right by what a camera sees: what it corrects, and what it leaves alone."""
+"""A robot corrected from camera images: what it corrects, and what it leaves alone."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""What goes wrong has a name, both arms come to rest, and the trial is saved."""
+"""Every fault has a name, both arms come to rest, and the trial is saved."""
 
 from dataclasses import replace
 

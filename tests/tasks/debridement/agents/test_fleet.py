@@ -1,4 +1,4 @@
-"""Who is given which fragment."""
+"""Which arm gets which fragment."""
 
 from dataclasses import replace
 

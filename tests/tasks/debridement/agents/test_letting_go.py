@@ -1,4 +1,4 @@
-"""Charged fragments come off the jaws: real physics, and eyes that are told what a finger touches."""
+"""Charged fragments come off the jaws: real physics, with perception given what a finger touches."""
 
 from dataclasses import replace
 from types import SimpleNamespace

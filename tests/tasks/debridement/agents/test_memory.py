@@ -1,4 +1,4 @@
-"""What is known of fragments that a pair of images does not show."""
+"""What is known about fragments that a pair of images does not show."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What an arm does while it goes on: lift, and check the pickup."""
+"""What an arm does while moving on: lift, and check the pickup."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""One arm's verbs, with a robot and a mover that only say and note."""
+"""One arm's actions, with a fake robot and mover that only answer and record."""
 
 from types import SimpleNamespace
 

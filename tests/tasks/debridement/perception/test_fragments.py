@@ -1,4 +1,4 @@
-"""Fragments in two pictures: where they are, also behind a shaft, in jaws, in the receptacle, side by side."""
+"""Fragments in two pictures: where they are, even behind a shaft, in jaws, in the receptacle, or side by side."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Pose and opening of a gripper by its marks, whole or half hidden; and which pixels are read out for it."""
+"""Pose and opening of a gripper from its marks, visible or half hidden; and which pixels are read out for it."""
 
 from dataclasses import replace
 

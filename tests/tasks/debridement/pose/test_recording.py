@@ -1,4 +1,4 @@
-"""The goals, on pairs of a real Raven II arm; skipped where the recording is absent."""
+"""The targets, on pairs of a real Raven II arm; skipped if the recording is missing."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Foam between jaws, by physics alone: an ideal arm grasps, misses, drops, and the referee sees it."""
+"""Foam between jaws, from physics alone: an ideal arm grasps, misses, drops, and the referee sees it."""
 
 from dataclasses import replace
 

@@ -1,7 +1,7 @@
-"""Faults of every kind, as method `best` plays them: each has a name, the arms rest, the trial is kept.
+"""Faults of every kind with method `best`: each has a name, the arms come to rest, the trial is saved.
 
-Each kind strikes where a variant's own script answers it; what all variants share answers it in one or two of them.
-All of it goes the way of an ordinary trial, in a cell without cable errors, and is read back from the trial's file.
+Each kind is tested in every variant whose own script handles it; faults handled by shared code are tested in one or two
+variants. All of them run as ordinary trials in a cell without cable errors, and are read back from the trial's file.
 """
 
 from dataclasses import replace

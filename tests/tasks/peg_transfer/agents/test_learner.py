@@ -1,4 +1,4 @@
-"""An arm that learns its cables from looks at its wrist, in the cell as recordings have it."""
+"""An arm that learns its cables from looks at its wrist, in the cell `recorded`."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Where a block is handed over: both arms have room, whichever gives."""
+"""Where a block is handed over: both arms have room, whichever arm gives."""
 
 from dataclasses import replace
 

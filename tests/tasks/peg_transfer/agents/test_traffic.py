@@ -1,4 +1,4 @@
-"""No arm starts on a way that would bring it too near to what the other does."""
+"""No arm starts a motion that would bring it too close to the other."""
 
 from dataclasses import replace
 

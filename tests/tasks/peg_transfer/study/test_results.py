@@ -1,4 +1,4 @@
-"""What a study says is what its trials say; it reads them one after the other."""
+"""A study agrees with its trials, and reads them one after the other."""
 
 import gc
 import json

@@ -1,4 +1,4 @@
-"""What may touch touches, and the referee counts what should not have."""
+"""Allowed contacts happen, and the referee counts the others."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is believed of arm and needle."""
+"""The estimates of arm and needle."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What looks at the needle change of the way."""
+"""How looks at the needle change the path."""
 
 from dataclasses import replace
 

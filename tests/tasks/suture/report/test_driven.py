@@ -1,4 +1,4 @@
-"""Driven sutures in numbers, on trials made up for it."""
+"""Driven sutures in numbers, on made-up trials."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A robot whose kinematics are corrected by what a camera saw of its grippers."""
+"""A robot whose kinematics are corrected from camera images of its grippers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from trocar.tasks.debridement.pose import PoseEstimator
 from trocar.trajectory import Trajectory
 
 STEP_ENDED = "a step of the way is done"
-"""Reason for stopping an arm that has to plan again."""
+"""Reason given for stopping an arm that has to plan again."""
 MOST_OFF_RAD = 0.05
 """A motion that starts further than this (rad, m) from its arm's estimated place was planned for another moment."""
 INSIDE = 0.012
@@ -33,10 +33,10 @@ class Adjusted:
     """A robot that works in joints as they are estimated to be, rather than as its encoders read them.
 
     Scripts plan in joints that a camera would confirm; commands are found by inverse control (Kehoe 2014, V-A.2): the
-    pose to be commanded is the one at which the estimator expects the pose that is wanted.
+    commanded pose is the one at which the estimator expects the wanted pose.
 
     Args:
-        cell: whose robot it wraps, with its arms, registered bases and clock.
+        cell: with the robot to wrap, its arms, registered bases and clock.
         estimator: makes the estimator of one arm's gripper.
     """
 
@@ -52,10 +52,10 @@ class Adjusted:
         self._braking: set[str] = set()
 
     def saw(self, arm: str, time_s: float, T_base_kinematic: SE3, T_world_tip: SE3) -> None:
-        """Learn that a camera saw the tip there when the kinematics said this; an older image teaches nothing.
+        """Learn from the detected and the kinematic pose of the tip in an image; older images are ignored.
 
         Args:
-            arm: whose.
+            arm: the arm.
             time_s: of the image.
             T_base_kinematic: by the encoders at that time.
             T_world_tip: as detected.
@@ -71,12 +71,12 @@ class Adjusted:
         self._learn_offset(arm)
 
     def keep(self, *arms: str) -> None:
-        """Learn nothing more of these arms until they move, or ``learn``: a plan is made from what is known."""
+        """Stop learning about these arms until they move, or ``learn``, to plan from a fixed estimate."""
         for arm in arms:
             self._later.setdefault(arm, [])
 
     def learn(self, *arms: str) -> None:
-        """Learn what was seen meanwhile."""
+        """Learn from what was seen meanwhile."""
         for arm in arms:
             for sight in self._later.pop(arm, []):
                 self.saw(arm, *sight)
@@ -86,7 +86,7 @@ class Adjusted:
         return self._clock.now_s() - self._seen_s.get(arm, -np.inf)
 
     def kinematic(self, arm: str) -> SE3:
-        """Return ``T_base_tip`` as the encoders have it now."""
+        """Return ``T_base_tip`` according to the encoders now."""
         return fk(self._arms[arm], self._robot.read(arm).q)
 
     def T_world_tip(self, arm: str) -> SE3:
@@ -96,7 +96,7 @@ class Adjusted:
         return self._T_world_base[arm] @ self._estimators[arm].estimate(now, T_base_kinematic)
 
     def reaches(self, arm: str, T_world_tip: SE3) -> bool:
-        """Return whether the tip can be brought to a pose: by the estimated joints and by those to be commanded."""
+        """Return whether the tip can be brought to a pose, by the estimated joints and by the commanded ones."""
         model, T_base_tip = self._arms[arm], self._T_world_base[arm].inverse() @ T_world_tip
         sent = self._robot.setpoint(arm).q
         try:
@@ -139,7 +139,7 @@ class Adjusted:
         return course.desired, sent.time_s - sent.path_s
 
     def to_stop_s(self, arm: str) -> float:
-        """Return the time of its motion that an arm has left until it is to be stopped; infinite if it is not."""
+        """Return the time that an arm's motion has left until it is to be stopped; infinite if it is not."""
         sent, course = self._robot.setpoint(arm), self._courses.get(arm)
         return np.inf if course is None or course.stop_s is None else course.stop_s - sent.path_s
 
@@ -156,8 +156,8 @@ class Adjusted:
 
         Args:
             motions: by arm.
-            stop_s: time of the motions at which whoever asks is going to stop them. An estimator that does not foresee
-                is not asked about what comes later.
+            stop_s: time of the motions at which the caller is going to stop them. An estimator that does not foresee is
+                not used beyond that.
 
         Raises:
             TrocarError: as the robot; or a pose on the way cannot be commanded.
@@ -169,9 +169,9 @@ class Adjusted:
         return await self._send(self._robot.replace, motions)
 
     async def correct(self, arm: str) -> None:
-        """Let corrected commands take over for the rest of what an arm does, if it moves on; return when it has ended.
+        """Let corrected commands take over for the rest of an arm's motion, if it is moving; return when it has ended.
 
-        The motion stays as it was planned; what has been learned since it started changes the commands for it.
+        The motion stays as planned; what has been learned since its start changes its commands.
         """
         sent, course = self._robot.setpoint(arm), self._courses.get(arm)
         if course is None or arm in self._braking or not sent.on_path or sent.path_rate < LEAST_RATE:
@@ -185,7 +185,7 @@ class Adjusted:
             commands = corrected(model, left.desired, left.commands, settled, model.motion_limits, until_s)
             self._courses[arm] = replace(left, commands=commands)
             successor.execution = (await self._robot.replace({arm: commands}))[arm]
-        except TrocarError:  # too much for the limits: what is under way goes on
+        except TrocarError:  # exceeds the limits: the current motion goes on
             course.successor = None
             self._courses[arm] = course
         finally:
@@ -208,9 +208,9 @@ class Adjusted:
         await self._robot.rest(*arms)
 
     def _learn_offset(self, arm: str) -> None:
-        """Find again by how much the estimated joints differ from the commanded ones, where the arm is now."""
+        """Update the difference between the estimated and the commanded joints where the arm is now."""
         model, sent = self._arms[arm], self._robot.setpoint(arm)
-        with suppress(Unreachable):  # out of a joint's range by less than is known: then the last offset stays
+        with suppress(Unreachable):  # out of a joint's range by less than the uncertainty: keep the last offset
             T_base_tip = self._estimators[arm].settled(fk(model, sent.q))
             self._off[arm] = ik(model, T_base_tip, reference=sent.q + self._off[arm]) - sent.q
         course = self._courses.get(arm)
@@ -219,7 +219,7 @@ class Adjusted:
         self._rested[arm] = sent.q
 
     def _drift(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
-        """Return by how much (6,) the offset on a motion's way differs from that at its start."""
+        """Return the difference (6,) of the offset during a motion from that at its start."""
         course = self._courses.get(arm)
         if course is None or not sent.moving or not sent.on_path:
             return np.zeros(6)
@@ -237,7 +237,7 @@ class Adjusted:
         try:
             executions = await verb({arm: course.commands for arm, course in courses.items()})
             return {arm: await self._last(arm, executions[arm], course) for arm, course in courses.items()}
-        except TrocarError:  # refused: what was under way goes on
+        except TrocarError:  # refused: the current motion goes on
             for arm, course in before.items():
                 if course is None:
                     del self._courses[arm]
@@ -246,12 +246,12 @@ class Adjusted:
             raise
 
     async def _last(self, arm: str, execution: Execution, course: Course) -> Execution:
-        """Return how a motion ended, whichever commands were the last for it."""
+        """Return how a motion ended, whichever of its commands were the last."""
         while execution.ended is Ended.REPLACED and course.successor is not None:
             successor, course = course.successor, self._courses[arm]
             try:
                 await successor.ended.wait()
-            except trio.Cancelled:  # the robot brakes for whoever waits for it; here that is not who gave up
+            except trio.Cancelled:  # the robot brakes for the script that waits, which is not the cancelled one here
                 self.hold(arm, reason="nobody waits for the motion any more")
                 raise
             if successor.execution is None:
@@ -273,5 +273,5 @@ class Adjusted:
         return Course(desired, commands, stop_s)
 
     def _foreseen(self, arm: str, stop_s: float | None) -> float | None:
-        """Return up to when in a motion an estimator that does not foresee is asked; None: this one does."""
+        """Return the time of a motion up to which the estimator is used; None: it foresees, so to the end."""
         return None if self._estimators[arm].foresees else np.inf if stop_s is None else stop_s

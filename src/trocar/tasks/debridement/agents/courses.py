@@ -1,4 +1,4 @@
-"""What an arm was last commanded: a motion of the joints as estimated, and the commands that were sent for it."""
+"""The last motion of an arm in estimated joints, and the commands that were sent for it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from trocar.cell import Execution
 from trocar.trajectory import Trajectory
 
 REST_STEP_S = 0.05
-"""What is left of a motion is taken over at moments this far apart."""
+"""The rest of a motion is sampled at this interval when it is taken over."""
 LATE_S = 0.25
-"""Nothing is corrected any more so shortly before the end of a motion."""
+"""Nothing is corrected within this time before the end of a motion."""
 
 
 class Successor:
-    """What became of the commands that took over from others."""
+    """The result of commands that took over from others."""
 
     def __init__(self) -> None:
         self.ended = trio.Event()
@@ -27,13 +27,13 @@ class Successor:
 
 @dataclass(eq=False)
 class Course:
-    """What an arm was last told.
+    """The last motion of an arm.
 
     Attributes:
-        desired: of the joints as estimated.
-        commands: that were sent for it, on the same time.
+        desired: motion of the estimated joints.
+        commands: those sent for it, on the same time.
         stop_s: time of the motion at which it is going to be stopped; None: at its end.
-        successor: the commands that took over, once corrected ones did.
+        successor: corrected commands that took over, if any.
     """
 
     desired: Trajectory
@@ -42,12 +42,12 @@ class Course:
     successor: Successor | None = None
 
     def drift(self, path_s: float) -> NDArray[np.float64]:
-        """Return by how much (6,) estimated joints minus commands have changed since its start, at this time of it."""
+        """Return the change (6,) of estimated joints minus commands from its start to this time of it."""
         first = self.commands.times_s[0]
         return (self.desired(path_s) - self.commands(path_s)) - (self.desired(first) - self.commands(first))
 
     def left(self, path_s: float, rate: float) -> Course | None:
-        """Return what is left at this time of it, where it runs so fast, on the clock's time; None near its end."""
+        """Return the rest of it from this time on, on the clock's time, for this rate; None near its end."""
         if (float(self.desired.times_s[-1]) - path_s) / rate < LATE_S:
             return None
         stop_s = None if self.stop_s is None else (self.stop_s - path_s) / rate

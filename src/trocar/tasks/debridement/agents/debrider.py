@@ -1,4 +1,4 @@
-"""The script of one arm: takes one fragment after another into the receptacle (Kehoe 2014, V-C)."""
+"""The script of one arm: brings one fragment after another into the receptacle (Kehoe 2014, V-C)."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from trocar.tasks.kit.together import together
 TOO_MANY = 8
 """An arm that fails this many times in a row gives up."""
 LIFTED_SHARE = 0.8
-"""Jaws that have risen by this share of what they rise have left the work surface."""
+"""Jaws that have risen by this share of their lift have left the work surface."""
 SHORT_S = 0.05
 IDLE_S = 5.0
-"""An arm that has nothing to do looks again after this time, or once the other one has got on."""
+"""An idle arm looks again after this time, or once the other one has made progress."""
 
 
 class GiveUp(Exception):
-    """An arm goes home, for a person has to do something first.
+    """An arm goes home because a person has to do something first.
 
     Attributes:
-        outcome: what it is.
+        outcome: what is to be done.
     """
 
     def __init__(self, outcome: FragmentOutcome, what_to_do: str):
@@ -39,15 +39,15 @@ class GiveUp(Exception):
 
 
 class NothingHeld(Exception):
-    """The jaws closed on nothing, or lost it."""
+    """The jaws closed on nothing, or lost the fragment."""
 
 
 class Debrider:
-    """One arm at work.
+    """The script of one arm.
 
     Args:
-        arm: with its verbs.
-        fleet: what it shares with the other.
+        arm: with its actions.
+        fleet: state shared with the other arm.
     """
 
     def __init__(self, arm: RavenArm, fleet: Fleet):
@@ -66,7 +66,7 @@ class Debrider:
                 pass
             await self._home()
             self.fleet.give(self.name, None)
-        except ArmStopped as stop:  # where it stands, nobody else can work
+        except ArmStopped as stop:  # where it is now, it blocks the other arm
             self.fleet.give(self.name, self.arm.robot.T_world_tip(self.name).translation_m)
             self.note(FragmentOutcome.ARM_STOPPED, str(stop))
         except GiveUp as end:
@@ -111,7 +111,7 @@ class Debrider:
         return self.fleet.cleared >= self.fleet.goals
 
     async def _allocated(self) -> tuple[SeenFragment, Grasp] | None:
-        """Look, and be given the outermost fragment within reach, or the last one if it is nearer."""
+        """Look, and claim the outermost fragment within reach, or the last one if it is nearer."""
         if self._enough():
             return None
         if self.s.vision_lag_s > 0:
@@ -127,10 +127,10 @@ class Debrider:
             others = [f for f in loose if f is not fragment]
             grasps = self.places.grasps(fragment, others, self.arm.model, self.arm.turn_rad)
             again = self.fleet.failures_at(fragment.p_world_m) % len(grasps)
-            grasp = self.arm.possible([*grasps[again:], *grasps[:again]])  # another way than the one that failed
+            grasp = self.arm.possible([*grasps[again:], *grasps[:again]])  # a different way from the one that failed
             if grasp is None:
                 continue
-            if self._enough():  # while this arm looked, the other one has been given one
+            if self._enough():  # while this arm looked, the other one has claimed one
                 return None
             self.fleet.give(self.name, fragment.p_world_m)
             self.cell.log.event("allocated", arm=self.name, place=fragment.p_world_m.tolist())
@@ -145,15 +145,15 @@ class Debrider:
         return self.fleet.cleared + len(self._others_at_work()) >= self.fleet.goals
 
     def _others_at_work(self) -> set[str]:
-        """Return the arms besides this one that have been given a fragment and go on."""
+        """Return the other arms that have claimed a fragment and are still working."""
         return (self.fleet.busy - {self.name}) & self.fleet.taken.keys()
 
     async def _wait(self) -> bool:
-        """Let the other arm go on; return whether to look again."""
+        """Let the other arm continue; return whether to look again."""
         if not self._others_at_work():
             if self._is_home or self._looked_again:
                 return False
-            self._looked_again = True  # from home, for this arm may have hidden one
+            self._looked_again = True  # from home, because this arm may have hidden one
             await self._home()
             return True
         await self._home()
@@ -161,7 +161,7 @@ class Debrider:
         return True
 
     async def _other_goes_on(self) -> None:
-        """Return when the other arm has got on, or after a while."""
+        """Return when the other arm has made progress, or after a while."""
         with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
             with trio.move_on_after(IDLE_S):
                 await self.fleet.changed()
@@ -197,7 +197,7 @@ class Debrider:
             raise NothingHeld
 
     async def _check_lifted(self) -> None:
-        """Look whether the jaws hold a fragment once they have risen with it, on their way.
+        """Look whether the jaws hold a fragment once they have risen with it, while moving on.
 
         Raises:
             NothingHeld: they do not.
@@ -209,7 +209,7 @@ class Debrider:
         await self._check()
 
     async def _bring(self, lift_m: float = 0.0) -> None:
-        """Go over the receptacle, at first straight up by so much; then this arm has the receptacle's token."""
+        """Go over the receptacle, first straight up by this height; the arm then has the receptacle's token."""
         if self.s.holds_first or not self.fleet.token.take_now(self.name):
             await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad), lift_m)
             with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
@@ -218,7 +218,7 @@ class Debrider:
         await self.arm.go_to_one(self.places.drop(self.side, self.arm.turn_rad), lift_m)
 
     async def _let_go(self) -> tuple[FragmentOutcome, str]:
-        """Open the jaws over the receptacle, and get off what clings to them."""
+        """Open the jaws over the receptacle, and shake off what clings to them."""
         self.cell.log.event("releasing", arm=self.name)
         await self.arm.jaw(self.s.open_rad)
         for number in range(WAYS + 1):
@@ -230,7 +230,7 @@ class Debrider:
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
 
     async def _back(self) -> None:
-        """Open the jaws where the arm is, and go aside as far as that is possible."""
+        """Open the jaws where the arm is, and move aside as far as possible."""
         try:
             await self.arm.jaw(self.s.open_rad)
             await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad))
@@ -238,7 +238,7 @@ class Debrider:
             self.cell.log.event("stayed", arm=self.name)
 
     async def _home(self) -> None:
-        """Go out of the other arm's way, if this one is not there yet."""
+        """Move out of the other arm's way, if not there already."""
         if self._is_home:
             return
         try:
@@ -255,7 +255,7 @@ class Debrider:
 
 
 async def work(debriders: list[Debrider]) -> None:
-    """Run the scripts of all arms; a camera that fails ends them all, where they are."""
+    """Run the scripts of all arms; a camera failure ends them all, wherever they are."""
     frozen: list[CameraFrozen] = []
 
     async def one(debrider: Debrider, nursery: trio.Nursery) -> None:

@@ -17,7 +17,7 @@ from trocar.tasks.kit import Brief
 
 
 class Debriders:
-    """Clears the work surface with all arms that work.
+    """Clears the work surface with all working arms.
 
     Raises:
         TrocarError: the robot of the cell does not estimate where its joints are.

@@ -1,4 +1,4 @@
-"""What the stereo camera tells the arms: where fragments lie, where the grippers are."""
+"""What the arms learn from the stereo camera: where fragments and grippers are."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ from trocar.tasks.kit.together import with_helpers
 
 CAMERA = "stereo"
 FROZEN = 3
-"""So many images in a row without a new pixel, though an arm has moved, and the camera is taken to be frozen."""
+"""After this many identical images in a row, although an arm has moved, the camera counts as frozen."""
 LOST_S = 1.0
 MARGIN_M, LOST_MARGIN_M = 0.008, 0.020
-"""A window shows so much round the gripper, and more if it has not been seen for longer than ``LOST_S``."""
+"""Margin of a window round the gripper, and a larger one if it has not been seen for longer than ``LOST_S``."""
 HELD_MARGIN_M = 0.016
-"""And so much where it may hold a fragment: it sticks out of the jaws."""
+"""Margin if it may hold a fragment, which sticks out of the jaws."""
 MOVED_M = 2e-3
-"""An arm that has moved by so much changes some pixel."""
+"""An arm that has moved by this much changes some pixel."""
 SHORT_S = 0.01
-"""Least pause between two looks at a gripper."""
+"""Minimum pause between two looks at a gripper."""
 AGAIN_S = 0.2
-"""Pause before another try after an image that shows nothing new, or not what it should."""
+"""Pause before another try after an image that shows nothing new, or not what is needed."""
 HIDDEN_LOOKS = 8
-"""So often it looks at jaws that it does not see before it takes them to be empty: for 2 s, in which arms go on."""
+"""Number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on."""
 
 
 class CameraFrozen(TrocarError):
-    """The camera gives no new images."""
+    """The camera delivers no new images."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What one pair of images showed, and what it hid.
+    """What one pair of images showed, and what was hidden in it.
 
     Attributes:
-        fragments: all that look like one, wherever they are.
-        hidden: those that lie on the work surface and that an arm hides now, as they were last seen.
+        fragments: everything that looks like one, wherever it is.
+        hidden: fragments on the work surface that an arm hides now, as last seen.
     """
 
     fragments: Sequence[SeenFragment]
@@ -56,7 +56,7 @@ class Look:
 
 
 class Eyes:
-    """The stereo camera as the arms share it.
+    """The stereo camera that the arms share.
 
     Attributes:
         memory: of fragments that arms hide or carry.
@@ -98,7 +98,7 @@ class Eyes:
         return known
 
     def _remembered(self, seen: Sequence[SeenFragment], rig: StereoRig) -> Look:
-        """Return what is seen outside the jaws, and what arms hide, where they are estimated to be."""
+        """Return what is seen outside the jaws, and what arms hide at their estimated positions."""
         solids = {}
         for name, model in self._cell.arms.items():
             reading = self._robot.read(name)
@@ -109,16 +109,16 @@ class Eyes:
         return Look(*self.memory.look(seen, eyes_m, solids))
 
     async def glance(self, arm: str, span: bool = True) -> None:
-        """Take an image of the surroundings of a gripper, and learn where it is if it is seen.
+        """Take an image around a gripper, and learn where it is if it is seen.
 
         Args:
-            arm: whose.
-            span: whether the arm waits for it; else it goes on with what it does.
+            arm: the arm.
+            span: whether the arm waits for the image; else it continues meanwhile.
         """
         await self._glanced(arm, span, MARGIN_M)
 
     async def _glanced(self, arm: str, span: bool, margin_m: float) -> tuple[StereoImage, SE3 | None]:
-        """Return an image with so much round a gripper, and where its tip is seen in it; None: the marks are hidden."""
+        """Return an image with this margin round a gripper, and its tip as seen in it; None: the marks are hidden."""
         model = self._cell.arms[arm]
         rig = self._camera.model
         margin_m = margin_m if self._robot.age_s(arm) < LOST_S else max(margin_m, LOST_MARGIN_M)
@@ -146,7 +146,7 @@ class Eyes:
         return image, seen.T_world_tip
 
     async def watch(self, arm: str) -> None:
-        """Follow a gripper for ever while it moves, and correct its commands by what is seen; stop it if it is astray.
+        """Follow a gripper forever while it moves, correct its commands by what is seen; stop it if far off its path.
 
         Raises:
             CameraFrozen: images do not change any more.
@@ -166,7 +166,7 @@ class Eyes:
         await with_helpers(follow)
 
     async def holds(self, arm: str) -> bool:
-        """Return whether pixels show that a fragment was picked up, and note it; where they say nothing, look again."""
+        """Return whether pixels show that a fragment was picked up, and note it; if inconclusive, look again."""
         holding, sure, image_s = await self._look_in_jaws(arm)
         for _ in range(HIDDEN_LOOKS):
             if sure:
@@ -181,10 +181,10 @@ class Eyes:
         return (await self._look_in_jaws(arm))[0]
 
     async def _look_in_jaws(self, arm: str) -> tuple[bool, bool, float]:
-        """Return whether pixels show a fragment in the jaws, whether that is sure, and when.
+        """Return whether pixels show a fragment in the jaws, whether that is certain, and when.
 
-        Where the marks are hidden, by the other arm most often, what is in the jaws may be hidden as well, or the jaws
-        be elsewhere: nothing red says nothing then.
+        If the marks are hidden, mostly by the other arm, the content of the jaws may be hidden too, or the jaws may be
+        elsewhere; the absence of red then means nothing.
         """
         image, T_world_seen = await self._glanced(arm, span=True, margin_m=HELD_MARGIN_M)
         T_world_tip, jaw_rad = T_world_seen or self._robot.T_world_tip(arm), self._robot.read(arm).jaw_rad
@@ -219,7 +219,7 @@ class Eyes:
         raise CameraFrozen("the stereo camera has stopped giving new images; check its connection")
 
     def _is_new(self, key: str, image: StereoImage, kinematic: Mapping[str, SE3]) -> bool:
-        """Return whether an image is another one than the last of its kind, where an arm has moved since."""
+        """Return whether an image differs from the last of its kind, if an arm has moved since."""
         tips = np.array([T.translation_m for T in kinematic.values()])
         before = self._last.get(key)
         if before is not None and np.abs(tips - before[1]).max() > MOVED_M:

@@ -1,4 +1,4 @@
-"""What the arms share: fragments, the receptacle's token, who is at work."""
+"""State shared by the arms: fragments, the receptacle's token, which arms are working."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_
 from trocar.tasks.debridement.workspace import Workspace
 
 BESIDE_REGION_M = 0.025
-"""Fragments that rolled, or that jaws pushed, may lie so far outside the region in which they were laid."""
+"""Fragments that rolled, or were pushed, may be this far outside the region in which they were laid."""
 IN_THE_AIR_M = 0.014
-"""What is seen so high above the work surface is held by jaws, or lies in the receptacle."""
+"""Anything seen this high above the work surface is held by jaws, or lies in the receptacle."""
 FULL_FRAGMENTS = 3
-"""A receptacle is full if this many stand out of it; one may lie on another long before that."""
+"""A receptacle is full if this many fragments stand out of it; one may lie on another long before that."""
 FULL_LOOKS = 3
-"""So many looks in a row have to show it: fragments are also seen while they fall."""
+"""This many looks in a row have to show it, since fragments are also seen while they fall."""
 FULL_M = 3e-3
-"""A fragment whose middle is this near to the height of the receptacle's edge lies on others; higher, jaws hold it."""
+"""A fragment whose middle is this close to the height of the receptacle's edge lies on others; higher up, jaws hold
+it."""
 IN_JAWS_M = 0.025
-"""What is seen this near to a tip may be in the jaws: fingers end 10 mm beyond it, and fragments stick out."""
+"""A fragment seen this close to a tip may be in the jaws: fingers end 10 mm beyond it, and fragments stick out."""
 ONE_M = 0.007
-"""Two that are seen this near to each other are parts of one, which a finger before it divides; their program merges
-them likewise (facts/debridement.md)."""
+"""Two fragments seen this close to each other are parts of one that a finger in front divides; the paper's program
+merges them too (facts/debridement.md)."""
 PATIENCE_S = 20.0
-"""A place where an arm failed is left alone for so long, if there is another one."""
+"""A place where an arm failed is avoided for this long, if there is another one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ class Failure:
 
 @dataclass
 class Fleet:
-    """The state that the scripts of all arms share, on one clock.
+    """The state shared by the scripts of all arms.
 
     Attributes:
         known: the workspace.
@@ -61,7 +62,7 @@ class Fleet:
         sides: of every arm that takes part: +1 at +x, the left one; -1 the right one.
         goals: how many fragments are to be cleared.
         token: the arm that holds it may be over the receptacle.
-        taken: where the fragment lies that each arm has been given.
+        taken: position of the fragment claimed by each arm.
         busy: arms that are not done.
         cleared: fragments that arms let go over the receptacle.
         failures: what went wrong, where and when.
@@ -81,7 +82,7 @@ class Fleet:
     _changed: trio.Event = field(default_factory=trio.Event)
 
     def loose(self, fragments: Sequence[SeenFragment]) -> list[SeenFragment]:
-        """Return the fragments that lie on the work surface outside the receptacle; of parts of one, the largest."""
+        """Return the fragments on the work surface outside the receptacle; of the parts of one, the largest."""
         (x0, y0), (x1, y1) = self.known.region_m
         low = np.array([min(x0, x1), min(y0, y1)]) - BESIDE_REGION_M
         high = np.array([max(x0, x1), max(y0, y1)]) + BESIDE_REGION_M
@@ -97,7 +98,7 @@ class Fleet:
         return [f for f in lying if not any(away_m(f, g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
 
     def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
-        """Return whether what lies in the receptacle stands out of it; what is near a tip (3,) may be in its jaws."""
+        """Return whether the receptacle's content stands out of it; what is near a tip (3,) may be in its jaws."""
         shape, half_m = self.known.receptacle, 0.5 * np.array(self.known.receptacle.size_m)
         places = [(f, self.T_world_receptacle.inverse().apply(f.p_world_m)) for f in fragments]
         high = [f for f, p in places if (np.abs(p[:2]) < half_m).all() and abs(p[2] - shape.height_m) < FULL_M]
@@ -112,7 +113,8 @@ class Fleet:
     def choice(self, arm: str, fragments: Sequence[SeenFragment], apart_m: float, now_s: float) -> list[SeenFragment]:
         """Return the fragments that an arm may take, the outermost on its side first (V-C.2).
 
-        Where it failed lately comes last, and where it found no path is left to the other arm, if that goes on.
+        Places where it failed recently come last; those to which it found no path are left to the other arm, if that is
+        still working.
         """
         others = [place for name, place in self.taken.items() if name != arm]
         free = [f for f in fragments if all(away_m(f, place) > apart_m for place in others)]
@@ -126,7 +128,7 @@ class Fleet:
         return [f for f in free if f not in bad] + bad
 
     def failures_at(self, place: NDArray[np.float64]) -> int:
-        """Return how often something went wrong at a place."""
+        """Return the number of failures at a place."""
         return sum(float(np.linalg.norm(place[:2] - f.p_world_m[:2])) < SAME_M for f in self.failures)
 
     def give(self, arm: str, place: NDArray[np.float64] | None) -> None:

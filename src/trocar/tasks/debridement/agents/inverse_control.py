@@ -1,4 +1,4 @@
-"""What to command so that the gripper goes where it should (Kehoe 2014, V-A.2: inverse control)."""
+"""Commands that bring the gripper to where it should be (Kehoe 2014, V-A.2: inverse control)."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ STEP_S = 0.05
 NODE_M = 0.015
 """Corrections are computed at places this far apart on the path, and interpolated between them."""
 KEPT_SHARE = 0.97
-"""Of the limits, for corrected commands: a guard looks at them more closely."""
+"""Share of the limits used by corrected commands, since a guard checks them more finely."""
 RAMPS_S = (0.25, 0.4, 0.6, 0.9)
-"""A correction is made in as short a time of these as the limits allow."""
+"""A correction is made in the shortest of these times that the limits allow."""
 LITTLE = np.array([0.06, 0.06, 1e-3, 0.06, 0.06, 0.06])
-"""What a joint's command may be short of, rad and m: such an angle in the wrist is 1 mm at the tip, which is seen."""
+"""Tolerated error of a joint's command, rad and m: in the wrist it is 1 mm at the tip, which the camera sees."""
 FADE_S = 0.5
 """Time constant with which a correction stops changing, after the last place where it is computed."""
 SHORT = 5e-3
-"""They stay this share of their range inside it: a spline through such commands swings a little beyond them."""
+"""Commands keep this share of their range from its ends, because a spline through them overshoots a little."""
 APART_M = 1e-3
-"""Commands for places nearer to each other than this add the same."""
+"""Places closer to each other than this get the same correction."""
 ROUNDS = 4
-"""The error depends on the command that it is to correct; it changes by tenths at most, so few rounds are enough."""
+"""The error depends on the command that it corrects, but changes by tenths at most, so few rounds are enough."""
 
 
 def commands_for(
@@ -47,20 +47,20 @@ def commands_for(
         arm: the model.
         desired: of the joints as a camera would confirm them.
         settled: the pose in the base that is expected at a kinematic pose.
-        q_start: (6,) what is commanded now; what the first command differs from it fades out along the way.
+        q_start: (6,) current command; its difference to the first command fades out along the way.
         velocity: (6,) of the commands now.
-        until_s: time of the motion at which the arm will stop, if what is expected further on is to play no part. Then
-            commands that would leave a joint's range stay at its end: such expectations are off by centimetres.
+        until_s: time of the motion at which the arm will stop, if estimates further on are to be ignored. Then commands
+            that would leave a joint's range stay at its end, since such estimates are off by centimetres.
 
     Raises:
         Unreachable: a command would leave a joint's range.
     """
     times = _moments(desired)
     commands = _followed(arm, desired, times, settled, q_start, until_s)
-    # an arm may be where no command would bring it, once its estimate has changed: what counts is what it is sent
+    # after a change of its estimate, an arm may be where no command would bring it; only the sent commands count
     commands = commands + (q_start - commands[0]) * (1 - _ramp(times))[:, None]
     commands = np.concatenate([q_start[None], _inside(arm, commands[1:], clamps=until_s is not None)])
-    # what is added to the motion is smooth; a spline through their sum would swing where its acceleration jumps
+    # the correction is smooth; a spline through the sum would overshoot where the motion's acceleration jumps
     return desired.plus(_spline(times, commands - desired(times), velocity - desired(times[0], 1)))
 
 
@@ -72,11 +72,11 @@ def corrected(
     limits: MotionLimits,
     until_s: float | None = None,
 ) -> Trajectory:
-    """Return commands that lead from those that are sent to those that follow ``desired``, as far as limits allow.
+    """Return commands that lead from the current ones to those that follow ``desired``, as far as limits allow.
 
-    They begin like those that are sent, in position, velocity and acceleration, and reach the correction as soon as the
-    limits allow, at the end of the motion at the latest. Where that is too soon for all of it, they reach the largest
-    share that keeps the limits; what is left is for the next correction.
+    They begin like the current ones, in position, velocity and acceleration, and reach the correction as soon as the
+    limits allow, at the latest at the end of the motion. If that is too soon for all of it, they reach the largest
+    share that keeps the limits; the rest is left for the next correction.
 
     Args:
         arm: the model.
@@ -108,7 +108,7 @@ def corrected(
 
 
 def _where_it_peaks(times: NDArray[np.float64], sent: Trajectory) -> NDArray[np.float64]:
-    """Return the times between which accelerations of a spline at ``times`` and of what is sent change linearly."""
+    """Return the times between which the accelerations of a spline at ``times`` and of the sent motion are linear."""
     breaks = np.union1d(times, sent.times_s[(sent.times_s > times[0]) & (sent.times_s < times[-1])])
     return np.union1d(breaks[:-1], np.nextafter(breaks[1:], -np.inf))
 
@@ -127,7 +127,7 @@ def _moments(desired: Trajectory) -> NDArray[np.float64]:
 
 
 def _ramp(times: NDArray[np.float64], over_s: float | None = None) -> NDArray[np.float64]:
-    """Return what rises from 0 to 1 over these times, or sooner, without a jump of velocity or acceleration."""
+    """Return a ramp from 0 to 1 over these times, or faster, without jumps of velocity or acceleration."""
     x = np.minimum((times - times[0]) / (over_s or times[-1] - times[0]), 1.0)
     return x**3 * (10 - 15 * x + 6 * x * x)
 
@@ -140,14 +140,14 @@ def _followed(
     q_sent: NDArray[np.float64],
     until_s: float | None,
 ) -> NDArray[np.float64]:
-    """Return commands (n, 6) for a motion at these times; what they add to it soon stays as it was at ``until_s``."""
+    """Return commands (n, 6) for a motion at these times; after ``until_s`` their correction soon becomes constant."""
     q = desired(times)
     if until_s is None:
         return _commands(arm, q, settled, q_sent)
     near = max(2, int(np.searchsorted(times, until_s, side="right")))
     try:
         commands = _commands(arm, q[:near], settled, q_sent)
-    except Unreachable:  # what is added now is still added
+    except Unreachable:  # the present correction is still added
         return q + (q_sent - q[0])
     if near >= len(times):
         return commands
@@ -162,7 +162,7 @@ def _commands(
 ) -> NDArray[np.float64]:
     """Return the joints (n, 6) to be commanded for estimated ones (n, 6), whether within the joints' ranges or not.
 
-    What is to be added is asked for at some of them, each beginning with what the one before had, and interpolated.
+    The correction is computed at some of them, each starting from the previous one's, and interpolated.
     """
     places = fk(arm, q).translation_m
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=-1))])
@@ -183,10 +183,10 @@ def _commands(
 def _added(
     arm: ArmModel, q_wanted: NDArray[np.float64], settled: Callable[[SE3], SE3], added: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return what (6,) a command adds to the joints that are wanted, beginning with a guess.
+    """Return the correction (6,) that a command adds to the wanted joints, starting from a guess.
 
-    It is put right by what the expected joints differ from the wanted ones. An arm errs in its joints: in poses, whose
-    errors turn with the gripper, the same rounds need not come to an end.
+    It is updated by the difference between expected and wanted joints. An arm's errors are in its joints; with poses,
+    whose errors rotate with the gripper, the same iteration need not converge.
     """
     for _ in range(ROUNDS):
         added = added + q_wanted - ik_near(arm, settled(fk(arm, q_wanted + added)), q_wanted)
@@ -197,7 +197,7 @@ def _inside(arm: ArmModel, q: NDArray[np.float64], clamps: bool = False) -> NDAr
     """Return commands (..., 6) kept inside the joints' range.
 
     Raises:
-        Unreachable: they leave it by more than a little, and are not clamped.
+        Unreachable: they leave it by more than a small tolerance, and are not clamped.
     """
     short = SHORT * (arm.upper - arm.lower)
     kept = np.clip(q, arm.lower + short, arm.upper - short)

@@ -1,4 +1,4 @@
-"""How a fragment comes off the jaws: they open, and if it clings to them, close, open wide, and rub."""
+"""How a fragment is released: the jaws open and, if it clings to them, close, open wide, and rub it off."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from trocar.tasks.debridement.agents.raven_arm import RavenArm
 from trocar.tasks.kit.together import together
 
 SHAKES, SHAKEN_RAD = 2, 2.0
-"""Jaws that a fragment clings to close and open so wide, so many times. Both fingers draw a charged fragment up between
-them, to where it is as wide as they are apart; opened so far they leave it to one of them, most often, below whose face
-it hangs, and closing changes how."""
+"""Jaws to which a fragment clings close and open this wide, this many times. Both fingers pull a charged fragment up
+between them, to where it is as wide as their gap; opened this far, mostly only one of them keeps it, hanging below its
+face, and closing changes how it hangs."""
 SHAKEN_M = 0.008
-"""The first time they rise by this meanwhile: what only lay behind the jaws stays behind."""
+"""The first time they rise by this meanwhile, so that a fragment that merely lay behind the jaws stays behind."""
 STROKES = tuple(product((1.2, 2.0, 0.7), (0.014, 0.013, 0.012)))
-"""If it clings still, the tip goes down with jaws open so (rad) to such a height over the work surface (m), and they
-close there: the fingers' ends, then 10 mm below the tip, rub what hangs from one of them on the receptacle's floor, or
-grasp it. What has not helped in one way is tried in another."""
+"""If it still clings, the tip goes down with this jaw opening (rad) to this height over the work surface (m), and the
+jaws close there: the fingers' ends, then 10 mm below the tip, rub what hangs from one of them on the receptacle's
+floor, or grasp it. If one way does not help, another is tried."""
 WAYS = SHAKES + len(STROKES)
 
 

@@ -1,4 +1,4 @@
-"""What is known of fragments besides what a pair of images shows: some are hidden, and some are carried."""
+"""Memory of fragments that a pair of images does not show: some are hidden, and some are carried."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from trocar.geometry.capsules import Capsules, segment_distances_m
 from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
 
 LYING_M = 0.012
-"""Middles of fragments that lie on the work surface are lower; others are held, and not remembered."""
+"""Middles of fragments on the work surface are lower than this; others are held, and not remembered."""
 ROUND_M = 0.008
-"""An arm may hide what is seen so near past its shape: its pose is an estimate, and what it carries sticks out."""
+"""An arm may hide fragments this far beyond its outline: its pose is an estimate, and what it carries sticks out."""
 MOVED_M = 0.016
-"""Jaws that go for a fragment may shift it unseen, by half of their opening and of its length at most."""
+"""Jaws that approach a fragment may shift it unseen, by half of their opening plus half its length at most."""
 FINGERS = slice(2, 4)
-"""Of an arm's capsules."""
+"""The fingers among an arm's capsules."""
 
 
 class Memory:
-    """What lay on the work surface when it was last in sight, and which arms carry something."""
+    """The fragments on the work surface as last seen, and which arms carry something."""
 
     def __init__(self) -> None:
         self._lying: list[SeenFragment] = []
@@ -30,15 +30,15 @@ class Memory:
     def look(
         self, seen: Sequence[SeenFragment], p_world_eyes_m: NDArray[np.float64], arms: Mapping[str, Capsules]
     ) -> tuple[list[SeenFragment], list[SeenFragment]]:
-        """Return what a pair of images shows outside the jaws, and what it does not show as an arm is before it.
+        """Return what a pair of images shows outside the jaws, and the fragments that arms hide in it.
 
-        What is neither seen nor hidden has gone, and is forgotten. What appears beside the place of a hidden one is it,
-        shifted.
+        A fragment that is neither seen nor hidden is gone, and is forgotten. One that appears beside a hidden one is
+        that one, shifted.
 
         Args:
             seen: in the images.
             p_world_eyes_m: (2, 3) where both eyes are, the left one first.
-            arms: their solids in the world, about where they were in the images.
+            arms: their solids in the world, approximately where they were in the images.
         """
         fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
         shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
@@ -54,17 +54,17 @@ class Memory:
         return shown, hidden
 
     def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
-        """Learn that the jaws of an arm have closed about what lay at a place (3,), or was shifted from there."""
+        """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there."""
         self._lying = [old for old in self._lying if away_m(old, p_world_m) > MOVED_M]
         self._carrying.add(arm)
 
     def let_go(self, arm: str) -> None:
-        """Learn that the jaws of an arm have opened again."""
+        """Record that the jaws of an arm have opened again."""
         self._carrying.discard(arm)
 
 
 def _is_behind(fragment: SeenFragment, p_world_eyes_m: NDArray[np.float64], solids: Iterable[Capsules]) -> bool:
-    """Return whether one of the eyes looks past these solids, or through them, to a fragment."""
+    """Return whether the line of sight from one of the eyes to a fragment passes through or close to these solids."""
     near = ROUND_M + 0.5 * float(fragment.extent_m[0])
     for capsules in solids:
         ends = capsules.ends_m

@@ -20,16 +20,17 @@ from trocar.tasks.debridement.workspace import Workspace
 from trocar.trajectory import Trajectory
 
 JAW_AXIS = (0.0, 1.0, 0.0)
-"""In the tip's frame: the marks' discs face along it."""
+"""Axis in the tip's frame along which the discs of the marks face."""
 MAX_FACING_RAD = np.radians(75.0)
-"""Beyond this the marks are seen too much from the side."""
+"""Beyond this angle the marks are seen too much from the side."""
 SUNK_M = 2.5e-3
-"""The work surface is taken to lie lower by this and the margin: a finger's capsule is that much thicker than its end,
-and arms come as near to it as fragments lie."""
+"""For planning, the work surface is lowered by this and the margin: a finger's capsule is that much thicker than its
+end, and arms come close to the surface to take fragments."""
 
 
 HIGHER_M = 10e-3
-"""The receptacle's walls are taken to be this much higher: what an arm carries hangs lower than its fingers."""
+"""For planning, the receptacle's walls are this much higher, because a carried fragment hangs lower than the
+fingers."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class Asked:
         T_world_goal: where its tip is to go.
         speed_m_s: of the tip at most.
         straight: a short piece down to a fragment or up from it: the fingers may be near the work surface.
-        beside_wall: a place so near to the receptacle that the walls have to be taken as high as they are.
-        T_world_through: a pose of the tip that is passed on the way without a stop; None: none.
+        beside_wall: a place so close to the receptacle that the true height of its walls has to be used.
+        T_world_through: a pose of the tip to pass on the way without a stop; None: none.
     """
 
     T_world_goal: SE3
@@ -53,11 +54,11 @@ class Asked:
 
 @dataclass(frozen=True, eq=False)
 class Problems:
-    """Makes motion problems from what arms are asked to do, starting from where everything is estimated to be.
+    """Makes motion problems from requests, starting from the estimated state of everything.
 
     Attributes:
         cell: the laboratory.
-        robot: the same robot, which knows where the arms are estimated to be.
+        robot: the same robot, which estimates where the arms are.
         known: the workspace.
         limits: of velocity and acceleration, by arm.
         margin_m: to keep between arms and to obstacles.
@@ -71,13 +72,13 @@ class Problems:
 
     @cached_property
     def table(self) -> HalfSpace:
-        """Return the distance that is kept from the work surface."""
+        """Return the distance to keep from the work surface."""
         T_world_table = self.cell.T_world_fixture["table"]
         normal = T_world_table.rotation.matrix[:, 2]
         return HalfSpace(T_world_table.translation_m - (SUNK_M + self.margin_m) * normal, normal)
 
     def obstacles(self, beside_wall: bool) -> dict[str, Obstacle]:
-        """Return work surface and receptacle, for an arm on its way or for one that goes down beside a wall."""
+        """Return work surface and receptacle as obstacles, for travelling or for going down beside a wall."""
         box = self.known.receptacle
         height_m = box.height_m + (0.0 if beside_wall else HIGHER_M)
         T_world_receptacle = self.cell.T_world_fixture["receptacle"]
@@ -96,7 +97,7 @@ class Problems:
         )
 
     def clear(self, name: str, T_world_tip: SE3, jaw_rad: float, beside_wall: bool) -> bool:
-        """Return whether an arm at rest there, jaws open so, is apart from work surface and receptacle."""
+        """Return whether an arm at rest there, with this jaw opening, is clear of work surface and receptacle."""
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
         q = ik(model, T_world_base.inverse() @ T_world_tip, reference=self.robot.setpoint(name).q)
         there = MovingArm.resting(model, q, T_world_base, jaw_rad)

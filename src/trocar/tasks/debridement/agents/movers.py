@@ -1,4 +1,4 @@
-"""How motions of several arms are planned and started: each beside the others, or all at once."""
+"""Planning and starting the motions of several arms: each around the others, or all at once."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from trocar.tasks.debridement.agents.settings import Settings
 from trocar.trajectory import Trajectory
 
 WAIT_S = 0.25
-"""Pause of an arm that finds no way before it tries again: the other one moves on meanwhile."""
+"""Pause of an arm that finds no path before it tries again; the other one moves on meanwhile."""
 PATH_STEP_S = 0.05
 LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1
-"""Between two looks at how long an arm has until it is to be stopped."""
+"""Interval between two checks of how long an arm has until it is to be stopped."""
 TOO_NEAR = "comes within"
-"""A robot's guard gives this reason for arms that it refuses to bring nearer to each other."""
+"""Part of the reason that a guard gives if it refuses to bring arms closer to each other."""
 
 
 class ArmStopped(Exception):
@@ -37,8 +37,8 @@ class NoWay(Exception):
     """No plan was found, or the robot refused it.
 
     Attributes:
-        lasting: nothing but the estimates would change it: it is not another arm that is in the way.
-        begins_too_near: the arm is estimated to be too near to something where it is.
+        lasting: only other estimates would help, because no other arm is in the way.
+        begins_too_near: the arm is estimated to be already too close to something.
     """
 
     def __init__(self, reason: str, lasting: bool = False):
@@ -60,13 +60,13 @@ class Mover(Protocol):
         ...
 
     def resting(self, arm: str) -> Rest:
-        """Return a context in which the others need not wait for this arm's request."""
+        """Return a context in which the other arms need not wait for this arm's request."""
         ...
 
 
 @dataclass
 class Rest:
-    """A stretch in which an arm asks for no motion."""
+    """A period in which an arm requests no motion."""
 
     arm: str
     awake: set[str] = field(default_factory=set)
@@ -100,7 +100,7 @@ class Beside:
                 arm, "planning", lambda: planned(self._problems, {arm: asked}, budget_s, self._planner), budget_s
             )
         finally:
-            self._lock.release()  # nothing comes between this and the start of the motion, which waits later
+            self._lock.release()  # nothing may come between this and the start of the motion, which waits later
         if plan is None or not plan.found:
             self._robot.learn(arm)
         if plan is None:
@@ -112,13 +112,13 @@ class Beside:
         await run(self._cell, self._robot, arm, motion, moment(self._cell, arm, motion, way_m))
 
     def resting(self, arm: str) -> Rest:
-        """Return a context that changes nothing: no arm waits for another arm's request."""
+        """Return a context without effect, since no arm waits for another arm's request."""
         return Rest(arm)
 
 
 @dataclass
 class _Request:
-    """What an arm has asked for, and the result."""
+    """An arm's request, and its result."""
 
     asked: Asked
     way_m: float
@@ -130,9 +130,9 @@ class _Request:
 
 
 class Together:
-    """Plans for all arms at once as soon as each has asked (V-C.1, centralised), with one clock for all plans.
+    """Plans for all arms at once as soon as each has made a request (V-C.1, centralised), with one clock for all plans.
 
-    An arm that waits for the token, or has nothing left to do, need not ask.
+    An arm that waits for the token, or has nothing left to do, need not make one.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class Together:
         self._alone = ""
 
     async def step(self, arm: str, asked: Asked, way_m: float) -> None:
-        """Ask, wait until the others have asked too, and move along what was planned."""
+        """Make a request, wait until the others have made theirs, and move as planned."""
         request = self._requests[arm] = _Request(asked, way_m)
         self._change()
         with self._cell.log.span(arm, "waiting"):
@@ -167,7 +167,7 @@ class Together:
         await run(self._cell, self._robot, arm, plan.trajectories[arm], request.stop_s)
 
     def resting(self, arm: str) -> Rest:
-        """Return a context in which the others plan without this arm; it stays where it is."""
+        """Return a context in which the others plan without this arm, which stays where it is."""
         return Rest(arm, self._awake, self._change)
 
     async def _wait(self, request: _Request) -> None:
@@ -185,7 +185,7 @@ class Together:
         self._changed = trio.Event()
 
     async def _answer(self) -> None:
-        """Plan for all who have asked; where that fails, for each by itself beside the others."""
+        """Plan for all arms with requests; if that fails, for each by itself around the others."""
         requests, self._requests = self._requests, {}
         for request in requests.values():
             request.begun = True
@@ -201,7 +201,7 @@ class Together:
             found: dict[str, MotionPlan | None] = {}
             for name, a in sorted(asked.items(), key=lambda item: item[0] == self._alone):
                 alone = found[name] = planned(self._problems, {name: a}, budget_s, self._planner)
-                if alone is None or alone.found:  # one at a time, in turn: the other one rests beside it
+                if alone is None or alone.found:  # one at a time, in turn, while the other one is at rest
                     self._alone = name
                     break
             return found
@@ -215,7 +215,7 @@ class Together:
             request.answered.set()
 
     def _stop_together(self, requests: Mapping[str, _Request]) -> None:
-        """Let all whose motions were planned for each other stop when the first of them has gone its way."""
+        """Stop all jointly planned motions when the first arm has covered its distance."""
         moving = {name: r for name, r in requests.items() if r.plan is not None and r.plan.found}
         moments = [moment(self._cell, name, r.plan.trajectories[name], r.way_m) for name, r in moving.items() if r.plan]
         first = min((m for m in moments if m is not None), default=None)
@@ -229,7 +229,7 @@ def names_another_arm(reason: str, arm: str, arms: Iterable[str]) -> bool:
 
 
 def planned(problems: Problems, asked: Mapping[str, Asked], delay_s: float, planner: Planner) -> MotionPlan | None:
-    """Return a plan; None where an arm is at its goal already."""
+    """Return a plan; None if an arm is already at its goal."""
     try:
         return plan_motion(problems.of(asked, delay_s), planner)
     except TrocarError as error:
@@ -243,7 +243,7 @@ async def run(cell: Cell, robot: Adjusted, arm: str, motion: Trajectory, stop_s:
 
     Raises:
         NoWay: the robot refuses.
-        ArmStopped: it did not come to its end, and not because a step was over.
+        ArmStopped: it did not reach its end, and not because a step was over.
     """
     refusal: TrocarError | None = None
     execution = None
@@ -259,7 +259,7 @@ async def run(cell: Cell, robot: Adjusted, arm: str, motion: Trajectory, stop_s:
     if execution is None:
         cell.log.event("refused", arm=arm, reason=str(refusal))
         raise NoWay(str(refusal), lasting=TOO_NEAR not in str(refusal))
-    if not execution.done and TOO_NEAR in execution.reason:  # the guard braked: what is believed has changed
+    if not execution.done and TOO_NEAR in execution.reason:  # the guard braked, because the estimates have changed
         raise NoWay(execution.reason)
     if not execution.done and not (execution.ended is Ended.HELD and execution.reason == STEP_ENDED):
         raise ArmStopped(execution.reason)
@@ -273,7 +273,7 @@ async def _hold_in_time(cell: Cell, robot: Adjusted, arm: str) -> None:
 
 
 def moment(cell: Cell, arm: str, motion: Trajectory, way_m: float) -> float | None:
-    """Return when the tip has gone this far along a motion; None where all of it is shorter."""
+    """Return the time at which the tip has gone this far along a motion; None if the motion is shorter."""
     times, q = motion.sample(PATH_STEP_S)
     gone = np.cumsum(np.linalg.norm(np.diff(fk(cell.arms[arm], q).translation_m, axis=0), axis=-1))
     beyond = np.flatnonzero(gone > way_m)

@@ -16,36 +16,37 @@ from trocar.tasks.debridement.perception.seen import SeenFragment
 TILT_RAD = np.radians(8.0)
 """The gripper leans back by this, so that the marks on its fingers face a camera at the front."""
 TURNS_RAD = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -40.0, 40.0])
-"""Turns about the vertical that are tried; beyond them, marks turn away from the camera."""
+"""Rotations about the vertical that are tried; beyond them, marks turn away from the camera."""
 ENDS_ABOVE_M = 2.0e-3
-"""Closed jaws end so high over the work surface."""
+"""Height over the work surface at which closed jaws end."""
 BESIDE_M = 0.045
-"""Where arms wait: so far to their side of the receptacle's middle."""
+"""Where arms wait: this far to their side of the receptacle's middle."""
 OVER_M, NEARER_M = 0.025, 0.012
-"""Where they let go: so far to their side of its middle, and so much nearer to the fragments; 23 mm inside the wall."""
+"""Where they let go: this far to their side of its middle, and this much closer to the fragments; 23 mm inside the
+wall."""
 NEAR_M = tuple((out, back) for out in (0.0, 0.010, -0.012, 0.018, -0.025) for back in (0.0, -0.010, 0.010, -0.018))
 """Other places if one is out of reach: outwards, and across."""
 NEAR_RAD = (0.0, 0.35, -0.35)
-"""Turns of the gripper there, outwards, besides that which it has."""
+"""Rotations of the gripper there, outwards, besides the present one."""
 METRES_PER_RAD = 8.0e-3
-"""A grasp for which the gripper turns by a radian more is as good as one across this many metres more of a fragment
-(assumed): with 1 rad/s^2, turning takes wrists longer than going there takes the arm."""
+"""Turning the gripper by another radian for a grasp costs as much as this many metres of additional fragment width
+(assumed): with 1 rad/s^2, turning the wrist takes longer than moving the arm there."""
 BEHIND_M = 0.030
-"""Where they wait: so far behind the middle of the world's y in front of the receptacle."""
+"""Where they wait: this far from the receptacle's middle, towards -y of the world."""
 HIGHER_M = 0.015
 """Arms at rest are this much higher than when moving."""
 ROOM_M = 1.0e-3
-"""Between the open jaws and a neighbouring fragment."""
+"""Least distance between the open jaws and a neighbouring fragment."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """How one fragment is taken.
+    """How one fragment is grasped.
 
     Attributes:
-        T_world_above: tip over it.
+        T_world_above: tip above it.
         T_world_grasp: tip with the fragment between the jaws.
-        open_rad: of the jaws before.
+        open_rad: jaw opening before the grasp.
         crowded: how many other fragments the jaws may catch.
     """
 
@@ -57,7 +58,7 @@ class Grasp:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places in the world as registration and fixtures have them.
+    """Places in the world, from registration and fixtures.
 
     Attributes:
         T_world_table: the work surface.
@@ -79,11 +80,11 @@ class Places:
         return 1 if T_world_base.translation_m[0] > self.T_world_receptacle.translation_m[0] else -1
 
     def hold(self, side: int, turn_rad: float) -> list[SE3]:
-        """Return where an arm (side +1: the one at +x), turned so, may wait beside the receptacle, the best first."""
+        """Return where an arm (side +1: the one at +x) at this rotation may wait beside the receptacle, best first."""
         return self._around(side, turn_rad, BESIDE_M, -BEHIND_M, self.settings.hold_high_m)
 
     def home(self, side: int, turn_rad: float) -> list[SE3]:
-        """Return where an arm may rest without being in the other one's way."""
+        """Return where an arm may rest out of the other one's way."""
         return self._around(side, turn_rad, BESIDE_M, -BEHIND_M, self.settings.hold_high_m + HIGHER_M)
 
     def drop(self, side: int, turn_rad: float) -> list[SE3]:
@@ -91,7 +92,7 @@ class Places:
         return self._around(side, turn_rad, OVER_M, -NEARER_M, self.settings.drop_high_m)
 
     def _around(self, side: int, turn_rad: float, along_m: float, across_m: float, high_m: float) -> list[SE3]:
-        """Return poses at a place and near it: bases and cables decide which of them are within reach."""
+        """Return poses at and near a place; bases and cables determine which of them are within reach."""
         turns = [side * turn for turn in NEAR_RAD]
         if self.settings.turns:
             turns.insert(0, float(np.clip(turn_rad, TURNS_RAD.min(), TURNS_RAD.max())))
@@ -104,13 +105,13 @@ class Places:
     def grasps(
         self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel, turn_rad: float
     ) -> list[Grasp]:
-        """Return ways to take a fragment, the one least likely to catch a neighbour first.
+        """Return grasps of a fragment, the one least likely to catch a neighbour first.
 
         Args:
-            fragment: to be taken.
-            others: that lie about it.
-            arm: that takes it.
-            turn_rad: by which its gripper is turned about the vertical now.
+            fragment: to be grasped.
+            others: that lie nearby.
+            arm: that grasps it.
+            turn_rad: present rotation of its gripper about the vertical.
         """
         turns = TURNS_RAD if self.settings.turns else TURNS_RAD[:1]
         found = [(float(turn), *self._grasp(fragment, others, arm, float(turn))) for turn in turns]
@@ -143,7 +144,7 @@ class Places:
 
 
 def turn_of(T_world_tip: SE3) -> float:
-    """Return by how much a gripper that points downwards is turned about the vertical."""
+    """Return the rotation about the vertical of a gripper that points downwards."""
     across = T_world_tip.rotation.matrix[:, 0]
     return float(np.arctan2(across[1], across[0]))
 
@@ -161,7 +162,7 @@ def _width_m(fragment: SeenFragment, turn_rad: float) -> float:
 
 
 def _within(fragment: SeenFragment, other: SeenFragment, turn_rad: float, gap_m: float, arm: ArmModel) -> bool:
-    """Return whether jaws that close round a fragment may touch another one."""
+    """Return whether jaws that close on a fragment may touch another one."""
     away: NDArray[np.float64] = SO3.axis("z", -turn_rad).apply(other.p_world_m - fragment.p_world_m)
     reach = 0.5 * float(np.mean(other.extent_m)) + ROOM_M
     shape = arm.instrument

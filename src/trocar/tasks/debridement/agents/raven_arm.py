@@ -1,4 +1,4 @@
-"""One Raven arm as the script uses it: goes to places, takes, lets go."""
+"""One Raven arm as used by the script: moves, grasps, lets go."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ from trocar.tasks.kit.together import together
 TRIES = 60
 """An arm that finds no path asks this many times, a quarter of a second apart, before it gives up."""
 HIDDEN_TRIES = 8
-"""It waits for this many looks (3 s) until its marks are in sight. The other arm passes in that time, or rests in front
-of them; then the fragment is left to that one, which would otherwise stay where it hides the marks."""
+"""It waits for this many looks (3 s) until its marks are visible. In that time the other arm passes, or it rests in
+front of them; then the fragment is left to that arm, which would otherwise stay where it hides the marks."""
 ENOUGH_PLACES = 6
-"""Of several places within reach, this many are tried: the path to one may leave a joint's range."""
+"""This many of several reachable places are tried, since the path to one may leave a joint's range."""
 RISE_SHARES = (1.0, 0.6, 0.3)
-"""Of the height by which an arm is to rise, where it cannot go as high."""
+"""Shares of the height by which an arm is to rise, if it cannot go that high."""
 FEW = 2
-"""If it is not hindered by another arm, it asks again only this many times, since estimates change a little."""
+"""If no other arm is in the way, it asks again only this many times, since estimates change only a little."""
 LOW_M = 0.020
-"""A tip lower than this over the work surface rises before it goes elsewhere: open fingers end 9 mm below it."""
+"""A tip lower than this over the work surface rises before moving elsewhere: open fingers end 9 mm below it."""
 WITHDRAWN_M = 0.006
-"""An arm that is too near to something rises by this, or goes aside as far."""
+"""An arm that is too close to something rises by this, or moves aside as far."""
 ASKEW_RAD = 0.12
-"""A gripper that is turned this little from what was planned is not turned again, when it goes the last millimetres."""
+"""In the last millimetres, a gripper is not turned again if its rotation is within this of the plan."""
 ARRIVED_HIGH_M = 6e-3
-"""In the air, heights are reached this near: fragments lie below the fingers."""
+"""Accuracy of heights in the air, where fragments are below the fingers."""
 NEARER_M, IN_VAIN = 1e-3, 8
-"""So many steps in a row that bring an arm no nearer to its goal than by this, and it gives the goal up."""
+"""An arm gives up its goal after this many steps in a row, each of which brings it no closer than by this."""
 PRESSING_M, PRESSING = 2e-3, 2
-"""Fingers that stay this high over a grasp, after this many steps in a row that brought them no nearer, stand on
-something: a neighbour, most often. Commands that go on to correct that would press until it slips away."""
+"""Fingers that stay this high over a grasp after this many steps without progress stand on something, usually a
+neighbour. Further corrections would press until it slips away."""
 FIRST_SHARE = 0.5
-"""The first descent is slower by this: how the errors of the kinematics change with height has not been seen yet."""
+"""The first descent is slower by this factor, because the change of kinematic errors with height is not known yet."""
 CLOSING_STEPS = 25
-"""A slow closing of the jaws is made of this many small ones."""
+"""A slow closing of the jaws consists of this many small steps."""
 
 
 class RavenArm:
-    """Verbs of one arm.
+    """Actions of one arm.
 
     Args:
         problems: the laboratory and its obstacles.
@@ -89,7 +89,7 @@ class RavenArm:
             straight: a short piece near a fragment.
             beside_wall: a place beside the receptacle's wall, below its edge.
             speed_m_s: of the tip; default: the method's.
-            lift_m: the first step begins with so much straight up.
+            lift_m: the first step begins straight up by this height.
 
         Raises:
             NoWay: no plan was found for a long time.
@@ -107,7 +107,7 @@ class RavenArm:
                 lift_m = 0.0
             else:
                 if not straight:
-                    await self._rise()  # an arm that was stopped because it was astray may be low
+                    await self._rise()  # an arm that was stopped because it was off its path may be low
                 await self._step(Asked(T_world_goal, speed, straight, beside_wall))
             if precise:
                 await self.settle()
@@ -129,14 +129,14 @@ class RavenArm:
                 T_world_goal = SE3.from_parts(T_world_tip.rotation, T_world_goal.translation_m)
 
     async def _rise(self) -> None:
-        """Go straight up first where the tip is so low that no plan could begin there."""
+        """Go straight up first if the tip is so low that no plan could begin there."""
         T_world_tip = self.robot.T_world_tip(self.name)
         low = self.places.table_m + LOW_M - float(T_world_tip.translation_m[2])
         if low > 0:
             await self._step(Asked(raised(T_world_tip, low), self.s.descent_speed_m_s, straight=True))
 
     async def _lift(self, asked: Asked, by_m: float) -> None:
-        """Go straight up, and on without a stop; where no such way is found, only go up."""
+        """Go straight up, and on without a stop; if no such path is found, only go up."""
         up = raised(self.robot.T_world_tip(self.name), by_m)
         try:
             await self.mover.step(self.name, replace(asked, T_world_through=up), self.s.step_m)
@@ -144,7 +144,7 @@ class RavenArm:
             await self.rise(by_m)
 
     async def _step(self, asked: Asked) -> None:
-        """Go one step, as soon as there is a way."""
+        """Go one step, as soon as there is a path."""
         for number in range(TRIES):
             try:
                 return await self.mover.step(self.name, asked, self.s.step_m)
@@ -156,12 +156,12 @@ class RavenArm:
                     raise
                 with self.cell.log.span(self.name, "waiting"):
                     await self.cell.clock.sleep(WAIT_S)
-                await self.eyes.glance(self.name)  # from the same estimate there is the same way, or none
+                await self.eyes.glance(self.name)  # the same estimate gives the same path, or none
 
     async def _withdraw(self, reason: str) -> None:
-        """Go a little away from what the arm is estimated to be too near to: the estimate has changed.
+        """Move a little away from what the arm is estimated to be too close to, after a change of the estimate.
 
-        No plan begins there; the robot's guard lets arms that are too near go apart, and no nearer.
+        No plan can begin there; the robot's guard lets arms that are too close move apart, but no closer.
         """
         T_world_tip, aside = self.robot.T_world_tip(self.name), np.array([self.side, 0.0, 0.0])
         up = np.array([0.0, 0.0, 1.0])
@@ -182,7 +182,7 @@ class RavenArm:
 
     @property
     def turn_rad(self) -> float:
-        """Return by how much the gripper is turned about the vertical."""
+        """Return the rotation of the gripper about the vertical."""
         return turn_of(self.robot.T_world_tip(self.name))
 
     @property
@@ -195,14 +195,14 @@ class RavenArm:
         return all(self.robot.reaches(self.name, pose) for pose in poses)
 
     async def go_to_one(self, places: Sequence[SE3], lift_m: float = 0.0) -> None:
-        """Go to the first of some places that is within reach, straight up by so much before.
+        """Go to the first of several places that is within reach, after rising straight up by this height.
 
         Raises:
             NoWay: none is; or as ``go``.
         """
         reason, tried = f"no place of {len(places)} is within reach of arm {self.name!r}", 0
         for place in places:
-            if tried == ENOUGH_PLACES or not self.reachable(place):  # as is known by now
+            if tried == ENOUGH_PLACES or not self.reachable(place):  # according to the present estimate
                 continue
             try:
                 tried += 1
@@ -223,7 +223,7 @@ class RavenArm:
         return None
 
     async def settle(self) -> None:
-        """Rest until the arm holds still."""
+        """Wait at rest until the arm is still."""
         with self.cell.log.span(self.name, "settling"):
             await self.cell.clock.sleep(self.s.settle_s)
 
@@ -234,7 +234,7 @@ class RavenArm:
             ArmStopped: the robot stopped them.
         """
         with self.cell.log.span(self.name, "jaw"):
-            jaw = self.model.jaw  # what they touch may have forced them beyond their range
+            jaw = self.model.jaw  # an object may have forced them beyond their range
             start = float(np.clip(self.robot.read(self.name).jaw_rad, jaw.lower, jaw.upper))
             steps = CLOSING_STEPS if over_s > 0 else 1
             for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
@@ -244,7 +244,7 @@ class RavenArm:
                 await self.cell.clock.sleep(over_s / steps)
 
     async def take(self, grasp: Grasp) -> None:
-        """Go over a fragment, look, go down, close the jaws."""
+        """Go above a fragment, look, go down, close the jaws."""
         above = grasp.T_world_above
         beside_wall = not self.problems.clear(self.name, above, grasp.open_rad, beside_wall=False)
         await together(
@@ -259,7 +259,7 @@ class RavenArm:
         await self.jaw(0.0, self.s.close_s)
 
     async def stroke(self, height_m: float, open_rad: float) -> None:
-        """Go straight down to a height in the world, jaws open so, close them there, and come up again."""
+        """Go straight down to a height in the world with this jaw opening, close the jaws there, and come up again."""
         T_world_tip = self.robot.T_world_tip(self.name)
         by_m = float(T_world_tip.translation_m[2]) - height_m
         await self.jaw(open_rad)
@@ -279,10 +279,10 @@ class RavenArm:
         self.cell.log.event("not_lifted", arm=self.name)
 
     async def seen_lately(self) -> None:
-        """Wait until the camera has seen the gripper lately.
+        """Wait until the camera has recently seen the gripper.
 
         Raises:
-            NoWay: it does not see it for long.
+            NoWay: it has not seen it for a long time.
         """
         for _ in range(HIDDEN_TRIES):
             if self.robot.age_s(self.name) <= self.s.fresh_s:

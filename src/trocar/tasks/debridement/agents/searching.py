@@ -1,4 +1,4 @@
-"""How an arm comes into view, however wrong its kinematics are."""
+"""Brings an arm into view, however wrong its kinematics are."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ SEARCH_M = (
     (-0.02, 0.0, 0.03),
     (0.02, 0.0, 0.0),
 )
-"""Where an arm that no camera sees is sent from where it is, one place after the other: down and towards the middle
-first (x), then across and up. Where it really is is unknown; if it were low, it would be in the picture."""
+"""Displacements that an unseen arm tries, one after the other: down and towards the middle first (x), then across and
+up. Its true position is unknown; if it were low, it would be in the picture."""
 
 
 class NotSeen(ArmStopped):
-    """No camera sees the gripper, wherever it is sent."""
+    """No camera sees the gripper, wherever it is moved."""
 
 
 async def come_into_sight(arm: RavenArm) -> None:
-    """See the gripper once.
+    """Get the gripper seen once.
 
     Raises:
-        NotSeen: it is nowhere to be seen.
+        NotSeen: it is not seen anywhere.
     """
     T_world_start = arm.robot.T_world_tip(arm.name)
     for x, y, z in SEARCH_M:

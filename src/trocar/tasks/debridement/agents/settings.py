@@ -16,31 +16,31 @@ class Settings:
         tip_speed_m_s: greatest speed of the tips; 1 cm/s in the paper's laboratory, up to 10 cm/s by surgeons.
         descent_speed_m_s: greatest speed on the last piece to a fragment.
         limits_share: share of the joints' limits that plans use; the rest is for corrections.
-        astray_m: an arm that is found so far from where its motion should be stops and plans again; with 1 m it never
+        astray_m: an arm that is found this far from where its motion should be stops and plans again; with 1 m it never
             does.
         step_m: an arm stops, looks and plans again after this distance at most (V-B: 2.5 cm).
-        reached_m: a grasp counts as reached this near on each horizontal axis; 8 mm in their program.
-        reached_high_m: and this near in height.
-        arrived_m: places in the air count as reached this near on each axis; 6 mm in their program.
-        close_m: or when it has been visited this near more than ``max_visits`` times; 15 mm in their program.
+        reached_m: a grasp counts as reached within this distance on each horizontal axis; 8 mm in their program.
+        reached_high_m: the same in height.
+        arrived_m: places in the air count as reached within this distance on each axis; 6 mm in their program.
+        close_m: or after more than ``max_visits`` visits within this distance; 15 mm in their program.
         max_visits: see ``close_m``.
         open_rad: of the jaws at a fragment.
-        hug_m: the jaws open by so much more than the fragment is wide, if that is less; 0: always ``open_rad``.
+        hug_m: the jaws open by this much more than the fragment is wide, if that is less; 0: always ``open_rad``.
         turns: whether the gripper is turned about the vertical to close across a fragment and beside its neighbours.
-        close_s: the jaws' closing takes as long; 0: as fast as they can.
-        above_m: the tip stops so high over a grasp, along the approach, and looks again. The paper's program came by a
+        close_s: duration of the jaws' closing; 0: as fast as they can.
+        above_m: the tip stops this high over a grasp, along the approach, and looks again. The paper's program passed a
             place 3 cm back without a stop; from a stop there, steps of 2.5 cm would end 5 mm over every grasp.
-        lift_m: straight up after closing; 5 cm in their program.
+        lift_m: height of the straight lift after closing; 5 cm in their program.
         lifts_on_the_way: whether the arm goes on from there without a stop, and the pickup is checked meanwhile.
         hold_high_m: height of tips over the work surface while travelling.
         drop_high_m: height of the tip over the work surface when the jaws open over the receptacle.
         margin_m: between the arms, and to the receptacle. V-B has 1 mm, at which the guard stops an arm here: plans
             keep half a millimetre more, for estimates that change on the way.
-        confirms_above: whether the camera has to confirm the place over a fragment before the tip goes down; that of
-            the grasp it has to confirm always.
+        confirms_above: whether the camera has to confirm the position over a fragment before the tip goes down; the
+            grasp's position always has to be confirmed.
         holds_first: whether an arm goes to its place beside the receptacle before it asks for the token.
-        checks_release: whether it looks whether a fragment clings to the open jaws.
-        remembers: whether a fragment counts as there while an arm hides it from the camera.
+        checks_release: whether an arm checks if a fragment clings to the open jaws.
+        remembers: whether a fragment counts as present while an arm hides it from the camera.
         vision_lag_s: rest before every plan to a fragment, for the images to catch up; 2 s in their program.
         watch_s: time between two images of a gripper.
         watch_binning: this many by this many pixels are combined in them.
@@ -49,7 +49,7 @@ class Settings:
         plan_budget_s: declared for one plan.
         settle_s: rest before an image on whose estimate a decision depends.
         fresh_s: a gripper that was not seen for longer does not go down to a fragment.
-        apart_m: fragments this near to the other arm's are not allocated.
+        apart_m: fragments this close to the other arm's are not allocated.
     """
 
     estimator: str = "field"
@@ -95,7 +95,7 @@ def best() -> Settings:
 
 
 def slow() -> Settings:
-    """Return those of ``best`` at the paper's 1 cm/s."""
+    """Return the settings of ``best`` at the paper's 1 cm/s."""
     return replace(Settings(), tip_speed_m_s=0.01, descent_speed_m_s=0.01)
 
 

@@ -10,7 +10,7 @@ from trocar.errors import TrocarError
 
 
 class Token:
-    """One token for all arms; who waits first gets it first. It belongs to an arm, whichever of its tasks asks."""
+    """One token for all arms, handed out in the order of waiting. It belongs to an arm, whichever of its tasks asks."""
 
     def __init__(self) -> None:
         self.holder: str | None = None
@@ -41,7 +41,7 @@ class Token:
         """Hand it over to the arm that waits.
 
         Raises:
-            TrocarError: it is another arm's.
+            TrocarError: another arm has it.
         """
         if self.holder != arm:
             raise TrocarError(f"arm {arm!r} gives back a token that {self.holder or 'nobody'!r} holds")

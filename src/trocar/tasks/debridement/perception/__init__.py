@@ -1,1 +1,1 @@
-"""Perception of the debridement: fragments, grippers and the receptacle, seen by two eyes."""
+"""Perception for debridement: fragments, grippers and the receptacle, seen by two eyes."""

@@ -27,33 +27,33 @@ from trocar.tasks.debridement.perception.regions import (
 from trocar.tasks.debridement.perception.seen import SeenFragment
 
 MIDDLE_M = 3.8e-3
-"""Height of the middle of a fragment that lies on the table, as far as is known before it was measured."""
+"""Assumed height of the middle of a fragment on the table, before it has been measured."""
 MIDDLE_OF_MEAN = 0.6e-3, 0.54
-"""Height of a fragment's middle from the mean height of the surface that is seen, constant and factor: a fit to random
-convex pieces with flat bottoms, from which single ones differ by .2 mm."""
+"""Height of a fragment's middle from the mean height of its visible surface, constant and factor: a fit to random
+convex pieces with flat bottoms, which scatter about it by .2 mm."""
 USUAL_MEAN_M = 5.9e-3
-"""Mean height of the surface that is seen, where it cannot be measured."""
+"""Mean height of the visible surface, if it cannot be measured."""
 BACK_M = 0.2e-3
-"""The middle of such a piece lies so much farther from the eyes than the middle of its outline."""
+"""The middle of such a piece is this much farther from the eyes than the middle of its outline."""
 LYING_M = 11e-3
-"""Mean height of the surface that is seen, above which a fragment does not lie on the table."""
+"""Mean height of the visible surface above which a fragment is not on the table."""
 BEHIND_M = 2.2e-3
-"""By which the middle of a fragment lies behind the mean of the surface that is seen."""
+"""Distance of a fragment's middle behind the mean of its visible surface."""
 SINGLE_M2 = 75e-6
-"""Largest outline of one fragment that has a notch; ragged foam is not two fragments, nor is one behind a finger."""
+"""Largest outline of a single fragment with a notch: ragged foam is not two fragments, nor is one behind a finger."""
 LARGEST_M2, LONGEST_M = 150e-6, 20e-3
-"""Outline of one fragment; more are several."""
+"""Largest outline of one fragment; larger ones are several."""
 NOTCH_M = 0.7e-3
 SOLID = 0.93
 ALIKE = 0.85
-"""Ratio of the areas in both eyes below which one of them sees only a part."""
+"""If the ratio of the areas in both eyes is below this, one of them sees only a part."""
 COMMON = 0.6
-"""Share of the smaller outline that must lie on the other once both are laid over each other as the surface says."""
+"""Share of the smaller outline that must overlap the other once both are shifted by the surface's disparity."""
 MIN_MATCHES = 25
 RIM_M = 0.35e-3
-"""So near to the outline the windows that are matched see the table as well."""
+"""This close to the outline, the matched windows also see the table."""
 WINDOW_M, WINDOW_PX = 1.7e-3, 7
-"""Width of the windows that are matched, and least width."""
+"""Width of the matched windows, and least width."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +77,13 @@ class Scene:
         return eye + turned * ((height_m - eye[2]) / turned[..., 2])[..., None]
 
     def point(self, pixels: NDArray[np.float64], disparity_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (..., 3) in the table's frame that the left eye sees in pixels at a disparity."""
+        """Return points (..., 3) in the table's frame for pixels of the left eye at a disparity."""
         rig = self.image.rig
         ahead = rig.left.fx * rig.T_left_right.translation_m[0] / (disparity_px - rig.left.cx + rig.right.cx)
         return self.T_table_camera.apply(rays_through(rig.left, pixels) * ahead[..., None])
 
     def plane(self, pixel: NDArray[np.float64], height_m: float) -> float:
-        """Return the disparity at a pixel of a plane so high above the table."""
+        """Return the disparity at a pixel of a plane at this height above the table."""
         a, b, c = plane_disparity(self.image.rig, self.T_table_camera, height_m)
         return float(a * pixel[0] + b * pixel[1] + c)
 
@@ -119,7 +119,7 @@ def find_fragments(image: StereoImage, T_world_camera: SE3, T_world_table: SE3) 
 def _singles(scene: Scene, left: Region, right: Region) -> list[tuple[Region, Region, bool]]:
     """Return what both eyes see of each fragment in a group, and whether it is still several.
 
-    Both outlines are laid over each other: a notch in both is between two fragments; one in one eye is a finger's.
+    Both outlines are superimposed: a notch in both is between two fragments; a notch in one eye only is from a finger.
     """
     disparity = _shift(scene, left, right)
     both = left.mask | shifted_onto(left, right, disparity)
@@ -142,17 +142,17 @@ def _singles(scene: Scene, left: Region, right: Region) -> list[tuple[Region, Re
 
 
 def _shift(scene: Scene, left: Region, right: Region) -> float:
-    """Return the disparity that lays both outlines over each other best."""
+    """Return the disparity that superimposes both outlines best."""
     if min(left.area_px, right.area_px) > ALIKE * max(left.area_px, right.area_px):
         return float(left.middle_px[0] - right.middle_px[0])
     return scene.plane(left.middle_px, MIDDLE_M)
 
 
 def _depth(scene: Scene, left: Region, right: Region) -> tuple[float, float] | None:
-    """Return disparity in px and mean height above the table of what is seen of a thing, or None if the eyes disagree.
+    """Return disparity in px and mean height above the table of an object's visible part; None if the eyes disagree.
 
-    It is looked for on the table first, then up to where fragments are carried. What is too smooth or too small to be
-    matched may only lie on the table.
+    It is searched for on the table first, then up to carrying height. An object too smooth or too small to be matched
+    can only be on the table.
     """
     wide, high = left.mask.shape[::-1]
     corners = np.array(left.corner_px) + np.array([[0, 0], [wide, 0], [0, high], [wide, high]], dtype=np.float64)

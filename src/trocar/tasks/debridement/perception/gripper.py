@@ -21,25 +21,25 @@ from trocar.tasks.debridement.perception.marks import MarkPair, mark_points_m, p
 from trocar.tasks.debridement.perception.seen import SeenGripper
 
 MIN_MARKS, MIN_SPOTS = 3, 6
-"""Fewer leave a direction open, or next to nothing by which a wrong pose would show."""
+"""With fewer, a direction is undetermined, or hardly anything would reveal a wrong pose."""
 ROUGH_PX, FINAL_PX, FOCAL_PX = 5.0, 0.7, 1600.0
-"""Root mean square of the spots about the marks, at this focal length: before what hides what is known, and after."""
+"""Maximum RMS distance of the spots from the marks, at this focal length: before and after occlusions are known."""
 MAX_SD_M, MAX_SD_RAD = 0.6e-3, np.radians(4.0)
-"""A pose that the spots determine less well is refused."""
+"""A pose that the spots determine less precisely is rejected."""
 HIDDEN = (0.4, 0.6, 0.75, 0.75)
-"""A spot with less than this share of the area that it has in each drawing is hidden in part by something else; the
-first drawings are of poses that are not right yet."""
+"""A spot with less than this share of its area in the drawing is partly hidden by something else; one value per
+drawing, since the first drawings are of poses that are not accurate yet."""
 FINE, SETTLED = (1.0, 1.0, 2.0, 2.0), 1e-2
-"""Pixels of each drawing in one of the picture, at that focal length: the gripper is drawn each time from a better
-pose. Once that changes by less in m and rad, what fingers hide changes no more."""
+"""Pixels of each drawing per pixel of the picture, at that focal length: the gripper is drawn from a better pose each
+time. Once the pose changes by less than the second value (m and rad), occlusions by the fingers no longer change."""
 
 
 def find_gripper(image: StereoImage, T_world_camera: SE3, arm: ArmModel) -> SeenGripper | None:
     """Return pose and opening of an arm's gripper, or None if fewer than three marks are seen or they contradict.
 
-    The marks' middles are fitted to the spots first. Then the gripper is drawn in this pose, and what its fingers hide
-    of its own marks tells by how much each spot's middle lies beside its mark's; the fit is repeated without that. A
-    spot that something else hides in part has less area than its drawing, and is left out.
+    The marks' middles are fitted to the spots first. Then the gripper is drawn in this pose; the parts of its marks
+    that its own fingers hide tell the offset of each spot's middle from its mark's, and the fit is repeated without
+    these offsets. A spot partly hidden by something else has less area than its drawing, and is left out.
 
     Args:
         image: the pair, whole or windows.
@@ -65,7 +65,7 @@ def find_gripper(image: StereoImage, T_world_camera: SE3, arm: ArmModel) -> Seen
                 fit = fit_marks(spots, image.rig, marks, arm.tip_length_m, rough)
                 if _credible(fit, image.rig, ROUGH_PX):
                     fits.append((fit, spots))
-        # closed jaws look the same from both ends: jaws hang from their arm
+        # closed jaws look the same from both ends, but jaws hang down from their arm
         hanging = [found for found in fits if up @ found[0].T_camera_tip.rotation.matrix[:, 2] > 0]
         for fit, spots in sorted(hanging, key=lambda found: found[0].residual_px):
             best = _refined(fit, spots, image.rig, arm)
@@ -81,7 +81,7 @@ def _credible(fit: Fit, rig: StereoRig, limit_px: float) -> bool:
 
 
 def _refined(fit: Fit, spots: Sequence[Spot], rig: StereoRig, arm: ArmModel) -> Fit | None:
-    """Return the fit to spots without what the fingers hide, and without spots that something else hides."""
+    """Return the fit to spots corrected for occlusion by the fingers, without spots that something else hides."""
     marks, tip_length_m = arm.instrument.marks, arm.tip_length_m
     if marks is None:
         return None
@@ -118,7 +118,7 @@ def _compared(spot: Spot, drawing: Drawing, center_px: NDArray[np.float64], leas
         neighbour = drawing.pixels[spot.mark ^ 1]
         if not len(neighbour):
             return None
-        # cut what is seen and what is drawn along the same line
+        # cut the seen and the drawn spot along the same line
         own, other = drawn.mean(0), neighbour.mean(0)
         both = np.concatenate([drawn, neighbour])
         seen, drawn = (pixels[(pixels - (own + other) / 2) @ (own - other) > 0] for pixels in (merged, both))
@@ -132,7 +132,7 @@ def _compared(spot: Spot, drawing: Drawing, center_px: NDArray[np.float64], leas
 
 
 def _named(pairs: Sequence[Sequence[MarkPair]], order: Sequence[int]) -> dict[int, MarkPair]:
-    """Return the pairs by the marks that they are taken for; ``order`` 1 takes a finger's far mark first."""
+    """Return the pairs by the marks assigned to them; ``order`` 1 takes a finger's far mark first."""
     return {
         2 * finger + (number ^ order[finger]): pair
         for finger, found in enumerate(pairs)

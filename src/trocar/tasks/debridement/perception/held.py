@@ -15,15 +15,15 @@ from trocar.perception.match import disparity_map
 from trocar.perception.stereo import check_stereo
 
 BEYOND_AXIS_M = (4e-3, 28e-3)
-"""Where the middle of a held fragment may be: from here to there beyond the jaw axis; the fingers end at 20 mm."""
+"""Range, beyond the jaw axis, of the middle of a held fragment; the fingers end at 20 mm."""
 ASIDE_M = 9e-3
-"""Half-width of that box, along the jaw axis and across, where it is wider by as far as the fingers' ends stand off."""
+"""Half-width of that box along the jaw axis and across; across, the distance of the fingers' ends is added."""
 MIN_AREA_M2 = 6e-6
-"""Of red that is between the fingers, as the left eye sees it; a fragment has 60."""
+"""Least red area between the fingers, as seen by the left eye; a fragment has 60 mm^2."""
 
 
 BEHIND_M = 0.04
-"""What is seen past the jaws lies up to so much further away: on the work surface, or in the receptacle."""
+"""The background of the jaws is up to this much further away: on the work surface, or in the receptacle."""
 
 
 def is_holding(image: StereoImage, T_world_camera: SE3, arm: ArmModel, T_world_tip: SE3, jaw_rad: float) -> bool:
@@ -34,7 +34,8 @@ def is_holding(image: StereoImage, T_world_camera: SE3, arm: ArmModel, T_world_t
         T_world_camera: pose of the left eye.
         arm: whose gripper it is.
         T_world_tip: where the gripper is, within some millimetres.
-        jaw_rad: opening of its jaws: what is held, or hangs from the end of a finger, is no farther aside.
+        jaw_rad: opening of its jaws; a fragment held by them, or hanging from a finger's end, is no farther to the
+            side.
     """
     check_stereo(image)
     T_camera_tip, rig = T_world_camera.inverse() @ T_world_tip, image.rig
@@ -52,9 +53,9 @@ def is_holding(image: StereoImage, T_world_camera: SE3, arm: ArmModel, T_world_t
 
 
 def _red_points(image: StereoImage, corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where (n, 3) the red pixels of the left picture of a box are, in the left eye's frame.
+    """Return the positions (n, 3) of the red pixels in the left picture of a box, in the left eye's frame.
 
-    A pixel is matched over the disparities of the box and of what may lie behind it, so that each finds its own.
+    A pixel is matched over the disparities of the box and of what may be behind it, so that each finds its own match.
     """
     left, right, shift_m = image.rig.left, image.rig.right, float(image.rig.T_left_right.translation_m[0])
     outline = cv2.convexHull(np.rint(project(left, corners_m)).astype(np.int32))

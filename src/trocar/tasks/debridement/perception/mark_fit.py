@@ -1,4 +1,4 @@
-"""The pose and opening of a gripper whose marks lie where spots were seen, by least squares."""
+"""The pose and opening of a gripper from the spots of its marks, by least squares."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from trocar.tasks.debridement.perception.marks import Blob, MarkPair, mark_point
 JAW_GUESSES = np.radians(np.arange(0.0, 125.0, 15.0))
 JAW_RANGE = np.radians([-12.0, 135.0])
 MAX_ROUGH_M = 3e-3
-"""Root mean square of the marks about their places, for a guess good enough to refine."""
+"""Maximum RMS distance of the marks from their places for a guess good enough to refine."""
 STEPS = 8
 STEP_DONE = 1e-6
 SPOT_SD_PX = 0.25
-"""Standard deviation of a spot's middle that the uncertainty of a fit is reckoned with."""
+"""Standard deviation of a spot's middle from which the uncertainty of a fit is computed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """Where one eye saw a mark.
+    """A mark as seen by one eye.
 
     Attributes:
         mark: its number, as in ``mark_points_m``.
         right: whether the right eye saw it.
-        blob: what it saw.
-        middle_px: (2,) u, v of the mark's middle: that of the spot, but for what the fingers hide of it.
+        blob: the spot.
+        middle_px: (2,) u, v of the mark's middle: that of the spot, corrected for occlusion by the fingers.
     """
 
     mark: int
@@ -124,5 +124,5 @@ def _model(marks: FingerMarks, tip_length_m: float, jaw_rad: float) -> tuple[NDA
 
 @lru_cache(maxsize=16)
 def _guessed(marks: FingerMarks, tip_length_m: float) -> NDArray[np.float64]:
-    """Return the marks' middles (n, 4, 3) in the tip frame for each of the openings that are tried."""
+    """Return the marks' middles (n, 4, 3) in the tip frame for each opening that is tried."""
     return np.array([mark_points_m(marks, tip_length_m, jaw) for jaw in JAW_GUESSES])

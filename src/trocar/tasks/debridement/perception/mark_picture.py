@@ -1,4 +1,4 @@
-"""How the marks of a gripper in a given pose look: fingers hide parts of them, so that spots lie beside middles."""
+"""Appearance of a gripper's marks in a given pose: fingers hide parts of them, which shifts the spots' middles."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from trocar.perception.image import Intrinsics
 from trocar.tasks.debridement.perception.marks import tip_from_finger
 
 SIDES = 10
-"""Of the prism that stands for a mark."""
+"""Number of sides of the prism that represents a mark."""
 NEAREST_M, LARGEST_PX = 1e-2, 1200
-"""A drawing that would be nearer or larger is of a pose that cannot be."""
+"""A drawing that would be nearer or larger belongs to an impossible pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,10 @@ def _faces(shape: Instrument, marks: FingerMarks) -> _Faces:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What an eye sees of a gripper's marks.
+    """A gripper's marks as seen by an eye.
 
     Attributes:
-        pixels: for each mark u, v (n, 2) in the eye's picture of where it is in front.
+        pixels: for each mark u, v (n, 2) of its visible pixels in the eye's picture.
         pixel_area: of each of these, in pixels of the picture.
     """
 
@@ -88,7 +88,7 @@ class Drawing:
 def draw_marks(
     shape: Instrument, tip_length_m: float, lens: Intrinsics, T_eye_tip: SE3, jaw_rad: float, fine: float
 ) -> Drawing | None:
-    """Return how an eye sees the marks of a gripper in a pose, or None if they cannot all be before it.
+    """Return how an eye sees the marks of a gripper in a pose, or None if they cannot all be in front of it.
 
     Args:
         shape: an instrument with marks.
@@ -96,7 +96,7 @@ def draw_marks(
         lens: of the eye.
         T_eye_tip: pose of the gripper.
         jaw_rad: opening of the jaws.
-        fine: pixels of the drawing in one of the picture, in each direction.
+        fine: pixels of the drawing per pixel of the picture, in each direction.
     """
     if shape.marks is None:
         return None
@@ -120,7 +120,7 @@ def draw_marks(
 
 
 def _opened(points: NDArray[np.float64], side: NDArray[np.intp], jaw_rad: float) -> NDArray[np.float64]:
-    """Return points or directions (n, 3) of closed fingers with the jaws open so."""
+    """Return points or directions (n, 3) of closed fingers, moved to this opening of the jaws."""
     half = 0.5 * side * jaw_rad
     cos, sin = np.cos(half), np.sin(half)
     x, y, z = points.T
@@ -137,7 +137,7 @@ def _drawn(
 ) -> NDArray[np.int8]:
     """Return the mark that is in front in each pixel of the drawing; -1: a finger, -2: nothing.
 
-    ``rays`` are x/z, y/z of the first pixel and the step from pixel to pixel; near enough for what hides what.
+    ``rays`` are x/z, y/z of the first pixel and the step from pixel to pixel; accurate enough for occlusions.
     """
     owner = np.full(size, -2, dtype=np.int8)
     nearness = np.zeros(size)

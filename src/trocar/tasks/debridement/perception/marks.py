@@ -15,16 +15,18 @@ from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.perception.stereo import triangulate
 
 FARTHEST_M = 0.6
-"""A mark that is farther away is too small to be trusted."""
+"""A mark farther away than this is too small to be trusted."""
 NEAREST_M = 0.08
 MIN_SHARE = 0.12
-"""Of a mark's disc at the farthest place; smaller spots are noise or slivers beside what hides the mark."""
+"""Least share of a mark's disc at the greatest distance; smaller spots are noise, or slivers beside what hides the
+mark."""
 MAX_BLOBS = 4
-"""Of one colour in one picture that are looked at, the largest first."""
+"""Maximum number of spots of one colour in one picture that are considered, the largest first."""
 MAX_MISS_M = 1.2e-3
-"""By which the rays to one mark may miss each other; half of a mark hidden from one eye shifts it so far."""
+"""Maximum distance by which the rays to one mark may miss each other; if half of a mark is hidden from one eye, it
+shifts this far."""
 SPACING_OFF_M = 2.5e-3
-"""By which the distance of a finger's two marks may be off."""
+"""Maximum error of the distance between a finger's two marks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,7 @@ class MarkPair:
 
 
 def find_blobs(hsv: NDArray[np.uint8], color: HueRange, lens: Intrinsics, marks: FingerMarks) -> list[Blob]:
-    """Return the spots of a colour that may be marks, the largest first; of a single one its halves as well."""
+    """Return the spots of a colour that may be marks, the largest first; of a single spot, its halves as well."""
     count, labels, stats, middles = cv2.connectedComponentsWithStats(color.mask(hsv), connectivity=4)
     areas = stats[1:count, cv2.CC_STAT_AREA].astype(np.float64)
     least = max(4.0, MIN_SHARE * np.pi * (marks.radius_m * lens.fx / FARTHEST_M) ** 2)
@@ -75,7 +77,7 @@ def _halves(pixels: NDArray[np.float64]) -> list[Blob]:
 
 
 def pair_blobs(rig: StereoRig, left: list[Blob], right: list[Blob], marks: FingerMarks) -> list[list[MarkPair]]:
-    """Return what the spots of a finger may be, the likeliest first: its two marks, one mark, none.
+    """Return interpretations of a finger's spots, the likeliest first: its two marks, one mark, none.
 
     Two marks are two pairs of spots whose rays meet, at the known distance; one mark is a whole spot in both eyes.
     """
@@ -121,7 +123,7 @@ def tip_from_finger(points_m: NDArray[np.float64], tip_length_m: float) -> NDArr
 
 
 def mark_colors(marks: FingerMarks) -> tuple[HueRange, HueRange]:
-    """Return what colours the marks of the left and of the right finger have in a picture."""
+    """Return the colours of the left and the right finger's marks in a picture."""
     return HueRange.around(marks.colors[0]), HueRange.around(marks.colors[1])
 
 

@@ -1,4 +1,4 @@
-"""Outlines of convex things that may touch, or hide a part of each other."""
+"""Outlines of convex objects that may touch, or partly hide each other."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 ACROSS = 0.15
-"""A cut ends at least so far along the outline from where it begins, as a share of the outline's length."""
+"""Least distance along the outline between the ends of a cut, as a share of the outline's length."""
 CUT_PX = 2
 
 
 def split_convex(mask: NDArray[np.uint8], notch_px: float, least_px: float) -> list[NDArray[np.uint8]]:
-    """Return the parts of a mask (h, w), cut between its notches until each is about convex; 255 where a part is.
+    """Return the parts of a mask (h, w), cut between its notches until each is roughly convex; 255 inside a part.
 
-    Convex things whose outlines overlap leave notches where they meet. A cut goes from the deepest notch to the
+    Convex objects whose outlines overlap leave notches where they meet. A cut goes from the deepest notch to the
     nearest other one of similar depth, or straight across.
 
     Args:
-        mask: 255 where something is, one connected piece or several.
+        mask: 255 inside the objects, one connected piece or several.
         notch_px: depth from which on a notch counts.
         least_px: area of a part; a cut that would leave less is not made.
     """
@@ -55,7 +55,7 @@ def _pieces(mask: NDArray[np.uint8], least_px: float) -> list[NDArray[np.uint8]]
 
 
 def _grown(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Give back what the cut took."""
+    """Restore the pixels that the cut removed."""
     return np.asarray(cv2.dilate(mask, np.ones((3, 3), np.uint8)), dtype=np.uint8)
 
 

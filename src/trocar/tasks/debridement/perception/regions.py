@@ -1,4 +1,4 @@
-"""Connected red pixels of one picture, and which of the other picture show the same thing."""
+"""Connected red pixels of one picture, and those of the other picture that show the same object."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from trocar.geometry import SE3
 from trocar.perception.image import StereoRig
 
 MIN_AREA_M2 = 3e-6
-"""Of what is seen of a fragment, at the table; smaller spots are noise."""
+"""Least visible area of a fragment, at the table; smaller spots are noise."""
 OVERLAP = 0.25
-"""Regions whose common share of the smaller one is larger show the same thing."""
+"""Regions whose overlap is a larger share of the smaller one show the same object."""
 ROW_PX = 0.012
-"""As a share of the focal length: by which the middles of one thing may lie in different rows (half hidden ones do)."""
+"""Maximum difference in rows between the middles of one object (when half hidden), as a share of the focal length."""
 HIGHEST_M = 0.15
-"""Above the table, where fragments are carried."""
+"""Maximum height above the table at which fragments are carried."""
 CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """What one eye sees of one thing.
+    """One object as seen by one eye.
 
     Attributes:
         mask: (h, w) 255 where it is, in a rectangle of the picture.
         corner_px: (u, v) of this rectangle's first pixel.
-        pieces: in how many pieces it is seen.
+        pieces: number of pieces in which it is seen.
         middle_px: (2,) centroid u, v.
         area_px: number of its pixels.
     """
@@ -63,7 +63,7 @@ class Region:
         return np.array([moments["m10"], moments["m01"]]) / moments["m00"] + self.corner_px
 
     def mask_with(self, right: Region, disparity_px: float) -> Region:
-        """Return what this left region and a right one show together."""
+        """Return the union of this left region and a right one shifted by a disparity."""
         shifts = ((self, 0), (right, round(disparity_px)))
         ends = [(region.corner_px[0] + shift, region.corner_px[1], region.mask) for region, shift in shifts]
         u, v = min(end[0] for end in ends), min(end[1] for end in ends)
@@ -81,7 +81,7 @@ def region_of(mask: NDArray[np.uint8], corner_px: tuple[int, int]) -> Region | N
 
 
 def shifted_onto(base: Region, other: Region, disparity_px: float) -> NDArray[np.uint8]:
-    """Return another region's mask in the rectangle of this one, shifted by so much to the right."""
+    """Return another region's mask in the rectangle of this one, shifted by this much to the right."""
     result = np.zeros_like(base.mask)
     du = other.corner_px[0] + round(disparity_px) - base.corner_px[0]
     dv = other.corner_px[1] - base.corner_px[1]
@@ -106,16 +106,16 @@ def plane_disparity(rig: StereoRig, T_table_camera: SE3, height_m: float) -> NDA
 def group_regions(
     masks: Sequence[NDArray[np.uint8]], rig: StereoRig, T_table_camera: SE3, height_m: float
 ) -> list[tuple[Region, Region]]:
-    """Return the things that both eyes of a rectified pair see.
+    """Return the objects that both eyes of a rectified pair see.
 
-    What lies on the table is seen at the same place once the right picture is shifted by the disparity of the table;
-    pieces of one thing that is split in one eye thereby find together. What is left is paired by its rows, higher up.
+    Objects on the table appear at the same place once the right picture is shifted by the disparity of the table; this
+    joins the pieces of an object that is split in one eye. The rest is paired by rows, at greater heights.
 
     Args:
         masks: 255 at the red pixels of the left and the right picture.
         rig: the rectified cameras.
         T_table_camera: pose of the left one.
-        height_m: above the table at which pictures are laid over each other.
+        height_m: above the table, at which the pictures are superimposed.
     """
     least = MIN_AREA_M2 * rig.left.fx**2 / T_table_camera.translation_m[2] ** 2 / 2
     labels = [_labelled(mask, least) for mask in masks]
@@ -132,7 +132,7 @@ def group_regions(
 
 
 def _labelled(mask: NDArray[np.uint8], least_px: float) -> NDArray[np.int32]:
-    """Return the number of each pixel's region, from 1 on; 0 for none. Holes of mirroring spots are filled."""
+    """Return the number of each pixel's region, from 1 on; 0 for none. Holes from specular spots are filled."""
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, CLOSING)
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     labels = np.zeros(mask.shape, dtype=np.int32)
@@ -178,7 +178,7 @@ def _paired_by_row(
     plane: tuple[float, float, float],
     T_table_camera: SE3,
 ) -> list[tuple[Region, Region]]:
-    """Return pairs of regions above the table: in the same rows, of similar size, not too near to the eyes."""
+    """Return pairs of regions above the table: in the same rows, of similar size, not too close to the eyes."""
     found = []
     rest = list(rights)
     far = T_table_camera.translation_m[2]

@@ -1,4 +1,4 @@
-"""What the eyes report."""
+"""Results of the stereo vision."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3
 
 SAME_M = 0.010
-"""Two places this near, seen from above, are the same fragment."""
+"""Two places this close, seen from above, are the same fragment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class SeenFragment:
         extent_m: (2,) long and short extent, seen from above.
         yaw_rad: direction of the long extent in the world's x-y plane, [0, pi).
         height_m: of its middle above the table.
-        reference_m: (3,) the paper's reference point: the middle of its area in both pictures, so deep as their
-            disparity says.
+        reference_m: (3,) the paper's reference point: the middle of its area in both pictures, at the depth of their
+            disparity.
         lumped: probably several fragments that could not be split.
         area_px: of its pixels in the left picture.
         occluded: something hides a part of it.
@@ -41,13 +41,13 @@ class SeenFragment:
 
 @dataclass(frozen=True, eq=False)
 class SeenGripper:
-    """A gripper by the marks on its fingers.
+    """A gripper as found from the marks on its fingers.
 
     Attributes:
         T_world_tip: pose of the controlled point between the jaws, as the arm's model has it.
         jaw_rad: opening of the jaws.
         marks: how many of its four marks both eyes saw.
-        residual_m: root mean square by which the marks miss their places, at their distance.
+        residual_m: RMS residual of the marks, at their distance.
     """
 
     T_world_tip: SE3

@@ -1,4 +1,4 @@
-"""What the agents of the debridement see with: colour pictures of two eyes."""
+"""The perception of the debridement agents: colour pictures of two eyes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class StereoView:
         return find_fragments(image, T_world_camera, T_world_table)
 
     def gripper(self, image: StereoImage, T_world_camera: SE3, arm: ArmModel) -> SeenGripper | None:
-        """Return where an arm's gripper is by its marks, or None if they do not say."""
+        """Return an arm's gripper from its marks, or None if they do not determine it."""
         return find_gripper(image, T_world_camera, arm)
 
     def gripper_window(

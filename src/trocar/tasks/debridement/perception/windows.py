@@ -1,4 +1,4 @@
-"""Which pixels to read out to see one gripper."""
+"""The pixels to read out to see one gripper."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from trocar.perception.image import Intrinsics, StereoRig, StereoWindow, Window
 
 MARGIN_M = 0.02
 JAWS_M = 0.012
-"""Half of the box round the controlled point that holds both fingers."""
+"""Half the size of the box round the controlled point that contains both fingers."""
 LEAST_PX = 32
 
 
 def gripper_window(
     T_world_tip: SE3, T_world_camera: SE3, rig: StereoRig, margin_m: float = MARGIN_M, binning: int = 1
 ) -> StereoWindow | None:
-    """Return the same rows of both eyes, round a gripper that is within ``margin_m`` of a pose; None out of sight."""
+    """Return the same rows of both eyes, round a gripper within ``margin_m`` of a pose; None if out of sight."""
     reach = JAWS_M + margin_m
     corners = np.array([[(i >> k & 1) * 2 - 1 for k in range(3)] for i in range(8)]) * reach
     in_left = T_world_camera.inverse().apply(T_world_tip.translation_m + corners)
@@ -39,7 +39,7 @@ def _window(box: tuple[int, int, int, int], binning: int) -> Window:
 
 
 def _box(lens: Intrinsics, points_m: NDArray[np.float64]) -> tuple[int, int, int, int] | None:
-    """Return first column, first row, and the ends of both, of the part of the picture that points span."""
+    """Return first column, first row, and the ends of both, of the part of the picture spanned by points."""
     if (points_m[:, 2] <= 0).any():
         return None
     pixels = project(lens, points_m)

@@ -1,4 +1,4 @@
-"""The paper's rule: two adjustment transforms that are updated in turn."""
+"""The paper's rule: two adjustment transforms that are updated alternately."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from trocar.geometry import SE3, SO3
 from trocar.tasks.debridement.pose.estimator import check_order
 
 STILL_M, STILL_RAD = 1e-4, 1e-3
-"""An arm whose encoders went no further since the last detection is where it was detected."""
+"""An arm whose encoders moved no further since the last detection is taken to be where it was detected."""
 
 
 class PaperAdjustment:
-    """Moves on from the last detection by the kinematic increment between two adjustments (Kehoe 2014, V-A.2).
+    """Extends the last detection by the kinematic increment between two adjustments (Kehoe 2014, V-A.2).
 
     ``dT_c = L dT_K R``, with increments ``dT = T_before^-1 T_after``. Each detection updates L or R in turn, half-way
     to what would make the increment since the detection before exact. In print the update of R inverts the detected
     increment in place of the kinematic one; ``R = (L dT_K)^-1 dT_c`` solves the paper's equation 1.
 
-    It holds locally, as the paper says: the way to a place centimetres off is turned by the error of orientation. And
-    it is for the time between detections: ``L R`` is not the identity, so an arm at rest is where it was detected.
+    It holds only locally, as the paper notes: a path of centimetres is rotated by the orientation error. And it is
+    meant for the time between detections: ``L R`` is not the identity, so an arm at rest is taken to be where it was
+    detected.
 
     Args:
         share: of the way to the exact adjustment, in (0, 1]; their program has 0.5.
@@ -38,7 +39,7 @@ class PaperAdjustment:
         self._last: tuple[SE3, SE3] | None = None
 
     def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
-        """Adjust to a detection; kinematics alone teach nothing."""
+        """Adjust to a detection; kinematics alone change nothing."""
         check_order(t_s, self._t_s)
         self._t_s = t_s
         if T_base_detected is None:
@@ -49,12 +50,12 @@ class PaperAdjustment:
         self._last = T_base_detected, T_base_kinematic
 
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
-        """Return the last detection moved on by the adjusted increment; before any, the kinematic pose."""
+        """Return the last detection extended by the adjusted increment; before any detection, the kinematic pose."""
         check_order(t_s, self._t_s)
         return self.settled(T_base_kinematic)
 
     def settled(self, T_base_kinematic: SE3) -> SE3:
-        """Return the same: the rule knows no time."""
+        """Return the same, since the rule does not depend on time."""
         if self._last is None:
             return T_base_kinematic
         T_base_detected, before_kinematic = self._last
@@ -72,7 +73,7 @@ class PaperAdjustment:
 
 
 def interpolate(T_from: SE3, T_to: SE3, share: float) -> SE3:
-    """Return the pose at this share of the way: positions along a line, rotations about one axis (slerp)."""
+    """Return the interpolated pose: positions along a line, rotations about one axis (slerp)."""
     turn = (T_from.rotation.inverse() @ T_to.rotation).log()
     translation_m = (1 - share) * T_from.translation_m + share * T_to.translation_m
     return SE3.from_parts(T_from.rotation @ SO3.exp(share * turn), translation_m)

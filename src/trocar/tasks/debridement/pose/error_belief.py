@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 GATE = float(chi2.ppf(0.999, 3))
-"""Squared Mahalanobis distance of an observation (3,) that one in a thousand good ones exceeds."""
+"""Squared Mahalanobis distance that one in a thousand good observations (3,) exceeds."""
 NOISE_PASSES = 2
-"""Passes of the fixed point between state and noise; a third changes the noise by less than a percent."""
+"""Fixed-point iterations between state and noise; a third changes the noise by less than a percent."""
 DRIFT = slice(3, 6)
-"""Where in the state the drift stands: after the constant (3,), before the gains."""
+"""Indices of the drift in the state: after the constant (3,), before the gains."""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorBelief:
-    """What is believed of ``error = H x + noise`` with state x = (constant, drift, gains).
+    """The estimate of ``error = H x + noise`` with state x = (constant, drift, gains).
 
-    The drift is an Ornstein-Uhlenbeck process, the rest stands still. The noise is normal with an unknown covariance
+    The drift is an Ornstein-Uhlenbeck process, the rest is constant. The noise is normal with an unknown covariance
     (inverse Wishart), learned beside the state by variational Bayes (Sarkka and Nummenmaa 2009).
 
     Attributes:
@@ -29,7 +29,7 @@ class ErrorBelief:
         scatter: (3, 3) weighted sum of squared residuals so far, the prior's included.
         count: how many observations the scatter stands for.
         drift_sd: of each axis of the drift, in the unit of the error.
-        drift_s: time in which the drift forgets 63 % of itself.
+        drift_s: time in which the drift decays by 63 %.
     """
 
     mean: NDArray[np.float64]
@@ -48,7 +48,7 @@ class ErrorBelief:
         Args:
             constant_sd: of each axis of the constant.
             gain_sds: of each gain.
-            noise: standard deviation per axis, and how many observations this guess weighs as much as.
+            noise: standard deviation per axis, and the number of observations that this guess is worth.
             drift: ``drift_sd`` and ``drift_s``.
         """
         sds = np.array([constant_sd] * 3 + [drift[0]] * 3 + gain_sds)
@@ -60,7 +60,7 @@ class ErrorBelief:
         return self.scatter / self.count
 
     def after(self, dt_s: float, wandered_sd: float = 0.0) -> ErrorBelief:
-        """Return the belief a time ``dt_s`` later, the drift of each axis having wandered by so much besides."""
+        """Return the belief a time ``dt_s`` later, after an additional wander of the drift on each axis."""
         kept = np.exp(-dt_s / self.drift_s)
         decay = np.ones(len(self.mean))
         decay[DRIFT] = kept
@@ -71,13 +71,13 @@ class ErrorBelief:
     def observed(self, H: NDArray[np.float64], error: NDArray[np.float64], weight: float = 1.0) -> ErrorBelief:
         """Return the belief after an observation.
 
-        One beyond the gate loses weight with its squared distance: a gross outlier hardly counts, and yet an error that
-        really jumped is followed in the end, which a gate that shuts might never do.
+        One beyond the gate loses weight with its squared distance: a gross outlier hardly counts, but an error that
+        really jumped is followed eventually, which a hard gate might never do.
 
         Args:
             H: (3, n).
             error: (3,) as observed.
-            weight: in (0, 1], how much of an independent observation this is.
+            weight: in (0, 1], as a share of an independent observation.
         """
         surprise = error - H @ self.mean
         spread = H @ self.covariance @ H.T

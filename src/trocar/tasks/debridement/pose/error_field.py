@@ -1,4 +1,4 @@
-"""Our estimator at work: the errors of the joints are remembered as a smooth field over the joints' space."""
+"""The estimator used by ``best``: the errors of the joints as a smooth field over joint space."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from trocar.geometry import SE3
 from trocar.tasks.debridement.pose.estimator import check_order
 
 FIELD_SD = np.array([0.04, 0.04, 0.007, 0.1, 0.1, 0.1])
-"""Of the part of a joint's error that changes with the place, rad and m: 7 mm at 17 cm, as the Raven that was recorded
-errs after a rigid fit (``facts/debridement.md``)."""
+"""SD of the part of a joint's error that changes with position, rad and m: 7 mm at 17 cm, the error of the recorded
+Raven after a rigid fit (``facts/debridement.md``)."""
 CONSTANT, HYSTERESIS, NOISE = 3.0, 0.12, 0.08
-"""Standard deviations of other parts, in shares of that: what is constant (38 mm and 24.5 deg in the recording), what
-depends on the way there, and a detection's noise (.5 mm, .5 deg: see the benchmark of the eyes)."""
+"""Standard deviations of the other parts as shares of it: the constant (38 mm and 24.5 deg in the recording), the part
+that depends on the path, and a detection's noise (.5 mm, .5 deg: see the stereo benchmark)."""
 LENGTH = np.array([0.30, 0.30, 0.07, 1.0, 1.0, 1.0])
-"""Change of a joint over which the field changes, rad and m: 5 to 7 cm for the outer joints (assumed)."""
+"""Length scales of the field in the joints, rad and m: 5 to 7 cm for the outer joints (assumed)."""
 FORGETS = 0.5
-"""Way, in these lengths, over which what depends on the way changes."""
+"""Travel, in these lengths, over which the path-dependent part changes."""
 APART, MOST = 0.2, 250
-"""Detections are kept this far apart on the way, in lengths, and so many of them, the newest; one arm's six fragments
-leave about as many."""
+"""Detections are kept this far apart along the path, in lengths, and only this many of the newest; six fragments of one
+arm leave about as many."""
 GATE = float(chi2.ppf(0.999, 6))
-"""Squared distance, in standard deviations, that one in a thousand good detections exceeds."""
+"""Squared Mahalanobis distance that one in a thousand good detections exceeds."""
 SLIPPED = 5
-"""After so many surprises in a row a cable has slipped, and all that was learned before is forgotten."""
+"""After this many surprises in a row a cable has slipped, and everything learned before is forgotten."""
 
 
 class ErrorField:
-    """Estimates the joints' errors by a Gaussian process over the joints; what it saw of a place it knows on return.
+    """Estimates the joints' errors by a Gaussian process over the joints, so it remembers the errors at a place.
 
-    An encoder at the motor misses what cables do between it and the joint, which depends on where the joints are, a
-    little on how they got there, and not on the time. All six errors have one kernel: constant, field, hysteresis. A
-    detection that surprises counts the less, the more it does so.
+    An encoder at the motor does not see what the cables do between it and the joint, which depends on where the joints
+    are, a little on how they got there, and not on time. All six errors share one kernel: constant, field, hysteresis.
+    The more surprising a detection is, the less it counts.
 
     Args:
-        arm: whose gripper it is.
+        arm: the arm of the gripper.
     """
 
     foresees = True
@@ -64,7 +64,7 @@ class ErrorField:
             self._way += float(np.linalg.norm(place - self._last))
         self._t_s, self._last = t_s, place
         if T_base_detected is not None:
-            with suppress(Unreachable):  # no gripper of this arm was seen there
+            with suppress(Unreachable):  # not a reachable pose of this arm's gripper
                 self._learn(place, (ik_near(self._arm, T_base_detected, q) - q) / FIELD_SD)
 
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
@@ -73,7 +73,7 @@ class ErrorField:
         return self.settled(T_base_kinematic)
 
     def settled(self, T_base_kinematic: SE3) -> SE3:
-        """Return the same: nothing in it lags.
+        """Return the same, since the model has no lag.
 
         Raises:
             Unreachable: no joints have this kinematic pose.
@@ -86,7 +86,7 @@ class ErrorField:
         return fk(self._arm, q + FIELD_SD * (self._alike(place, way) @ self._weights))
 
     def _learn(self, place: NDArray[np.float64], error: NDArray[np.float64]) -> None:
-        """Take in errors (6,), in shares of ``FIELD_SD``, at a place (6,), in lengths."""
+        """Add errors (6,), in units of ``FIELD_SD``, at a place (6,), in lengths."""
         noise = NOISE**2
         if self._factor is not None:
             alike = self._alike(place, self._way)
@@ -114,7 +114,7 @@ class ErrorField:
 def _kernel(
     places: NDArray[np.float64], ways: NDArray[np.float64], others: NDArray[np.float64], other_ways: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the covariances (n, m) of the errors at places (n, 6) and others (m, 6), on ways (n,) and (m,)."""
+    """Return the covariances (n, m) of the errors at places (n, 6) and (m, 6), with path positions (n,) and (m,)."""
     squares = ((places[:, None] - others[None]) ** 2).sum(axis=-1)
     forgotten = np.exp(-np.abs(ways[:, None] - other_ways[None]) / FORGETS)
     return CONSTANT**2 + np.exp(-0.5 * squares) + HYSTERESIS**2 * forgotten

@@ -1,4 +1,4 @@
-"""Our estimator: a filter for the error of the kinematics, with what is systematic in it learned on the way."""
+"""An estimator that filters the error of the kinematics and learns its systematic part on the way."""
 
 from __future__ import annotations
 
@@ -14,33 +14,34 @@ from trocar.tasks.debridement.pose.estimator import check_order
 from trocar.tasks.debridement.pose.kinematic_history import KinematicHistory
 
 WAY_M = 0.010
-"""Way of the gripper to which ``FilterSettings.way_m`` and ``way_rad`` refer."""
+"""Distance travelled by the gripper to which ``FilterSettings.way_m`` and ``way_rad`` refer."""
 
 
 @dataclass(frozen=True)
 class FilterSettings:
-    """What is assumed before any detection; standard deviations are per axis.
+    """Assumptions before any detection; standard deviations are per axis.
 
-    Constants, tool offset and tilt describe an arm that was never calibrated; drift and noise are only first guesses
-    of size, and the table of sensitivities in ``docs/debridement.md`` says how little each matters.
+    Constants, tool offset and tilt describe an arm that was never calibrated; drift and noise are only first guesses,
+    and ``docs/debridement.md`` says how little each setting matters.
 
     Attributes:
-        constant_m: error that stays; 38 mm over the recording (``facts/debridement.md``), so about 22 mm an axis.
+        constant_m: constant error; 38 mm over the recording (``facts/debridement.md``), so about 22 mm per axis.
         constant_rad: likewise; 24.5 deg over the recording.
-        drift_m: error that wanders; after a rigid fit 7.1 mm RMS are left, with the camera's 3.7 mm taken out 6 mm.
+        drift_m: wandering error; after a rigid fit 7.1 mm RMS remain, or 6 mm without the camera's 3.7 mm.
         drift_rad: likewise for the rotation.
-        drift_s: in which the drift forgets.
-        way_m: by which the drift wanders while the gripper goes 10 mm (a random walk along its way).
+        drift_s: decay time of the drift.
+        way_m: wander of the drift while the gripper moves 10 mm (a random walk along its path).
         way_rad: likewise for the rotation.
         lag_s: time constant of the lag with which the detected pose follows the kinematic one.
-        lag_gain: of its size, in shares of a full lag.
+        lag_gain: SD of its size, as a share of a full lag.
         tool_m: offset in the gripper's frame: marks and controlled point lie within the jaws' 20 mm.
         tilt: change of the error per change of position: bases are not precision mounted.
-        turn_gain: change of the rotation's error per change of rotation. At 1 the kinematics may be all wrong.
+        turn_gain: change of the rotation's error per change of rotation. At 1 the kinematics may be entirely wrong.
         noise_m: of a detection, a first guess; the covariance is learned.
         noise_rad: likewise.
-        noise_count: how many detections these guesses weigh as much as.
-        frame_s: of the camera, 10 Hz (V-A.2). Detections in quicker succession show the same image and share a weight.
+        noise_count: number of detections that these guesses are worth.
+        frame_s: frame time of the camera, 10 Hz (V-A.2). Detections in quicker succession show the same image and share
+            a weight.
     """
 
     constant_m: float = 0.03
@@ -68,7 +69,7 @@ class FilterSettings:
 
 @dataclass(frozen=True, eq=False)
 class PoseBelief:
-    """An estimated pose and how sure it is; covariances of (translation m, rotation vector rad) in the base frame.
+    """An estimated pose with its uncertainty; covariances of (translation m, rotation vector rad) in the base frame.
 
     Attributes:
         T_base_gripper: the estimate.
@@ -85,8 +86,8 @@ class ErrorFilter:
     """Estimates ``p_c - p_K`` and ``R_c R_K^-1`` by two linear Kalman filters, and adds them to the kinematics.
 
     Each error is a constant, a drift, a share of a first-order lag, a part that is linear in the pose, and noise
-    (:class:`KinematicHistory` has the equations). Rotations are vectors in the tangent at the first detection's error,
-    so that a large constant error does no harm. It learns from the past alone.
+    (:class:`KinematicHistory` has the equations). Rotations are vectors in the tangent space at the first detection's
+    error, so that a large constant error does no harm. It is causal: it uses only the past.
     """
 
     foresees = True
@@ -130,7 +131,7 @@ class ErrorFilter:
         return self._belief(T_base_kinematic, *self._at(t_s, T_base_kinematic))
 
     def settled(self, T_base_kinematic: SE3) -> SE3:
-        """Return the pose that follows once the lag is over, with the drift as estimated now."""
+        """Return the pose after the lag has decayed, with the drift as estimated now."""
         if self._history is None:
             return T_base_kinematic
         resting = replace(self._history, T_base_last=T_base_kinematic, lag=np.zeros(6))
@@ -160,7 +161,7 @@ class ErrorFilter:
         )
 
     def _weight(self, t_s: float) -> float:
-        """Return how much of an independent observation a detection at this moment is, in (0, 1]."""
+        """Return the weight of a detection at this moment as a share of an independent observation, in (0, 1]."""
         if self._detected_s is None:
             return 1.0
         return min(1.0, max((t_s - self._detected_s) / self.settings.frame_s, 1e-3))

@@ -1,4 +1,4 @@
-"""What every estimator of a gripper's pose can do, and the one that does nothing."""
+"""The interface of estimators of a gripper's pose, and the estimator that does nothing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from trocar.geometry import SE3
 
 
 class PoseEstimator(Protocol):
-    """Estimates the pose that the camera would detect now, from what came before.
+    """Estimates the pose that the camera would detect now, from past observations.
 
     Example:
         >>> from trocar.geometry import SE3
@@ -22,31 +22,31 @@ class PoseEstimator(Protocol):
         [0.02, 0.01, 0.0]
 
     Attributes:
-        foresees: whether ``settled`` holds centimetres from where the gripper was last seen, not only beside it.
+        foresees: whether ``settled`` is valid centimetres away from where the gripper was last seen, not only near it.
     """
 
     foresees: bool
 
     def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
-        """Take in the kinematic pose of this moment and, where the camera saw the gripper, the detected pose."""
+        """Update with the kinematic pose of this moment and, if the camera saw the gripper, the detected pose."""
         ...
 
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
-        """Return the pose for a moment not before the last update; the estimator stays as it is."""
+        """Return the pose at a time not before the last update; does not change the estimator."""
         ...
 
     def settled(self, T_base_kinematic: SE3) -> SE3:
-        """Return the pose once the arm has come to rest at this kinematic pose, as far as is known now."""
+        """Return the expected pose once the arm has come to rest at this kinematic pose."""
         ...
 
 
 class RawKinematics:
-    """Believes the forward kinematics, as the Raven's control software does."""
+    """Trusts the forward kinematics, as the Raven's control software does."""
 
     foresees = True
 
     def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
-        """Learn nothing."""
+        """Do nothing."""
 
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
         """Return the kinematic pose."""
@@ -58,7 +58,7 @@ class RawKinematics:
 
 
 def check_order(t_s: float, last_s: float | None) -> None:
-    """Refuse a moment before the last one.
+    """Refuse a time before the last one.
 
     Raises:
         TrocarError: time runs backwards, or is not a number.

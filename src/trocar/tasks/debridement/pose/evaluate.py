@@ -23,10 +23,10 @@ SAME_IMAGE_S = 0.05
 
 @dataclass(frozen=True, eq=False)
 class PredictionErrors:
-    """Errors of one estimator at one horizon, target by target in the order of time.
+    """Errors of one estimator at one horizon, for all targets in order of time.
 
     Attributes:
-        horizon_s: least age of the last detection that the estimator was given.
+        horizon_s: minimum age of the last detection given to the estimator.
         targets: (m,) indices of the pairs that were predicted.
         ages_s: (m,) true age of that detection; gaps make it longer than the horizon.
         translation_m: (m,) distances to the detected position.
@@ -42,7 +42,7 @@ class PredictionErrors:
 
 @dataclass(frozen=True)
 class Summary:
-    """Mean, root mean square and 95th percentile of errors, in their unit."""
+    """Mean, root mean square and 95th percentile of errors, in the errors' unit."""
 
     mean: float
     rms: float
@@ -66,8 +66,8 @@ class Ratio:
 def replay(make: Callable[[], E], pairs: PosePairs, horizon_s: float) -> Iterator[tuple[int, int, E]]:
     """Yield each target pair, the last pair whose detection may be known, and an estimator ready for the target.
 
-    For target k it was given detections up to ``t_k - horizon_s``, and kinematic poses up to pair k - 1. Pairs with no
-    detection that old are no targets.
+    For target k it was given detections up to ``t_k - horizon_s``, and kinematic poses up to pair k - 1. Pairs without
+    a detection that old are not targets.
 
     Raises:
         TrocarError: the horizon is not above 0.
@@ -117,10 +117,11 @@ def ratio_of_means(
     """Return mean error over mean reference, both (m,) of the same targets, with a moving-blocks bootstrap.
 
     Args:
-        errors: in the order of time.
+        errors: in order of time.
         reference: likewise.
         rng: draws the blocks.
-        block: targets in a row that are drawn together, for neighbours share their errors; 10 pairs are some 2.5 s.
+        block: number of consecutive targets drawn together, since neighbours share their errors; 10 pairs are some 2.5
+            s.
         draws: of the bootstrap.
     """
     m = len(errors)
@@ -135,12 +136,12 @@ def detection_noise(pairs: PosePairs, within_s: float = 0.7) -> NDArray[np.float
     """Return the covariance (3, 3) in m^2 of the noise of detected positions: a floor under every prediction error.
 
     Of three successive images within ``within_s``, the middle one is compared with the line through the others, after
-    the kinematic position is taken away. What changes more slowly, of the camera or of the arm, is not in it.
+    subtracting the kinematic position. Slower changes, of the camera or of the arm, are not included.
 
     Raises:
         TrocarError: there are no three such images.
     """
-    # The first pair of each image; what follows within a few milliseconds repeats its position.
+    # The first pair of each image; those that follow within a few milliseconds repeat its position.
     rows = np.flatnonzero(np.diff(pairs.times_s, prepend=-np.inf) > SAME_IMAGE_S)
     t_s = pairs.times_s[rows]
     error_m = (pairs.T_base_detected.translation_m - pairs.T_base_kinematic.translation_m)[rows]

@@ -1,4 +1,4 @@
-"""The plainest correction: the error that was seen last still holds."""
+"""The simplest correction: the last error seen still holds."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class HeldError:
         return self.settled(T_base_kinematic)
 
     def settled(self, T_base_kinematic: SE3) -> SE3:
-        """Return the same: a held error knows no time."""
+        """Return the same, since a held error does not depend on time."""
         if self._last is None:
             return T_base_kinematic
         detected, kinematic = self._last

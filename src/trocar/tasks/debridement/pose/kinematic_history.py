@@ -1,4 +1,4 @@
-"""What the filter remembers of the kinematic poses: where they began, and how they moved of late."""
+"""The filter's memory of the kinematic poses: where they began, and how they moved recently."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class KinematicHistory:
     """Kinematic poses up to now.
 
     Attributes:
-        T_base_first: where they began; gains act on what changed since, so that they and the constant stay apart.
+        T_base_first: where they began; gains act on the change since then, to be independent of the constant.
         T_base_last: the last pose.
         t_s: its time.
         lag: (6,) translation in m and rotation vector in rad, both in the base frame, from the last pose to one that
@@ -31,7 +31,7 @@ class KinematicHistory:
 
     @staticmethod
     def begin(t_s: float, T_base_kinematic: SE3, lag_s: float) -> KinematicHistory:
-        """Return the history of a first pose, taken to have been at rest."""
+        """Return the history of a first pose, assumed to be at rest."""
         return KinematicHistory(T_base_kinematic, T_base_kinematic, t_s, np.zeros(6), lag_s)
 
     def then(self, t_s: float, T_base_kinematic: SE3) -> KinematicHistory:

@@ -1,4 +1,4 @@
-"""Recordings of a gripper's pose, seen by a camera and told by forward kinematics."""
+"""Recordings of a gripper's pose, from a camera and from forward kinematics."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ class PosePairs:
 def read_pairs(path: str | Path) -> PosePairs:
     """Return the pairs in a CSV file with a header.
 
-    Columns: ``t_detected_s``, then ``x_m y_m z_m yaw_deg pitch_deg roll_deg`` twice, behind ``detected_`` and behind
-    ``kinematic_``; others are left alone. Angles turn about the base's fixed axes, roll about x first, then pitch about
-    y, then yaw about z (:func:`rotation`).
+    Columns: ``t_detected_s``, then ``x_m y_m z_m yaw_deg pitch_deg roll_deg`` twice, prefixed with ``detected_`` and
+    with ``kinematic_``; others are ignored. Angles turn about the base's fixed axes, roll about x first, then pitch
+    about y, then yaw about z (:func:`rotation`).
 
     Raises:
-        TrocarError: the file cannot be read, is empty, lacks a column, or holds what is no number; or its times do not
-            increase.
+        TrocarError: the file cannot be read, is empty, lacks a column, or holds something that is not a number; or its
+            times do not increase.
     """
     path = Path(path)
     try:
@@ -82,8 +82,9 @@ def read_pairs(path: str | Path) -> PosePairs:
 def rotation(yaw_pitch_roll_rad: NDArray[np.float64]) -> SO3:
     """Return ``Rz(yaw) Ry(pitch) Rx(roll)`` of angles (..., 3) in rad.
 
-    The recording does not say its order. In this one its two sources differ by 23 deg on average, as the whole
-    recording is known to (24.5 deg), and over 5 s they turn differently by 8 deg RMS; with yaw first it is 120 and 43.
+    The recording does not state the order. With this one, its two sources differ by 23 deg on average, which agrees
+    with the whole recording (24.5 deg), and over 5 s their rotations differ by 8 deg RMS; with yaw first it is 120 and
+    43.
     """
     yaw, pitch, roll = np.moveaxis(yaw_pitch_roll_rad, -1, 0)
     return SO3.axis("z", yaw) @ SO3.axis("y", pitch) @ SO3.axis("x", roll)

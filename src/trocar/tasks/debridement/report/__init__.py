@@ -1,4 +1,4 @@
-"""What a report of debridement shows besides the usual."""
+"""What a report of debridement adds."""
 
 from trocar.tasks.debridement.report.debridement_report import DebridementReport
 

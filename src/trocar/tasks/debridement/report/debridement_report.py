@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from trocar.trials.trial import Trial
 
 ROOM_M, ABOVE_M = 0.012, 0.035
-"""Round a fragment, and above it and the receptacle's floor, in a picture's frame."""
+"""Margin round a fragment, and above it and the receptacle's floor, in a picture's frame."""
 
 MAX_FAILURES = 3
-"""So many failures that a script noted get a picture."""
+"""Maximum number of failures noted by a script that get a picture."""
 
 APART_S = 0.5
-"""What is earlier than this looks like the start."""
+"""Anything earlier than this looks like the start."""
 
 STEPS = {"closing": "jaws open round it", "pickup": "lifted, and looked at", "releasing": "over the receptacle"}
-"""Events of the first grasp, in order, and what is seen then."""
+"""Events of the first grasp, in order, with their captions."""
 
 ASSUMED = (
     "s per fragment is the trials' duration over the fragments that were cleared, as in Table I, where all were",
@@ -47,7 +47,7 @@ ASSUMED = (
 
 
 class DebridementReport(TaskReport):
-    """What a report of debridement shows besides the usual."""
+    """What a report of debridement adds."""
 
     view = Viewpoint((-0.0745, 0.36, 0.20), 1.15)
     outcomes = FragmentOutcome
@@ -57,7 +57,7 @@ class DebridementReport(TaskReport):
     parts = ("capture", "perception", "planning", "motion", "jaw", "settling", "waiting")
 
     def frame(self, trial: Trial) -> NDArray[np.float64]:
-        """Return where fragments lay at first, and the receptacle with as much above it as arms need."""
+        """Return where fragments lay at first, and the receptacle with the space above it that arms need."""
         walls = [solid for solid in trial.scenery.solids if solid.body == "receptacle"]
         half = np.max([np.abs(w.T_body_solid.translation_m) + w.size_m for w in walls], axis=0)
         middle = trial.scenery.T_world_body["receptacle"].translation_m
@@ -73,11 +73,11 @@ class DebridementReport(TaskReport):
         )
 
     def measured(self, score: Mapping[str, Any]) -> Mapping[str, float | None]:
-        """Return how often jaws closed for it, and what was made good again."""
+        """Return how often jaws closed for it, and how many failures were recovered."""
         return {"attempts": score["attempts"], "recoveries": score["recoveries"]}
 
     def moments(self, trial: Trial) -> list[tuple[str, float]]:
-        """Return the start, the first grasp step by step, each fragment that was cleared, failures, the end."""
+        """Return the moments of the start, the first grasp step by step, each cleared fragment, failures, the end."""
         grasp = _first_grasp(trial)
         found = [("start", 0.0), *(moment for moment in grasp if moment[1] >= APART_S)]
         cleared = [score for score in trial.scores if score["succeeded"]]
@@ -98,7 +98,7 @@ class DebridementReport(TaskReport):
         return {"table_1": figures_of([row_of(trial) for trial in trials])}
 
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
-        """Return the column of Table I with as many arms, and that of the person; they cleared all (VI-A)."""
+        """Return the columns of Table I for this number of arms and for the person; both cleared all (VI-A)."""
         columns = (TABLE_1[summary["variant"]], PERSON)
         ours = ((str(summary["method"]),), ())
         return [
@@ -117,7 +117,7 @@ class DebridementReport(TaskReport):
 
 
 def _first_grasp(trial: Trial) -> list[tuple[str, float]]:
-    """Return the steps of the first grasp: when its arm was given a fragment, closed, looked and let go."""
+    """Return the steps of the first grasp: when its arm claimed a fragment, closed, looked and let go."""
     given = next((event for event in trial.events if event["name"] == "allocated"), None)
     if given is None:
         return []

@@ -16,9 +16,9 @@ from trocar.tasks.debridement.report.row import Row
 
 
 def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the figures of Table I as JSON's values.
+    """Return the figures of Table I as JSON values.
 
-    Times per fragment are the trials' durations over the fragments that were cleared; None where there are none.
+    Times per fragment are the trials' durations over the fragments that were cleared; None if there are none.
     """
     cleared = sum(row.cleared for row in rows)
     seconds = {part: sum(row.parts_s[part] for row in rows) for part in PARTS}
@@ -46,7 +46,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def by_session(rows: Sequence[Row], value: Callable[[Row], Any]) -> dict[int, list[Any]]:
-    """Return a value of each trial, by session."""
+    """Return one value per trial, by session."""
     found: dict[int, list[Any]] = {}
     for row in rows:
         found.setdefault(row.session, []).append(value(row))
@@ -58,7 +58,7 @@ def rate_of(rows: Sequence[Row], counts: Callable[[Row], Sequence[int]]) -> dict
 
     Args:
         rows: of trials.
-        counts: how often something occurred in a trial, and of how many.
+        counts: how often something occurred in a trial, and out of how many.
     """
     pairs = [np.sum(values, axis=0) for values in by_session(rows, counts).values()]
     count, of = (int(sum(pair[k] for pair in pairs)) for k in (0, 1))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from scipy.stats import beta
 
 PARTS = ("perception", "planning", "motion", "waiting")
-"""What the time of a fragment is made of in Table I."""
+"""The parts of the time per fragment in Table I."""
 
 MODES = {
     "fragment_false_negatives": "fragment false negative",
@@ -20,7 +20,7 @@ MODES = {
     "drops_en_route": "drop en route",
     "dropoff_failures": "dropoff failure",
 }
-"""The nine failure modes of section III-B: field of a fragment's score, and words."""
+"""The nine failure modes of section III-B: field of a fragment's score, and description."""
 
 TAIL = 0.025
 
@@ -34,8 +34,8 @@ class Column:
         fragments: in all trials; all were cleared (VI-A).
         s_per_fragment: average time per fragment.
         shares: of that time, in %, by part.
-        replans: average number of replanning steps per fragment; None where nothing planned.
-        failures: of each mode that occurred at all, in %.
+        replans: average number of replanning steps per fragment; None if nothing was planned.
+        failures: rate of each mode that occurred, in %.
     """
 
     who: str
@@ -51,20 +51,20 @@ class Column:
         return {part: self.s_per_fragment * self.shares[part] / 100.0 for part in PARTS if part in self.shares}
 
     def rate(self, mode: str) -> float:
-        """Return the rate of a failure mode, of 1."""
+        """Return the rate of a failure mode, as a fraction."""
         return self.failures.get(mode, 0.0) / 100.0
 
     def interval(self, mode: str) -> tuple[float, float]:
-        """Return the 95 % interval of that rate (Clopper and Pearson 1934), as if counted of all fragments.
+        """Return the 95 % interval of that rate (Clopper and Pearson 1934), as if it referred to all fragments.
 
-        The paper gives rates without counts. Those of the robot fit 1 to 4 events of 52 to 58, of which the number of
-        fragments is near enough; every fragment is taken separately.
+        The paper gives rates without counts. Those of the robot fit 1 to 4 events in 52 to 58, close enough to the
+        number of fragments; fragments are treated as independent.
         """
         return clopper_pearson(self.rate(mode) * self.fragments, self.fragments)
 
 
 def clopper_pearson(count: float, of: int) -> tuple[float, float]:
-    """Return the 95 % interval of a rate of independent attempts; the count may be what a rounded rate makes of it."""
+    """Return the 95 % interval of a rate of independent attempts; the count may come from a rounded rate."""
     low = float(beta.ppf(TAIL, count, of - count + 1)) if count > 0 else 0.0
     high = float(beta.ppf(1.0 - TAIL, count + 1, of - count)) if count < of else 1.0
     return low, high
@@ -92,4 +92,4 @@ TABLE_1 = {
 """The robot's columns, by variant of the task."""
 
 SPEEDUP = 1.5
-"""The two-arm system was on average so much faster than the one-arm system (VI-A)."""
+"""The two-arm system was faster than the one-arm system by this factor on average (VI-A)."""

@@ -1,4 +1,4 @@
-"""A trial in numbers: time by part, plans, what befell its fragments."""
+"""A trial in numbers: time by part, plans, failures of its fragments."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ COUNTED = {
     "planning": "planning",
     **dict.fromkeys(("motion", "jaw"), "motion"),
 }
-"""Part of Table I that a span counts for. All else is waiting: for the other arm, its token or its plan, for the
-camera, and, where an arm notes nothing, with nothing left to do."""
+"""Part of Table I for which a span counts. Everything else is waiting: for the other arm, its token or its plan, for
+the camera or, if an arm notes nothing, with nothing left to do."""
 
 OF_FRAGMENTS = ("fragment_false_negatives", "fragment_false_positives")
-"""Modes that are counted of fragments, each at most once; the others are counted of attempts."""
+"""Modes that are counted per fragment, each at most once; the others are counted per attempt."""
 
 
 @dataclass(frozen=True)
@@ -33,19 +33,19 @@ class Row:
         fingerprint: of its run.
         session: number.
         index: of the trial in its session.
-        fragments: that lay there.
-        cleared: of these.
-        first_attempts: fragments that were cleared by the first attempt, and nothing failed on the way.
+        fragments: their number.
+        cleared: how many were cleared.
+        first_attempts: fragments that were cleared at the first attempt, without any failure on the way.
         attempts: closings of jaws, at all fragments.
-        recoveries: failures of grasping or movement after which the fragment was cleared after all.
+        recoveries: failures of grasping or movement after which the fragment was still cleared.
         duration_s: of the whole trial.
         parts_s: by part of Table I, mean of the working arms; they add up to the duration.
-        plans: that were asked for, by all arms.
-        modes: of each failure mode, how often it occurred, and of how many fragments or attempts.
+        plans: requested by all arms.
+        modes: for each failure mode, how often it occurred, and out of how many fragments or attempts.
         collisions: contacts of arms with the receptacle, the table and each other.
         ended: ``done``, or what stopped the script.
         failures: names of the outcomes of fragments that were not cleared, with their number.
-        wall_s: real time of the trial; 0 where that was lost.
+        wall_s: real time of the trial; 0 if it was lost.
     """
 
     fingerprint: str
@@ -93,7 +93,7 @@ def row_of(trial: Trial) -> Row:
 
 
 def _counted(score: Mapping[str, Any], mode: str) -> tuple[int, int]:
-    """Return how often a mode befell a fragment, and how often it could have."""
+    """Return how often a mode occurred, and how often it could have."""
     of = 1 if mode in OF_FRAGMENTS else score["attempts"]
     return min(score[mode], of), of
 

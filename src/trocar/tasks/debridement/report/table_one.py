@@ -15,7 +15,7 @@ Figures = Mapping[str, Any]
 
 
 def head_of(variants: Sequence[str]) -> list[str]:
-    """Return the heads of the columns: a person, then of each variant the paper's and ours, and whether it fits."""
+    """Return the column headers: a person, then for each variant the paper's, ours, and whether they agree."""
     columns = ["", "person"]
     for variant in variants:
         words = f"{variant.replace('-', ' ')}, " if len(variants) > 1 else ""
@@ -100,7 +100,7 @@ def _failure_line(mode: str, ours: Mapping[str, Figures]) -> list[str]:
 def _line(
     what: str, ours: Mapping[str, Figures], theirs: Callable[[Column], str], mine: Callable[[Figures], str]
 ) -> list[str]:
-    """Return a line of which Table I has figures too."""
+    """Return a line for which Table I also has figures."""
     line = [what, theirs(PERSON)]
     for variant, figures in ours.items():
         line += [theirs(TABLE_1[variant]), mine(figures), ""]
@@ -108,7 +108,7 @@ def _line(
 
 
 def _own(what: str, ours: Mapping[str, Figures], mine: Callable[[Figures], str]) -> list[str]:
-    """Return a line of which Table I has nothing."""
+    """Return a line for which Table I has no figures."""
     line = [what, ""]
     for figures in ours.values():
         line += ["", mine(figures), ""]

@@ -1,4 +1,4 @@
-"""What the study is made of: one ordinary run for each number of arms and each method."""
+"""The conditions of the study: one ordinary run for each number of arms and each method."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def cells_of(  # noqa: D417 (the rest as in RunConfig)
 
     Args:
         folder: of the study; each cell has one in it.
-        arms: how many work, with commas; empty: 1 and 2.
+        arms: how many work, comma-separated; empty: 1 and 2.
         methods: likewise; empty: all that the task has.
         fragments: in each trial.
         budget_s: a trial that takes longer is stopped.

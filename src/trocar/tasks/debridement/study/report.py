@@ -1,4 +1,4 @@
-"""Everything that a study's folder shows beside its runs: summary, figures, page."""
+"""Everything in a study's folder besides its runs: summary, figures, page."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def summary_of(results: Sequence[Result]) -> dict[str, Any]:
 
 
 def by_method(cells: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Mapping[str, Any]]]:
-    """Return the cells by method, and by variant in each."""
+    """Return the cells by method, then by variant."""
     found: dict[str, dict[str, Mapping[str, Any]]] = {}
     for cell in cells:
         found.setdefault(cell["method"], {})[cell["variant"]] = cell
@@ -59,14 +59,14 @@ def by_method(cells: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Mapping
 
 
 def speed_lines(found: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """Return a line for each method that one arm and two did."""
+    """Return a line for each method that was run with one arm and with two."""
     return [
         (one["method"], str(one["sessions"]), estimated(one["one_over_two"], 2), figure(one["paper"])) for one in found
     ]
 
 
 def left_behind(cells: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a sentence for each condition that did not clear everything, or was not finished."""
+    """Return a sentence for each condition that did not clear everything, or did not finish."""
     found = []
     for cell in cells:
         left, stopped = cell["fragments"] - cell["cleared"], cell["unfinished_trials"]

@@ -21,10 +21,10 @@ VERSION = 1
 
 
 class Result(CellRows[Row]):
-    """What came of a cell."""
+    """The results of a cell."""
 
     def summary(self) -> dict[str, Any]:
-        """Return the cell's figures as JSON's values, and which failure modes are within the paper's intervals."""
+        """Return the cell's figures as JSON values, and which failure modes are within the paper's intervals."""
         variant, figures = self.cell.variant, figures_of(self.rows)
         return {
             "variant": variant,
@@ -39,7 +39,7 @@ class Result(CellRows[Row]):
 
 
 def read_row(trial: Path, fingerprint: str) -> Row:
-    """Return the row of a trial's file; it is made, and kept, where there is none that fits.
+    """Return the row of a trial's file; it is made and stored if there is no valid one.
 
     Raises:
         TrocarError: the trial cannot be read.
@@ -60,7 +60,7 @@ def results_of(
 
 
 def speedups(results: Sequence[Result]) -> list[dict[str, Any]]:
-    """Return, for each method that both did, how many times as fast two arms cleared a fragment as one (VI-A: 1.5)."""
+    """Return, for each method run with both, how many times faster two arms were than one (VI-A: 1.5)."""
     one, two = ({r.cell.method: r for r in results if r.cell.variant == variant} for variant in TABLE_1)
     found = []
     for method in one:

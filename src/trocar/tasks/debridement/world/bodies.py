@@ -25,23 +25,24 @@ FLOOR_M = 0.001
 """Thickness of the receptacle's floor."""
 
 FOAM_N_M = 2500.0
-"""Stiffness of foam under one finger (assumed): foam rubber of .3 MPa, 8 mm thick, yields so under 65 mm^2; the jaws'
-1.7 N sink in by .7 mm on each side."""
+"""Stiffness of foam under one finger (assumed): that of 65 mm^2 of foam rubber of .3 MPa, 8 mm thick; the jaws' 1.7 N
+sink in by .7 mm on each side."""
 JAW_FRICTION = 1.5, 0.003, 0.0015
-"""Of foam under a finger: sliding, where the teeth of the jaws sink in and hold by shape as well; lengths in m against
-turning and rolling, of the patch of 2 mm radius that 1 mm of indentation makes (assumed)."""
+"""Friction of foam under a finger: sliding, including the hold of the jaws' teeth that sink in; lengths in m against
+turning and rolling, for the patch of 2 mm radius that 1 mm of indentation makes (assumed)."""
 FOAM_FRICTION = 0.9, 0.002, 0.0005
-"""The same of foam on foam (assumed)."""
+"""The same for foam on foam (assumed)."""
 DRY_FRICTION = 0.6, 0.002, 0.0001
-"""The same of foam or steel on the work surface and the receptacle, whose contacts they rule (assumed)."""
+"""The same for foam or steel on the work surface and the receptacle, which determine these contacts (assumed)."""
 FOAM_WEIGHT = 1e6
-"""By which foam, not steel, says how soft a contact of the two is; of two frictions MuJoCo takes the larger one."""
+"""Weight that makes foam, not steel, determine the softness of their contact; of two frictions MuJoCo takes the larger
+one."""
 FOAM_STRONGEST = 0.9995
-"""MuJoCo's impedance of a contact stays below 1."""
+"""Maximum impedance of a contact, which MuJoCo requires to stay below 1."""
 CONTACT_S = 0.003
 """Time constant of foam's contacts: MuJoCo's steps of 1 ms are stable from .002 s on."""
 CLING_REACH_M = 0.3e-3
-"""A charged fragment clings to a finger that it touched until it is so far away."""
+"""A charged fragment clings to a finger that it touched until it is this far away."""
 
 DRY = {"priority": "2", "friction": text(DRY_FRICTION)}
 
@@ -141,7 +142,7 @@ def _foam(fragment: Fragment) -> dict[str, str]:
     """Return the attributes of a geom of foam, as soft as foam is under fingers and under other foam.
 
     MuJoCo's contacts are as stiff as the lighter body is heavy, ``d / (1 - d) m / t^2`` with impedance d and time
-    constant t. Solved for d, foam is as soft in a heavy piece as in a light one, and neither bursts out of the jaws.
+    constant t. Solving for d makes foam equally soft in heavy and light pieces, and neither bursts out of the jaws.
     """
     mass = ConvexHull(fragment.vertices_m).volume * fragment.density_kg_m3
     ratio = FOAM_N_M * CONTACT_S**2 / mass

@@ -21,14 +21,15 @@ from trocar.tasks.debridement.world.fingers import NO_FINGER, Fingers
 from trocar.tasks.debridement.world.looks import Looks
 
 GRASP_PRESS_N = 2.0
-"""Jaws that go for a fragment may brush the work surface: an arm that yields 1 mm/N is 2 mm too low then, as much as is
-planned between the fingers' ends and the surface. More is a collision, as is any other touch of the surface."""
+"""Jaws that approach a fragment may brush the work surface with up to this force: an arm that yields 1 mm/N is 2 mm too
+low then, which is the planned distance between the fingers' ends and the surface. More is a collision, as is any other
+touch of the surface."""
 GRASP_M = 0.030
-"""Jaws go for a fragment that lies so near to their tip."""
+"""Jaws approach a fragment if it is within this distance of their tip."""
 
 
 class DebridementWorld(TaskWorld):
-    """Fragments, receptacle, work surface. Collisions are arms against the last two."""
+    """Fragments, receptacle, work surface. Arms that hit the last two count as collisions."""
 
     sleeps = True
 
@@ -55,7 +56,7 @@ class DebridementWorld(TaskWorld):
         self._fingers.pull()
 
     def observe(self, time_s: float) -> None:
-        """Note which fragments each finger touches, and now and then which could be seen."""
+        """Record which fragments each finger touches and, at intervals, which could be seen."""
         touched = self._fingers.touched()
         self._touched.append(np.any(touched, axis=1))
         self._held.append(self._fingers.held(touched))
@@ -72,7 +73,7 @@ class DebridementWorld(TaskWorld):
         return None
 
     def _brushes(self, geom: int, first: int, second: int) -> bool:
-        """Return whether a finger touches the work surface lightly while it goes for a fragment."""
+        """Return whether a finger touches the work surface lightly while it approaches a fragment."""
         if self._fingers.finger[geom] == NO_FINGER:
             return False
         data, force = self._world.data, np.zeros(6)
@@ -102,7 +103,7 @@ class DebridementWorld(TaskWorld):
         )
 
     def _by_arm(self, rows: list[NDArray[np.bool_]]) -> dict[str, NDArray[np.bool_]]:
-        """Return (n, fragments) of each arm from one (arms, fragments) a tick."""
+        """Return (n, fragments) for each arm, from (arms, fragments) per tick."""
         return dict(zip(self._world.arm_names, np.moveaxis(np.array(rows), 1, 0), strict=True))
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:

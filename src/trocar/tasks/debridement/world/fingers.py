@@ -1,4 +1,4 @@
-"""What the fingers of the arms touch, and what clings to them."""
+"""What the arms' fingers touch, and what clings to them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from trocar.tasks.debridement.scene import Fragment
 
 NO_FINGER = -1
 SOLID = 0
-"""MuJoCo's ``contact.exclude`` of contacts that press; those in the gap are only close."""
+"""MuJoCo's ``contact.exclude`` for contacts with force; those within the gap are merely close."""
 
 
 class Fingers:
-    """Looks at the contacts between fingers and fragments.
+    """Evaluates the contacts between fingers and fragments.
 
     Args:
         world: arms and fragments in their places; fragment k is the geom and the body ``fragment{k}``.
@@ -34,7 +34,7 @@ class Fingers:
         self._clings = np.zeros((2 * len(world.arms), len(fragments)), dtype=bool)
 
     def touched(self) -> NDArray[np.bool_]:
-        """Return which finger touches which fragment now, or has it clinging: (arms, 2, fragments)."""
+        """Return which finger touches which fragment now, or has it clinging to it: (arms, 2, fragments)."""
         fingers, fragments, solid, _ = self._meetings()
         found: NDArray[np.bool_] = self._clings.copy()
         found[fingers[solid], fragments[solid]] = True
@@ -43,10 +43,10 @@ class Fingers:
     def held(self, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return which fragments are between the fingers of which arm: (arms, fragments).
 
-        Both fingers touch one; or each touches another one, and these press on each other.
+        Both fingers touch the same one; or each touches a different one, and these press on each other.
 
         Args:
-            touched: (arms, 2, fragments) by which fingers.
+            touched: (arms, 2, fragments), by finger.
         """
         held: NDArray[np.bool_] = np.all(touched, axis=1)
         one = touched & ~held[:, None]
@@ -60,9 +60,9 @@ class Fingers:
         return held
 
     def pull(self) -> None:
-        """Let charged fragments cling: a force towards each finger that they touched, until they are out of its reach.
+        """Make charged fragments cling: a force towards each finger that they touched, until they are out of its reach.
 
-        Its counterpart on the finger, a thousandth of what the drive holds, is left out.
+        The reaction on the finger, a thousandth of what the drive holds, is neglected.
         """
         if not self._cling_n.any():
             return

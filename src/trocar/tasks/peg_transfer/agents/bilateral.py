@@ -13,7 +13,7 @@ LEFT_GOALS = frozenset(left for left, _ in PAIRS)
 
 
 class Bilateral(TwoArms):
-    """Two scripts, one an arm; they share the board, the camera and the traffic, and keep pace."""
+    """Two scripts, one per arm; they share the board, the camera and the traffic, and keep pace."""
 
     def __init__(self, brief: Brief):
         super().__init__(brief)
@@ -26,11 +26,11 @@ class Bilateral(TwoArms):
         )
 
     def first_looks(self):
-        """Return what looks at both arms' first blocks."""
+        """Return the function that looks at both arms' first blocks."""
         return [script.look_first for script in self.scripts]
 
     async def transfer_all(self) -> None:
-        """Let both arms do their transfers; one that has done leaves."""
+        """Let both arms do their transfers; an arm that has finished leaves."""
         await together(*(self._script(script) for script in self.scripts))
 
     def _script(self, script: OneArm):

@@ -1,4 +1,4 @@
-"""How one arm looks at blocks: on their pegs, to grasp them, and in jaws."""
+"""How one arm looks at blocks: on their pegs, to grasp them, and in the jaws."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 
 
 class Eyes:
-    """One arm's eyes: the cell's camera, and what its images mean for this arm.
+    """One arm's vision: the cell's camera, and the interpretation of its images for this arm.
 
     Args:
-        arm: for which they look.
+        arm: the arm.
     """
 
     def __init__(self, arm: PegArm):
         self.arm, self.table, self.settings = arm, arm.table, arm.settings
 
     async def see(self, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
-        """Look at a peg; return how to grasp its block, other than what has failed, or why not."""
+        """Look at a peg; return how to grasp its block, avoiding grasps that have failed, or why it cannot be."""
         return await self.look(await self._capture(), source, failed)
 
     async def look(self, image: RgbdImage, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
-        """Return what an image says of how to grasp the block on a peg, other than what has failed, or why not."""
+        """Return how to grasp the block on a peg in an image, avoiding grasps that have failed, or why it cannot be."""
         seen = await self._perceive(lambda: self._plan_grasp(image, source, failed))
         if isinstance(seen, Grasp):
             return seen
@@ -76,7 +76,7 @@ class Eyes:
         """Look at a block in an arm's jaws; return its pose in the board's frame, nearly upright, or None.
 
         Args:
-            T_board_expected: where the arm's joints have it.
+            T_board_expected: where it is according to the arm's joints.
         """
         image, table = await self._capture(), self.table
         fit = await self._perceive(
@@ -88,7 +88,7 @@ class Eyes:
         return fit.T_board_block
 
     async def see_own(self, T_tip_block: SE3) -> SE3:
-        """Look at the block in this arm's jaws; return its pose there: as it was expected where it is not seen."""
+        """Look at the block in this arm's jaws; return its pose there, or the expected one if it is not seen."""
         tip = self.arm.T_board_tip
         seen = await self.see_held(tip @ T_tip_block)
         if seen is None:

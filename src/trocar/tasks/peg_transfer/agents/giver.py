@@ -24,10 +24,10 @@ from trocar.tasks.peg_transfer.grasps import Grasp
 
 @dataclass(frozen=True, eq=False)
 class Offering:
-    """A motion with which a block is offered.
+    """A motion that offers a block.
 
     Attributes:
-        path: lift, and to where it is handed over.
+        path: lift, and on to where it is handed over.
         offer: the pose there.
     """
 
@@ -36,14 +36,14 @@ class Offering:
 
 
 class Giver(Side):
-    """Picks, offers, lets go, and puts back what was not taken."""
+    """Picks, offers and releases blocks, and puts back those not taken."""
 
     def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
         super().__init__(arm, other, script)
         self._offering: Pending[Offering] = Pending()
 
     async def give(self, meeting: Appointment, following: Appointment | None) -> None:
-        """Do this arm's part of a handover; ``following`` is its next one, if that follows at once."""
+        """Do this arm's part of a handover; ``following`` is its next one, if that follows immediately."""
         meeting.start_s = self.cell.clock.now_s()
         self.arm.hands_over = True
         await with_helpers(partial(self._give, meeting, following))
@@ -59,7 +59,7 @@ class Giver(Side):
         T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
         try:
             offered = await self._offer(meeting, T_tip_block, following, helpers)
-        except Blocked:  # the block stands where it stood: nothing has moved
+        except Blocked:  # the block stands where it did: nothing has moved
             self.table.blocks[source] = T_board_block
             await self.arm.let_go()
             raise
@@ -77,7 +77,7 @@ class Giver(Side):
         await self._part(meeting, following, helpers)
 
     def _plan_ahead(self, meeting: Appointment, helpers: trio.Nursery, approach: Approach) -> None:
-        """Plan, as the approach begins, how to offer the block from its end, and announce it."""
+        """Plan, as the approach begins, how to offer the block when it ends, and announce it."""
         block = self.table.blocks.get(meeting.goal.source)
         if not self.settings.looks_ahead or block is None:
             return
@@ -113,7 +113,7 @@ class Giver(Side):
     async def _offer(
         self, meeting: Appointment, T_tip_block: SE3, following: Appointment | None, helpers: trio.Nursery
     ) -> bool:
-        """Lift a block and bring it to where it is handed over; on the way, look at the next one."""
+        """Lift a block and bring it to the handover; on the way, look at the next one."""
         hand = self.arm.hand
         ready = await self._offering.take()
         if ready is None or not starts_at(ready.path, hand.q):
@@ -141,7 +141,7 @@ class Giver(Side):
         return True
 
     async def _part(self, meeting: Appointment, following: Appointment | None, helpers: trio.Nursery) -> None:
-        """Let go of a block that the other arm holds too, rise out of it, and go on: to the next block, or aside."""
+        """Release a block that the other arm also holds, rise out of it, and go on to the next block, or aside."""
         await self.arm.open(self.settings.release_rad)
         meeting.released.set()
         seen = await self.script.seen.take()
@@ -160,7 +160,7 @@ class Giver(Side):
             await self.arm.give_way()
 
     async def _go_on(self, meeting: Appointment, following: Appointment, seen: Seen, helpers: trio.Nursery) -> bool:
-        """Rise out of the block and come to the next one in one motion; return whether that could be."""
+        """Rise out of the block and approach the next one in one motion; return whether that was possible."""
         approach = seen.approach
         if approach is None or not starts_at(approach.path, self.arm.hand.q):
             return False
@@ -182,7 +182,7 @@ class Giver(Side):
                 begun=begun,
                 margin_m=self.settings.meeting_margin_m,
                 meets_s=(0.0, float(times_s[1] - times_s[0])),
-                waits=False,  # nor is it asked how it can leave again: the other arm goes as soon as this one has risen
+                waits=False,  # leaving again is not checked, because the other arm goes as soon as this one has risen
             )
         except Blocked:
             self.cell.log.event("parts aside", arm=self.arm.name)
@@ -192,7 +192,7 @@ class Giver(Side):
         return True
 
     async def _put_back(self, T_tip_block: SE3, source: int) -> None:
-        """Bring a block that was not taken back to where it was, if it is still there."""
+        """Bring a block that was not taken back to its peg, if it is still in the jaws."""
         if self.arm.holds:
             placed = await self.arm.carry(T_tip_block, source)
             if placed is not None:

@@ -60,7 +60,7 @@ class Handover(TwoArms):
             if not gives:
                 outcome = ended.outcome or TransferOutcome.DONE
                 if outcome is TransferOutcome.NO_BLOCK and rounds[0].outcome is TransferOutcome.DROPPED:
-                    outcome = TransferOutcome.DROPPED  # and has not slipped back to where it was
+                    outcome = TransferOutcome.DROPPED  # and it has not slipped back to its peg
                 until_now = {
                     name: (start_s, min(end_s, turns[arm.name][1])) for name, (start_s, end_s) in turns.items()
                 }
@@ -75,12 +75,12 @@ class Handover(TwoArms):
             meeting.fail(TransferOutcome.BLOCKED)
         except ArmStopped as error:
             arm.stopped = True
-            if not meeting.parted.is_set():  # else the block is the other arm's alone
+            if not meeting.parted.is_set():  # else only the other arm holds the block
                 meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
         return not arm.stopped and meeting.outcome is not TransferOutcome.ARM_STOPPED
 
     def _gives(self, arm: PegArm, goal: Transfer) -> bool:
-        """Return whether an arm gives: that on whose side the source is."""
+        """Return whether an arm gives: the one on the side of the source does."""
         pegs = self.table.board.pegs_m
         leftwards = pegs[goal.target, 0] < pegs[goal.source, 0]
         return (arm is self.right) == bool(leftwards)

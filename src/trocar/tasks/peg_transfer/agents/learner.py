@@ -1,4 +1,4 @@
-"""An arm that looks at its own wrist, and learns from that what its cables do."""
+"""An arm that looks at its own wrist, and learns its cables from that."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.grasps import Grasp
 
 PLACE_M = (0.0, 0.0, 0.045)
-"""Of the tip in the board's frame while the wrist swings back and forth: the fingers stay clear of pegs and blocks."""
+"""Position of the tip in the board's frame while the wrist swings back and forth, clear of pegs and blocks."""
 YAWS_RAD = np.linspace(-1.2, 1.2, 7)
-"""Turns of a vertical tool: the wrist is turned through all that these take, which is what grasps take."""
+"""Rotations of a vertical tool, as for grasps; the wrist is turned through all joint values that these need."""
 WIDER_RAD = 0.15
-"""And so much further at both ends."""
+"""Extension of these joint ranges at both ends."""
 OVER_PEGS_M = 2e-3
-"""The tip stops so high over the pegs' tops for a look before it goes down: what the cables do on the way from there is
-not seen."""
+"""Height over the pegs' tops at which the tip stops for a look before it goes down; changes of the cables' errors below
+it are not seen."""
 FLOOR_M = 0.7e-3
-"""Of what is seen there, what lies less than this over the pegs is no instrument."""
+"""Points seen there less than this above the pegs do not belong to the instrument."""
 OPEN_RAD = 0.9
-"""Of the jaws meanwhile: roll is seen by the plane in which they lie."""
+"""Opening of the jaws meanwhile; their plane shows the roll."""
 
 
 @asynccontextmanager
 async def learning(arms: Sequence[PegArm]) -> AsyncIterator[None]:
-    """Let arms learn, if the settings say so: first one after the other before the camera, then while they work."""
+    """Let arms learn, if the settings say so: first one by one in front of the camera, then while they work."""
     if arms[0].settings.teaching_looks == 0:
         yield
         return
@@ -54,7 +54,7 @@ class Learner:
     """One arm's looks at its wrist.
 
     Args:
-        arm: what it can do.
+        arm: the arm's actions.
         nursery: in which cables are fitted while the arm goes on.
 
     Raises:
@@ -73,7 +73,7 @@ class Learner:
         self._better: Knowledge | None = None
 
     async def teach(self) -> None:
-        """Turn the wrist back and forth in front of the camera, and learn from that."""
+        """Turn the wrist back and forth in front of the camera, and learn from the images."""
         from scipy.stats import qmc  # noqa: PLC0415 (slow to import; few agents learn)
 
         model = self.hand.model
@@ -97,7 +97,7 @@ class Learner:
         self.adopt()
 
     def _upright(self) -> list[SE3]:
-        """Return poses of a vertical tool, turned both ways from where the roll is as at home."""
+        """Return poses of a vertical tool, turned both ways from the roll at home."""
         home = self.arm.home[3]
         turned = [SE3.from_parts(SO3.axis("z", yaw), PLACE_M) for yaw in (0.0, np.pi)]
         middle = min(turned, key=lambda pose: abs(self.arm.motions.ik(pose)[3] - home))
@@ -107,7 +107,7 @@ class Learner:
         """Look at the wrist over a block, and correct it before the arm goes down; all looks are combined later.
 
         Args:
-            grasp: how the block is to be grasped.
+            grasp: planned grasp of the block.
             opening_rad: of the jaws, meanwhile.
         """
         high_m = self.table.board.peg_height_m + OVER_PEGS_M
@@ -116,7 +116,7 @@ class Learner:
             return
         try:
             await self.arm.move(path.trajectory, jaw_rad=opening_rad)
-        except Blocked:  # the other arm is there: go down without a look, as soon as it leaves room
+        except Blocked:  # the other arm is there: go down without a look once it has left room
             return
         await self.hand.settle()
         row, q, jaw_rad = *self.robot.moment(self.arm.name), self.hand.jaw_rad
@@ -138,7 +138,7 @@ class Learner:
         self.nursery.start_soon(self._fit)
 
     def adopt(self) -> None:
-        """Use what was learned up to now, if the arm rests."""
+        """Use what was learned so far, if the arm is at rest."""
         if self._better is not None and not self.robot.setpoint(self.arm.name).moving:
             self.robot.adopt(self.arm.name, self._better)
             self._better = None
@@ -146,7 +146,7 @@ class Learner:
     async def _evaluated(
         self, image: RgbdImage, row: int, q: NDArray[np.float64], jaw_rad: float, T_base_floor: SE3 | None
     ) -> Sighting | None:
-        """Find the wrist in an image, and let the robot know."""
+        """Find the wrist in an image, and report it to the robot."""
         find = partial(sight, image, self.T_base_camera, self.hand.model, q, jaw_rad, T_base_floor)
         seen = await self.hand.compute("perception", self.settings.sighting_budget_s, find)
         if seen is None:

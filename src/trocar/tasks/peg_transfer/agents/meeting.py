@@ -1,4 +1,4 @@
-"""Where one arm hands a block over to another, and how both hold it: from above, on two sides, their jaws apart."""
+"""Where one arm hands a block to another, and how both hold it: from above, on two sides, with their jaws apart."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from trocar.tasks.peg_transfer.grasps import Grasp, vertical_grasps
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
 """Rotations of the giving tool that are tried."""
 ROOM_M = 2.4e-3
-"""Distance between the arms above which no more is sought, so that no tool need turn for it."""
+"""Distance between the arms that is enough, so that no tool need turn for more."""
 MIN_ROOM_M = 1.0e-3
-"""And below which they get in each other's way: three of five pairs that came nearer could not part."""
+"""Distance below which they block each other: three of five pairs that came closer could not separate."""
 MAX_ROLL_RAD = np.radians(110.0)
 WRIST_MARGIN_RAD = np.radians(5.0)
 SHARES = (0.0, 0.5, 1.0)
-"""Shares of the receiving arm's way down, and of the giving arm's way up, at which both are looked at."""
+"""Shares of the receiving arm's way down, and of the giving arm's way up, at which distances are checked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Partner:
         model: of the arm.
         T_world_base: its base as registered.
         open_rad: opening of its jaws round a wall.
-        held_rad: and closed on it.
+        held_rad: opening when closed on it.
     """
 
     model: ArmModel
@@ -44,13 +44,14 @@ class Partner:
 
 @dataclass(frozen=True)
 class Ways:
-    """How two arms come to hold one block, and how they part.
+    """How two arms come to hold one block, and how they separate.
 
     Attributes:
-        above_m: from so far above the receiving arm comes down.
-        parts_m: so far the giving arm rises then.
+        above_m: height from which the receiving arm comes down.
+        parts_m: height by which the giving arm rises then.
         depth_m: of a tip under the block's top face.
-        wall_m: from the block's middle to that of a wall: round it the receiving jaws come down, no peg beside them.
+        wall_m: from the block's middle to that of a wall, round which the receiving jaws come down, without a peg
+            beside them.
     """
 
     above_m: float
@@ -65,7 +66,7 @@ class Offer:
 
     Attributes:
         T_board_tip: of the giving arm.
-        room_m: distance of the arms when the receiving one takes its best grasp, by what is known beforehand.
+        room_m: predicted distance of the arms when the receiving one takes its best grasp.
     """
 
     T_board_tip: SE3
@@ -82,10 +83,10 @@ def choose_offer(
     meeting_m: NDArray[np.float64],
     ways: Ways,
 ) -> Offer | str:
-    """Return how to offer a block so that the other arm can take it, or one sentence why that cannot be.
+    """Return how to offer a block so that the other arm can take it, or one sentence why that is impossible.
 
-    The least turn of the tool is taken that leaves ``ROOM_M`` between the arms; where none does, the turn that leaves
-    most.
+    The tool turns as little as possible to leave ``ROOM_M`` between the arms; if that is impossible, to where there is
+    most room.
 
     Args:
         giver: holds the block.
@@ -94,8 +95,8 @@ def choose_offer(
         T_board_tip: of the giving arm now; only its yaw matters.
         T_tip_block: pose of the block in its jaws.
         block: its shape.
-        meeting_m: (3,) where the middle of the block's lower face comes to in the board's frame.
-        ways: how they come and part.
+        meeting_m: (3,) position of the middle of the block's lower face in the board's frame.
+        ways: how they meet and separate.
     """
     best: Offer | None = None
     now = float(np.arctan2(T_board_tip.matrix[1, 0], T_board_tip.matrix[0, 0]))
@@ -122,7 +123,7 @@ def choose_taking(
     avoid: tuple[int, ...] = (),
     near: SE3 | None = None,
 ) -> Grasp | str:
-    """Return the grasp of a block in the other arm's jaws that keeps both arms furthest apart, or why there is none.
+    """Return the grasp of a block in the other arm's jaws that keeps the arms furthest apart, or why there is none.
 
     Its ``clearance_m`` is the least distance of the arms on the way down.
 
@@ -131,10 +132,10 @@ def choose_taking(
         receiver: is to take it.
         T_world_board: pose of the board.
         T_board_block: pose of the block, as it was seen.
-        T_board_giver: of the giving tip, as its joints tell.
-        ways: how they come and part.
+        T_board_giver: of the giving tip, according to its joints.
+        ways: how they meet and separate.
         avoid: grasps that have failed.
-        near: the pose of the tip, but for its height, near which the grasp has to be; None: anywhere.
+        near: the pose of the tip, except for its height, near which the grasp has to be; None: anywhere.
     """
     best = _best_grasp(giver, receiver, T_world_board, T_board_block, T_board_giver, ways, avoid, near)
     if best is None:
@@ -145,7 +146,7 @@ def choose_taking(
 
 
 def joints_at(partner: Partner, T_world_board: SE3, T_board_tip: SE3) -> NDArray[np.float64] | None:
-    """Return the joints (6,) that hold a tip there with the wrist well within its ranges, or None."""
+    """Return the joints (6,) that hold a tip at a pose with the wrist well within its ranges, or None."""
     try:
         q = ik(partner.model, partner.T_world_base.inverse() @ T_world_board @ T_board_tip)
     except Unreachable:
@@ -165,7 +166,7 @@ def _best_grasp(
     avoid: tuple[int, ...] = (),
     near: SE3 | None = None,
 ) -> Grasp | None:
-    """Return the grasp that leaves most room while the receiving arm comes down and while the giving one rises."""
+    """Return the grasp that leaves most room while the receiving arm comes down and the giving one rises."""
     leaving = _joints_above(giver, T_world_board, T_board_giver, ways.parts_m)
     if leaving is None:
         return None

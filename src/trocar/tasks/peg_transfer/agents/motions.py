@@ -1,4 +1,4 @@
-"""The motions of one arm over the board, found before it makes them: from where it rests, or from where it will."""
+"""The motions of one arm over the board, planned ahead from where it rests, or from where it will rest."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ Joints = NDArray[np.float64]
 
 AT_HEIGHT_M = 1e-3
 NEARBY_M = 25e-3
-"""Nearer than this an arm that has risen out of a block goes down again only over its next one."""
+"""Within this distance, an arm that has risen out of a block goes down again only over its next one."""
 OVER_M = 4e-3
-"""An arm whose tip is this near to a grasp's middle, and higher by more, goes straight down."""
+"""An arm whose tip is this close to a grasp horizontally, and higher by more, goes straight down."""
 MAX_TURNED_RAD = 0.15
-"""A tool that is turned further than this against a grasp is turned before it goes down."""
+"""A tool whose rotation differs from the grasp's by more than this is turned before it goes down."""
 CENTRED = 2
-"""Times that a pose is shifted until the hole is where it should be: the second leaves some um."""
+"""Number of shifts of a pose until the hole is where it should be; the second leaves an error of some um."""
 SAME_RAD = 1e-6
-"""Joints this close (m, for the insertion) are where a motion was planned to start."""
+"""Joints this close (rad, m) to the planned start count as being there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Approach:
 
     Attributes:
         path: over the pegs, then down.
-        leaving: how the arm then lifts the block; None: no block is known there.
+        leaving: how the arm then lifts the block; None: no block is known to be there.
     """
 
     path: TimedPath
@@ -55,7 +55,7 @@ class Carriage:
         path: lift, travel, lower.
         T_board_placed: where the block comes to lie.
         leaving: how the arm then rises from it.
-        beside: the other blocks, by peg, as they were known when this was planned.
+        beside: the other blocks, by peg, as known when this was planned.
     """
 
     path: TimedPath
@@ -70,14 +70,14 @@ def starts_at(path: TimedPath, q: Joints) -> bool:
 
 
 def end_of(path: TimedPath) -> Joints:
-    """Return the joints (6,) to which a motion comes."""
+    """Return the joints (6,) at which a motion ends."""
     return path.trajectory(path.trajectory.times_s[-1])
 
 
 class Motions:
-    """Finds the motions of one arm, their commands included.
+    """Plans the motions of one arm, including their commands.
 
-    All are planned from given joints, so that the next one can be found while the arm is still on its way there.
+    All are planned from given joints, so that the next one can be planned while the arm is still on its way there.
 
     Args:
         brief: of the script.
@@ -105,7 +105,7 @@ class Motions:
         return ik(self._model, self.T_base_board @ T_board_tip)
 
     def through(self, points: Sequence[Joints], still_wrist: bool | None = None) -> TimedPath:
-        """Return a motion through these joints; ``still_wrist`` is as the settings say where it is None."""
+        """Return a motion through these joints; ``still_wrist`` is as in the settings if it is None."""
         up = self.T_base_board.matrix[:3, 2]
         plan = plan_through(
             self._model,
@@ -118,26 +118,27 @@ class Motions:
         return TimedPath(self.prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
 
     def prepared(self, motion: Trajectory) -> Trajectory:
-        """Return a motion, its commands found already."""
+        """Return a motion whose commands have already been found."""
         self._robot.prepare({self._name: motion})
         return motion
 
     def above(self, q: Joints, height_m: float) -> Joints:
-        """Return joints that have the tip straight above (or below) where these have it, at another height."""
+        """Return joints that put the tip straight above (or below) its position at these joints, at another height."""
         return self._moved(q, raised(self.tip(q), height_m))
 
     def clear(self, q: Joints, T_tip_block: SE3, peg: int, height_m: float, placed: float | None = None) -> Joints:
-        """Return joints that have the tip at another height, and the hole of the block in its jaws over a peg.
+        """Return joints that put the tip at another height, and the hole of the block in its jaws over a peg.
 
-        The middle of the hole's lower end, which passes the peg's top, is brought over the peg; of a block that is
-        placed, a part of the hole that leaves the inner finger room.
+        The middle of the hole's lower end, which passes the peg's top, is brought over the peg; when a block is placed,
+        a part of the hole that leaves room for the inner finger.
 
         Args:
-            q: (6,) joints near those.
+            q: (6,) joints near the result.
             T_tip_block: pose of the block in the jaws.
-            peg: which.
+            peg: number of the peg.
             height_m: of the tip over the plate.
-            placed: share of the hole's depth, from the block's top face, of that part; None: the block is in the air.
+            placed: position of that part as a share of the hole's depth, from the block's top face; None: the block is
+                in the air.
         """
         part, foot_m = 1.0 if placed is None else placed, self._table.board.pegs_m[peg]
         goal, depth_m = raised(self.tip(q), height_m), [0.0, 0.0, part * self._table.block.height_m]
@@ -150,25 +151,25 @@ class Motions:
         return self._moved(q, goal)
 
     def _moved(self, q: Joints, T_board_tip: SE3) -> Joints:
-        """Return joints that have the tip at the place of a pose, with the wrist as it is or turned as the pose is."""
+        """Return joints that put the tip at the position of a pose, with the wrist still or turned as in the pose."""
         if self._settings.still_wrist:
             with suppress(Unreachable):
                 return reach_with_still_wrist(self._model, q, self.T_base_board.apply(T_board_tip.translation_m))
         return self.ik(T_board_tip)
 
     def risen(self, q: Joints) -> list[Joints]:
-        """Return the first waypoints of any motion: where the arm is, and over the pegs if it is lower."""
+        """Return the first waypoints of any motion: the arm's position, and one over the pegs if it is lower."""
         tip = self.tip(q)
         if tip.translation_m[2] >= self._settings.clear_height_m - AT_HEIGHT_M:
             return [q]
         return [q, self.above(q, self._settings.clear_height_m)]
 
     def approach(self, q: Joints, grasp: Grasp, source: int, rise_m: float = 0.0) -> Approach:
-        """Return how to come over the pegs, then down round the wall of a block; first of all up by ``rise_m``."""
+        """Return how to travel over the pegs, then down round the wall of a block; first up by ``rise_m``."""
         tip, over_m, first = self.tip(q), self._settings.clear_height_m, self.risen(q)
         off = tip.translation_m - grasp.T_board_tip.translation_m
         down = self.ik(grasp.T_board_tip)
-        if np.linalg.norm(off[:2]) < OVER_M < off[2]:  # it waits over the block already
+        if np.linalg.norm(off[:2]) < OVER_M < off[2]:  # it is already waiting over the block
             over_m, first = float(tip.translation_m[2]), [q]
             if self._settings.still_wrist and turned_rad(tip, grasp.T_board_tip) < MAX_TURNED_RAD:
                 down = self._moved(q, grasp.T_board_tip)
@@ -183,7 +184,7 @@ class Motions:
         return Approach(self.through([*first, over, down]), self._leaving(down, source))
 
     def _leaving(self, q: Joints, source: int) -> Leaving | None:
-        """Return how the arm lifts the block that it is about to grasp with these joints."""
+        """Return how the arm lifts the block that it is about to grasp at these joints."""
         block = self._table.blocks.get(source)
         if block is None:
             return None
@@ -191,7 +192,7 @@ class Motions:
         return Leaving(rest_to_rest(q, lifted, self._settings.limits), self.gripped(q, block))
 
     def carriage(self, q: Joints, T_tip_block: SE3, source: int | None, target: int) -> Carriage | None:
-        """Return how to lift a block, travel and lower it; None, with the reason in the log, where no pose will do.
+        """Return how to lift a block, travel and lower it; None, with the reason in the log, if no pose is possible.
 
         Args:
             q: (6,) joints with the block in the jaws.
@@ -229,33 +230,33 @@ class Motions:
         return Carriage(self.through([*points, over, down], still), placed, leaving, beside)
 
     def lowering(self, q: Joints, T_tip_block: SE3, target: int) -> TimedPath:
-        """Return how to lower a block that hangs over its target: first so much aside that its hole is over the peg."""
+        """Return how to lower a block that hangs over its target: first sideways until its hole is over the peg."""
         low_end, height_m = [0.0, 0.0, self._table.block.height_m], float(self.tip(q).translation_m[2])
         over = down = self.clear(q, T_tip_block, target, height_m)
-        for _ in range(CENTRED):  # a block that turns with the shaft does not go down by as much as the tip
+        for _ in range(CENTRED):  # a block that turns with the shaft descends by a different amount than the tip
             height_m += self._settings.drop_m - float((self.tip(down) @ T_tip_block).apply(low_end)[2])
             down = self.clear(over, T_tip_block, target, height_m, placed=0.5)
         return self.through([q, over, down])
 
     def _over(self, q: Joints, T_tip_block: SE3, peg: int | None, height_m: float) -> Joints:
-        """Return joints over those that hold a block round a peg: straight, or where a still wrist clears the peg."""
+        """Return joints above those that hold a block round a peg: straight up, or so that a still wrist clears it."""
         if not self._still_when_placing:
             return self.ik(raised(self.tip(q), height_m))
         return self.above(q, height_m) if peg is None else self.clear(q, T_tip_block, peg, height_m)
 
     def over(self, q: Joints, T_board_tip: SE3) -> TimedPath:
-        """Return how to get to a pose over the pegs."""
+        """Return how to travel to a pose over the pegs."""
         return self.through([*self.risen(q), self.ik(T_board_tip)])
 
     def hovering(self, q: Joints, T_board_tip: SE3, height_m: float) -> TimedPath:
-        """Return how to come over the pegs, then down to another height over a pose."""
+        """Return how to travel over the pegs, then down to another height over a pose."""
         below = self.ik(T_board_tip)
         return self.through(
             [*self.risen(q), self.above(below, self._settings.clear_height_m), self.above(below, height_m)]
         )
 
     def offering(self, q: Joints, T_tip_block: SE3, source: int, T_board_tip: SE3) -> TimedPath:
-        """Return how to lift a block from its peg and bring it to where it is handed over."""
+        """Return how to lift a block from its peg and bring it to the handover."""
         height_m = float(self.tip(q).translation_m[2]) + self._settings.lift_m
         still = self._settings.still_wrist
         lifted = self.clear(q, T_tip_block, source, height_m) if still else self.above(q, height_m)
@@ -276,7 +277,7 @@ class Motions:
     def gripped(self, q: Joints, T_board_block: SE3) -> SE3:
         """Return the pose of a block in the jaws that have closed on it at these joints.
 
-        On the board it stands flat: its image says so within a degree, less surely than the board does.
+        On the board it stands flat, which is more certain than the tilt seen in its image (within a degree).
         """
         upright = SO3.between(-T_board_block.matrix[:3, 2], [0.0, 0.0, 1.0]) @ T_board_block.rotation
         flat = SE3.from_parts(upright, T_board_block.translation_m)

@@ -1,4 +1,4 @@
-"""Two arms on their way, with the blocks that they hold: how near they come."""
+"""Distances between two moving arms and the blocks that they hold."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trocar.tasks.peg_transfer.block import Block
 
 NEVER = (inf, inf)
 LAYERS = 3
-"""Heights at which the sides of a held block are drawn as capsules."""
+"""Heights at which the sides of a held block are modelled as capsules."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Body:
 
     Attributes:
         arm: on its trajectory.
-        T_tip_block: pose of the block in the jaws; None where they are empty.
+        T_tip_block: pose of the block in the jaws; None if they are empty.
         block: its shape.
     """
 
@@ -82,17 +82,17 @@ def min_delay_s(
     meets_s: tuple[float, float] = NEVER,
     step_s: float = 0.04,
 ) -> float | None:
-    """Return the first of some delays after which a body may start on its way; None if it may after none of them.
+    """Return the first of several delays after which a body may start; None if none of them will do.
 
-    Sampled: whoever relies on it checks the chosen motion once more in between.
+    Sampled only: the caller checks the chosen motion between the samples too.
 
     Args:
         mover: the body that waits; its motion starts at 0 of its arm's own clock.
-        other: what it must not meet; its clock is the cell's.
+        other: the body to avoid; its clock is the cell's.
         now_s: the cell's clock.
         margin_m: to keep.
         delays_s: to try, in order.
-        meets_s: from when until when on its motion the mover may meet the other's block.
+        meets_s: interval of its motion in which the mover may touch the other's block.
         step_s: between samples.
     """
     lasting_s = mover.arm.trajectory.duration_s

@@ -1,4 +1,4 @@
-"""Two arms that do transfers side by side keep pace: both at the sources, then both at the targets."""
+"""Two arms that work side by side keep pace: both at the sources, then both at the targets."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from trocar.cell import Cell
 
 
 class Pace:
-    """How far each arm has come.
+    """The progress of each arm.
 
-    Arms that go back and forth between the same sides of a board pass each other unless they go together, and one that
-    comes back into the other's way has to wait for all of its way. So no arm carries its block away before the other
-    one holds its own, and none leaves its target before the other one has come away from its source. An arm for which
-    the other has waited for long does not keep it any longer.
+    Arms that go back and forth between the same sides of a board have to pass each other unless they move together, and
+    one that comes back into the other's way has to wait until the other has passed completely. So no arm carries its
+    block away before the other holds its own, and none leaves its target before the other has left its source. An arm
+    does not wait for the other longer than ``patience_s``.
 
     Args:
         cell: the laboratory.
         arms: names.
-        patience_s: for how long an arm waits at most.
+        patience_s: maximum waiting time.
     """
 
     def __init__(self, cell: Cell, arms: Sequence[str], patience_s: float):

@@ -1,4 +1,4 @@
-"""What one arm can do with blocks: grasp, carry, place, let go, retreat. All agents' scripts are made of this."""
+"""What one arm can do with blocks: grasp, carry, place, let go, retreat. All agents' scripts use this."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from trocar.tasks.peg_transfer.agents.learner import Learner
 
 JAW_SLACK_RAD = 0.03
-"""Jaws that stay this close to their opening were kept from closing by something else than a wall."""
+"""Jaws that stay this close to their opening were blocked by something other than a wall."""
 
 LETS_GO_RAD = 0.14
-"""Jaws open so much further, by their encoder, to let go of a wall. Of 95 blocks, 13 went up again with the arm: all of
-true jaws that had opened by less than .07 further. Cables swallow .03."""
+"""Additional opening, by the encoder, to release a wall. Of 95 blocks, 13 went up again with the arm, all in jaws that
+had truly opened by less than .07 more. Cables absorb .03."""
 
 BESIDE_M = 0.035
-"""Blocks on pegs this near to a target count when a place is chosen there."""
+"""Blocks on pegs this close to a target are considered when a place is chosen there."""
 
 UPRIGHT = 0.999
 AT_HOME = 1e-6
@@ -46,20 +46,20 @@ class ArmStopped(Exception):
 
 
 class PegArm:
-    """One arm, the table that it shares, and the traffic that it keeps to.
+    """One arm, the table that it shares, and the traffic that admits its motions.
 
     Attributes:
         hand: moves and computes.
         table: board and blocks.
-        traffic: through it all motions go.
-        motions: finds its motions.
+        traffic: admits all motions.
+        motions: plans its motions.
         home: (6,) where the arm is out of the camera's view.
         name: of the arm.
         goals: all transfers of the trial, of this arm and of others.
         hands_over: whether it grasps blocks so that another arm can take them.
         eyes: look at blocks for it.
         learner: of its cables; None: it does not learn.
-        stopped: whether it did not reach the end of a motion, and is not used again.
+        stopped: whether it failed to reach the end of a motion, and is not used again.
     """
 
     def __init__(self, brief: Brief, name: str, table: Table, traffic: Traffic):
@@ -75,7 +75,7 @@ class PegArm:
 
     @property
     def T_board_tip(self) -> SE3:
-        """Return the pose of the tip as the joints tell."""
+        """Return the pose of the tip according to the joints."""
         return self.motions.tip(self.hand.q)
 
     @property
@@ -104,13 +104,13 @@ class PegArm:
         ready: Approach | None = None,
         begun: Callable[[Approach], None] | None = None,
     ) -> bool:
-        """Travel over the pegs, then down round the wall of a block, the jaws open; False if no motion does it.
+        """Travel over the pegs, then down round the wall of a block with open jaws; False if no motion does it.
 
         Args:
-            grasp: how.
+            grasp: the grasp.
             source: the block's peg.
-            ready: how to get there, if already planned; it is planned again if it no longer fits.
-            begun: told the motion when it begins.
+            ready: the motion, if already planned; it is planned again if it no longer fits.
+            begun: called with the motion when it begins.
         """
         opening = self.opening_rad(grasp)
         if self.learner is not None:
@@ -155,7 +155,7 @@ class PegArm:
         return self.holds
 
     async def open(self, jaw_rad: float | None = None) -> None:
-        """Open the jaws; None: just as far as lets go of what they hold, for there may be a peg beside a finger."""
+        """Open the jaws; None: just far enough to release what they hold, since a peg may be beside a finger."""
         lets_go = np.clip(self.hand.jaw_rad + LETS_GO_RAD, self.settings.release_rad, self.settings.jaw_open_rad)
         await self.hand.jaw(float(lets_go) if jaw_rad is None else jaw_rad)
         self.traffic.carries(self.name, None)
@@ -169,13 +169,13 @@ class PegArm:
         ready: Carriage | None = None,
         begun: Callable[[Carriage], None] | None = None,
     ) -> SE3 | None:
-        """Lift, travel, lower; return where the block should lie now, or None where no pose is in reach.
+        """Lift, travel, lower; return where the block should be now, or None if no pose is in reach.
 
         Args:
             T_tip_block: pose of the block in the jaws.
             target: peg.
-            ready: how, if already planned; it is planned again if it no longer fits.
-            begun: told the motion when it begins.
+            ready: the motion, if already planned; it is planned again if it no longer fits.
+            begun: called with the motion when it begins.
         """
         hangs_over_target = False
         for margin_m in self.margins_m():
@@ -201,9 +201,9 @@ class PegArm:
         raise Blocked
 
     async def _lower(self, T_tip_block: SE3, target: int, planned: Leaving) -> SE3:
-        """Look how a block hangs over its target, lower it, and return where it should lie now.
+        """Look how a block hangs over its target, lower it, and return where it should be now.
 
-        Where the corrected pose is out of reach, it is lowered as was planned before the look.
+        If the corrected pose is out of reach, it is lowered as planned before the look.
         """
         T_tip_block = await self.eyes.see_own(T_tip_block)
         for margin_m in self.margins_m():
@@ -219,7 +219,7 @@ class PegArm:
         raise Blocked
 
     def _fits(self, carriage: Carriage, target: int) -> bool:
-        """Return whether a motion that was planned before still starts here and leaves the blocks beside its target."""
+        """Return whether a motion planned before still starts here, with the same blocks beside its target."""
         pegs = self.table.board.pegs_m
         near = [peg for peg in range(len(pegs)) if np.linalg.norm(pegs[peg] - pegs[target]) < BESIDE_M]
         now, then = self.table.blocks, carriage.beside
@@ -256,7 +256,7 @@ class PegArm:
         return [self.settings.margin_m] + [self.settings.min_margin_m] * self.settings.detours
 
     async def give_way(self) -> None:
-        """Leave room for the other arm: go home, or rise at least; wait where neither can be, or with a block held."""
+        """Leave room for the other arm: go home, or at least rise; wait if neither is possible, or with a block."""
         self.cell.log.event("gives way", arm=self.name)
         for leave in () if self.traffic.holds(self.name) else (self.go_home, self.retreat):
             try:
@@ -280,13 +280,13 @@ class PegArm:
         """Run a motion as soon as the other arm leaves room for it, and meanwhile drive the jaws.
 
         Args:
-            motion: from where the arm rests.
+            motion: from where the arm is at rest.
             begun: called when it begins.
             jaw_rad: opening of the jaws once the arm has risen over the pegs; None: as they are.
-            margin_m: to keep to the other arm; None: as usual.
-            meets_s: from when until when on the motion the jaws may meet the block in the other arm's jaws.
+            margin_m: to keep to the other arm; None: the default.
+            meets_s: interval of the motion in which the jaws may touch the block in the other arm's jaws.
             leaving: how the arm gets away from where the motion ends.
-            waits: whether to wait until the other arm does something else, where its announced motion leaves no room.
+            waits: whether to wait until the other arm does something else, if its announced motion leaves no room.
 
         Raises:
             Blocked: the other arm is in the way, and waiting does not help; or the robot refuses to move beside it.
@@ -319,14 +319,14 @@ class PegArm:
         await self.hand.drive_jaw(jaw_rad)
 
     async def _run(self, motion: Trajectory) -> Execution | TrocarError:
-        """Run a motion that was admitted; return why the robot refuses to start it, where it does."""
+        """Run an admitted motion; return why the robot refuses to start it, if it does."""
         try:
             return await self.traffic.run(self.hand, motion)
         except TrocarError as error:
             return error
 
     async def plan(self, compute: Callable[[], Result]) -> Result | None:
-        """Plan a motion; None, with the reason in the log, where a pose or the way to it leaves the joints' ranges."""
+        """Plan a motion; None, with the reason in the log, if a pose or the path to it leaves the joints' ranges."""
 
         def attempt() -> Result | None:
             try:

@@ -16,7 +16,7 @@ from trocar.tasks.peg_transfer.goals import TransferOutcome
 
 
 class Receiver(Taker):
-    """Waits above, looks, takes, looks again, places."""
+    """Waits above, looks, takes the block, looks again, places it."""
 
     async def receive(self, meeting: Appointment, to_give: Appointment | None, to_receive: Appointment | None) -> None:
         """Do this arm's part of a handover.
@@ -61,7 +61,7 @@ class Receiver(Taker):
         to_receive: Appointment | None,
         helpers: trio.Nursery,
     ) -> None:
-        """Look how the block lies in the jaws while the other arm goes, bring it to its target and let go."""
+        """Look how the block sits in the jaws while the other arm leaves, bring it to its target and let go."""
         target = meeting.goal.target
         T_tip_block = await self.arm.eyes.see_own(T_tip_block)
         ready = await self.arm.plan(lambda: self.arm.motions.carriage(self.arm.hand.q, T_tip_block, None, target))

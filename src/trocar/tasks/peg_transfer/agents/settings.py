@@ -24,8 +24,8 @@ OUTER_RULES = (
     (True, -0.6e-3, np.radians(110.0)),
     (False, -0.6e-3, np.radians(110.0)),
 )
-"""The same where a block is to be handed over, with whether only its walls on the arm's own side will do: held there,
-it leaves the other arm room."""
+"""The same for a block to be handed over, with whether only its walls on the arm's own side will do: held there, it
+leaves room for the other arm."""
 
 
 @dataclass(frozen=True)
@@ -40,40 +40,41 @@ class Settings:
         settle_s: rest after a motion before the jaws act.
         looks_ahead: look at the next block, and plan, while the arm still moves; else only at rest.
         jaw_open_rad: widest opening round the wall of a block, against the clearance in its hole.
-        release_rad: least opening there, and the one with which an arm goes out of a block that the other holds too.
-        taking_rad: opening of jaws that come to a block in the other arm's jaws: of 107 tries with jaws that had truly
-            come to less than .31, 10 ended on top of the wall; of 217 with more than .33, 3.
+        release_rad: least opening there, and the one with which an arm leaves a block that the other also holds.
+        taking_rad: opening of jaws that approach a block in the other arm's jaws: of 107 tries with a true opening
+            below .31, 10 ended on top of the wall; of 217 with more than .33, 3.
         depth_m: of the tip under the block's top face.
         jaw_closed_rad: target that lets the drive press.
         held_rad: opening of jaws that have closed on a wall.
-        jaw_empty_rad: jaws that close further than this hold nothing, or a block by less than its wall: round a wall
-            they stall at .17 to .27, and what they held at .12 was lost on its way.
+        jaw_empty_rad: jaws that close further than this hold nothing, or a block by less than its wall: on a wall they
+            stall at .17 to .27, and what they held at .12 was lost on the way.
         clear_height_m: of the tip over the plate when it travels empty; the pegs are 20 mm tall.
         lift_m: how far a held block is raised: its lower face clears the pegs.
         drop_m: height of a block's lower face over the plate when it is released.
         retries: how often a failed pick is tried again.
         limits: of velocity and acceleration.
         margin_m: kept between two arms, and between what they hold.
-        min_margin_m: the same for an arm that would be stuck otherwise.
+        min_margin_m: the same for an arm that would otherwise be stuck.
         meeting_margin_m: kept between two arms that hold one block.
         meeting_m: (3,) where blocks are handed over: middle of the block's lower face in the board's frame; 11 mm above
             the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
-        aside_m: of an arm that waits for a block or has given one, towards its own side.
-        waits_above_m: of the receiving arm over its grasp, before it comes down (facts: 13 mm).
+        aside_m: sideways distance, towards its own side, of an arm that waits for a block or has given one.
+        waits_above_m: height of the receiving arm over its grasp, before it comes down (facts: 13 mm).
         parts_m: how far the giving arm rises before it goes away (facts: 10 mm).
-        patience_s: an arm that could not move for so long does something else.
-        pace_s: for how long one arm waits for the other to have come as far.
+        patience_s: an arm that could not move for this long does something else.
+        pace_s: how long one arm waits for the other to come as far.
         detours: how often it then gives way and tries again, before it gives its transfer up.
-        rounds: how often a transfer is tried that could not be done because of the other arm.
-        pause_s: and how long it waits where it cannot go home.
-        still_wrist: keep the wrist's joints as they are while the tip goes straight down or up, so that what their
-            cables do to them stays as it was; else the tool does not turn.
-        still_when_placing: also while a block is lifted from its peg and lowered to its target. From hand to hand only
-            arms that look before placing do so: who took a block over holds it at any angle, and turning it further
-            costs clearance.
-        looks_before_placing: stop over the target, look how the block hangs in the jaws, and lower it by that.
-        looks: how often one looks for a block that the other arm may hide.
-        teaching_looks: at its own wrist, before the first transfer, of an arm that learns its cables; 0: it does not.
+        rounds: how often a transfer blocked by the other arm is tried.
+        pause_s: how long an arm waits if it cannot go home.
+        still_wrist: keep the wrist joints still while the tip goes straight down or up, so that the errors of their
+            cables stay the same; else the tool does not turn.
+        still_when_placing: also while a block is lifted from its peg and lowered to its target. In a handover only arms
+            that look before placing do so: the receiving arm holds the block at any angle, and turning it further costs
+            clearance.
+        looks_before_placing: stop over the target, look how the block hangs in the jaws, and lower it accordingly.
+        looks: how often an arm looks for a block that the other arm may hide.
+        teaching_looks: number of looks at its own wrist, before the first transfer, of an arm that learns its cables;
+            0: it does not learn.
         sighting_budget_s: declared for finding the wrist in an image (``bench_sighting.py``).
         fit_budget_s: declared for fitting the cables on all looks.
     """
@@ -118,19 +119,19 @@ class Settings:
 
 
 def compensated() -> Settings:
-    """Return the settings of arms whose cables are compensated: what is left is mostly what a turning wrist brings."""
+    """Return the settings of arms with compensated cables, whose remaining errors come mostly from a turning wrist."""
     return Settings(still_wrist=True)
 
 
 def patient() -> Settings:
-    """Return the settings for the paper's SQP, which takes .3 s a motion and .4 s at times (``bench_planning.py``)."""
+    """Return the settings for the paper's SQP, which takes .3 s per motion, at times .4 s (``bench_planning.py``)."""
     return Settings(planning_budget_s=0.4, still_wrist=True)
 
 
 def quick() -> Settings:
-    """Return the settings that declare what our own computations take: p95 of them on one shared core.
+    """Return the settings that declare the time of our own computations: their p95 on one shared core.
 
-    A run says where a machine needs longer (``missed_budgets``).
+    A run reports if a machine needs longer (``missed_budgets``).
     """
     return Settings(perception_budget_s=0.085, planning_budget_s=0.06, still_wrist=True)
 

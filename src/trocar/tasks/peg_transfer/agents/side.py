@@ -1,4 +1,4 @@
-"""What two arms tell each other about one transfer, and what both sides of a handover can do."""
+"""What two arms tell each other about one transfer, and actions common to both sides of a handover."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 
 AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED, TransferOutcome.DROPPED)
-"""Ends of a meeting after which it is worth another try: the block is back where it was, or has slipped back there."""
+"""Outcomes of a meeting after which another try is worthwhile: the block is back where it was, or has slipped back."""
 
 
 @dataclass(eq=False)
@@ -26,8 +26,8 @@ class Appointment:
     Attributes:
         goal: the transfer.
         start_s: when the giving arm began.
-        turns: when each arm began its part and ended it, of all meetings for this transfer in the first; inf: not yet.
-        T_board_block: where the block is offered, as the giving arm's joints tell.
+        turns: when each arm began and ended its part, over all meetings for this transfer; inf: not yet.
+        T_board_block: where the block is offered, according to the giving arm's joints.
         T_board_giver: pose of the giving tip there.
         passed: whether the receiving arm has had the block.
         announced: it is known where the block will be offered.
@@ -36,8 +36,8 @@ class Appointment:
         taken: the receiving arm holds it too.
         released: the giving arm has opened its jaws.
         parted: and has risen out of the block.
-        outcome: why nothing comes of it; None: it goes well.
-        reason: a sentence, where there is one.
+        outcome: why it failed; None: it has not failed.
+        reason: a sentence, if there is one.
     """
 
     goal: Transfer
@@ -56,7 +56,7 @@ class Appointment:
     parted: trio.Event = field(default_factory=trio.Event)
 
     def announce(self, T_board_giver: SE3, T_tip_block: SE3) -> None:
-        """Tell where the block will be offered."""
+        """Announce where the block will be offered."""
         self.T_board_giver, self.T_board_block = T_board_giver, T_board_giver @ T_tip_block
         self.announced.set()
 
@@ -91,7 +91,7 @@ class Side:
         await self.arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, meets_s=(0.0, inf))
 
     async def wait_for(self, *events: trio.Event) -> None:
-        """Wait for what the other arm does: for the first of some events."""
+        """Wait for the other arm: for the first of several events."""
         with self.cell.log.span(self.arm.name, "waiting"):
             await first_of(*events)
 
@@ -104,6 +104,6 @@ class Side:
         )
 
     def ways(self) -> Ways:
-        """Return how the arms come together and part."""
+        """Return how the arms meet and separate."""
         settings, wall_m = self.settings, self.table.block.wall_middle_m
         return Ways(settings.waits_above_m, settings.parts_m, settings.depth_m, wall_m)

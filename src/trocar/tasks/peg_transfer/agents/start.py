@@ -20,8 +20,8 @@ async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[
     Args:
         table: with the board.
         arms: that work.
-        looks: at the first blocks; they are done while the arms, out of the camera's view, still wake, if the settings
-            say so.
+        looks: at the first blocks; if the settings say so, they are taken while the arms, out of the camera's view, are
+            still waking.
     """
     wakes, hand = [arm.wake for arm in arms], arms[-1].hand
     if not table.settings.looks_ahead:
@@ -40,9 +40,9 @@ async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[
 
 
 async def finish(table: Table, arm: PegArm) -> None:
-    """Let the last arm go home, if it can, and look whether the blocks lie where they were set down.
+    """Let the last arm go home, if it can, and look whether the blocks are where they were set down.
 
-    If the settings ask for it, the image is taken when it is half-way; what it hid then is checked when it is home.
+    If the settings ask for it, the image is taken half-way; what the arm hid then is checked when it is home.
     """
 
     async def script(helpers: trio.Nursery) -> bool | None:
@@ -72,7 +72,7 @@ async def withdraw(arm: PegArm) -> None:
 
 @contextmanager
 def may_stay(arm: PegArm) -> Iterator[None]:
-    """Note it where an arm cannot leave."""
+    """Note it if an arm cannot leave."""
     try:
         yield
     except (Blocked, ArmStopped) as error:

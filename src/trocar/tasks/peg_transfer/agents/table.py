@@ -1,4 +1,4 @@
-"""What the camera says of the table: where the board is, where its blocks are. All arms of a script share it."""
+"""What the camera tells about the table: where the board and its blocks are. All arms of a script share it."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Table:
         with self.cell.log.span(hand.name, "capture"):
             async with self._sensor:
                 image = await self.camera.capture()
-        assert isinstance(image, RgbdImage)  # the camera's model says so
+        assert isinstance(image, RgbdImage)  # the camera's model guarantees it
         return image
 
     async def find_board(self, hand: ArmScript) -> bool:
-        """Register the board once; it does not move during a trial. Return whether it was there, at the second look."""
+        """Register the board once, since it does not move in a trial; return whether two looks at most found it."""
         guess, reason = self.cell.T_world_fixture["board"], ""
         for _ in range(BOARD_LOOKS):
             image = await self.capture(hand)
@@ -61,9 +61,9 @@ class Table:
         return False
 
     async def check(self, hand: ArmScript) -> bool:
-        """Look whether the blocks lie where they were set down; return whether all do, and were seen.
+        """Look whether the blocks are where they were set down; return whether all are, and were seen.
 
-        Those picked again were checked then.
+        Blocks that were picked again were checked then.
         """
         image = await self.capture(hand)
         pegs = sorted(self.blocks)

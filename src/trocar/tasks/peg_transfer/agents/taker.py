@@ -23,20 +23,20 @@ from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.tasks.peg_transfer.places import held_block
 
 THIN_RAD = 0.17
-"""Openings below this, round a wall, are suspicious: 1 % of walls are as thin."""
+"""Openings round a wall below this are suspicious: 1 % of walls are that thin."""
 MAX_THINNER_RAD = 0.06
-"""Of such jaws, those that close so much further than the other arm's on the same block have only a wall's edge between
-them: of 612 blocks four were taken so, and three of these were lost."""
+"""If such jaws close this much further than the other arm's on the same block, they hold only the edge of a wall: of
+612 blocks four were taken like that, and three of these were lost."""
 
 
 @dataclass(frozen=True, eq=False)
 class Coming:
-    """A motion to a grasp of the block in the other arm's jaws, or to over it.
+    """A motion to a grasp of the block in the other arm's jaws, or to a pose above it.
 
     Attributes:
         path: over the pegs; to the grasp itself its last piece is straight down.
         grasp: with which the block is to be taken.
-        down_s: time on the path at which the arm begins to go down to it.
+        down_s: time on the path at which the arm begins to descend to it.
     """
 
     path: TimedPath
@@ -58,7 +58,7 @@ class Looked:
 
 
 class Taker(Side):
-    """Comes to the block that the other arm offers, and takes it."""
+    """Approaches the block that the other arm offers, and takes it."""
 
     def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
         super().__init__(arm, other, script)
@@ -66,7 +66,7 @@ class Taker(Side):
         self._looked: Pending[Looked] = Pending()
 
     async def come_near(self, meeting: Appointment, helpers: trio.Nursery) -> None:
-        """Wait beside until it is known where the block will be offered, then over where it will be grasped."""
+        """Wait to the side until it is known where the block will be offered, then above where it will be grasped."""
         try:
             if not meeting.announced.is_set():
                 await self._wait_beside()
@@ -76,7 +76,7 @@ class Taker(Side):
         except Blocked:
             await self.arm.give_way()
         await self.wait_for(meeting.crowded, meeting.offered)
-        if not meeting.offered.is_set():  # the arm that brings the block asks for room
+        if not meeting.offered.is_set():  # the arm that brings the block needs room
             try:
                 await self._wait_beside()
             except Blocked:
@@ -84,7 +84,7 @@ class Taker(Side):
             await self.wait_for(meeting.offered)
 
     async def _wait_beside(self) -> None:
-        """Go to this arm's side of where blocks are handed over, and higher."""
+        """Go to this arm's side of the handover place, and higher."""
         x, y, z = self.settings.meeting_m
         tip_m = z + self.table.block.height_m - self.settings.depth_m
         beside = [x + self.own_side * self.settings.aside_m, y, tip_m + self.settings.waits_above_m]
@@ -92,7 +92,7 @@ class Taker(Side):
         await self.arm.go_over(pose)
 
     async def _wait_above(self, meeting: Appointment, helpers: trio.Nursery) -> None:
-        """Go over the grasp that is expected by what the giving arm said; look as soon as it is there."""
+        """Go above the grasp expected from the giving arm's announcement; look as soon as it is there."""
         avoid: list[int] = []
         ready = await self._coming.take()
         for _ in range(1 + self.settings.detours):
@@ -116,7 +116,7 @@ class Taker(Side):
         self.cell.log.event("waits beside", arm=self.arm.name)
 
     def plan_ahead(self, path: TimedPath, meeting: Appointment, helpers: trio.Nursery) -> None:
-        """Plan, while the arm is on its way, how to come over the next block from its end, if that is known by then."""
+        """While the arm is on its way, plan how to get above the next block from there, if it is known by then."""
 
         async def plan() -> Coming | None:
             with trio.move_on_after(path.trajectory.duration_s):
@@ -128,7 +128,7 @@ class Taker(Side):
         self._coming.start(helpers, plan)
 
     async def _look_ahead(self, path: TimedPath, meeting: Appointment) -> Looked | None:
-        """Look at the block as soon as it is held still; plan to come down from where this arm's motion ends."""
+        """Look at the block as soon as it is held still; plan the descent from where this arm's motion ends."""
         await meeting.offered.wait()
         if meeting.outcome is not None or meeting.T_board_block is None:
             return None
@@ -143,7 +143,7 @@ class Taker(Side):
         return None if grasp is None else Coming(self.arm.motions.over(q, self._above(grasp)), grasp)
 
     def _find_descent(self, q: Joints, T_board_block: SE3, avoid: list[int]) -> Coming | None:
-        """Return how to get to the block: straight down where the arm is over a grasp, else from above another."""
+        """Return how to get to the block: straight down if the arm is above a grasp, else from above another."""
         motions, other = self.arm.motions, self.other.T_board_tip
         grasp = self._grasp(T_board_block, other, avoid, near=motions.tip(q))
         if grasp is not None:
@@ -177,7 +177,7 @@ class Taker(Side):
         return None
 
     async def take(self, meeting: Appointment) -> SE3 | None:
-        """Take hold of the block in the other arm's jaws; return its pose in these, or None."""
+        """Take hold of the block in the other arm's jaws; return its pose in this arm's jaws, or None."""
         assert meeting.T_board_block is not None
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
@@ -208,9 +208,9 @@ class Taker(Side):
         return held_rad > THIN_RAD or held_rad > self.other.hand.jaw_rad - MAX_THINNER_RAD
 
     async def _come(self, T_board_block: SE3, failed: list[int], ready: Coming | None) -> Grasp | None:
-        """Come from above, the jaws open, down round a wall of the block that the other arm holds.
+        """Descend from above with open jaws, round a wall of the block that the other arm holds.
 
-        Where no grasp can be reached from here, the last try is made from home.
+        If no grasp can be reached from here, the last try is made from home.
         """
         avoid = list(failed)
         for attempt in range(1 + self.settings.detours):

@@ -1,4 +1,4 @@
-"""Who moves when: no arm starts on a way that would bring it too near to what another does or has announced."""
+"""Who moves when: no arm starts a motion that would bring it too close to what another does or has announced."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from trocar.tasks.peg_transfer.block import Block
 from trocar.trajectory import Trajectory
 
 DELAY_STEP_S = 0.08
-"""Between the delays that are tried."""
+"""Step between the delays that are tried."""
 CLOSER_M = 0.5e-3
-"""Arms that are nearer than the margin may come this much nearer on their way apart, ..."""
+"""Arms that are closer than the margin may come this much closer on their way apart, ..."""
 MIN_DISTANCE_M = 1.2e-3
-"""... but not nearer than this, if they are not yet: the stations' guards keep 1 mm."""
+"""... but not closer than this, unless they already are: the stations' guards keep 1 mm."""
 GUARDED_M = 5e-5
-"""Arms that are nearer even than that: the guards let them come .1 mm nearer on their way apart."""
+"""If arms are even closer than that, the guards let them come .1 mm closer on their way apart."""
 
 
 AT_END = 1e-6
-"""An arm this close (rad, m) to the end of its motion has come there."""
+"""An arm this close (rad, m) to the end of its motion has arrived."""
 
 
 class Blocked(Exception):
@@ -39,10 +39,10 @@ class Blocked(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Leaving:
-    """How an arm gets away from where a motion takes it.
+    """How an arm gets away from the end of a motion.
 
     Attributes:
-        motion: from there up to where it is free of the pegs.
+        motion: from there up until it is clear of the pegs.
         T_tip_block: the block that it will have in its jaws then; None: empty.
     """
 
@@ -52,14 +52,14 @@ class Leaving:
 
 @dataclass
 class _Lane:
-    """What one arm does, as far as it has been announced.
+    """What one arm does, as announced.
 
     Attributes:
         model: of the arm.
         T_world_base: its base as registered.
         announced: its motion, and the clock at its start; None at rest.
         T_tip_block: the block in its jaws; None: empty.
-        leaving: how it gets away from where that motion ends; None: that is no question there.
+        leaving: how it gets away from where that motion ends; None: not needed there.
         jaw_rad: widest opening of its jaws on that motion.
         waiting: whether it waits until another arm does something else.
         pressed: set when it is asked to give way.
@@ -76,9 +76,9 @@ class _Lane:
 
 
 class Traffic:
-    """Through this all motions of all scripts go: each is checked against what the other arms do, then announced.
+    """Admits all motions of all scripts: each is checked against what the other arms do, then announced.
 
-    A motion that is not free now waits, at rest: for as long as the other arm's announced motion makes it, or until
+    An arm whose motion is not free now waits at rest: as long as the other arm's announced motion requires, or until
     that arm does something else. Of two arms that would wait for each other, one gets ``Blocked``, and its script does
     something else: the one whose jaws are empty, else the one that has waited longer. So does an arm that has waited
     for longer than ``patience_s``.
@@ -95,7 +95,7 @@ class Traffic:
         self._changed = trio.Event()
 
     def join(self, hand: ArmScript) -> None:
-        """Let an arm take part; those that do not rest outside the board, and the robot's guard knows of them."""
+        """Add an arm; arms that are not added rest beside the board, and the robot's guard knows them."""
         self._lanes[hand.name] = _Lane(hand.model, self._cell.T_world_base_registered[hand.name])
 
     @property
@@ -104,12 +104,12 @@ class Traffic:
         return len(self._lanes) == 1
 
     def carries(self, name: str, T_tip_block: SE3 | None) -> None:
-        """Note what an arm holds now; None: nothing."""
+        """Record what an arm holds now; None: nothing."""
         self._lanes[name].T_tip_block = T_tip_block
         self._tell()
 
     def holds(self, name: str) -> bool:
-        """Return whether an arm was said to hold a block."""
+        """Return whether an arm was recorded as holding a block."""
         return self._lanes[name].T_tip_block is not None
 
     async def admit(
@@ -127,11 +127,11 @@ class Traffic:
         Args:
             hand: the arm, at rest where the motion starts.
             trajectory: of its joints.
-            jaw_rad: opening that the jaws come to on the way; None: they stay as they are.
-            margin_m: to keep to other arms; None: as usual.
-            meets_s: from when until when on the motion the jaws may meet the block in the other arm's jaws.
+            jaw_rad: opening that the jaws reach on the way; None: they stay as they are.
+            margin_m: to keep to other arms; None: the default.
+            meets_s: interval of the motion in which the jaws may touch the block in the other arm's jaws.
             leaving: how the arm gets away from where the motion ends; the other arm must leave room for that too.
-            waits: whether to wait until the other arm does something else, where its announced motion leaves no room.
+            waits: whether to wait until the other arm does something else, if its announced motion leaves no room.
 
         Raises:
             Blocked: waiting does not help.
@@ -185,10 +185,10 @@ class Traffic:
     async def _checked(
         self, name: str, trajectory: Trajectory, margin_m: float, meets_s: tuple[float, float], leaving: Leaving | None
     ) -> float | None:
-        """Return what ``_free`` does, on the cell's clock and in its log; of an arm alone nothing is computed.
+        """Return the result of ``_free``, timed on the cell's clock and logged; for a single arm nothing is computed.
 
-        The declared time passes before the check: it has to see the newest state of the other arms, and nothing may
-        come between it and the announcement.
+        The declared time passes before the check, because the check has to see the newest state of the other arms, and
+        nothing may come between it and the announcement.
         """
         if self.alone:
             return 0.0
@@ -203,7 +203,7 @@ class Traffic:
     def _free(
         self, name: str, trajectory: Trajectory, margin_m: float, meets_s: tuple[float, float], leaving: Leaving | None
     ) -> float | None:
-        """Return after what delay a motion is free; None if it is not as long as the other arms stay where they go."""
+        """Return the delay after which a motion is free; None if it never is while other arms stay where they go."""
         now = self._cell.clock.now_s()
         lane = self._lanes[name]
         moving = MovingArm(lane.model, trajectory, lane.T_world_base, 0.0, lane.jaw_rad)
@@ -259,7 +259,7 @@ class Traffic:
         return any(lane.announced for key, lane in self._lanes.items() if key != name)
 
     def _body(self, name: str, lane: _Lane) -> Body:
-        """Return an arm as it is now: on the rest of what it announced, or resting; its clock is the cell's."""
+        """Return an arm as it is now, on the rest of its announced motion or at rest; its clock is the cell's."""
         robot, now = self._cell.robot, self._cell.clock.now_s()
         told = robot.setpoint(name)
         if lane.announced is None or _ended(lane.announced[0], told):
@@ -272,7 +272,7 @@ class Traffic:
 
 
 def _least(mover: Body, other: Body, now_s: float, margin_m: float, meets_s: tuple[float, float]) -> float:
-    """Return the margin, or the present distance where that is less: arms that are near may go apart."""
+    """Return the margin, or the present distance if that is less, since arms that are close may move apart."""
     here = distances_m(mover, np.zeros(1), other if meets_s[0] > 0 else other.empty(), np.array([now_s]))
     return _relaxed(margin_m, float(here[0]))
 

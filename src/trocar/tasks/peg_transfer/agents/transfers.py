@@ -1,4 +1,4 @@
-"""What one arm does with the transfers that are its own: alone, or beside another arm that does others."""
+"""The script of one arm with its own transfers: alone, or beside another arm that does others."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from trocar.tasks.peg_transfer.grasps import Grasp
 
 
 class Step(Enum):
-    """Steps of a transfer with which two arms keep pace, as shares of it."""
+    """Steps of a transfer at which two arms keep pace, as shares of it."""
 
     HOLDS = 0.5
     LEFT_SOURCE = 1.0
@@ -30,13 +30,13 @@ class Step(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A block that was looked at while the arm was still at the one before.
+    """A block that was looked at while the arm was still busy with the previous one.
 
     Attributes:
         source: its peg.
         grasp: how to grasp it.
-        approach: how to come there from where the arm was going; None: to be planned.
-        there: whether the arm has come there already.
+        approach: how to get there from where the arm was going; None: to be planned.
+        there: whether the arm has already arrived there.
     """
 
     source: int
@@ -53,8 +53,8 @@ class OneArm:
         table: what it knows of the board.
         goals: its transfers.
         beside: whether another arm works here too.
-        pace: to keep with that; None: there is none to keep.
-        seen: the next block, where it was looked at beforehand.
+        pace: to keep with it; None: none.
+        seen: the next block, if it was looked at beforehand.
     """
 
     def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False, pace: Pace | None = None):
@@ -121,12 +121,12 @@ class OneArm:
             self.seen.put(Seen(source, grasp, None) if isinstance(grasp, Grasp) else None)
 
     async def look_ahead(self, path: TimedPath, source: int, rise_m: float = 0.0) -> Seen | None:
-        """Look at the next block while the arm moves, and plan to come there from where the motion ends.
+        """Look at the next block while the arm moves, and plan the approach from where the motion ends.
 
         ``rise_m`` is how far it will have to rise there first.
 
-        The newest image is taken when the arm is over its target. Where it does not show the block, an earlier one may,
-        in which neither arm was before it.
+        The newest image is taken when the arm is over its target. If it does not show the block, an earlier one may, in
+        which no arm was in front of it.
         """
         clock, hand, begin_s = self.cell.clock, self.arm.hand, self.cell.clock.now_s()
         over = -1 if self.settings.looks_before_placing else -2
@@ -153,7 +153,8 @@ class OneArm:
     async def _transfer(self, number: int, helpers: trio.Nursery) -> TransferOutcome:
         """Move one block; every way in which this can end is an outcome.
 
-        A block that was lost on its way is looked for where it came from: there it has slipped back to, if at the lift.
+        A block that was lost on its way is searched for at its source, to which it slips back if it is lost during the
+        lift.
         """
         goal, outcome = self.goals[number], TransferOutcome.BLOCKED
         await self._keep_pace(number - 1, Step.LEFT_SOURCE)
@@ -179,7 +180,7 @@ class OneArm:
     async def _bring(
         self, number: int, grasp: Grasp, T_board_block: SE3, carriage: Pending[Carriage], helpers: trio.Nursery
     ) -> TransferOutcome:
-        """Bring a block that is held to its target; on the way down there, look at the next one."""
+        """Bring a held block to its target; on the way down, look at the next one."""
         T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
         goal, following = self.goals[number], self.goals[number + 1 : number + 2]
         self._come(number, Step.HOLDS)
@@ -197,7 +198,7 @@ class OneArm:
             return TransferOutcome.OUT_OF_REACH
         if not self.arm.holds:
             del self.table.blocks[goal.target]
-            await self.seen.take()  # what was dropped may lie anywhere now
+            await self.seen.take()  # a dropped block may be anywhere now
             return TransferOutcome.DROPPED
         self.table.blocks[goal.target] = place
         await self.before_release(goal)
@@ -205,12 +206,12 @@ class OneArm:
         return TransferOutcome.DONE
 
     async def before_release(self, goal: Transfer) -> None:
-        """Do what an agent wants to do when a block is at its target, still in the jaws: here nothing."""
+        """Hook for agents when a block is at its target, still in the jaws; does nothing here."""
 
     def _plan_carriage(
         self, goal: Transfer, carriage: Pending[Carriage], helpers: trio.Nursery, approach: Approach
     ) -> None:
-        """Plan, as the approach begins, how to carry the block from its end."""
+        """Plan, as the approach begins, how to carry the block from where it ends."""
         block = self.table.blocks.get(goal.source)
         if not self.settings.looks_ahead or block is None:
             return
@@ -219,11 +220,11 @@ class OneArm:
         carriage.start(helpers, partial(self.arm.plan, found))
 
     async def pick(self, source: int, on_the_way: Callable[[Approach], None] | None = None) -> Grasp | TransferOutcome:
-        """Take hold of the block on a peg; return how, or why not.
+        """Take hold of the block on a peg; return the grasp, or why it failed.
 
         Args:
             source: peg.
-            on_the_way: told the motion there when it begins.
+            on_the_way: called with the approach when it begins.
         """
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
@@ -245,7 +246,7 @@ class OneArm:
         return TransferOutcome.NOT_GRASPED
 
     async def _see(self, source: int, failed: Sequence[int]) -> Grasp | TransferOutcome:
-        """Look at a peg; where its block is hidden, go home and look again, and again if another arm may hide it."""
+        """Look at a peg; if its block is hidden, go home and look again, repeatedly if another arm may hide it."""
         grasp = await self.arm.eyes.see(source, failed)
         for look in range(self.settings.looks if self.beside else 1):
             if isinstance(grasp, Grasp):

@@ -1,4 +1,4 @@
-"""Two arms over one board: which is which, and how they start and end together."""
+"""Two arms over one board: which one is which, and how they start and end together."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class TwoArms(ABC):
             await self.transfer_all()
 
     def first_looks(self) -> Sequence[Callable[[], Awaitable[None]]]:
-        """Return what looks at the first blocks."""
+        """Return the function that looks at the first blocks."""
         return []
 
     async def leave(self, arm: PegArm) -> None:

@@ -1,4 +1,4 @@
-"""What the agents of the peg transfer see with: colour and depth of one camera."""
+"""The perception of the peg transfer agents: colour and depth of one camera."""
 
 from __future__ import annotations
 

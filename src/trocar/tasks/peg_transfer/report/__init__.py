@@ -1,4 +1,4 @@
-"""What a report of the peg transfer shows besides the usual."""
+"""What a report of the peg transfer adds."""
 
 from trocar.tasks.peg_transfer.report.peg_report import PegReport
 

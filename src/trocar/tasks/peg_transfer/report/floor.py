@@ -1,4 +1,4 @@
-"""How long a transfer would take if only motion took time, and what comes on top of it."""
+"""How long a transfer would take if only motion took time, and what adds to it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ MOTION = "motion"
 
 
 def motion_floor_s(trials: Sequence[Trial]) -> dict[str, float]:
-    """Return the mean time a transfer of each part, of the arm that moves most in each trial; they add up to it.
+    """Return the mean time per transfer by part, for the arm that moves most in each trial; the parts add up to it.
 
-    ``motion`` among them is the floor: that arm can do nothing else meanwhile. Planning, looking and jaws that overlap
-    with motion cost nothing, and are not counted.
+    ``motion`` among them is the floor, since that arm can do nothing else meanwhile. Planning, looking and jaw actions
+    that overlap with motion cost nothing, and are not counted.
 
     Args:
         trials: of one run.
@@ -32,7 +32,7 @@ def motion_floor_s(trials: Sequence[Trial]) -> dict[str, float]:
 
 
 def floor_sentence(seconds: dict[str, float]) -> str:
-    """Return that as a sentence: the floor, then what explains the gap, the largest part first."""
+    """Return this as a sentence: the floor, then the parts that explain the gap, the largest first."""
     gap = sorted(((s, name) for name, s in seconds.items() if name != MOTION and s >= 0.005), reverse=True)
     parts = ", ".join(f"{name} {s:.2f}" for s, name in gap)
     total = sum(seconds.values())

@@ -52,11 +52,11 @@ MAX_FAILURES = 3
 """Failed transfers in the storyboard."""
 
 FRAME_M = ((-0.072, 0.072), (-0.054, 0.046), (-0.010, 0.046))
-"""What fills a picture, along x, y, z of the board: most of its plates, and blocks as high as they are carried."""
+"""The box that fills a picture, along x, y, z of the board: most of its plates, and blocks at carrying height."""
 
 
 class PegReport(TaskReport):
-    """What a report of the peg transfer shows besides the usual."""
+    """What a report of the peg transfer adds."""
 
     view = Viewpoint((0.13, -0.46, 0.33))
     parts = ("capture", "perception", "planning", "motion", "jaw", "settling", "waiting")
@@ -67,16 +67,16 @@ class PegReport(TaskReport):
     }
 
     def frame(self, trial: Trial) -> NDArray[np.float64]:
-        """Return the corners of what is above the board."""
+        """Return the corners of the box above the board."""
         corners = np.stack(np.meshgrid(*FRAME_M), axis=-1).reshape(-1, 3)
         return SE3(trial.arrays["T_world_board"].astype(np.float64)).apply(corners)
 
     def goal(self, score: Mapping[str, Any]) -> str:
-        """Return from where to where."""
+        """Return the source and the target."""
         return f"peg {score['source']} to {score['target']}"
 
     def failed_s(self, trial: Trial, score: Mapping[str, Any]) -> float:
-        """Return when a block that was dropped fell fastest; of other failures the end."""
+        """Return when a dropped block fell fastest; for other failures, the end."""
         times = trial.times_s
         rows = np.flatnonzero((times >= score["start_s"]) & (times <= score["end_s"]))
         if score["failure"] != TransferOutcome.DROPPED.name or len(rows) < 2:
@@ -131,7 +131,7 @@ class PegReport(TaskReport):
         return PaperCount(how, summary["succeeded"], summary["available"], (low, high))
 
     def notes(self, trials: Sequence[Trial]) -> list[str]:
-        """Return how near to motion alone the time is, and what is coloured otherwise."""
+        """Return how close the time is to motion alone, and which colours are changed."""
         return [
             floor_sentence(motion_floor_s(trials)),
             "blocks are amber in the pictures only; the camera sees them red",
@@ -174,14 +174,14 @@ def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
 
 
 def _first_handover(trial: Trial) -> list[tuple[str, float]]:
-    """Return the steps of the first handover, where there was one."""
+    """Return the steps of the first handover, if there was one."""
     steps = {"offer": "block offered", "taking": "both arms at the block", "correction": "taken over"}
     noted = [(words, next((e for e in trial.events if e["name"] == name), None)) for name, words in steps.items()]
     return [(words, float(event["time_s"])) for words, event in noted if event is not None]
 
 
 def _transfer_at(trial: Trial, arm: str) -> np.ndarray:
-    """Return the number of the transfer that an arm is busy with at each time of a trial, -1 where with none."""
+    """Return the number of the transfer that an arm is working on at each time of a trial, -1 if none."""
     index = np.full(len(trial.times_s), -1)
     for turn in turns_of(trial):
         if turn.arm in (None, arm):

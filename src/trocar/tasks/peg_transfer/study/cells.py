@@ -1,4 +1,4 @@
-"""What the study is made of: one ordinary run for each variant and method."""
+"""The conditions of the study: one ordinary run for each variant and method."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ def cells_of(  # noqa: D417 (the rest as in RunConfig)
 
     Args:
         folder: of the study; each cell has one in it.
-        variants: with commas; empty: all that the task has.
+        variants: comma-separated; empty: all that the task has.
         methods: likewise.
-        transfers: only the first so many.
-        model: of the methods that compensate; empty: the usual one.
+        transfers: only the first N.
+        model: of the methods that compensate; empty: the default.
     """
     cells = []
     picked = chosen(methods, list(methods_of(PegTransfer)), "methods")

@@ -1,4 +1,4 @@
-"""Figures 9 to 11 of the paper in kind."""
+"""Figures like Figs. 9 to 11 of the paper."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from trocar.trials.trial import Trial, trial_file
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
 PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}
 LEAST_OF_BOX = 5
-"""So many trials make a box."""
+"""Minimum number of trials for a box."""
 THINNED = 5
-"""Every so manyth sample of a path is drawn."""
+"""One in this many samples of a path is drawn."""
 
 
 def draw_paths(results: Sequence[Result], path: Path) -> Path:
@@ -98,7 +98,7 @@ def _value(part: str, kind: str) -> Callable[[Row], float]:
 
 
 def _axes_of(results: Sequence[Result]) -> tuple[list[str], list[str]]:
-    """Return variants and methods in the order in which they come."""
+    """Return variants and methods in order of first occurrence."""
     return (
         list(dict.fromkeys(result.cell.variant for result in results)),
         list(dict.fromkeys(result.cell.method for result in results)),
@@ -118,9 +118,9 @@ def _boxes(
     methods: Sequence[str],
     value: Callable[[Row], float],
 ) -> None:
-    """Draw a box of each cell's trials: quartiles, whiskers to 1.5 quartile ranges, what lies beyond as points.
+    """Draw a box of each cell's trials: quartiles, whiskers to 1.5 quartile ranges, outliers as points.
 
-    Of fewer than ``LEAST_OF_BOX`` trials each is a point: a box would make quartiles of nothing.
+    With fewer than ``LEAST_OF_BOX`` trials, each is a point, since quartiles would mean nothing.
     """
     for result in results:
         colour = COLOURS[methods.index(result.cell.method) % len(COLOURS)]

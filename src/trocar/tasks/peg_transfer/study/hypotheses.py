@@ -19,17 +19,17 @@ HELD, REJECTED, OPEN = "holds", "does not hold", "undecided"
 
 @dataclass(frozen=True)
 class Finding:
-    """What one comparison says.
+    """The result of one comparison.
 
     Attributes:
         hypothesis: H1 to H4.
         variant: of the task.
         claim: in words.
         sessions: that both conditions have.
-        difference: mean, first less second.
-        low: end of the interval; None of a single session.
+        difference: mean, first minus second.
+        low: end of the interval; None for a single session.
         high: likewise.
-        p: one-sided and exact, before it is adjusted; None where the interval decides.
+        p: one-sided and exact, before adjustment; None if the interval decides.
         p_adjusted: by Holm, over all that were tested in the study.
         verdict: whether the claim holds.
     """
@@ -46,7 +46,7 @@ class Finding:
     verdict: str
 
     def summary(self) -> dict[str, Any]:
-        """Return it as JSON's values."""
+        """Return it as JSON values."""
         return asdict(self)
 
 
@@ -74,7 +74,7 @@ CLAIMS = (
     _Claim("H4", "optimized", "calibrated", "distance per trial, m", lambda row: row.path_m, less=True),
     _Claim("H4", "best", "optimized", "distance per trial, m", lambda row: row.path_m, less=True),
 )
-"""What is expected; the paper's "optimised" is our ``optimized``. Where a study lacks a method, its claims are left
+"""What is expected; the paper's "optimised" is our ``optimized``. If a study lacks a method, its claims are left
 out."""
 
 SIMILAR = (("optimized", "calibrated"), ("best", "optimized"))
@@ -92,7 +92,7 @@ NOTES = (
 
 
 def findings(results: Sequence[Result]) -> list[Finding]:
-    """Return what the study says of H1 to H4, variant by variant."""
+    """Return the study's findings on H1 to H4, variant by variant."""
     found: list[Finding] = []
     by_variant: dict[str, dict[str, Result]] = {}
     for result in results:

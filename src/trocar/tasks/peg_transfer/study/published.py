@@ -1,4 +1,4 @@
-"""What the paper says of people and of its robot (Hwang et al. 2022): Fig. 10 and its caption."""
+"""The paper's figures on people and on its robot (Hwang et al. 2022): Fig. 10 and its caption."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ COMPLETION_S = {
 optimised."""
 
 COLLISIONS = {"surgeon": 6, "volunteers": 8, "robot": 0}
-"""Median collisions a trial on all variants, section V-D.4."""
+"""Median collisions per trial on all variants, section V-D.4."""
 
 TABLES = {"unilateral": "Table II", "bilateral": "Table III", "handover": "Table IV"}

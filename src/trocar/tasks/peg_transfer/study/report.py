@@ -1,4 +1,4 @@
-"""Everything that a study's folder shows beside its runs: summary, figures, page."""
+"""Everything in a study's folder besides its runs: summary, figures, page."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def summary_of(results: Sequence[Result], found: Sequence[Finding]) -> dict[str,
 def write_study(
     folder: Path, results: Sequence[Result], notes: Sequence[str]
 ) -> tuple[dict[str, Any], list[Finding], list[Path]]:
-    """Write summary, figures and page of a study; return the summary, what it says of H1 to H4, and the files."""
+    """Write summary, figures and page of a study; return the summary, the findings on H1 to H4, and the files."""
     found = findings(results)
     summary = summary_of(results, found)
     path = write_json(folder / "summary.json", summary, "summary of a study")

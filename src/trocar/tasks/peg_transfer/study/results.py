@@ -1,4 +1,4 @@
-"""The numbers of a study, from the rows of its trials: no trial is in memory but the one that is being reduced."""
+"""The numbers of a study, from the rows of its trials; only the trial being reduced is in memory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trocar.trials.cells import Cell
 
 
 class Result(CellRows[Row]):
-    """What came of a cell."""
+    """The results of a cell."""
 
     def successes(self) -> tuple[list[int], list[int]]:
         """Return how many transfers succeeded and how many were set, by session."""
@@ -26,7 +26,7 @@ class Result(CellRows[Row]):
         return [int(sum(values)) for values in done.values()], [int(sum(values)) for values in tried.values()]
 
     def summary(self) -> dict[str, Any]:
-        """Return the cell's figures as JSON's values."""
+        """Return the cell's figures as JSON values."""
         done, tried = self.successes()
         failures: Counter[str] = Counter()
         for row in self.rows:
@@ -55,7 +55,7 @@ class Result(CellRows[Row]):
 
 
 def transfer_time_s(row: Row) -> float:
-    """Return the completion time over the number of transfers, as the paper's tables have it."""
+    """Return the completion time over the number of transfers, as in the paper's tables."""
     return row.duration_s / row.attempted
 
 

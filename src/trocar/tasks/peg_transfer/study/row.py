@@ -1,4 +1,4 @@
-"""What the study keeps in mind of a trial: a small row, reduced from its file and kept beside it."""
+"""What the study needs from a trial: a small row, reduced from its file and stored beside it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Row:
         session: number.
         index: of the trial in its session.
         attempted: transfers that the task set.
-        available: of these, whose block stood on its source: the paper's denominator.
+        available: those of them whose block stood on its source: the paper's denominator.
         succeeded: transfers.
         duration_s: of the whole trial.
         collisions: of arms and blocks with pegs, board and each other.
@@ -34,7 +34,7 @@ class Row:
         joints: RMS of velocity, acceleration, jerk of the turning joints, rad/s and so on.
         tip: RMS of the size of velocity, acceleration, jerk of the tip, m/s and so on.
         tip_max: the largest of these.
-        wall_s: real time of the trial; 0 where that was lost.
+        wall_s: real time of the trial; 0 if it was lost.
     """
 
     fingerprint: str
@@ -92,7 +92,7 @@ def _rms(parts: list[np.ndarray]) -> float:
 
 
 def read_row(trial: Path, fingerprint: str) -> Row:
-    """Return the row of a trial's file; it is made, and kept, where there is none that fits.
+    """Return the row of a trial's file; it is made and stored if there is no valid one.
 
     Raises:
         TrocarError: the trial cannot be read.

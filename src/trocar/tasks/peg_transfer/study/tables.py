@@ -16,7 +16,7 @@ from trocar.tasks.peg_transfer.study.published import COLLISIONS, TABLES
 
 HEAD = ("method", "transfers", "success %", "of available", "transfer s", "path m", "collisions")
 AVAILABLE = HEAD.index("of available")
-"""This column is in the page and in ``summary.json`` alone: 80 characters are not enough."""
+"""This column is only in the page and in ``summary.json``, because it does not fit into 80 characters."""
 
 
 def cell_rows(variant: str, cells: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:

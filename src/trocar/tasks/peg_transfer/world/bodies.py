@@ -9,7 +9,8 @@ from trocar.sim.elements import UNSEEN_GROUP, add, placed, scene_bits, text
 from trocar.tasks.peg_transfer.scene import PegScene
 
 FOOT_M = 0.05e-3
-"""By how much the blocks' prisms end above three feet: three contacts with the plate instead of thirty-six."""
+"""Height of the prisms of a block above its three feet, so that it has three contacts with the plate, not
+thirty-six."""
 
 ABS_RED = (0.83, 0.23, 0.07)
 ABS_RED_BLOCK = (0.80, 0.20, 0.07)

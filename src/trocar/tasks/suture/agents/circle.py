@@ -23,21 +23,21 @@ KNOT_S = 0.020
 """Spacing of a motion's knots: two control periods."""
 
 TRAVELS = ("lower", "withdraw", "rise")
-"""Segments with nothing near the needle's path: done at the speed of travel."""
+"""Segments away from tissue and needle, done at travel speed."""
 
 JOINED = 1e-3
-"""A segment that starts no further (rad, m) from where the arm is goes on from there."""
+"""A segment that starts within this distance (rad, m) of the arm's position continues from there."""
 
 
 LOWERED = (1.0, 2 / 3, 1 / 3, 0.0)
-"""Shares of the way down that are tried: its upper end matters least."""
+"""Shares of the way down that are tried, since its upper end matters least."""
 
 TURNS, SHORT = ("rotate", "push"), (3, 6, 9)
-"""Turns of the needle that the commands' limits cut short stop this many places, of 1 deg, early. What is lacking
-is made up for on the path after them, starting from where the needle is seen."""
+"""If the commands' limits cut a rotation of the needle short, it stops this many places, of 1 deg, early. The path
+after it makes up for the rest, starting from where the needle is seen."""
 
 LOAD = "load needle"
-"""What a person does: ``await assistants[LOAD](arm)`` puts the needle between the open jaws and holds it there until
+"""A person's action: ``await assistants[LOAD](arm)`` puts the needle between the open jaws and holds it there until
 they close."""
 
 
@@ -53,8 +53,8 @@ class Settings:
     Attributes:
         planning_budget_s: declared for the joint paths of a suture.
         settle_s: rest after a motion before the jaws act.
-        driving_speed_m_s: mean speed of the jaws along the primitive, m/s; cables that have time to take up their play
-            end where the needle's next movement needs no other.
+        driving_speed_m_s: mean speed of the jaws along the primitive, m/s; slow enough for the cables to take up their
+            play before the needle's next movement.
         entry_speed_m_s: the same where the tip goes in, after the last looks.
         exit_speed_m_s: likewise where it comes out.
         travel_speed_m_s: mean speed on the way in and out, m/s.
@@ -62,10 +62,10 @@ class Settings:
         jaw_closed_rad: target that lets the drive press.
         jaw_empty_rad: jaws that close further than this hold nothing; a wire of .9 mm keeps them open by .09.
         limits: of velocity and acceleration on the way from suture to suture.
-        loadings: a person is asked so often to load the needle, until the jaws hold it, and as they should.
-        images: of one look at the needle; 0: it is driven without a look.
+        loadings: how often a person is asked to load the needle, until the jaws hold it as they should.
+        images: number per look at the needle; 0: it is driven without looks.
         sighting_budget_s: declared for finding the needle in them.
-        searching_budget_s: the same where it has to be searched for in several places.
+        searching_budget_s: the same if it has to be searched for from several poses.
     """
 
     planning_budget_s: float = 0.05
@@ -90,7 +90,7 @@ def blind() -> Settings:
 
 
 class _End(NamedTuple):
-    """How a suture ended, a sentence where it went wrong, and whether the arm has to stay where it is."""
+    """How a suture ended, a sentence if it went wrong, and whether the arm has to stay where it is."""
 
     outcome: SutureOutcome
     reason: str = ""
@@ -115,7 +115,7 @@ class CircleSuturing:
         )
 
     async def run(self) -> None:
-        """Drive the sutures one after the other; where the plan itself leaves a joint's range, stop there for good."""
+        """Drive the sutures one after the other; if the plan itself leaves a joint's range, stop there for good."""
         await self.hand.wake()
         await self.hand.zero_jaw(self.settings.jaw_closed_rad)
         for number, suture in enumerate(self.sutures):
@@ -139,7 +139,8 @@ class CircleSuturing:
     async def _suture(self, number: int, suture: Suture) -> _End:
         """Load, drive, let go; return how it ended.
 
-        A suture whose plan is within the joints' ranges, but not what makes up for cables and needle, is given up.
+        If the plan of a suture is within the joints' ranges but its corrections for cables and needle are not, the
+        suture is given up.
         """
         here = self._here(suture)
         segments = await self.hand.compute("planning", self.settings.planning_budget_s, lambda: drive(here))
@@ -159,7 +160,7 @@ class CircleSuturing:
         return _End(SutureOutcome.DONE)
 
     async def _stretch(self, number: int, stretch: Stretch, setup: SutureSetup, *leaving: Segment) -> _End | None:
-        """Look, go along a stretch and close the jaws where they were open; return how the suture ended, if it did."""
+        """Look, follow a stretch and close the jaws if they were open; return how the suture ended, if it did."""
         segment = stretch.segment
         if stretch.first:
             self.cell.log.event("step", suture=number, step=segment.name)
@@ -190,7 +191,7 @@ class CircleSuturing:
         return None
 
     async def _go_along(self, number: int, segment: Segment, speed_m_s: float | None) -> str:
-        """Go along a segment and, if it goes beyond its end, back to it; return a sentence where the arm does not."""
+        """Follow a segment and, if it goes beyond its end, return to it; return a sentence if the arm cannot."""
         if segment.name == "lower":
             return await self._lower(number, segment)
         reason = await self._follow(number, segment, speed_m_s)
@@ -213,7 +214,7 @@ class CircleSuturing:
         return False
 
     async def _reload(self, stretch: Stretch, watch: NeedleWatch) -> None:
-        """Have the needle loaded again if it is not seen in the jaws, or lies too badly to be driven."""
+        """Have the needle loaded again if it is not seen in the jaws, or if its pose is too bad for driving."""
         for _ in range(self.settings.loadings - 1):
             if watch.well_loaded:
                 return
@@ -224,7 +225,7 @@ class CircleSuturing:
                 await self._look(stretch, watch)
 
     async def _look(self, stretch: Stretch, watch: NeedleWatch) -> None:
-        """Look at the needle before a stretch, and where it may be looked at again, go to where it should be."""
+        """Look at the needle before a stretch and, if another look is allowed, go to where it should be."""
         for number in range(stretch.looks):
             doubted = await watch.look()
             if stretch.looks == 1:
@@ -241,7 +242,7 @@ class CircleSuturing:
                 if stretch.aim is Aim.TIP:
                     await self.hand.go(run_up(way, stretch.segment.length_m))
                 await self.hand.go(start)
-            except TrocarError:  # a joint's range ends there: the way itself will say so
+            except TrocarError:  # a joint's range ends there; following the path will report it
                 return
             watch.stirred()
 
@@ -258,13 +259,13 @@ class CircleSuturing:
         return replace(suture, setup=replace(setup, arm=self.arm, T_world_base=base, circle=circle))
 
     def _speed_m_s(self, stretch: Stretch) -> float | None:
-        """Return the mean speed of a stretch where it is not the usual one: through the surface."""
+        """Return the mean speed of a stretch through the surface, where it is not the usual one."""
         if stretch.aim is not Aim.TIP or not stretch.looks:
             return None
         return self.settings.entry_speed_m_s if stretch.rests else self.settings.exit_speed_m_s
 
     async def _follow(self, number: int, segment: Segment, speed_m_s: float | None = None) -> str:
-        """Move along a segment, as far as the joints' ranges allow; return a sentence where they do not."""
+        """Move along a segment, as far as the joints' ranges allow; return a sentence if they do not."""
         outside = segment.first_outside(self.arm)
         q = segment.q if outside is None else segment.q[: outside[0]]
         reason = "" if outside is None else self._limit(number, segment, *outside)
@@ -283,7 +284,7 @@ class CircleSuturing:
         return reason
 
     def _limit(self, number: int, segment: Segment, place: int, joint: int) -> str:
-        """Return what a path asks of a joint that the joint cannot do."""
+        """Return in words what a path demands of a joint that is out of its range."""
         where = f"suture {number + 1}, {segment.name}"
         if joint < 0:
             return f"{where}: no configuration of {self.arm.name} reaches the pose {place} of {len(segment.q)}"
@@ -297,7 +298,7 @@ class CircleSuturing:
         )
 
     async def _lower(self, number: int, segment: Segment) -> str:
-        """Come down along a segment, from as far up as the arm can; return a sentence where it cannot at all."""
+        """Come down along a segment, from as far up as possible; return a sentence if it is impossible."""
         reason = ""
         for left in LOWERED:
             q = segment.q[round((1.0 - left) * (len(segment.q) - 1)) :]
@@ -307,9 +308,9 @@ class CircleSuturing:
         return reason
 
     async def _leave(self, number: int, *planned: Segment) -> None:
-        """Go from where the jaws let go as it was planned from a suture's end, as far as the arm can.
+        """Retreat from where the jaws let go, as planned from a suture's end, as far as possible.
 
-        Corrections that were made for the needle do not apply to empty jaws. Like the plan, the way is cut short where
+        Corrections that were made for the needle do not apply to empty jaws. Like the plan, the path is cut short where
         it would leave the joints' ranges.
         """
         off = self.hand.q - next((segment.q[0] for segment in planned if len(segment.q)), self.hand.q)
@@ -332,7 +333,7 @@ def _missed(number: int, why: str) -> _End:
 
 
 def run_up(q: NDArray[np.float64], length_m: float) -> NDArray[np.float64]:
-    """Return joints (6,) that lie ``RUN_UP_M`` behind the start of a path (k, 6) of this length."""
+    """Return joints (6,) that are ``RUN_UP_M`` behind the start of a path (k, 6) of this length."""
     place = min(len(q) - 1, max(1, round(RUN_UP_M / length_m * (len(q) - 1))))
     return q[0] - (q[place] - q[0])
 

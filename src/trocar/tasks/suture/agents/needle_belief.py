@@ -1,4 +1,4 @@
-"""Where the arm and the needle in its jaws are, against where they are asked to be, with how sure that is."""
+"""The errors of the arm and of the needle in its jaws relative to where they should be, with uncertainty."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ NOW_SD = np.repeat([0.40e-3, 0.020], 3)
 FADES_M = 6e-3
 """Distance travelled by the jaws over which the changing error falls to 1/e."""
 LOADED = np.diag(np.array([0.6e-3, 0.6e-3, 0.6e-3, 0.08, 0.09, 0.08]) ** 2)
-"""How a person loads a needle: covariance in the grasp's axes, which are the jaws' closing, along the wire, and across
-both; a shift, m, and a turn, rad."""
+"""How accurately a person loads a needle: covariance in the grasp's axes, which are the jaws' closing direction, along
+the wire, and across both; shift, m, and rotation, rad."""
 PIVOT_M = 15e-3
-"""Closing jaws that push a needle aside turn it about its part in the tissue, this far away along the arc."""
+"""Closing jaws that push a needle aside rotate it about its part in the tissue, this far away along the arc."""
 ASIDE_SD_M = 0.35e-3
 """SD of how far they push it."""
 _ASIDE = ASIDE_SD_M * np.array([1.0, 0.0, 0.0, 0.0, -1.0 / PIVOT_M, 0.0])
 STIRRED = np.outer(_ASIDE, _ASIDE) + np.diag(np.array([0.0, 0.1e-3, 0.1e-3, 0.005, 0.008, 0.045]) ** 2)
-"""The same for what closing jaws do to a needle that the tissue holds."""
+"""Covariance of what closing jaws do to a needle that the tissue holds."""
 FLAT = np.array([0, 5])
 FLAT_SD = np.array([0.15e-3, 0.027])
-"""SDs with which flat jaws fix the wire, m and rad: its shift along their closing direction, and its turn about the
-normal of wire and closing direction."""
+"""SDs with which flat jaws constrain the wire, m and rad: its shift along their closing direction, and its rotation
+about the normal of wire and closing direction."""
 STIRS = 0.5
 """A small correction adds this share of the variance of the changing error, because it reverses cables."""
 CAMERA = np.diag(np.repeat([0.1e-3, 0.0], 3) ** 2)
@@ -41,7 +41,7 @@ DOUBT = 4.0
 DOUBTS = 2
 """After so many rejections in a row, everything seen before is discarded: the first estimate was wrong."""
 UNLIKELY = float(chi2.ppf(0.999, 6))
-"""Squared Mahalanobis distance that one sighting of a thousand exceeds by chance."""
+"""Squared Mahalanobis distance that one sighting in a thousand exceeds by chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Believed:
     covariance: NDArray[np.float64]
 
     def doubted(self) -> Believed:
-        """Return the same, less surely: something was seen that does not fit it."""
+        """Return the same with more uncertainty, because something was seen that does not fit it."""
         return Believed(self.T_base_needle, DOUBT * self.covariance)
 
     def after(self, T_base_camera: SE3, seen: NeedleSighting) -> Believed | None:
@@ -77,8 +77,8 @@ class Believed:
 class NeedleBelief:
     """A normal distribution of three twists, small enough to add up.
 
-    The tip's error is a shift in the base's axes, and a turn about the tip, likewise; one part of it stays for the
-    whole session, the other fades with the distance that the jaws travel. The needle's is a twist in its own frame.
+    The tip's error is a shift and a rotation about the tip, both in the base's axes; one part of it lasts for the whole
+    session, the other fades with the distance that the jaws travel. The needle's error is a twist in its own frame.
     """
 
     def __init__(self) -> None:
@@ -86,24 +86,24 @@ class NeedleBelief:
         self._begin()
 
     def _begin(self) -> None:
-        """Start with no knowledge except how large errors are."""
+        """Start knowing only how large errors are."""
         self._doubts = 0
         self._mean = np.zeros(18)
         self._covariance = np.diag(np.concatenate([ALWAYS_SD, NOW_SD, np.zeros(6)]) ** 2)
 
     @property
     def tip_off(self) -> NDArray[np.float64]:
-        """Return the expected error (6,) of the tip: shift in the base's axes, m, and turn, rad."""
+        """Return the expected error (6,) of the tip: shift, m, and rotation, rad, in the base's axes."""
         return np.asarray(self._mean[ALWAYS] + self._mean[NOW])
 
     def loaded(self, T_tip_needle: SE3) -> None:
-        """Start again: a person has put the needle about here into the jaws."""
+        """Start again: a person has put the needle into the jaws near this pose."""
         self._T_tip_needle = T_tip_needle
         self._forget(GRIP)
         self._closed(LOADED)
 
     def moved(self, way_m: float) -> None:
-        """Count in that the jaws went so far, with or without the needle."""
+        """Account for a movement of the jaws by this distance, with or without the needle."""
         keeps = float(np.exp(-way_m / FADES_M))
         self._mean[NOW] *= keeps
         self._covariance[NOW] *= keeps
@@ -111,14 +111,14 @@ class NeedleBelief:
         self._covariance[NOW, NOW] += (1.0 - keeps**2) * np.diag(NOW_SD**2)
 
     def stirred(self) -> None:
-        """Count in that the arm was corrected by less than a millimetre: what was seen still holds, but less surely."""
+        """Account for a correction of the arm by less than a millimetre: sightings still hold, but less certainly."""
         self._covariance[NOW, NOW] += STIRS * np.diag(NOW_SD**2)
 
     def regrasped(self, needle: Believed, T_base_tip: SE3, T_tip_needle: SE3) -> None:
-        """Count in that the jaws have closed elsewhere on a needle that the tissue held meanwhile.
+        """Account for the jaws closing elsewhere on a needle that the tissue held meanwhile.
 
         Args:
-            needle: as it was estimated before the jaws opened.
+            needle: its estimate before the jaws opened.
             T_base_tip: where the tip is asked to be now.
             T_tip_needle: where the needle should lie in the jaws now.
         """
@@ -149,7 +149,7 @@ class NeedleBelief:
         return self._T_tip_needle @ SE3.exp(self._mean[GRIP])
 
     def saw(self, T_base_tip: SE3, T_base_camera: SE3, seen: NeedleSighting) -> bool:
-        """Take in what images show of the needle, fitted from where :meth:`needle` has it.
+        """Update with what images show of the needle, fitted from where :meth:`needle` predicts it.
 
         Args:
             T_base_tip: where the tip was asked to be.
@@ -176,13 +176,13 @@ class NeedleBelief:
         return True
 
     def _of_tip(self, T_base_tip: SE3) -> NDArray[np.float64]:
-        """Return what (6, 18) the state's parts of the tip do to the needle, as a twist in its frame."""
+        """Return the effect (6, 18) of the tip's parts of the state on the needle, as a twist in its frame."""
         to_tip = np.kron(np.eye(2), T_base_tip.rotation.matrix.T)
         of_tip = self._T_tip_needle.inverse().adjoint() @ to_tip
         return np.concatenate([of_tip, of_tip, np.zeros((6, 6))], axis=1)
 
     def _of_needle(self, T_base_tip: SE3) -> NDArray[np.float64]:
-        """Return what (6, 18) the state does to the needle, as a twist in its frame."""
+        """Return the effect (6, 18) of the state on the needle, as a twist in its frame."""
         found = self._of_tip(T_base_tip)
         found[:, GRIP] = np.eye(6)
         return found
@@ -193,7 +193,7 @@ class NeedleBelief:
         self._covariance[:, part] = 0.0
 
     def _closed(self, stirred: NDArray[np.float64]) -> None:
-        """Count in that the jaws have closed: that moved the needle so much, and put its wire into their plane."""
+        """Account for the jaws closing: this moved the needle by some amount, and put its wire into their plane."""
         of_grasp = self._T_needle_grasp().adjoint()
         self._covariance[GRIP, GRIP] += of_grasp @ stirred @ of_grasp.T
         flat = np.zeros((2, 18))
@@ -203,7 +203,7 @@ class NeedleBelief:
         self._covariance = self._covariance - gain @ flat @ self._covariance
 
     def _T_needle_grasp(self) -> SE3:
-        """Return the grasp's frame in the needle's: at the jaws' tip, x along their closing, y along the wire."""
+        """Return the grasp's frame in the needle's: at the jaws' tip, x along their closing axis, y along the wire."""
         T_needle_tip = self._T_tip_needle.inverse()
         closing, (x, y, _) = T_needle_tip.rotation.matrix[:, 0], T_needle_tip.translation_m
         along = np.array([y, -x, 0.0])

@@ -27,32 +27,34 @@ from trocar.tasks.kit import ArmScript
 from trocar.tasks.suture.agents.needle_belief import Believed, NeedleBelief
 
 BEFORE_ENTRY_M = 2e-3
-"""Distance of the last look before the tissue from it, along the needle's path."""
+"""Distance of the last look before the tissue, along the needle's path."""
 PAST_ENTRY_M = 2.5e-3
-"""From there the tip goes in this far without a pause, the wrist at rest: cables that reverse would move it where
-it goes in. And what no model repeats changes within a second: the sooner it is there, the better what was seen holds.
+"""From there the tip goes in this far without a pause, with the wrist at rest, because cables that reverse would move
+it just at the entry. Also, the unrepeatable errors change within a second: the sooner the tip is there, the better what
+was seen still holds.
 """
 RUN_UP_M = 1.0e-3
-"""A corrected start of a path is approached from this far behind it, along the path: then the outer joints
-have taken up their play in the direction in which they go on."""
+"""A corrected start of a path is approached from this far behind it, along the path, so that the outer joints have
+taken up their play in the direction of the motion."""
 BEFORE_EXIT_RAD = np.radians(8.0)
-"""And the last one before the tip comes out, about the needle's centre."""
+"""Angle of the last look before the tip comes out, about the needle's centre."""
 WELL_BEFORE_EXIT_RAD = np.radians(16.0)
-"""One more look is taken there: after jaws have closed elsewhere, cable errors may bring the tip out early."""
+"""Another look is taken there, because after the jaws have closed elsewhere, cable errors may bring the tip out
+early."""
 HIGH_LOOKS, ENTRY_LOOKS, EXIT_LOOKS = 2, 4, 3
 """Greatest number of looks above the tissue, just before the needle goes in, and just before it comes out."""
 ENOUGH_M = 0.2e-3
-"""A needle's tip that is estimated to be this near to where it should be is not moved and looked at again; times the
-number of looks there, because each move disturbs the cables again, by some .6 mm."""
+"""A needle's tip estimated to be this close to where it should be is not moved and looked at again. The threshold is
+multiplied by the number of looks there, because each move disturbs the cables again, by some .6 mm."""
 
 AWRY_M, AWRY_RAD = 2.5e-3, 0.25
 """A needle that lies this far from where a person should have put it is loaded again."""
 ROUND_PX = 32
-"""Margin around the needle that is read out of the camera."""
+"""Margin around the needle in the pixels that are read out."""
 
 
 class Aim(Enum):
-    """What is corrected before a stretch of the path."""
+    """What a correction before a stretch of the path applies to."""
 
     POSE = "place and attitude"
     TIP = "the place of the needle's tip alone, by the outer joints: turning the wrist again would stir its cables"
@@ -63,12 +65,12 @@ class Stretch:
     """A part of the path without a look.
 
     Attributes:
-        segment: that is followed.
+        segment: to be followed.
         first: whether it is the first of its step.
-        looks: how often the needle is looked at, at most, before it. If more than one is allowed, the arm goes to
-            the stretch's corrected start after each; otherwise it joins the corrected path on the way.
+        looks: maximum number of looks at the needle before it. If more than one is allowed, the arm goes to the
+            stretch's corrected start after each; otherwise it joins the corrected path on the way.
         aim: what is corrected.
-        rests: whether the wrist does not turn at all.
+        rests: whether the wrist does not move at all.
     """
 
     segment: Segment
@@ -79,10 +81,10 @@ class Stretch:
 
 
 def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
-    """Return the path cut where the needle is looked at: above and before its entry, in each grip, before its exit.
+    """Return the path divided at the looks: above and before the entry, in each grip, before the exit.
 
-    The arm does not stop at the surface, neither on the way in nor on the way out: where it starts again, cables that
-    were turned round take up their play, and the needle's tip would be just where that counts.
+    The arm does not stop at the surface, neither on the way in nor on the way out: when it starts again, reversed
+    cables take up their play, and that would be just where the position of the needle's tip counts.
     """
     exit_rad = setup.insertion.exit_turn_rad(setup.needle.radius_m)
     steps = {step.name: step for step in driven_steps(setup)}
@@ -108,7 +110,7 @@ def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
 
 
 def _cut(whole: Stretch, share: float, looks: int) -> list[Stretch]:
-    """Return a stretch in two, at a share of its length, with the last looks between; in one, if it ends before."""
+    """Return a stretch divided at a share of its length, with the last looks in between; whole if it ends before."""
     segment = whole.segment
     steps = len(segment.q) - 1
     place = round(share * steps) if np.isfinite(share) else 0
@@ -120,7 +122,7 @@ def _cut(whole: Stretch, share: float, looks: int) -> list[Stretch]:
 
 
 def _through_the_surface(found: Sequence[Stretch]) -> list[Stretch]:
-    """Return the stretches with what is left of the approach after the last looks and the tip's going in as one."""
+    """Return the stretches with the rest of the approach after the last looks and the tip's entry joined."""
     joined: list[Stretch] = []
     for stretch in found:
         last = joined[-1] if joined else stretch
@@ -143,11 +145,11 @@ class NeedleWatch:
     """Estimates where the needle is from looks at it, and corrects the arm's path accordingly.
 
     Args:
-        cell: with a camera that shows depth; of several the one nearest to the circle is used.
+        cell: with a camera that shows depth; of several, the one nearest to the circle is used.
         hand: the arm.
-        images: of one look.
+        images: number per look.
         budget_s: declared for finding the needle in them.
-        searching_s: the same where it has to be searched for in several places.
+        searching_s: the same if it has to be searched for from several poses.
 
     Raises:
         TrocarError: no camera shows depth.
@@ -171,7 +173,7 @@ class NeedleWatch:
         self._held: Believed | None = None
 
     def loaded(self, setup: SutureSetup) -> None:
-        """A person has loaded the needle for a suture of this setup."""
+        """Note that a person has loaded the needle for a suture of this setup."""
         self.setup, self._grips, self._held, self._seen = setup, 0, None, False
         holds = [step for step in driven_steps(setup) if step.holds]
         self._back_rad = [step.back_rad for step in holds if step.name != "penetrate"]
@@ -180,7 +182,7 @@ class NeedleWatch:
         self._belief.loaded(self._grasp(0))
 
     def forget(self) -> None:
-        """Take nothing that was seen for true any more."""
+        """Discard everything seen so far."""
         self._belief = NeedleBelief()
 
     @property
@@ -190,22 +192,22 @@ class NeedleWatch:
         return self._seen and bool(np.linalg.norm(awry[:3]) < AWRY_M and np.linalg.norm(awry[3:]) < AWRY_RAD)
 
     def let_go(self) -> None:
-        """The jaws are about to open, and the tissue holds the needle."""
+        """Note that the jaws are about to open, and the tissue holds the needle."""
         self._held = self._belief.needle(self._T_base_tip)
 
     def gripped(self) -> None:
-        """The jaws have closed again on the needle."""
+        """Note that the jaws have closed again on the needle."""
         self._grips += 1
         if self._held is not None:
             self._belief.regrasped(self._held, self._T_base_tip, self._grasp(self._grips))
         self._held = None
 
     def moved(self, way_m: float) -> None:
-        """The jaws went so far."""
+        """Note that the jaws have moved by this distance."""
         self._belief.moved(way_m)
 
     def stirred(self) -> None:
-        """The arm was corrected a little."""
+        """Note that the arm was corrected a little."""
         self._belief.stirred()
 
     def aim(self, stretch: Stretch) -> None:
@@ -214,7 +216,7 @@ class NeedleWatch:
         self._wrist_still, self._rests = stretch.aim is Aim.TIP, stretch.rests
 
     def way(self, stretch: Stretch) -> Segment:
-        """Return how a stretch is followed: corrected, from where the arm is to where it should be at the end."""
+        """Return the corrected segment of a stretch, from where the arm is to where it should be at the end."""
         if stretch.looks <= 1:
             self.aim(stretch)
         segment = self.corrected(stretch.segment)
@@ -226,8 +228,8 @@ class NeedleWatch:
     def corrected(self, segment: Segment) -> Segment:
         """Return the segment with the path's corrections.
 
-        While the jaws hold the needle it is the needle that has to go where it was planned; while they do not, the jaws
-        have to go where they were planned about the needle.
+        While the jaws hold the needle, the needle has to follow its planned path; otherwise, the jaws have to follow
+        their planned path relative to the needle.
         """
         if not len(segment.q):
             return segment
@@ -243,15 +245,15 @@ class NeedleWatch:
         return replace(segment, q=ik_unbounded(self._hand.model, self._asked(wanted), near=segment.q))
 
     def _with_still_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return joints (k, 6) that take the needle's tip along its way, the wrist turning no more than was planned.
+        """Return joints (k, 6) that take the needle's tip along its path, with the wrist turning only as planned.
 
-        The needle keeps the attitude error that it has.
+        The needle keeps its orientation error.
         """
         p_needle_tip = self._arc.point_m(np.zeros(1))[0]
         wanted_m = (self._fk(planned) @ self._grasp(self._grips)).apply(p_needle_tip) - self._off[:3]
         q = planned.copy()
         q[:, OUTER:] = self._hand.q[OUTER:] + (0.0 if self._rests else 1.0) * (planned - planned[0])[:, OUTER:]
-        for _ in range(2):  # where the jaws' turn is wrong by what it is hangs on the attitude that is found
+        for _ in range(2):  # the error of the jaws' position depends on the orientation that is found
             R = self._fk(q).rotation
             held_m = (R.inverse() @ SO3.exp(self._off[3:]) @ R).apply(self._in_jaws.apply(p_needle_tip))
             places = zip(q, wanted_m, held_m, strict=True)
@@ -259,7 +261,7 @@ class NeedleWatch:
         return q
 
     def _asked(self, T_base_tip: SE3) -> SE3:
-        """Return where the tip has to be asked to be, by what the way is corrected by, to get to poses of any batch."""
+        """Return where the tip has to be commanded, with the path's corrections, to reach poses of any batch."""
         R = SO3.exp(-self._off[3:]) @ T_base_tip.rotation
         return SE3.from_parts(R, T_base_tip.translation_m - self._off[:3])
 
@@ -305,7 +307,7 @@ class NeedleWatch:
         return self._held or self._belief.needle(self._T_base_tip)
 
     def _take(self, seen: NeedleSighting) -> bool:
-        """Take in what was seen; return whether it is accepted."""
+        """Update with what was seen; return whether it is accepted."""
         if self._held is None:
             return self._belief.saw(self._T_base_tip, self._T_base_camera, seen)
         after = self._held.after(self._T_base_camera, seen)

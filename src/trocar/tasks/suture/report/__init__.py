@@ -1,4 +1,4 @@
-"""What a report of driven sutures shows besides the usual."""
+"""What a report of driven sutures adds."""
 
 from trocar.tasks.suture.report.suture_report import SutureReport
 

@@ -1,4 +1,4 @@
-"""Driven sutures in numbers: joints against what they were asked for, needle against its plan."""
+"""Driven sutures in numbers: true against asked joints, needle against its plan."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def steps_of(trial: Trial, number: int) -> list[tuple[str, float, float]]:
 
 
 def primitive_times(trial: Trial, number: int) -> tuple[float, float] | None:
-    """Return from when to when a suture's primitive ran; None if it never began."""
+    """Return the start and end time of a suture's primitive; None if it never began."""
     inside = [(a, b) for name, a, b in steps_of(trial, number) if name.startswith(("pen", "rot", "regrasp", "push"))]
     return (inside[0][0], inside[-1][1]) if inside else None
 
@@ -59,7 +59,7 @@ def joint_errors(trial: Trial) -> NDArray[np.float64]:
 
 
 def driven_summary(trials: Sequence[Trial]) -> dict[str, Any]:
-    """Return the keys that a run of sutures adds to its summary; None where nothing was driven so far."""
+    """Return the keys that a run of sutures adds to its summary; None if nothing was driven."""
     setup = setup_of(trials[0])
     errors = np.concatenate([joint_errors(trial) for trial in trials])
     scores = [score for trial in trials for score in trial.scores]
@@ -89,13 +89,13 @@ def limits_shown(arm: ArmModel, index: int) -> tuple[float, float, float, str]:
 
 
 def rms_max(errors: NDArray[np.float64]) -> dict[str, float | None]:
-    """Return root mean square and largest size of errors; None of none."""
+    """Return root mean square and largest magnitude of errors; None without errors."""
     if not len(errors):
         return {"rms": None, "max": None}
     return {"rms": float(np.sqrt(np.mean(errors**2))), "max": float(np.abs(errors).max())}
 
 
 def _of(scores: Sequence[Mapping[str, Any]], key: str, of: Any) -> float | None:
-    """Return a figure of what was measured, in mm; None if nothing was."""
+    """Return a figure of the measurements in mm; None if there are none."""
     values = np.array([score[key] for score in scores if score[key] is not None], dtype=np.float64)
     return float(1e3 * of(values)) if len(values) else None

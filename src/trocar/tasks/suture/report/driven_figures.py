@@ -24,7 +24,7 @@ from trocar.tasks.suture.report.driven import (
 from trocar.trials.trial import Trial
 
 NEAR = 0.15
-"""A limit is drawn where the joint comes nearer to it than this share of its range."""
+"""A limit is drawn if the joint comes closer to it than this share of its range."""
 
 
 def draw_joints(trial: Trial, path: Path, title: str = "Joints driven and planned") -> Path:
@@ -54,7 +54,7 @@ def draw_joints(trial: Trial, path: Path, title: str = "Joints driven and planne
                     left.axhline(limit, color=style.VERMILION, linewidth=1.0, linestyle="--")
             left.set_ylabel(f"{joint.name.replace('_', ' ')}\n{unit}")
             error_unit = "mm" if joint.prismatic else "deg"
-            error = scale * (q - asked)[shown, index]  # of the axes' time alone: what comes before is larger
+            error = scale * (q - asked)[shown, index]  # only over the time shown, because earlier values are larger
             right.plot(times[shown], error, color=style.PURPLE, linewidth=0.7)
             right.axhline(0.0, color=style.QUIET, linewidth=0.6)
             right.set_ylabel(f"driven less\nplanned {error_unit}")

@@ -25,14 +25,14 @@ UNSHOWN = ("lower", "withdraw", "rise")
 """Steps of a suture without a picture."""
 
 APART_S = 0.5
-"""A step that ends so shortly before the first suture does looks the same."""
+"""A step that ends this shortly before the end of the first suture looks the same."""
 
 REACH, RISE_M = 1.25, 0.018
-"""A picture's frame: so many radii of the circle, and as high over the phantom as a needle stands in the jaws."""
+"""A picture's frame: this many radii of the circle, and as high over the phantom as a needle in the jaws."""
 
 
 class SutureReport(TaskReport):
-    """What a report of driven sutures shows besides the usual."""
+    """What a report of driven sutures adds."""
 
     view = Viewpoint((0.12, 0.23, 0.17), 0.37)
     colours: Mapping[str, tuple[float, float, float]] = {"needle": (0.05, 0.25, 0.85)}
@@ -45,19 +45,19 @@ class SutureReport(TaskReport):
     }
 
     def frame(self, trial: Trial) -> NDArray[np.float64]:
-        """Return the circle and, over it, where a needle stands in the jaws."""
+        """Return the circle and, above it, the height of a needle in the jaws."""
         angle = np.linspace(0.0, TURN, 24, endpoint=False)
         ring = REACH * setup_of(trial).circle.radius_m * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
         T_world_circle = SE3(trial.arrays["T_world_circle"].astype(np.float64))
         return T_world_circle.apply(np.concatenate([ring, ring + [0.0, 0.0, RISE_M]]))
 
     def goal(self, score: Mapping[str, Any]) -> str:
-        """Return where on the circle, and which way round."""
+        """Return the position on the circle, and the direction."""
         way = "clockwise" if score["direction"] > 0 else "counterclockwise"
         return f"at {score['theta_deg']:.0f} deg, {way}"
 
     def measured(self, score: Mapping[str, Any]) -> Mapping[str, float | None]:
-        """Return by how much the needle was off."""
+        """Return the errors of the needle."""
         found = {
             "entry off, mm": score["entry_error_m"],
             "exit off, mm": score["exit_error_m"],
@@ -67,7 +67,7 @@ class SutureReport(TaskReport):
         return {name: None if value is None else 1e3 * value for name, value in found.items()}
 
     def failed_s(self, trial: Trial, score: Mapping[str, Any]) -> float:
-        """Return when the needle was driven last; of one that never was, the end."""
+        """Return when the needle was driven last; the end, if it never was."""
         del trial
         return float(score["driven_s"][1] if score["driven_s"] else score["end_s"])
 

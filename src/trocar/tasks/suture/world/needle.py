@@ -20,7 +20,7 @@ NEEDLE_RGB = (0.75, 0.77, 0.80)
 MARK_RGB = (0.20, 0.25, 0.55)
 TABLE_RGB = (0.30, 0.33, 0.36)
 MARKS = 72
-"""Dashes that the circle on the phantom is drawn with."""
+"""Number of dashes with which the circle on the phantom is drawn."""
 
 STEEL_KG_M3 = 7900.0
 ASIDE_M = (0.075, 0.060, 0.010)
@@ -33,9 +33,10 @@ class Tissue:
 
     Attributes:
         drag_ns_m: viscous drag on the needle's centre while a part of it is below the surface: .2 N at 10 mm/s.
-        apparent_kg: inertia added to the needle in every direction, so that the contacts of a thing of .2 g are as
-            stiff as those of the jaws; driving a needle is quasi-static.
-        let_go_n: a person lets go of the needle when each finger of the jaws presses with this; so they grip it.
+        apparent_kg: inertia added to the needle in every direction, so that the contacts of a .2 g body are as stiff as
+            those of the jaws; driving a needle is quasi-static.
+        let_go_n: a person releases the needle when each finger of the jaws presses with this force, so that they grip
+            it.
     """
 
     drag_ns_m: float = 20.0
@@ -44,7 +45,7 @@ class Tissue:
 
 
 def add_phantom(world: Element, scene: SutureScene) -> None:
-    """Add the phantom, which is seen but solid to nothing, the circle's marks, and the needle as a free body."""
+    """Add the phantom, visible but without collisions, the circle's marks, and the needle as a free body."""
     width, depth, thickness = scene.phantom_m
     phantom = add(world, "body", name="phantom", **placed(scene.T_world_circle))
     half = (width / 2, depth / 2, thickness / 2)
@@ -89,7 +90,7 @@ def add_phantom(world: Element, scene: SutureScene) -> None:
 
 
 class HeldNeedle:
-    """What holds the needle beside the jaws: a person's hand, or the phantom.
+    """What holds the needle besides the jaws: a person's hand, or the phantom.
 
     Attributes:
         in_hand: whether a person holds it.

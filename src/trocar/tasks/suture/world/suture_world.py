@@ -20,11 +20,11 @@ from trocar.tasks.suture.truth import NeedleTruth
 from trocar.tasks.suture.world.needle import HeldNeedle, add_phantom
 
 LOADING_S = 1.0
-"""What a person takes to load the needle (assumed; the time is a part of its own)."""
+"""Time that a person takes to load the needle (assumed; reported as a separate part)."""
 
 
 class SutureWorld(TaskWorld):
-    """A phantom that is solid to nothing, and a needle held by jaws, tissue, or a person."""
+    """A phantom that collides with nothing, and a needle held by jaws, tissue, or a person."""
 
     def __init__(self, scene: SutureScene, arm: str):
         self._scene, self._arm = scene, arm
@@ -38,12 +38,12 @@ class SutureWorld(TaskWorld):
         add_phantom(world, self._scene)
 
     def start(self, world: World) -> None:
-        """Take the needle into a person's hand."""
+        """Put the needle into a person's hand."""
         self._world = world
         self._needle = HeldNeedle(world, self._scene, self._arm)
 
     def act(self) -> None:
-        """Hold the needle where the jaws do not."""
+        """Hold the needle when the jaws do not."""
         self._needle.act()
 
     def observe(self, time_s: float) -> None:
