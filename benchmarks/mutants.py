@@ -40,7 +40,8 @@ from queue import Queue
 
 ROOT = Path(__file__).parents[1]
 DEFAULT = [f"src/trocar/{name}" for name in ("arms", "motion", "calibration", "perception", "robots", "sim")]
-PARTS = ("src", "tests", "benchmarks", "tools", "examples", "docs", "pyproject.toml", "README.md", "Makefile", "mkdocs.yml")
+PARTS = ("src", "tests", "benchmarks", "tools", "examples", "docs")
+PARTS += ("pyproject.toml", "README.md", "Makefile", "mkdocs.yml")
 """What the tests need of the tree."""
 MORE_TESTS = 2
 """Files of tests beside the mirror of a file: those that use most of its names."""
