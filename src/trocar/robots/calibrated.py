@@ -23,7 +23,7 @@ CLIPPED = 5e-3
 """A correction may fall short by this much (rad, m) at the end of a joint's range before the range counts as left."""
 RANGE_GUARD = 5e-3
 """Corrected commands keep this far (rad, m) inside the joints' ranges."""
-BELIEVED = 1e-3
+MISSED = 1e-3
 """If the model expects the joints further (rad, m) from the end of their motion than this, its estimate is used."""
 ENDED_S = 1e-6
 """A motion whose time is this close to its end has ended."""
@@ -121,7 +121,7 @@ class Calibrated:
         reading = self._robot.read(arm)
         if arm not in self._rested:
             return reading
-        return JointReading(reading.time_s, self._believed(arm, self._robot.setpoint(arm)), reading.jaw_rad)
+        return JointReading(reading.time_s, self._estimated(arm, self._robot.setpoint(arm)), reading.jaw_rad)
 
     def setpoint(self, arm: str) -> SetPoint:
         """Return what the true joints are commanded to now.
@@ -134,8 +134,8 @@ class Calibrated:
             return sent
         path = self._paths.get(arm)
         ended = path is not None and sent.path_s >= path.desired.duration_s - ENDED_S
-        if path is None or not sent.on_path or (not sent.moving and (not ended or path.missing.max() > BELIEVED)):
-            q, velocity = self._believed(arm, sent), np.zeros(6)
+        if path is None or not sent.on_path or (not sent.moving and (not ended or path.missing.max() > MISSED)):
+            q, velocity = self._estimated(arm, sent), np.zeros(6)
         else:
             q, velocity = path.desired(sent.path_s), sent.path_rate * path.desired(sent.path_s, 1)
         return SetPoint(sent.time_s, q, velocity, sent.moving, sent.path_s, sent.path_rate, sent.on_path)
@@ -145,7 +145,7 @@ class Calibrated:
         path = self._paths.get(arm)
         return None if path is None else path.desired
 
-    def _believed(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
+    def _estimated(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
         """Return where (6,) the model estimates the joints to be; evaluated only once while the arm is at rest."""
         known = self._resting.get(arm)
         if known is not None and known[0] is self._paths.get(arm) and np.array_equal(known[1], sent.q):
@@ -245,8 +245,8 @@ class Calibrated:
         if not start.then or start.after is None:
             return self.setpoint(arm).q, self._memory(arm, self._robot.setpoint(arm))
         path, memory = start.after, start.after.memory_at(start.after.commands.duration_s)
-        believed = path.missing.max() > BELIEVED
-        return memory.joints(start.q_cmd) if believed else path.desired(path.desired.times_s[-1]), memory
+        missed = path.missing.max() > MISSED
+        return memory.joints(start.q_cmd) if missed else path.desired(path.desired.times_s[-1]), memory
 
     def _found(self, motions: Mapping[str, Trajectory], starts: Mapping[str, _Start]) -> dict[str, CommandPath]:
         """Return the commands of the compensated arms among these."""

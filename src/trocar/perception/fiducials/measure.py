@@ -94,8 +94,8 @@ def measure(
     seen = np.all(np.isfinite(p_base), axis=-1)
     q = joints_from_spheres(arm, fixture, p_base, q_cmd)
     flags = [_flag(fixture, row) for row in seen]
-    believed = np.where(seen[..., None], p_camera_m, np.nan)
-    return Measured(hand_eye, q, tuple(flags), _rms(distance_errors_m(fixture, believed)), believed)
+    accepted = np.where(seen[..., None], p_camera_m, np.nan)
+    return Measured(hand_eye, q, tuple(flags), _rms(distance_errors_m(fixture, accepted)), accepted)
 
 
 def register_base(

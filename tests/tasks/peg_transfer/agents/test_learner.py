@@ -41,7 +41,7 @@ def test_looks_before_the_first_transfer_leave_a_fraction_of_the_errors(trial):
 
 def test_it_knows_how_far_off_it_may_be(trial):
     looks = [event for event in trial.events if event["name"] == "wrist seen"]
-    assert len(looks) >= 2 and any(event["believed"] for event in looks)
+    assert len(looks) >= 2 and any(event["accepted"] for event in looks)
     for event in looks:
         before = errors_at(trial, event["time_s"] - 2 * trial.scenery.tick_s)
         assert (np.abs(before) < 3.5 * np.array(event["spread_rad"])).all()

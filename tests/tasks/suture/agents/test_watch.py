@@ -55,7 +55,7 @@ def test_a_needle_that_was_loaded_awry_goes_in_and_out_where_it_should():
     score, looks = driven(Settings(**QUICK))
     assert score.succeeded
     assert max(score.entry_error_m, score.exit_error_m) < 0.7e-3
-    assert sum(look["believed"] for look in looks) >= 4
+    assert sum(look["accepted"] for look in looks) >= 4
 
 
 def test_the_way_is_cut_where_the_needle_is_looked_at_and_stays_the_same():

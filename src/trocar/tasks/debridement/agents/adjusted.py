@@ -260,8 +260,8 @@ class Adjusted:
         return execution
 
     def _course(self, arm: str, desired: Trajectory, stop_s: float | None) -> Course:
-        believed = self.setpoint(arm).q
-        off = float(np.abs(desired(desired.times_s[0]) - believed).max())
+        current = self.setpoint(arm).q
+        off = float(np.abs(desired(desired.times_s[0]) - current).max())
         if off > MOST_OFF_RAD:
             raise TrocarError(
                 f"the motion of arm {arm!r} starts {off:.4f} rad (or m) away from where it is estimated to be; plan it "

@@ -102,8 +102,8 @@ class Eyes:
         solids = {}
         for name, model in self._cell.arms.items():
             reading = self._robot.read(name)
-            believed = capsules(model, reading.q, reading.jaw_rad)
-            solids[name] = believed.moved(self._cell.T_world_base_registered[name])
+            expected = capsules(model, reading.q, reading.jaw_rad)
+            solids[name] = expected.moved(self._cell.T_world_base_registered[name])
         T_world_right = self._T_world_camera @ rig.T_left_right
         eyes_m = np.stack([self._T_world_camera.translation_m, T_world_right.translation_m])
         return Look(*self.memory.look(seen, eyes_m, solids))

@@ -127,11 +127,11 @@ class Learner:
             return
         spread = self.robot.spread(self.arm.name)
         before = self.hand.q[3:]
-        believed = self.robot.correct(self.arm.name, seen)
+        accepted = self.robot.correct(self.arm.name, seen)
         self.arm.cell.log.event(
             "wrist seen",
             arm=self.arm.name,
-            believed=believed,
+            accepted=accepted,
             spread_rad=None if spread is None else spread.round(4).tolist(),
             corrected_rad=(self.hand.q[3:] - before).round(4).tolist(),
         )

@@ -277,17 +277,17 @@ class NeedleWatch:
         widely = len(search_starts(before.T_base_needle, before.covariance, self._arc)) > 1
         budget_s = self._searching_s if widely else self._budget_s
         seen = await self._hand.compute("perception", budget_s, find)
-        self._seen = believed = seen is not None and self._take(seen)
+        self._seen = accepted = seen is not None and self._take(seen)
         off = (before.T_base_needle.inverse() @ self._needle.T_base_needle).log()
         self._cell.log.event(
             "needle not seen" if seen is None else "needle seen",
-            believed=believed,
+            accepted=accepted,
             pixels=0 if seen is None else seen.pixels,
             off_mm=(1e3 * off[:3]).round(3).tolist(),
             off_deg=np.degrees(off[3:]).round(2).tolist(),
             tip_mm=(1e3 * self._tip_in_circle(self._needle)).round(3).tolist(),
         )
-        return seen is not None and not believed
+        return seen is not None and not accepted
 
     def _tip_in_circle(self, needle: Believed) -> NDArray[np.float64]:
         """Return where (3,) the tip of a needle is estimated to be in the circle's frame, m."""
