@@ -3,15 +3,19 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test mutants lint bench figures figures-check docs clean
+.PHONY: demo test test-slow mutants lint bench figures figures-check docs clean
 
 demo: .venv/sim.stamp
 	$(BIN)/trocar run peg-transfer --method calibrated --trials 1 --seed 1 --out out/demo
 
 test: .venv/dev.stamp
-	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -m "not slow" -n auto --dist loadfile --no-loadscope-reorder
 
-# Which small mistakes the tests would not notice: minutes for each mutant, so not in CI. MUTANTS="--changed", say.
+# The few tests that take seconds each: real runs, studies, killed processes.
+test-slow: .venv/dev.stamp
+	$(BIN)/pytest -m slow -n auto --dist loadfile --no-loadscope-reorder
+
+# Which small mistakes the tests would not notice: ten seconds for each mutant, so not in CI. MUTANTS="--changed", say.
 mutants: .venv/dev.stamp
 	$(BIN)/python benchmarks/mutants.py $(MUTANTS)
 

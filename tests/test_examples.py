@@ -139,6 +139,7 @@ def test_an_own_agent_runs_and_what_it_does_of_its_own_is_in_the_trial(tmp_path)
     assert trial.about["settings"]["settle_s"] == 0.12
 
 
+@pytest.mark.slow
 def test_an_own_perception_is_what_the_agent_sees_with(tmp_path):
     (words,) = commands_of("own_perception.py")
     trocar([*words, *SHORT], tmp_path)
@@ -147,6 +148,7 @@ def test_an_own_perception_is_what_the_agent_sees_with(tmp_path):
     assert load_trials(folder)[0][0].about["perception"] == "twice"
 
 
+@pytest.mark.slow
 def test_an_own_cable_model_is_fitted_evaluated_and_used_in_a_run(tmp_path):
     rng = np.random.default_rng(0)
     q = np.clip(np.cumsum(rng.normal(0, 0.05, (200, 6)), axis=0), -1, 1)
@@ -164,6 +166,7 @@ def test_an_own_cable_model_is_fitted_evaluated_and_used_in_a_run(tmp_path):
     assert read_header(folder / "session_00" / "cables_psm1.npz", "trocar cable model", 2)["name"] == "plane"
 
 
+@pytest.mark.slow
 def test_an_own_planner_plans_and_drives(tmp_path):
     np.save(tmp_path / "WAYPOINTS.npy", FOUR)
     (words,) = commands_of("own_planner.py")

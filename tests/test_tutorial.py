@@ -40,6 +40,7 @@ def test_it_is_kept_without_outputs():
     assert TUTORIAL.stat().st_size < 20_000
 
 
+@pytest.mark.slow
 def test_all_cells_run_and_show_short_lines(shown):
     values = {line: repr(value) for line, value in shown.items() if value is not None}
     assert len(values) >= 10
@@ -47,6 +48,7 @@ def test_all_cells_run_and_show_short_lines(shown):
         assert len(text) < 250 and text.count("\n") <= 2, line
 
 
+@pytest.mark.slow
 def test_pictures_are_shown_and_the_trial_succeeded(shown):
     pictures = [value for line, value in shown.items() if line.startswith("plot(")]
     assert len(pictures) == 4

@@ -130,6 +130,7 @@ def test_the_studys_tables_fit_into_a_terminal_of_80_columns():
     assert "\u2026" not in console.export_text()
 
 
+@pytest.mark.slow
 def test_the_study_prints_table_1(monkeypatch, capsys, recordings, tmp_path):
     arguments = (
         "study",

@@ -40,6 +40,7 @@ def done(mine):
     return folder, json.loads(text)
 
 
+@pytest.mark.slow
 def test_one_command_registers_a_cell_and_says_how_far_it_is_off(done):
     folder, report = done
     assert {path.name for path in folder.iterdir()} == FILES
@@ -51,6 +52,7 @@ def test_one_command_registers_a_cell_and_says_how_far_it_is_off(done):
     assert (folder / "corners.png").stat().st_size > 50_000
 
 
+@pytest.mark.slow
 def test_agents_get_the_registered_lenses_camera_and_bases_and_images_the_true_ones(done, mine):
     folder, report = done
     station = load_station(folder / "station.toml")

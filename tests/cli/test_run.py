@@ -215,6 +215,7 @@ def test_ctrl_c_before_the_first_trial_leaves_no_summary(trocar, played, monkeyp
     assert not (tmp_path / "summary.json").exists()
 
 
+@pytest.mark.slow
 def test_a_real_ctrl_c_in_a_running_trial_ends_it_without_a_traceback(tmp_path):
     quick = ("--transfers", "1", "--method", "uncalibrated", "--flawless-camera")
     options = (*quick, "--trials", "50", "--out", str(tmp_path), "--json")
@@ -288,6 +289,7 @@ def test_a_real_run_counts_its_transfers_and_its_time(real):
         }
 
 
+@pytest.mark.slow
 def test_a_video_is_a_moving_picture_of_the_first_trial(trocar, real, tmp_path):
     folder = tmp_path / "copy"
     shutil.copytree(real[0], folder)
@@ -390,6 +392,7 @@ def test_to_view_a_trial_the_code_of_its_task_is_not_needed(real):
     assert not {name for name in loaded_by(code) if name.startswith(("trocar.tasks.peg_transfer", "trocar.tasks.sut"))}
 
 
+@pytest.mark.slow
 def test_trials_at_once_are_the_same_as_one_after_the_other(trocar, unpictured, tmp_path):
     quick = ("--method", "uncalibrated", "--transfers", "1", "--flawless-camera")
     words = ["run", "peg-transfer", *quick, "--trials", "2", "--seed", "4"]

@@ -7,6 +7,7 @@ import pytest
 from synthetic import unmarked
 
 
+@pytest.mark.slow
 def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path, request):
     """The second report, of which only what it prints is looked at, draws no pictures."""
     words = (

@@ -2,7 +2,10 @@
 
 import json
 
+import pytest
 
+
+@pytest.mark.slow
 def test_a_small_study_goes_on_where_it_stopped(trocar, tmp_path):
     line = ("study", "robustness", "peg-transfer", "--transfers", 1, "--methods", "uncalibrated", "--flaws", "offsets")
     line = (*line, "--scales", "0", "--sessions", 1, "--jobs", 1, "--seed", 2, "--out", tmp_path / "study")

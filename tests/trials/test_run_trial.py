@@ -329,6 +329,7 @@ def ended(process):
     assert process.returncode == 0, err
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_ends_as_one_that_is_not(tmp_path):
     """SIGKILL while the second trial is under way; every byte of trials and models is the same."""
     whole, torn = tmp_path / "whole", tmp_path / "torn"

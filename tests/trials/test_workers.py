@@ -92,6 +92,7 @@ def ends_of(process):
             os.killpg(process.pid, signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_ctrl_c_waits_for_the_units_under_way(tmp_path):
     process = at_work(tmp_path)
     begun(tmp_path, process)
@@ -101,6 +102,7 @@ def test_ctrl_c_waits_for_the_units_under_way(tmp_path):
     assert len(list(tmp_path.glob("began_*"))) >= len(list(tmp_path.glob("done_*"))) >= 2
 
 
+@pytest.mark.slow
 def test_a_second_ctrl_c_kills_the_workers(tmp_path):
     process = at_work(tmp_path)
     begun(tmp_path, process)
@@ -112,6 +114,7 @@ def test_a_second_ctrl_c_kills_the_workers(tmp_path):
     assert not list(tmp_path.glob("done_*"))
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_workers_start_is_no_traceback_of_theirs(tmp_path):
     process = at_work(tmp_path)
     assert process.stdout is not None and process.stdout.readline() == "handed out\n"

@@ -206,6 +206,7 @@ def test_a_minute_of_two_arms_is_small_and_keeps_its_frames(tmp_path):
     assert len(read_replay_poses(page)[0]) == pytest.approx(1801, abs=2)
 
 
+@pytest.mark.slow
 def test_a_long_trial_gets_fewer_frames_a_second_and_stays_small(tmp_path):
     page = write_replay(made_up_replay(200.0), tmp_path / "replay.html")
     assert page.stat().st_size <= LARGEST_BYTES

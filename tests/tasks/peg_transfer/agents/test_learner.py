@@ -27,11 +27,13 @@ def errors_at(trial, time_s):
     return (trial.arrays[f"true_{ARM}"] - trial.arrays[f"asked_{ARM}"])[at, 3:6]
 
 
+@pytest.mark.slow
 def test_without_a_recording_blocks_are_moved(trial):
     assert [score["succeeded"] for score in trial.scores] == [True, True]
     assert trial.about["prior"] == "fleet" and trial.about["calibration"] is None
 
 
+@pytest.mark.slow
 def test_looks_before_the_first_transfer_leave_a_fraction_of_the_errors(trial):
     (first, *_) = [event["start_s"] for event in trial.events if event["name"] == "transfer"]
     assert 15.0 < first < 40.0, "the looks count"
@@ -39,6 +41,7 @@ def test_looks_before_the_first_transfer_leave_a_fraction_of_the_errors(trial):
     assert np.abs(errors_at(trial, first)).max() < 0.1
 
 
+@pytest.mark.slow
 def test_it_knows_how_far_off_it_may_be(trial):
     looks = [event for event in trial.events if event["name"] == "wrist seen"]
     assert len(looks) >= 2 and any(event["accepted"] for event in looks)

@@ -43,6 +43,7 @@ def workers_of(process):
     return [pid for server in servers for pid in children_of(server)]
 
 
+@pytest.mark.slow
 def test_a_study_survives_the_death_of_a_worker_and_is_taken_up(tmp_path):
     process = started(tmp_path, "--jobs", "2", "--json")
     deadline = time.monotonic() + 120
