@@ -91,7 +91,12 @@ def test_lengths_are_as_measured():
 
 
 @pytest.mark.parametrize(
-    ("change", "says"), [({"finger_tip_m": -MM}, "finger_tip_m"), ({"tip_chamfer_m": 10 * MM}, "shorter")]
+    ("change", "says"),
+    [
+        ({"finger_tip_m": -MM}, "finger_tip_m"),
+        ({"wrist_radius_m": 0.0}, "wrist_radius_m"),
+        ({"tip_chamfer_m": 10 * MM}, "shorter"),
+    ],
 )
 def test_shapes_that_cannot_be_are_refused(change, says):
     with pytest.raises(TrocarError, match=says):

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import ARMS, frames
-from trocar.arms.parts import parts_of
+from trocar.arms.parts import CARBON, HOUSING, STEEL, parts_of
 
 MM = 1e-3
 
@@ -35,3 +35,9 @@ def test_every_solid_is_where_and_as_large_as_it_should_be(arm):
     pitch, yaw = poses[5].translation_m, poses[6].translation_m
     assert_allclose(poses[5].apply(wrist.at_m), [pitch, pitch + 0.75 * (yaw - pitch)], atol=1e-12)
     assert {part.shape for part in (sleeve, shaft, knuckle)} == {"cylinder"}
+
+
+def test_metal_is_grey_and_carbon_nearly_black():
+    for rgb in (STEEL, HOUSING, CARBON):
+        assert np.ptp(rgb) < 0.06 and max(rgb) < 1.0
+    assert max(CARBON) < 0.2 and min(*STEEL, *HOUSING) > 0.5
