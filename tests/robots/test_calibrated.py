@@ -1,5 +1,8 @@
 """Compensation, on arms that are nothing but cables."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trio
@@ -13,6 +16,7 @@ from trocar.cell import Ended
 from trocar.errors import TrocarError
 from trocar.motion import move_to, rest_to_rest
 from trocar.robots import ArmGuard, Calibrated, Guarded
+from trocar.robots.calibrated import _Prepared, _require_inside, _Start
 
 EXACT = 1.0 + 1e-6
 
@@ -121,7 +125,7 @@ def test_commands_stay_in_range_where_the_joints_go_to_their_ends(models):
     near_the_end[5] = ARM.lower[5] + 0.01
     after_each_move(arms, [GOALS[0], near_the_end, GOALS[1]])
     sent = np.array(arms.sent["a"])
-    assert (sent >= ARM.lower).all() and (sent <= ARM.upper).all()
+    assert (sent >= ARM.lower + 4.9e-3).all() and (sent <= ARM.upper - 4.9e-3).all()
     assert np.abs(arms.joints["a"][-1][3:] - GOALS[1][3:]).max() < 5e-3
 
 
@@ -344,6 +348,7 @@ def test_it_can_be_told_to_refuse_what_cannot_be_corrected_within_the_range(mode
     arms.run(script)
     assert np.abs(arms.joints["a"][-1] - GOALS[0])[3:].max() < 5e-3
     lenient.run(lambda: lenient.robot.move(to(lenient, goal)))
+    assert np.array(lenient.sent["a"])[:, 3].min() == pytest.approx(ARM.lower[3] + 5e-3, abs=1e-3), "as far as it may"
     assert lenient.robot.setpoint("a").q[3] > goal[3] + 0.1, "it tells what it believes, not what was wanted"
 
 
@@ -359,3 +364,65 @@ def test_jaws_pass_through(models):
     arms = calibrated(models["play"])
     assert arms.run(lambda: arms.robot.jaw("a", 0.5)).done
     assert arms.robot.read("a").jaw_rad == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("rad", [4.5e-3, 6e-3])
+def test_a_correction_may_fall_short_of_a_range_by_little(rad):
+    path = SimpleNamespace(
+        lacking=rad * np.array([0, 0, 0.1, 0.5, 1.0, -3.0]), farthest=np.array([0, 0, 0, 0, 1.5, 9.0])
+    )
+    if rad < 5e-3:
+        return _require_inside(ARM, path)
+    with pytest.raises(TrocarError, match=r"'wrist_pitch' would need the command 85\.9 deg .* outside \[-80"):
+        _require_inside(ARM, path)
+
+
+def test_what_was_prepared_suits_the_same_motions_from_the_same_rest_alone():
+    motions, path = {"a": rest_to_rest(HOME, GOALS[0], PAPER), "b": rest_to_rest(HOME, GOALS[1], PAPER)}, object()
+    starts = {"a": _Start(HOME, np.zeros(6), path), "b": _Start(HOME, np.zeros(6), None)}
+    prepared = _Prepared(motions, starts, {})
+    assert prepared.suits(dict(motions), dict(starts))
+
+    def with_a(**change):
+        return starts | {"a": replace(starts["a"], **change)}
+
+    one = np.eye(6)[4]
+    assert prepared.suits(motions, with_a(q_cmd=HOME + 0.7e-9 * one))
+    for aside in (1.6e-9 * one, -1.6e-9 * one):
+        assert not prepared.suits(motions, with_a(q_cmd=HOME + aside))
+    assert not prepared.suits(motions, with_a(velocity=1e-9 * one))
+    assert not prepared.suits(motions, with_a(after=None))
+    assert not prepared.suits({"a": motions["a"]}, starts)
+    assert not prepared.suits(motions | {"a": rest_to_rest(HOME, GOALS[0], PAPER)}, starts), "another motion"
+
+
+@pytest.mark.parametrize(("stretch", "noted"), [(1.0005, False), (1.0015, True), (1.5, True)])
+def test_commands_that_take_longer_slow_the_other_arm_down_too_and_that_is_noted(models, stretch, noted):
+    arms = calibrated(models["play"], names=("a", "b"))
+    motion = rest_to_rest(HOME, GOALS[0], PAPER)
+    path, sent = SimpleNamespace(stretch=stretch, commands=motion), {}
+
+    async def verb(motions):
+        sent.update(motions)
+        return {}
+
+    trio.run(arms.robot._sent, verb, {"a": motion, "b": motion}, {"a": path})
+    assert sent["a"] is motion and sent["b"].duration_s == pytest.approx(stretch * motion.duration_s)
+    events = [(event["name"], event["arms"], event["stretch"]) for event in arms.log.events]
+    assert events == [("compensation", ["a"], pytest.approx(stretch))] * noted
+
+
+def test_where_the_joints_are_to_be_is_told_unless_they_will_not_come_there(models):
+    """At rest after a motion: where it was to end, if its commands miss that by less than a mrad; else the estimate."""
+    arms = calibrated(models["play"])
+    after_each_move(arms, GOALS[:1])
+    robot, path = arms.robot, arms.robot._paths["a"]
+    assert path.missing.max() < 1e-3
+    assert np.array_equal(robot.setpoint("a").q, path.desired(path.desired.times_s[-1]))
+    for miss_rad, believed in ((0.9e-3, False), (1.3e-3, True)):
+        robot._paths["a"] = replace(path, missing=np.array([0, 0, 0, 0, miss_rad, 0]))
+        estimate = robot.read("a").q
+        assert np.array_equal(robot.setpoint("a").q, estimate) == believed
+        start = robot._next("a")
+        assert not start.then and start.after is robot._paths["a"]
+        assert np.array_equal(robot._joints("a", replace(start, then=True))[0], estimate) == believed
