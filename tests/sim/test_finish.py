@@ -1,5 +1,7 @@
 """Grain and wet spots of surfaces, and the noise of an eye."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -141,6 +143,13 @@ def test_a_smooth_film_of_water_mirrors_as_blinn_and_phong_say(monkeypatch):
     model, data = ball()
     look, dull = Finish(model), np.full((1, 3), 0.1, np.float32)
     np.testing.assert_allclose(look.apply(data, dull, sight(model, "wet")), 0.7, rtol=1e-5)
+    beside = replace(sight(model, "wet", lamp_m=(0.0, 0.0, 1.0)), points_m=np.array([[0.3, 0.0, 0.2]]))
+    lamp = np.array([-0.3, 0.0, 0.8]) / np.hypot(0.3, 0.8)
+    np.testing.assert_allclose(look.apply(data, dull, beside), 0.1 + 0.6 * (lamp @ [0, 0, 1]) ** 60, rtol=1e-4)
+    apart = replace(beside, eye_m=np.array([0.6, 0.0, 1.0]))
+    eye = np.array([0.3, 0.0, 0.8]) / np.hypot(0.3, 0.8)
+    half = (lamp + eye) / np.linalg.norm(lamp + eye)
+    np.testing.assert_allclose(look.apply(data, dull, apart), 0.1 + 0.6 * half[2] ** 60, rtol=1e-4)
     aside = (0.2, 0.0, 1.0)
     half = 0.5 * np.arctan(0.2)
     expected = 0.1 + 0.6 * np.cos(half) ** 60
