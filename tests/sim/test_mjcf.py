@@ -70,6 +70,8 @@ def test_jaws_are_driven_on_one_finger_for_both_and_open_a_little_further_than_t
         assert 0.015 < servo.jaw_torque_nm / stiffness < 0.03, "rad by which it lags when it pulls with all it has"
         assert 1.0 < servo.jaw_torque_nm / arm.instrument.finger_length_m < 4.0, "N at the ends of the fingers"
         for side, sign in (("left", 1), ("right", -1)):
+            turned = SO3.from_quaternion(m.body(f"{name}_finger_{side}").quat)
+            assert_allclose(turned.matrix[:, 0], [0, 1, 0], atol=1e-12)  # a finger points along y of frame 6
             finger = m.geom(f"{name}_finger_{side}")
             assert_allclose(finger.friction, [1.0, 0.002, 0.0001])
             mesh = m.mesh_vert[m.mesh_vertadr[finger.dataid[0]] :][: m.mesh_vertnum[finger.dataid[0]]]
