@@ -199,6 +199,16 @@ def test_jaws_beyond_their_range_are_refused(angle):
     arms.run(script)
 
 
+def test_jaws_reach_the_ends_of_their_range():
+    arms, _ = guarded()
+
+    async def script():
+        for angle in (ARM.jaw.upper, ARM.jaw.lower):
+            assert (await arms.robot.jaw("a", angle)).done
+
+    arms.run(script)
+
+
 def test_a_tip_that_leaves_its_workspace_is_refused_with_the_place():
     T = SE3.from_parts(SO3.axis("z", 0.4), [0.1, 0.0, 0.3])
     tip = (T @ fk(ARM, HOME)).translation_m
@@ -229,6 +239,13 @@ def test_an_arm_whose_readings_stop_comes_to_rest_as_a_fault():
     assert [values["arm"] for _, values in notes] == ["a"], "noted once, while it brakes it is known"
     assert max(arms.use("a")) <= 1.0 + 1e-6
     assert 0.005 < np.abs(arms.robot.setpoint("a").q - HOME).max() < 0.9 * np.abs(GOAL - HOME).max()
+
+
+def test_unless_told_otherwise_a_reading_is_stale_after_a_tenth_of_a_second():
+    arms, _ = guarded()
+    arms.silent.add("a")
+    execution = arms.run(lambda: arms.robot.move({"a": rest_to_rest(HOME, GOAL, PAPER)}))["a"]
+    assert "has not been read for 0.11 s, more than 0.10 s" in execution.reason
 
 
 def test_motions_with_too_few_joints_and_unknown_arms_are_named():
@@ -275,6 +292,8 @@ def test_two_arms_that_would_meet_are_refused_with_what_meets_where():
 def test_without_a_distance_to_keep_nobody_looks():
     arms, _ = pair(0.05, -0.05, min_distance_m=0.0)
     assert arms.run(lambda: arms.robot.move(to("a", 0.05, 0.0)))["a"].done
+    arms, _ = guarded(("a", "b"), homes={"a": at("a", 0.05), "b": at("b", -0.05)}, bases=BASES)
+    assert arms.run(lambda: arms.robot.move(to("a", 0.05, -0.05)))["a"].done, "as a rule none is to be kept"
     arms, _ = pair(0.05, -0.05, min_distance_m=0.08)
     refused(arms, to("a", 0.05, 0.03), "80.0 mm are to be kept")
 

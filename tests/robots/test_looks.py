@@ -20,7 +20,7 @@ def looks_at(wrists, rng, left_m=0.2e-3):
         slopes[:, 0] = slopes[:, 3 + row % 3] * 8e-3  # in one image this turn looks like that shift
         information = slopes.T @ slopes
         truth = np.append(wrist, SHIFT_M)
-        expected = np.append(wrist + rng.normal(0.0, 0.05, 3), np.zeros(3))
+        expected = np.append(wrist + rng.normal(0.0, 0.05, 3), rng.normal(0.0, 0.3e-3, 3))
         q = np.append(START[:3], expected[:3])
         pull = information @ (truth - expected)
         looks.append(Look(row, Sighting(q, expected[3:], information, pull, 500, left_m)))
