@@ -266,6 +266,18 @@ def test_of_the_turns_of_a_joint_the_one_within_its_range_is_taken_though_the_re
         np.testing.assert_allclose(found, q, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("roll", [2.5, 2.5 - 2 * np.pi, -2.5, 2 * np.pi - 2.5, 0.3])
+def test_of_two_turns_within_the_range_the_one_nearest_to_the_reference_is_taken_also_of_many_branches(roll):
+    joints = list(PSM_CLASSIC.joints)
+    joints[1] = replace(joints[1], lower=-2.0, upper=2.0)
+    wide = replace(PSM_CLASSIC, joints=tuple(joints))
+    assert not wide.branch_is_unique
+    q = np.array([0.2, 0.3, 0.15, roll, 0.3, 0.2])
+    T = fk(wide, q)
+    for aside in (0.5, -0.5):
+        np.testing.assert_allclose(ik(wide, T, q + [0, 0, 0, aside, 0, 0]), q, rtol=0, atol=1e-9)
+
+
 @arms
 @given(seed=seeds)
 def test_beyond_a_limit_the_joint_and_the_excess_are_named(arm, seed):

@@ -1,6 +1,8 @@
 """A robot that learns its cables, on arms that are nothing but cables."""
 
 from copy import deepcopy
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +13,13 @@ from cable_arms import GOALS, CableArms, to
 from driven import ARM, HOME, PAPER
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.fleet import expected, load_prior
+from trocar.calibration.models.base import MIN_ROWS
+from trocar.cell import SetPoint
 from trocar.errors import TrocarError
 from trocar.perception.instrument import Sighting
 from trocar.robots import Adaptive, ArmGuard, Guarded
-from trocar.robots.adaptive import THINNED, _thinned
+from trocar.robots.adaptive import THINNED, _Past, _thinned
+from trocar.trajectory import Trajectory
 
 PRIOR = load_prior("fleet").without("psm1_grey")
 SURE = np.diag(np.repeat([1.0 / 0.03**2, 1.0 / 0.1e-3**2], 3))
@@ -36,15 +41,15 @@ def seen_now(arms, rng=None, off=(0.0, 0.0, 0.0)):
     return row, Sighting(q, np.zeros(3), SURE, np.zeros(6), 500, 0.2e-3)
 
 
-async def taught(arms, looks=LOOKS):
+async def taught(arms):
     """Turn the wrist to and fro, look, and use what that teaches."""
     rng = np.random.default_rng(0)
-    for goal in rng.uniform(PSM1_BOX.lower[3:], PSM1_BOX.upper[3:], (looks, 3)):
+    for goal in rng.uniform(PSM1_BOX.lower[3:], PSM1_BOX.upper[3:], (LOOKS, 3)):
         await arms.robot.move(to(arms, np.append(HOME[:3], goal)))
         arms.robot.saw("a", *seen_now(arms, rng))
     known = arms.robot.learned("a")
-    if known is not None:
-        arms.robot.adopt("a", known)
+    assert known is not None
+    arms.robot.adopt("a", known)
     return known
 
 
@@ -72,8 +77,7 @@ def missed(arms, goals=GOALS):
 
 
 def test_looks_are_worth_a_calibration(expert):
-    new, (arms, known) = adaptive(), expert
-    assert known is not None
+    new, (arms, _) = adaptive(), expert
     before, after = new.run(missed(new)), arms.run(missed(arms))
     assert before > 0.08 and after < 0.03
 
@@ -89,11 +93,6 @@ def test_it_says_how_far_off_it_may_be(expert):
     arms.run(script)
     assert 0.1 < np.sqrt(np.mean(np.square(scores))) < 1.3
     assert (np.abs(scores) < 2.5).all()
-
-
-def test_few_looks_teach_nothing():
-    arms = adaptive()
-    assert arms.run(lambda: taught(arms, looks=10)) is None
 
 
 def test_a_correction_goes_as_far_as_the_evidence_bears(expert):
@@ -212,3 +211,60 @@ def test_thinned_commands_lie_where_all_of_them_lie():
     kept = np.flatnonzero((path[:, None] == few).all(axis=2).any(axis=1))
     again = np.column_stack([np.interp(np.arange(len(path)), kept, column) for column in few.T])
     assert np.abs(again - path).max() <= THINNED
+
+
+def test_lines_and_corners_of_three_points_are_thinned_to_what_they_are():
+    line = np.outer([0.0, 0.5, 1.0], np.ones(6))
+    assert _thinned(line).tolist() == line[[0, -1]].tolist() and _thinned(line[:2]).tolist() == line[:2].tolist()
+    for bulge, kept in ((0.9e-3, 2), (1.1e-3, 3), (-1.1e-3, 3)):
+        assert len(_thinned(line + bulge * np.outer([0, 1, 0], np.eye(6)[2]))) == kept
+    uneven = np.outer([0.0, 0.1, 1.0], np.ones(6))  # along a straight line, but not at its middle
+    assert len(_thinned(uneven)) == 3
+
+
+def along(kept, path, until_s):
+    """Return how far kept commands are from a path up to a time, taken as a line through them."""
+    times = np.linspace(0.0, until_s, 400)
+    ways = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(kept, axis=0), axis=1)))
+    wanted = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path(times), axis=0), axis=1)))
+    line = np.column_stack([np.interp(wanted * ways[-1] / wanted[-1], ways, column) for column in kept.T])
+    return np.abs(line - path(times)).max()
+
+
+def test_of_a_path_what_was_sent_up_to_now_is_kept_piece_by_piece():
+    """A path that turns sharply; one that is left on the way; the next one from its beginning."""
+    t = np.linspace(0.0, 0.8, 41)
+    curve = np.column_stack([np.sin(7 * t), np.cos(7 * t), 0.1 * t, t, 0 * t, t**2]) * 0.2
+    path = SimpleNamespace(commands=Trajectory.hermite(t, curve, np.gradient(curve, t, axis=0)))
+    past = _Past([curve[:1]])
+    sent = SetPoint(0.0, curve[0], np.zeros(6), False)
+    past.keep(None, sent)
+    assert past.rows == 1
+    rows = []
+    for path_s in (0.0, 0.13, 0.13, 0.5, 0.8, 0.9):
+        now = replace(sent, q=path.commands(min(path_s, 0.8)), path_s=path_s)
+        past.keep(path, now)
+        kept = np.concatenate(past.commands)
+        rows.append(past.rows)
+        assert past.rows == len(kept) and np.abs(kept[-1] - now.q).max() < 1e-12
+        if path_s:
+            assert along(kept, path.commands, min(path_s, 0.8)) < 5e-3
+    assert rows[0] == 1 < rows[1] == rows[2] < rows[3] < rows[4]
+    steps = np.linalg.norm(np.diff(np.concatenate(past.commands[:-1]), axis=0), axis=1)
+    assert steps.min() > 1e-6, "none twice"
+    aside = replace(now, q=now.q + [0, 0, 0, 0.3, 0, 0])
+    past.keep(path, aside)
+    assert np.array_equal(past.commands[-1], aside.q[None])
+    before = past.rows
+    past.keep(SimpleNamespace(commands=path.commands), replace(sent, q=path.commands(0.4), path_s=0.4))
+    again = np.concatenate(past.commands)[before:]
+    assert np.abs(again[-1] - path.commands(0.4)).max() < 1e-12
+    assert along(np.concatenate([curve[:1], again]), path.commands, 0.4) < 5e-3
+
+
+def test_so_many_looks_as_a_fit_needs_and_no_fewer_teach(expert):
+    arms, _ = expert
+    looks = arms.robot._pasts["a"].looks
+    for count, taught_something in ((MIN_ROWS - 1, False), (MIN_ROWS, True)):
+        arms.robot._pasts["a"].looks = looks[:count]
+        assert (arms.robot.learned("a") is not None) == taught_something

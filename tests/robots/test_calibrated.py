@@ -171,6 +171,8 @@ def test_a_motion_that_is_held_while_its_commands_are_being_found_does_not_start
             async def move():
                 execution = (await arms.robot.move(to(arms, GOALS[0])))["a"]
                 assert (execution.ended, execution.reason) == (Ended.HELD, "somebody leant in")
+                assert execution.times_s.shape == (0,)
+                assert execution.commanded.shape == execution.measured.shape == (0, 7)
 
             nursery.start_soon(move)
             await trio.sleep(0.02)
@@ -408,8 +410,64 @@ def test_commands_that_take_longer_slow_the_other_arm_down_too_and_that_is_noted
 
     trio.run(arms.robot._sent, verb, {"a": motion, "b": motion}, {"a": path})
     assert sent["a"] is motion and sent["b"].duration_s == pytest.approx(stretch * motion.duration_s)
+    quicker = SimpleNamespace(stretch=1.0, commands=motion)
+    trio.run(arms.robot._sent, verb, {"a": motion, "b": motion, "c": motion}, {"b": quicker, "a": path})
+    assert sent["c"].duration_s == pytest.approx(stretch * motion.duration_s), "the slowest of them sets the time"
+    arms.log.events.pop() if noted else None
+    trio.run(arms.robot._sent, verb, {"c": motion}, {})
+    assert sent["c"].duration_s == motion.duration_s
     events = [(event["name"], event["arms"], event["stretch"]) for event in arms.log.events]
     assert events == [("compensation", ["a"], pytest.approx(stretch))] * noted
+
+
+def test_off_its_path_the_cables_remember_the_straight_way_from_where_it_was_left(models):
+    robot = calibrated(models["play"]).robot
+    motion = rest_to_rest(HOME, GOALS[0], PAPER)
+    asked = []
+    memory = SimpleNamespace(after=lambda way, t_s: (way, t_s))
+    path = SimpleNamespace(commands=motion, memory_at=lambda t_s: (asked.append(t_s), memory)[1])
+    sent = robot._robot.setpoint("a")
+    assert robot._memory("a", sent) is robot._rested["a"] and robot.expected("a") is None
+    robot._paths["a"] = path
+    for path_s in (0.3, motion.duration_s + 0.2):
+        left = motion(min(path_s, motion.duration_s))
+        on_path = replace(sent, path_s=path_s, q=left, on_path=True)
+        assert robot._memory("a", on_path) is robot._memory("a", replace(on_path, on_path=False)) is memory
+        aside = left + [0.1, 0, 0, 0.2, 0, 0]
+        way, t_s = robot._memory("a", replace(on_path, q=aside, on_path=False))
+        for share in (0.0, 0.25, 0.5, 1.0):
+            assert np.abs(way(share * t_s) - left - share * (aside - left)).max() < 1e-12
+        assert asked[-1] == path_s and t_s == way.duration_s
+
+
+def test_a_first_motion_that_is_refused_leaves_no_path_and_a_hold_of_another_arm_stops_none(models):
+    arms = calibrated(models["play"], names=("a", "b"))
+    beyond = HOME.copy()
+    beyond[0] = ARM.upper[0] + 0.1
+    ends = []
+
+    async def script():
+        with pytest.raises(TrocarError):
+            await arms.robot.move(to(arms, beyond))
+        assert arms.robot._paths == {}
+        async with trio.open_nursery() as nursery:
+
+            async def move(name):
+                ends.append((await arms.robot.move(to(arms, GOALS[0], name)))[name])
+
+            nursery.start_soon(move, "a")
+            await trio.sleep(0.02)
+            arms.robot.hold("b")
+            await trio.sleep(0.05)
+            assert arms.robot.setpoint("a").moving
+            assert arms.robot.expected("a") is arms.robot._paths["a"].desired and arms.robot.expected("b") is None
+            nursery.start_soon(move, "b")
+            await trio.sleep(0.02)
+            arms.robot.hold("b")
+
+    arms.run(script)
+    held, done = ends
+    assert (held.ended, held.reason) == (Ended.HELD, Ended.HELD.value) and done.done
 
 
 def test_where_the_joints_are_to_be_is_told_unless_they_will_not_come_there(models):
