@@ -1,12 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from recounted import recounted
 from trocar.arms import ARMS, PSM_CLASSIC, RAVEN2_LEFT, RAVEN2_RIGHT, fk, frames
 from trocar.errors import TrocarError
 
-arms = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
+ODD = recounted(replace(RAVEN2_LEFT, name="odd", twists_rad=(0.4, 1.2, 2.0), wrist_sign=-1))
+"""Like no registered arm: its first twist is no right angle, and its wrist has offsets."""
+arms = pytest.mark.parametrize("arm", [*ARMS.values(), ODD], ids=lambda arm: arm.name)
 seeds = st.integers(0, 2**32 - 1)
 PI = np.pi
 

@@ -5,14 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from recounted import SHIFT, recounted
 from trocar.arms import (
     ARMS,
     PSM_CLASSIC,
     PSM_SI,
+    RAVEN2_LEFT,
     Unreachable,
     fk,
     ik,
     ik_branches,
+    ik_floats,
+    ik_near,
     ik_unbounded,
     limit_violations,
 )
@@ -83,6 +87,87 @@ def test_every_real_branch_reaches_the_pose_and_one_lies_within_the_limits(arm):
     assert np.all((near < 1e-8).sum(-1) == 1)  # the one it came from
     others = np.abs(branches[:, :, None] - branches[:, None]).max(-1) + 10 * np.eye(8)
     assert np.median(others) > 0.1  # and they differ
+
+
+@pytest.mark.parametrize("first_twist_rad", [0.4, -0.4, 2.3, np.pi / 2 + 1e-3])
+@pytest.mark.parametrize("wrist_sign", [1, -1])
+def test_axes_may_meet_at_any_angle_and_joints_be_counted_from_anywhere(first_twist_rad, wrist_sign):
+    """No registered arm has a first twist like these, nor offsets of its wrist."""
+    arm = replace(RAVEN2_LEFT, name="odd", twists_rad=(first_twist_rad, 1.2, 2.0), wrist_sign=wrist_sign)
+    arm = recounted(arm)
+    q = sample(arm, 2, (50,))
+    T = fk(arm, q)
+    branches, real = ik_branches(arm, T)
+    own = np.abs(branches - q[:, None] - arm.turns * np.rint((branches - q[:, None]) / (2 * np.pi))).max(-1) < 1e-7
+    assert ((own & real).sum(-1) == 1).all()
+    if wrist_sign == 1:  # the other wrist's depth is above the remote centre
+        np.testing.assert_allclose(ik(arm, T, q), q, rtol=0, atol=1e-8)
+        np.testing.assert_allclose([ik(arm, T[i], q[i]) for i in range(9)], q[:9], rtol=0, atol=1e-8)
+
+
+@arms
+def test_branches_lie_within_half_a_turn_of_the_middle_of_their_ranges(arm):
+    other = recounted(arm, 5 * SHIFT)
+    branches, _ = ik_branches(other, fk(arm, sample(arm, 3, (50,))))
+    off = np.abs(branches - other.middle)[..., [0, 1, 3, 4, 5]]
+    assert np.nanmax(off) <= np.pi + 1e-9
+
+
+def test_what_is_unreal_or_out_of_range_is_told_apart_where_bounds_do_not_count():
+    """NaN where no joints have the pose; else those in the turns asked for."""
+    arm = RAVEN2_LEFT
+    above = SE3.from_parts(translation_m=[0, 0, 0.1])
+    q = sample(arm, 6, (5,))
+    T = fk(arm, q)
+    turned = q + 2 * np.pi * np.array([1, 0, 0, -2, 0, 3])
+    np.testing.assert_allclose(ik_unbounded(arm, T, turned), turned, atol=1e-8)
+    np.testing.assert_allclose(ik_near(arm, T, turned), turned, atol=1e-8)
+    np.testing.assert_allclose(ik_unbounded(arm, T[None]), q[None], atol=1e-8)
+    assert np.isnan(ik_unbounded(arm, above)).any()
+    with pytest.raises(Unreachable, match="choose another pose"):
+        ik_near(arm, SE3.unchecked(np.stack([T[0].matrix, above.matrix])), q[:2])
+
+
+@arms
+def test_one_pose_in_floats_is_solved_like_one_in_an_array(arm):
+    q, near = sample(arm, 8), sample(arm, 9)
+    rows = fk(arm, q).matrix.tolist()
+    for reference in (None, near, near.tolist()):
+        np.testing.assert_allclose(
+            ik_floats(arm, rows, reference), ik(arm, np.array(rows)[None], reference)[0], atol=1e-9
+        )
+    for bad in (near[:5], np.append(near, 0.0), [*near[:5], np.nan]):
+        with pytest.raises(TrocarError, match="six finite numbers"):
+            ik_floats(arm, rows, bad)
+
+
+def test_rounding_beyond_a_limit_is_clipped_and_more_is_not():
+    beyond = PSM_CLASSIC.middle.copy()
+    for excess, reached in ((0.5e-9, True), (1.6e-9, False)):
+        beyond[2] = PSM_CLASSIC.upper[2] + excess
+        found = ik(PSM_CLASSIC, fk(PSM_CLASSIC, beyond), unreachable="nan")
+        assert (found[2] == PSM_CLASSIC.upper[2]) == reached and np.isnan(found).all() != reached
+
+
+def test_a_batch_larger_than_what_is_solved_at_a_time_comes_back_in_order():
+    q = np.tile(sample(PSM_CLASSIC, 1, (500,)), (40, 1))
+    q[:, 2] = np.linspace(0.05, 0.2, len(q))
+    T = fk(PSM_CLASSIC, q)
+    for found in (ik(PSM_CLASSIC, T, q), ik_unbounded(PSM_CLASSIC, T, q)):
+        np.testing.assert_allclose(found, q, atol=1e-8)
+
+
+def test_poses_and_references_of_several_axes_are_matched():
+    q = sample(PSM_CLASSIC, 1, (3, 2))
+    T, near = fk(PSM_CLASSIC, q), sample(PSM_CLASSIC, 2, (3, 1))
+    found = ik(PSM_CLASSIC, T, near)
+    assert found.shape == (3, 2, 6)
+    np.testing.assert_array_equal(found, ik(PSM_CLASSIC, T, np.broadcast_to(near, (3, 2, 6))))
+    several = ik(PSM_CLASSIC, T[0, 0], near)
+    assert several.shape == (3, 1, 6)
+    np.testing.assert_allclose(
+        fk(PSM_CLASSIC, several).matrix, np.broadcast_to(T[0, 0].matrix, (3, 1, 4, 4)), atol=1e-12
+    )
 
 
 def test_psm_always_has_eight_branches_and_raven_does_not():
@@ -179,6 +264,18 @@ def test_of_the_turns_of_a_joint_the_one_within_its_range_is_taken_though_the_re
     T = fk(wide, q)
     for found in (ik(wide, T, near), ik(wide, T[None], near)[0]):
         np.testing.assert_allclose(found, q, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("roll", [2.5, 2.5 - 2 * np.pi, -2.5, 2 * np.pi - 2.5, 0.3])
+def test_of_two_turns_within_the_range_the_one_nearest_to_the_reference_is_taken_also_of_many_branches(roll):
+    joints = list(PSM_CLASSIC.joints)
+    joints[1] = replace(joints[1], lower=-2.0, upper=2.0)
+    wide = replace(PSM_CLASSIC, joints=tuple(joints))
+    assert not wide.branch_is_unique
+    q = np.array([0.2, 0.3, 0.15, roll, 0.3, 0.2])
+    T = fk(wide, q)
+    for aside in (0.5, -0.5):
+        np.testing.assert_allclose(ik(wide, T, q + [0, 0, 0, aside, 0, 0]), q, rtol=0, atol=1e-9)
 
 
 @arms

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from recounted import SHIFT, recounted
 from trocar.arms import (
     ARMS,
     PSM_CLASSIC,
@@ -72,6 +73,24 @@ def test_margins_and_violations_agree(arm):
     assert "'insertion'" in sentence
     assert "by 0.0500" in sentence
     assert " m " in sentence
+
+
+@arms
+def test_from_where_joints_are_counted_changes_nothing(arm):
+    other, q = recounted(arm), sample(arm, 6, (50,))
+    for measure in (jacobian, manipulability, wrist_depth_m, joint_margins):
+        np.testing.assert_allclose(measure(other, q - SHIFT), measure(arm, q), rtol=0, atol=1e-14)
+
+
+def test_each_joint_is_named_at_its_worst_whichever_end_it_leaves():
+    q = np.tile(PSM_CLASSIC.middle, (4, 1))
+    q[1, 0], q[2, 0] = PSM_CLASSIC.upper[0] + 0.02, PSM_CLASSIC.lower[0] - 0.1
+    q[3, 5] = PSM_CLASSIC.upper[5] + 0.3
+    yaw, wrist = limit_violations(PSM_CLASSIC, q.reshape(2, 2, 6))
+    assert "'yaw'" in yaw and "by 0.1000" in yaw
+    assert "'wrist_yaw'" in wrist and "by 0.3000" in wrist
+    assert limit_violations(PSM_CLASSIC, [PSM_CLASSIC.lower, PSM_CLASSIC.upper]) == []
+    np.testing.assert_array_equal(joint_margins(PSM_CLASSIC, PSM_CLASSIC.upper), 0.0)
 
 
 @arms

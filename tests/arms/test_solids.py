@@ -1,12 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from recounted import recounted
 from trocar.arms import ARMS, SOLIDS, capsules, frames
-from trocar.arms.solids import MOVED, joint_axes
+from trocar.arms.solids import MOVED, joint_axes, solid_radii_m
 
-ARM_CASES = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
+ODD = recounted(replace(ARMS["raven2-right"], name="odd", twists_rad=(0.4, 1.2, 2.0), wrist_sign=-1))
+ARM_CASES = pytest.mark.parametrize("arm", [*ARMS.values(), ODD], ids=lambda arm: arm.name)
 
 
 @ARM_CASES
@@ -51,3 +55,21 @@ def test_axes_of_the_joints_move_the_capsules_as_finite_differences_do(arm):
         axis, origin = axes[:, None, None, joint], origins[:, None, None, joint]
         moves = np.broadcast_to(axis, ends.shape) if joint == 2 else np.cross(axis, ends - origin)
         np.testing.assert_allclose(moves * MOVED[None, :, None, joint, None], differences, atol=1e-8)
+
+
+@ARM_CASES
+def test_each_capsule_is_as_thick_as_its_solid(arm):
+    shape = arm.instrument
+    expected = [shape.shaft_radius_m, shape.wrist_radius_m, shape.finger_radius_m, shape.finger_radius_m]
+    np.testing.assert_array_equal(solid_radii_m(arm), expected)
+    np.testing.assert_array_equal(capsules(arm, arm.middle).radii_m, expected)
+    assert SOLIDS == ("shaft", "wrist", "left finger", "right finger")
+
+
+@ARM_CASES
+def test_axes_of_the_joints_are_those_of_their_frames_and_go_through_them(arm):
+    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (3, 2, 6))
+    poses, (axes, origins) = frames(arm, q).matrix, joint_axes(arm, q)
+    np.testing.assert_allclose(axes, poses[..., 1:7, :3, 2], atol=1e-12)
+    aside = np.cross(origins - poses[..., 1:7, :3, 3], axes)
+    np.testing.assert_allclose(aside[..., [0, 1, 3, 4, 5], :], 0.0, atol=1e-12)

@@ -20,6 +20,9 @@ def test_the_tip_or_what_it_holds_comes_there_and_the_wrist_rests(arm, seed):
     found = reach_with_still_wrist(arm, q, fk(arm, asked).apply(held_m), held_m)
     np.testing.assert_array_equal(found[3:], q[3:])
     np.testing.assert_allclose(found, asked, rtol=0, atol=1e-6)
+    if not held_m.any():
+        tip_alone = reach_with_still_wrist(arm, q, fk(arm, asked).translation_m)
+        np.testing.assert_allclose(tip_alone, found, rtol=0, atol=1e-9)
 
 
 def test_a_place_beyond_a_joints_range_is_refused_by_the_joints_name():

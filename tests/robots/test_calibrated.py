@@ -1,5 +1,8 @@
 """Compensation, on arms that consist only of cables."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trio
@@ -13,6 +16,7 @@ from trocar.cell import Ended
 from trocar.errors import TrocarError
 from trocar.motion import move_to, rest_to_rest
 from trocar.robots import ArmGuard, Calibrated, Guarded
+from trocar.robots.calibrated import _Prepared, _require_inside, _Start
 
 EXACT = 1.0 + 1e-6
 
@@ -121,7 +125,7 @@ def test_commands_stay_in_range_where_the_joints_go_to_their_ends(models):
     near_the_end[5] = ARM.lower[5] + 0.01
     after_each_move(arms, [GOALS[0], near_the_end, GOALS[1]])
     sent = np.array(arms.sent["a"])
-    assert (sent >= ARM.lower).all() and (sent <= ARM.upper).all()
+    assert (sent >= ARM.lower + 4.9e-3).all() and (sent <= ARM.upper - 4.9e-3).all()
     assert np.abs(arms.joints["a"][-1][3:] - GOALS[1][3:]).max() < 5e-3
 
 
@@ -167,6 +171,8 @@ def test_a_motion_that_is_held_while_its_commands_are_being_found_does_not_start
             async def move():
                 execution = (await arms.robot.move(to(arms, GOALS[0])))["a"]
                 assert (execution.ended, execution.reason) == (Ended.HELD, "somebody leant in")
+                assert execution.times_s.shape == (0,)
+                assert execution.commanded.shape == execution.measured.shape == (0, 7)
 
             nursery.start_soon(move)
             await trio.sleep(0.02)
@@ -344,6 +350,7 @@ def test_it_can_be_told_to_refuse_what_cannot_be_corrected_within_the_range(mode
     arms.run(script)
     assert np.abs(arms.joints["a"][-1] - GOALS[0])[3:].max() < 5e-3
     lenient.run(lambda: lenient.robot.move(to(lenient, goal)))
+    assert np.array(lenient.sent["a"])[:, 3].min() == pytest.approx(ARM.lower[3] + 5e-3, abs=1e-3), "as far as it may"
     assert lenient.robot.setpoint("a").q[3] > goal[3] + 0.1, "it tells what it believes, not what was wanted"
 
 
@@ -359,3 +366,139 @@ def test_jaws_pass_through(models):
     arms = calibrated(models["play"])
     assert arms.run(lambda: arms.robot.jaw("a", 0.5)).done
     assert arms.robot.read("a").jaw_rad == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("rad", [4.5e-3, 6e-3])
+def test_a_correction_may_fall_short_of_a_range_by_little(rad):
+    path = SimpleNamespace(
+        lacking=rad * np.array([0, 0, 0.1, 0.5, 1.0, -3.0]), farthest=np.array([0, 0, 0, 0, 1.5, 9.0])
+    )
+    if rad < 5e-3:
+        return _require_inside(ARM, path)
+    with pytest.raises(TrocarError, match=r"'wrist_pitch' would need the command 85\.9 deg .* outside \[-80"):
+        _require_inside(ARM, path)
+
+
+def test_what_was_prepared_suits_the_same_motions_from_the_same_rest_alone():
+    motions, path = {"a": rest_to_rest(HOME, GOALS[0], PAPER), "b": rest_to_rest(HOME, GOALS[1], PAPER)}, object()
+    starts = {"a": _Start(HOME, np.zeros(6), path), "b": _Start(HOME, np.zeros(6), None)}
+    prepared = _Prepared(motions, starts, {})
+    assert prepared.suits(dict(motions), dict(starts))
+
+    def with_a(**change):
+        return starts | {"a": replace(starts["a"], **change)}
+
+    one = np.eye(6)[4]
+    assert prepared.suits(motions, with_a(q_cmd=HOME + 0.7e-9 * one))
+    for aside in (1.6e-9 * one, -1.6e-9 * one):
+        assert not prepared.suits(motions, with_a(q_cmd=HOME + aside))
+    assert not prepared.suits(motions, with_a(velocity=1e-9 * one))
+    assert not prepared.suits(motions, with_a(after=None))
+    assert not prepared.suits({"a": motions["a"]}, starts)
+    assert not prepared.suits(motions | {"a": rest_to_rest(HOME, GOALS[0], PAPER)}, starts), "another motion"
+
+
+@pytest.mark.parametrize(("stretch", "noted"), [(1.0005, False), (1.0015, True), (1.5, True)])
+def test_commands_that_take_longer_slow_the_other_arm_down_too_and_that_is_noted(models, stretch, noted):
+    arms = calibrated(models["play"], names=("a", "b"))
+    motion = rest_to_rest(HOME, GOALS[0], PAPER)
+    path, sent = SimpleNamespace(stretch=stretch, commands=motion), {}
+
+    async def verb(motions):
+        sent.update(motions)
+        return {}
+
+    trio.run(arms.robot._sent, verb, {"a": motion, "b": motion}, {"a": path})
+    assert sent["a"] is motion and sent["b"].duration_s == pytest.approx(stretch * motion.duration_s)
+    quicker = SimpleNamespace(stretch=1.0, commands=motion)
+    trio.run(arms.robot._sent, verb, {"a": motion, "b": motion, "c": motion}, {"b": quicker, "a": path})
+    assert sent["c"].duration_s == pytest.approx(stretch * motion.duration_s), "the slowest of them sets the time"
+    arms.log.events.pop() if noted else None
+    trio.run(arms.robot._sent, verb, {"c": motion}, {})
+    assert sent["c"].duration_s == motion.duration_s
+    events = [(event["name"], event["arms"], event["stretch"]) for event in arms.log.events]
+    assert events == [("compensation", ["a"], pytest.approx(stretch))] * noted
+
+
+def test_at_rest_where_the_joints_are_is_estimated_once(models, monkeypatch):
+    arms = calibrated(models["play"])
+    after_each_move(arms, GOALS[:1])
+    robot, memory, asked = arms.robot, arms.robot._memory, []
+    monkeypatch.setattr(robot, "_memory", lambda arm, sent: (asked.append(sent), memory(arm, sent))[1])
+    first = robot._believed("a", arms.driver.setpoint("a"))
+    again = robot._believed("a", arms.driver.setpoint("a"))
+    assert np.array_equal(first, again) and len(asked) <= 1
+    asked.clear()
+    moving = replace(arms.driver.setpoint("a"), moving=True, path_s=0.2, q=GOALS[1])
+    for _ in range(2):
+        robot._believed("a", moving)
+    assert len(asked) == 2, "not while it moves"
+    robot._paths["a"] = replace(robot._paths["a"])
+    robot._believed("a", arms.driver.setpoint("a"))
+    assert len(asked) == 3, "nor of another path that ended at the same place"
+
+
+def test_off_its_path_the_cables_remember_the_straight_way_from_where_it_was_left(models):
+    robot = calibrated(models["play"]).robot
+    motion = rest_to_rest(HOME, GOALS[0], PAPER)
+    asked = []
+    memory = SimpleNamespace(after=lambda way, t_s: (way, t_s))
+    path = SimpleNamespace(commands=motion, memory_at=lambda t_s: (asked.append(t_s), memory)[1])
+    sent = robot._robot.setpoint("a")
+    assert robot._memory("a", sent) is robot._rested["a"] and robot.expected("a") is None
+    robot._paths["a"] = path
+    for path_s in (0.3, motion.duration_s + 0.2):
+        left = motion(min(path_s, motion.duration_s))
+        on_path = replace(sent, path_s=path_s, q=left, on_path=True)
+        assert robot._memory("a", on_path) is robot._memory("a", replace(on_path, on_path=False)) is memory
+        aside = left + [0.1, 0, 0, 0.2, 0, 0]
+        way, t_s = robot._memory("a", replace(on_path, q=aside, on_path=False))
+        for share in (0.0, 0.25, 0.5, 1.0):
+            assert np.abs(way(share * t_s) - left - share * (aside - left)).max() < 1e-12
+        assert asked[-1] == path_s and t_s == way.duration_s
+
+
+def test_a_first_motion_that_is_refused_leaves_no_path_and_a_hold_of_another_arm_stops_none(models):
+    arms = calibrated(models["play"], names=("a", "b"))
+    beyond = HOME.copy()
+    beyond[0] = ARM.upper[0] + 0.1
+    ends = []
+
+    async def script():
+        with pytest.raises(TrocarError):
+            await arms.robot.move(to(arms, beyond))
+        assert arms.robot._paths == {}
+        async with trio.open_nursery() as nursery:
+
+            async def move(name):
+                ends.append((await arms.robot.move(to(arms, GOALS[0], name)))[name])
+
+            nursery.start_soon(move, "a")
+            await trio.sleep(0.02)
+            arms.robot.hold("b")
+            await trio.sleep(0.05)
+            assert arms.robot.setpoint("a").moving
+            assert arms.robot.expected("a") is arms.robot._paths["a"].desired and arms.robot.expected("b") is None
+            nursery.start_soon(move, "b")
+            await trio.sleep(0.02)
+            arms.robot.hold("b")
+
+    arms.run(script)
+    held, done = ends
+    assert (held.ended, held.reason) == (Ended.HELD, Ended.HELD.value) and done.done
+
+
+def test_where_the_joints_are_to_be_is_told_unless_they_will_not_come_there(models):
+    """At rest after a motion: where it was to end, if its commands miss that by less than a mrad; else the estimate."""
+    arms = calibrated(models["play"])
+    after_each_move(arms, GOALS[:1])
+    robot, path = arms.robot, arms.robot._paths["a"]
+    assert path.missing.max() < 1e-3
+    assert np.array_equal(robot.setpoint("a").q, path.desired(path.desired.times_s[-1]))
+    for miss_rad, believed in ((0.9e-3, False), (1.3e-3, True)):
+        robot._paths["a"] = replace(path, missing=np.array([0, 0, 0, 0, miss_rad, 0]))
+        estimate = robot.read("a").q
+        assert np.array_equal(robot.setpoint("a").q, estimate) == believed
+        start = robot._next("a")
+        assert not start.then and start.after is robot._paths["a"]
+        assert np.array_equal(robot._joints("a", replace(start, then=True))[0], estimate) == believed

@@ -253,3 +253,116 @@ def test_an_arm_that_is_not_there_is_named():
     arms = PlainArms()
     with pytest.raises(TrocarError, match=r"'z' is not in this cell; choose one of a"):
         arms.robot.setpoint("z")
+
+
+@pytest.mark.parametrize("slower", [1.0, 2.0])
+def test_it_knows_which_share_of_its_limits_was_sent(slower):
+    arms, motion = PlainArms(), there().stretched(slower)
+    arms.run(lambda: arms.robot.move({"a": motion}))
+    velocity, acceleration = arms.driver.limit_use("a")
+    t = np.linspace(0.0, motion.duration_s, 2001)
+    assert velocity == pytest.approx((np.abs(motion(t, 1)) / PAPER.velocity).max(), rel=0.01)
+    assert acceleration == pytest.approx(1.0 / slower**2, rel=0.03)
+    assert acceleration == pytest.approx(arms.use("a")[1], rel=0.03)
+
+
+@pytest.mark.parametrize(("goal_rad", "widest_rad"), [(0.4, 0.4), (-0.2, 0.04)])
+def test_jaws_ramp_at_their_speed_and_have_arrived_when_they_hold_still(goal_rad, widest_rad):
+    arms, seen = PlainArms(), []
+
+    async def script():
+        assert arms.driver.idle("a")
+        async with trio.open_nursery() as nursery:
+            ends = []
+
+            async def move():
+                ends.append((await arms.robot.jaw("a", goal_rad), arms.now_s()))
+
+            nursery.start_soon(move)
+            await trio.sleep(0.001)
+            assert arms.driver.widest_jaw_rad("a") == pytest.approx(widest_rad) and not arms.driver.idle("a")
+            for _ in range(3):
+                await trio.sleep(0.01)
+                seen.append(arms.robot.read("a").jaw_rad)
+        return ends[0]
+
+    execution, now_s = arms.run(script)
+    sign = np.sign(goal_rad - 0.1)
+    assert np.diff([0.1, *execution.measured[:, 6]])[:4] == pytest.approx([sign * 0.06] * 4)  # 6 rad/s, ticks of 10 ms
+    assert now_s == pytest.approx(0.05 + 0.05, abs=0.011) and execution.done
+    assert arms.robot.read("a").jaw_rad == pytest.approx(goal_rad) and arms.driver.idle("a")
+
+
+def test_held_jaws_stop_and_say_why_and_jaws_at_rest_are_not_asked():
+    arms, ends = PlainArms(("a", "b")), {}
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+
+            async def jaw():
+                ends["a"] = await arms.robot.jaw("a", 1.2)
+
+            nursery.start_soon(jaw)
+            await trio.sleep(0.05)
+            arms.robot.hold(reason="a hand is between them")
+            await arms.robot.rest()
+
+    arms.run(script)
+    assert (ends["a"].ended, ends["a"].reason) == (Ended.HELD, "a hand is between them")
+    assert 0.3 < arms.robot.read("a").jaw_rad < 0.5 and arms.robot.read("b").jaw_rad == 0.1
+    assert arms.run(lambda: arms.robot.jaw("b", 0.2)).ended is Ended.DONE
+
+
+def test_whoever_waits_for_jaws_when_the_loop_is_gone_is_told_and_so_is_whoever_comes_later():
+    arms, ends = PlainArms(), []
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+
+            async def jaw():
+                ends.append(await arms.robot.jaw("a", 1.2))
+
+            nursery.start_soon(jaw)
+            await trio.sleep(0.05)
+            arms.driver.abandon("the connection is gone")
+        ends.append(await arms.robot.jaw("a", 0.3))
+        ends.append((await arms.robot.move({"a": there()}))["a"])
+
+    arms.run(script)
+    assert [(end.ended, end.reason) for end in ends] == [(Ended.FAULT, "the connection is gone")] * 3
+    for end in ends[1:]:
+        assert len(end.times_s) == 0 and end.commanded.shape == end.measured.shape == (0, 7)
+
+
+def test_what_is_still_played_is_told_with_its_start_and_that_it_brakes():
+    arms, motion = PlainArms(), there()
+
+    async def script():
+        assert arms.driver.remaining("a") is None and not arms.driver.braking("a")
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(arms.robot.move, {"a": motion})
+            await trio.sleep(0.2)
+            assert arms.driver.remaining("a") == (motion, 0.0) and not arms.driver.braking("a")
+            arms.driver.fault("a", reason="a test")
+            at = arms.robot.setpoint("a")
+            left, now_s = arms.driver.remaining("a")
+            assert now_s == arms.now_s() and arms.driver.braking("a")
+            assert np.abs(left(0.0) - at.q).max() < 1e-12
+            assert left.times_s[1] == pytest.approx(TICK_S)
+
+    arms.run(script)
+
+
+def test_whoever_rests_waits_for_those_arms_only():
+    arms = PlainArms(("a", "b"))
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(arms.robot.move, {"a": there(), "b": there().stretched(3.0)})
+            await trio.sleep(0.05)
+            await arms.robot.rest("a")
+            assert not arms.robot.setpoint("a").moving and arms.robot.setpoint("b").moving
+            await arms.robot.rest()
+            assert not arms.robot.setpoint("b").moving
+
+    arms.run(script)

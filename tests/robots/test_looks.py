@@ -20,7 +20,7 @@ def looks_at(wrists, rng, left_m=0.2e-3):
         slopes[:, 0] = slopes[:, 3 + row % 3] * 8e-3  # in one image this turn looks like that shift
         information = slopes.T @ slopes
         truth = np.append(wrist, SHIFT_M)
-        expected = np.append(wrist + rng.normal(0.0, 0.05, 3), np.zeros(3))
+        expected = np.append(wrist + rng.normal(0.0, 0.05, 3), rng.normal(0.0, 0.3e-3, 3))
         q = np.append(START[:3], expected[:3])
         pull = information @ (truth - expected)
         looks.append(Look(row, Sighting(q, expected[3:], information, pull, 500, left_m)))
@@ -60,3 +60,25 @@ def test_images_of_something_else_do_not_count(wrists):
 def test_without_looks_nothing_is_said(wrists):
     seen = put_together(PSM_CLASSIC, "looks", np.tile(START, (len(wrists), 1)), [])
     assert not seen.shift_m.any() and not seen.recording.valid.any()
+
+
+def test_what_one_image_tells_of_the_shift_is_weighed_against_how_instruments_usually_lie():
+    """As sure as that, it is believed by half; twice by two thirds. A wrist it tells nothing of stays."""
+    sure = np.diag([0, 0, 0, *[1 / 0.5e-3**2] * 3])
+    q_cmd = np.tile(START, (3, 1))
+    look = Look(1, Sighting(START, SHIFT_M, sure, np.zeros(6), 500, 0.59e-3))
+    once = put_together(PSM_CLASSIC, "once", q_cmd, [look])
+    assert_allclose(once.shift_m, SHIFT_M / 2)
+    assert_allclose(put_together(PSM_CLASSIC, "twice", q_cmd, [look, look]).shift_m, SHIFT_M * 2 / 3)
+    assert_allclose(once.recording.q_phy[1, 3:], START[3:])
+    assert_allclose(once.sd_rad, 1.0)  # a radian where nothing is known
+    assert once.recording.valid.tolist() == [False, True, False]
+    assert_allclose(once.recording.t_s, [0, 1, 2])
+
+
+def test_a_sure_image_gives_the_wrist_and_its_uncertainty():
+    pull, information = np.array([3.0, -4.0, 5.0, 0, 0, 0]), np.diag([99.0, 399.0, 24.0, 1e12, 1e12, 1e12])
+    look = Look(0, Sighting(START, np.zeros(3), information, pull, 500, 0.1e-3))
+    seen = put_together(PSM_CLASSIC, "sure", np.tile(START, (2, 1)), [look])
+    assert_allclose(seen.recording.q_phy[0, 3:] - START[3:], [0.03, -0.01, 0.2])
+    assert_allclose(seen.sd_rad, [[0.1, 0.05, 0.2], [1, 1, 1]])

@@ -21,8 +21,10 @@ from trocar.robots import TICK_S
 from trocar.sim.camera import RayCamera
 from trocar.sim.eyes import EYE_GAINS
 from trocar.sim.laboratory import SimLaboratory, arrays_of
+from trocar.sim.mjcf import Servo, Surface
 from trocar.sim.pace import RealTime
 from trocar.sim.sensor import Light
+from trocar.sim.task_world import TaskWorld
 from trocar.sim.world import PhysicsError
 from trocar.station import SensorFlaws, load_station
 from trocar.trajectory import Trajectory
@@ -667,6 +669,31 @@ def test_whoever_listens_hears_every_event_when_it_happens():
     lab.run(script, 5.0)
     assert [event for _, event in heard] == lab.log.events
     assert [(now_s, event["name"]) for now_s, event in heard] == [(0.0, "first"), (lab.now_s(), "second")]
+
+
+def test_a_laboratory_is_made_of_what_it_was_given_or_of_what_is_usual():
+    day = ideal_session(replace(STATION, cameras={}))
+    servo, surface, task = Servo(jaw_torque_nm=0.05), Surface(abs_friction=0.2), TaskWorld()
+    given = SimLaboratory(day, task, servo=servo, surface=surface).world.cell
+    assert given.servo is servo and given.surface is surface and given.task is task
+    usual = SimLaboratory(day).world.cell
+    assert (usual.servo, usual.surface) == (Servo(), Surface())
+
+
+def test_a_laboratorys_generator_draws_its_cameras_noise():
+    """None stands for the first seed; another one makes another noise."""
+
+    async def script(cell):
+        await cell.cameras["overhead"].capture()
+
+    camera = STATION.cameras["overhead"]
+    small = replace(camera, model=camera.model.binned(8))
+    day, noise = ideal_session(replace(STATION, cameras={"overhead": small})), []
+    for rng in (None, np.random.default_rng(0), np.random.default_rng(1)):
+        lab = SimLaboratory(day, rng=rng)
+        lab.run(script, 5.0)
+        noise.append(lab.cameras["overhead"].taken[0].color.tobytes())
+    assert noise[0] == noise[1] != noise[2]
 
 
 def test_arms_begin_where_their_station_parks_them(lab):

@@ -93,6 +93,52 @@ def test_each_joint_has_its_range_an_actuator_and_sensors_by_name(station):
 
 
 @EVERY_STATION
+def test_cameras_see_what_the_stations_do(station):
+    """MuJoCo's look along -z with y up: a point ahead of ours, to the right and below its axis, is so in theirs."""
+    model = loaded(station)
+    data = parked(model)
+    for name, camera in station.cameras.items():
+        eyes = {name: (camera.model, camera.T_world_camera)}
+        if isinstance(camera.model, StereoRig):
+            rig = camera.model
+            right = camera.T_world_camera @ rig.T_left_right
+            eyes = {f"{name}_left": (rig.left, camera.T_world_camera), f"{name}_right": (rig.right, right)}
+        for label, (lens, T) in eyes.items():
+            assert model.camera(label).fovy[0] == pytest.approx(np.degrees(2 * np.arctan(lens.height / 2 / lens.fy)))
+            pose = SE3.from_parts(SO3(data.camera(label).xmat.reshape(3, 3)), data.camera(label).xpos)
+            assert pose.inverse().apply(T.apply([0.1, 0.2, 1.0])) == pytest.approx([0.1, -0.2, -1.0])
+
+
+@EVERY_STATION
+def test_the_table_is_as_deep_as_the_lowest_fixture_and_all_is_in_view(station):
+    model = loaded(station)
+    fixtures = station.T_world_fixture
+    names = {model.geom(g).name for g in range(model.ngeom)}
+    assert ("table" in names) == bool(fixtures)
+    if fixtures:
+        lowest = fixtures.get("table", min(fixtures.values(), key=lambda T: T.translation_m[2]))
+        assert model.geom("table").pos[2] == pytest.approx(lowest.translation_m[2])
+        assert model.geom("table").rgba[3] == 1.0
+    places = [
+        T for arm in station.arms.values() for T in (arm.T_world_base, arm.T_world_base @ fk(arm.model, arm.park_q()))
+    ]
+    points = np.array([T.translation_m for T in places])
+    assert model.stat.center == pytest.approx(points.mean(axis=0), abs=6e-4)
+    assert model.stat.extent == pytest.approx(0.15 + np.ptp(points, axis=0).max(), abs=6e-4)
+    lamp = model.light("lamp")
+    assert lamp.pos == pytest.approx(points.mean(axis=0) + [0, 0, 1])
+    data = parked(model)
+    assert data.time == 0.0
+    for name, arm in station.arms.items():
+        assert [data.joint(f"{name}_jaw_{side}").qpos[0] for side in ("left", "right")] == pytest.approx(
+            [arm.park_jaw_rad / 2, -arm.park_jaw_rad / 2]
+        )
+        drives = [model.actuator(f"{name}_{joint.name}").id for joint in arm.model.joints]
+        assert data.ctrl[drives] == pytest.approx(arm.park_q())
+        assert data.ctrl[model.actuator(f"{name}_jaw").id] == pytest.approx(arm.park_jaw_rad)
+
+
+@EVERY_STATION
 def test_parked_it_stays_as_the_station_says_and_goes_where_it_is_told(station):
     model = loaded(station)
     data, targets = parked(model), {}

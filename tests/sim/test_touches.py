@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.sim.touches import APART_S, HIT_N, Hit, Touches
+from trocar.sim.touches import Hit, Touches
 
 HEAVY_KG, LIGHT_KG = 0.5, 0.001
 BALL = """<mujoco><worldbody><geom name="table" type="plane" size="1 1 .1"/>
@@ -14,11 +14,11 @@ BALL = """<mujoco><worldbody><geom name="table" type="plane" size="1 1 .1"/>
 HIT = Hit("a", "arm", "table")
 
 
-def pressed(mass_kg):
+def pressed(mass_kg, owners=(-1, 0)):
     """A ball, as a part of arm ``a``, that is pressed into a table as deep as one likes; and who watches it."""
     model = mujoco.MjModel.from_xml_string(BALL.format(mass_kg))
     data = mujoco.MjData(model)
-    world = SimpleNamespace(model=model, data=data, geom_arm=np.array([-1, 0]), arm_names=("a",))
+    world = SimpleNamespace(model=model, data=data, geom_arm=np.array(owners), arm_names=("a", "b"))
     asked, counted = [], []
 
     def hit(first, second):
@@ -26,6 +26,7 @@ def pressed(mass_kg):
         return HIT
 
     def counts(hit, normal):
+        assert normal.shape == (3,)
         counted.append(abs(normal[2]))
         return True
 
@@ -50,12 +51,12 @@ def test_a_touch_counts_once_with_its_time_its_force_and_its_place(press):
     (collision,) = press.touches.collisions()
     assert (collision.time_s, collision.end_s) == (0.01, 0.03)
     assert (collision.arm, collision.what, collision.against) == HIT
-    assert collision.force_n > HIT_N
+    assert collision.force_n > 0.5
     assert collision.p_world_m[0] == pytest.approx(0.01 * 0.02), "the place of the largest force"
     assert press.asked[0] == {0, 1} and press.counted[0] == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(("gap_s", "collisions"), [(APART_S - 0.02, 1), (APART_S + 0.02, 2)])
+@pytest.mark.parametrize(("gap_s", "collisions"), [(0.18, 1), (0.22, 2)])
 def test_a_touch_that_comes_back_at_once_is_the_same(press, gap_s, collisions):
     press.look(0.0, 1e-3)
     press.look(gap_s / 2, -1e-3)
@@ -79,3 +80,33 @@ def test_what_the_task_does_not_count_is_none(press):
     press.touches._hit = lambda first, second: None
     press.look(0.1, 1e-3)
     assert press.touches.collisions() == ()
+
+
+@pytest.mark.parametrize(("owners", "who"), [((1, 0), ("b", "a")), ((0, 1), ("a", "b")), ((0, 0), ("a", "a"))])
+def test_two_arms_that_touch_are_hits_whatever_the_task_says(owners, who):
+    press = pressed(HEAVY_KG, owners)
+    press.look(0.0, 1e-3)
+    (collision,) = press.touches.collisions()
+    first, second = who
+    assert (collision.arm, collision.what, collision.against) == (first, "arm", second)
+    assert press.asked == []
+
+
+@pytest.mark.parametrize("owners", [(-1, 1), (1, -1), (-1, -1)])
+def test_the_task_is_asked_about_everything_else(owners):
+    press = pressed(HEAVY_KG, owners)
+    press.look(0.0, 1e-3)
+    assert press.asked == [{0, 1}]
+
+
+def test_half_a_newton_is_a_hit_and_the_first_of_equal_forces_gives_the_place(press, monkeypatch):
+    force_n = []
+    monkeypatch.setattr(
+        "trocar.sim.touches.mujoco.mj_contactForce", lambda m, d, k, into: into.__setitem__(0, force_n[-1])
+    )
+    for tick, force in enumerate((0.45, 0.7, 0.7, 0.6)):
+        force_n.append(force)
+        press.look(0.01 * tick, 1e-3)
+    (collision,) = press.touches.collisions()
+    assert (collision.time_s, collision.end_s, collision.force_n) == (0.01, 0.03, 0.7)
+    assert collision.p_world_m[0] == pytest.approx(0.01 * 0.01)
