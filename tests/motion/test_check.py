@@ -138,7 +138,7 @@ def test_straight_pieces_stray_and_turn_no_more_than_they_may():
     off_m, off_rad = line_deviation(arm, path, 1)
     assert off_m > 1e-4 and off_rad > 1e-3
     for share_m, share_rad, words in (
-        (1.001, 1.001, []),
+        (1.0, 1.0, []),
         (0.999, 1.001, ["strays"]),
         (1.001, 0.999, ["turns"]),
         (0.9, 0.9, ["strays", "turns"]),
@@ -247,6 +247,7 @@ def test_others_count_from_the_common_start_until_they_rest():
         ),
         (path_of(FOUR[:2], times=[0.0, 1.0, 3.0]), "for the 2 waypoints of arm 'it'"),
         (path_of(FOUR[:2], times=[0.0, -1.0]), "must say when each is passed, in order"),
+        (path_of(FOUR[:2], times=[0.0, np.nextafter(0.0, -1.0)]), "must say when each is passed, in order"),
         (path_of(FOUR[:2], times=[0.5, 3.0]), "motion of arm 'it' starts at 0.5 s; all start at 0"),
         (TimedPath(Trajectory([0.5, 1.0], FOUR[None, :1]), [0.0, 1.0]), "motion of arm 'it' starts at 0.5 s"),
     ],
@@ -256,5 +257,7 @@ def test_answers_of_another_shape_are_refused(path, words):
         check(MotionProblem({"it": ONE}), {"it": path})
 
 
-def test_waypoints_may_be_passed_at_the_same_time():
+def test_waypoints_are_passed_in_order_or_at_the_same_time():
+    with pytest.raises(TrocarError, match="for the 4 waypoints of arm 'it'; it must say when each is passed, in order"):
+        found(path_of(FOUR, times=[0.0, 3.0, 2.0, 9.0]), ALL)
     assert "misses waypoint" in found(path_of(FOUR, times=[0.0, 3.0, 3.0, 9.0]), ALL)[0][0]
