@@ -5,7 +5,7 @@ from ravens import asked, swapping
 from trocar.arms import wrist_depth_m
 from trocar.motion.convex.scene import Scene
 from trocar.motion.convex.search import Search
-from trocar.motion.convex.starts import plain_path
+from trocar.motion.convex.starts import FEW, MORE, plain_path
 
 TWO = swapping(0.03)
 THREE = np.stack([TWO[:, 0], TWO.mean(axis=1) + 0.02, TWO[:, 1]], axis=1)
@@ -114,3 +114,13 @@ def test_starts_stay_within_the_ranges_and_go_through_the_waypoints():
             for k, shares in enumerate(search.passing):
                 passed = search.curve.path(control)(shares)[:, 6 * k : 6 * k + 6]
                 np.testing.assert_allclose(passed, THREE[k], atol=1e-9)
+
+
+def test_ways_aside_are_as_many_to_one_side_as_to_the_other_and_none_is_wild():
+    assert len(set(FEW)) == 6 and len(set(MORE)) == 26
+    for ways in (FEW, MORE):
+        assert all({(-a, b, c), (a, -b, c), (-a, -b, c)} <= set(ways) for a, b, c in ways)
+        assert all(abs(a) < 0.5 and abs(b) < 0.5 and 0 <= c < 0.1 for a, b, c in ways)
+    assert all(np.count_nonzero(way) == 1 for way in FEW)  # one thing at a time is tried first
+    assert all(a == b == 0 for a, b, _ in FEW[:2])  # pulling back before all
+    assert max(map(max, MORE)) == 2 * max(map(max, FEW))
