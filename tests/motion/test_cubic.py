@@ -44,19 +44,20 @@ def test_from_rest_to_rest_a_limit_is_met_exactly(limits, least_s, sign):
         assert grid.shortest(rest)[0, 0] == pytest.approx(found_s)
 
 
+@pytest.mark.parametrize("way", [0.5, -0.5])
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_both_ends_accelerate_within_the_limit(mirrored):
-    """From 0 at 1 /s to .5 at rest: 6 d / t^2 - 4 v / t at the start, -6 d / t^2 + 2 v / t at the end."""
+def test_both_ends_accelerate_within_the_limit(mirrored, way):
+    """From 1 /s to rest: 6 d / t^2 - 4 v / t at the start, -6 d / t^2 + 2 v / t at the end; or time backwards."""
     velocities = np.array([[[1.0], [0.0]]])
     if mirrored:
         velocities = velocities[:, ::-1]
     for t in (0.2, 0.5, 0.8):
-        start, end = 3.0 / t**2 - 4 / t, -3.0 / t**2 + 2 / t
+        start, end = 6 * way / t**2 - 4 / t, -6 * way / t**2 + 2 / t
         most = max(abs(start), abs(end))
         for acceleration, kept in ((1.001 * most, True), (0.999 * most, False)):
-            grid = grid_of([0.0, 0.5], one_joint(acceleration=acceleration), first_s=t, longest_s=t)
+            grid = grid_of([0.0, way], one_joint(acceleration=acceleration), first_s=t, longest_s=t)
             assert (grid.shortest(velocities)[0, 0] == t) == kept
-        motion = Trajectory.hermite([0.0, t], [[0.0], [0.5]], velocities[0])
+        motion = Trajectory.hermite([0.0, t], [[0.0], [way]], velocities[0])
         found = [abs(motion(when, 2)[0]) for when in (0.0, np.nextafter(t, 0))]
         assert max(found) == pytest.approx(most)
 
