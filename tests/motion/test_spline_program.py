@@ -8,7 +8,7 @@ from scipy.interpolate import BSpline
 from trocar.motion.spline_program import FREE, Block, JointSpline, Rows
 
 SHARES = np.array([0.0, 0.1, 0.35, 0.6, 0.8, 1.0])
-AT = np.array([0.0, 0.05, 0.1, 0.4, 0.6, 0.99])
+AT = np.array([0.0, 0.05, 0.1, 0.4, 0.6, 0.99, 1.0])
 
 
 def spline(degree=3, held=2, joints=2, seed=0):
