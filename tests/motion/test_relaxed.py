@@ -207,6 +207,7 @@ def test_the_bound_of_waypoints_with_a_tolerance_is_lower_and_holds_for_each_cho
 
 
 PASSED = np.array([0.0, 0.25, 0.7, 1.0])
+UNEVEN = np.stack([FOUR[0], (FOUR[0] + FOUR[1]) / 2, FOUR[2], FOUR[3]])  # lifted less than it is lowered
 T_S = 2.0
 
 
@@ -299,6 +300,8 @@ def test_a_channel_bounds_where_the_tip_is_and_how_it_is_turned(foot):
     ("points", "straight", "passed", "over"),
     [
         (FOUR, UPRIGHT, PASSED, [0.25, 0.3625, 0.475, 0.5875, 0.7]),
+        (UNEVEN, UPRIGHT, PASSED, [0.25, 0.3625, 0.475, 0.5875, 0.7]),
+        (UNEVEN[::-1], UPRIGHT, PASSED, [0.25, 0.3625, 0.475, 0.5875, 0.7]),
         (FOUR[1:], (False, True), PASSED[[0, 2, 3]], [0.175, 0.35, 0.525, 0.7]),
         (FOUR[:3], (True, False), PASSED[[0, 1, 3]], [0.25, 0.4375, 0.625, 0.8125]),
     ],
