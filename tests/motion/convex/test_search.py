@@ -1,15 +1,17 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ravens import asked, down, joints, least_m, swapping
 from trocar.arms import ARMS, MotionLimits, fk
+from trocar.geometry import SE3
 from trocar.motion import ArmMotion, Capsule, Facing, MotionProblem, MovingArm
 from trocar.motion.convex import search as module
 from trocar.motion.convex.rows import Rows
 from trocar.motion.convex.scene import Scene, joint_path
-from trocar.motion.convex.search import PATIENT, QUICK, Search, Sight, passing_shares
+from trocar.motion.convex.search import PATIENT, QUICK, Effort, Search, Sight, passing_shares
 from trocar.trajectory import Trajectory
 
 PSM = ARMS["psm-classic"]
@@ -213,3 +215,124 @@ def test_a_start_that_breaks_nothing_is_the_answer_and_one_that_collides_is_bent
     assert timing is not None
     split = {name: joint_path(timing.motion, k) for k, name in enumerate(CROSSING.arms)}
     assert least_m(CROSSING, split, timing.motion.duration_s) > 1e-3 - 1e-5
+
+
+def test_margins_are_kept_beside_the_distances_that_are_asked():
+    search = search_for(CROSSING)
+    rooms = []
+    for margin_m in (0.0, 0.01):
+        search.margin_m = margin_m
+        rooms.append(search.seen(search.starts.plain).rows.room.min())
+    assert rooms[1] == pytest.approx(rooms[0] - 0.01)
+    left = APART.arms["left"]
+    facing = Facing([0.0, 1.0, 0.0], [-0.05, 0.5, -0.12], 3.0)
+    angles = facing.angle_rad(left.T_world_base @ fk(left.model, left.waypoints))
+    limited = replace(left, facing=replace(facing, max_rad=float(angles.max()) + 0.1))
+    turned = search_for(replace(APART, arms=APART.arms | {"left": limited}))
+    for margin_rad, breaks in ((0.05, False), (0.2, True)):
+        turned.margin_rad = margin_rad
+        assert (turned.seen(turned.starts.plain).broken_m > 0) == breaks
+
+
+def test_a_path_is_certified_four_times_as_finely_as_it_is_planned(monkeypatch):
+    search, looked_at = search_for(APART), []
+    monkeypatch.setattr(module, "in_range", lambda arms, q, slack: looked_at.append(q))
+    path = search._plain_path()
+    assert search.certified(path) is None
+    np.testing.assert_allclose(looked_at[0], path(np.linspace(0, 1, 145)))
+
+
+@pytest.mark.parametrize("enough", [0, 2, 4, 9])
+def test_it_waits_by_quarters_of_the_time_until_the_last_other_arm_rests(monkeypatch, enough):
+    problem = passing_by(3.0)
+    other, search, waits = problem.others["other"], search_for(problem), []
+    early = replace(other, start_s=0.5, T_world_base=SE3.from_parts(translation_m=[1.0, 0.0, 0.0]))
+    search.problem = replace(problem, others={"early": early, "late": other})
+
+    def clear(self, motion, timing):
+        waits.append(motion.duration_s)
+        return len(waits) > enough
+
+    monkeypatch.setattr(Search, "_clear", clear)
+    timing = search.certified(search._plain_path())
+    seconds = search._timed(search._plain_path()).motion.duration_s
+    np.testing.assert_allclose(np.array(waits) - seconds, np.arange(min(enough, 4) + 1.0), atol=1e-9)  # quarters of 4 s
+    assert (timing is None) == (enough > 4)
+
+
+class Scripted(Search):
+    """A search whose steps lead from one path to the next as is said: what each costs, promised and came out."""
+
+    def __init__(self, least, steps, certified=True):
+        self.programme = SimpleNamespace(energy=lambda control: least)
+        self.starts = SimpleNamespace(plain=None)
+        self.curve = SimpleNamespace(path=lambda control: control)
+        self.steps, self.yes, self.asked, self.told = list(steps), certified, [], []
+        self.passes_through = False
+
+    def _step(self, sight, price, damping):
+        self.asked.append((price, damping))
+        energy, broken_m, hoped = self.steps.pop(0)
+        return sight_of(energy, broken_m), hoped
+
+    def certified(self, path):
+        self.told.append(float(path))
+        return path if self.yes is True or self.yes.pop(0) else None
+
+    def seen(self, control):
+        return control if isinstance(control, Sight) else sight_of(float(control), 0.0)
+
+
+def sight_of(energy, broken_m):
+    return Sight(np.float64(energy), Rows(np.array([-broken_m]), np.zeros((1, 1)), np.zeros((1, 1))), broken_m, energy)
+
+
+def test_a_way_far_round_is_shortened_while_a_step_saves_enough():
+    near = Scripted(10.0, [])
+    assert near._shortened(sight_of(13.0, 0.0), "first", 300.0) == "first" and not near.asked
+    # steps: accepted, refused twice, accepted; then it is near enough
+    steps = [(18.0, 0.0, 4.0), (17.8, 0.0, 4.0), (17.9, 0.0, 4.0), (12.9, 0.0, 4.0)]
+    search = Scripted(10.0, steps)
+    assert search._shortened(sight_of(20.0, 0.0), "first", 300.0) == 12.9
+    assert [damping for _, damping in search.asked] == pytest.approx([0.0, 0.0, 1.0, 4.0])
+    assert search.told == [18.0, 12.9]
+    # a step that promises 3 % or less ends it; one that keeps a tenth of its promise is taken
+    little = Scripted(10.0, [(10.0, 0.0, 0.59)])
+    assert little._shortened(sight_of(20.0, 0.0), "first", 300.0) == "first" and len(little.asked) == 1
+    kept = Scripted(10.0, [(19.0, 0.0, 9.0), (15.0, 0.0, 9.0), (12.0, 0.0, 9.0)])
+    assert kept._shortened(sight_of(20.0, 0.0), "first", 300.0) == 12.0
+    assert kept.told == [19.0, 15.0, 12.0]
+    # what saves less than 3 % is not worth a certificate, and a path that breaks something has none
+    slight = Scripted(10.0, [(19.5, 0.0, 1.0), (12.0, 3e-5, 1.0)])
+    assert slight._shortened(sight_of(20.0, 0.0), "first", 300.0) == "first" and not slight.told
+    never = Scripted(10.0, [(20.0, 0.0, 4.0)] * 20)
+    assert never._shortened(sight_of(20.0, 0.0), "first", 300.0) == "first" and len(never.asked) == 10
+    refused = Scripted(10.0, [(15.0, 0.0, 4.0), (12.0, 0.0, 4.0)], certified=[False, True])
+    assert refused._shortened(sight_of(20.0, 0.0), "first", 300.0) == 12.0 and refused.told == [15.0, 12.0]
+
+
+def test_a_start_is_followed_price_by_price_until_it_is_certified():
+    start = sight_of(10.0, 0.1)
+
+    def followed(steps, effort, **more):
+        search = Scripted(100.0, steps, **more)
+        search.seen = lambda control: start if control is start else sight_of(float(control), 0.0)
+        return search.followed(start, effort), search
+
+    # nothing to hope for at the first price: on to the next one, with no damping
+    timing, search = followed([(10.0, 0.1, 1e-9), (12.0, 1e-5, 400.0)], Effort((300.0, 3000.0), 3))
+    assert timing == 12.0 and search.asked == [(300.0, 0.0), (3000.0, 0.0)]
+    # halfway kept: damping falls by .3; less: it stays; refused: up to 1, then times 4
+    steps = [(90.0, 0.1, 5.0), (90.0, 0.1, 5.0), (10.0, 0.08, 10.0), (10.0, 0.07, 10.0), (10.0, 0.06, 3.0)]
+    _, search = followed([*steps, (10.0, 0.0, 18.0)], Effort((300.0,), 6))
+    assert [damping for _, damping in search.asked] == pytest.approx([0.0, 1.0, 4.0, 1.2, 1.2, 0.36])
+    slow = [(90.0, 0.1, 5.0), (10.0, 0.09, 29.0), (10.0, 0.08, 31.0), (10.0, 0.07, 3.0)]
+    _, search = followed(slow, Effort((300.0,), 4))  # just more than a tenth is taken, just less is not
+    assert [damping for _, damping in search.asked] == [0.0, 1.0, 1.0, 4.0]
+    refused = [(10.0, 0.09, 31.0), (10.0, 0.09, 31.0), (10.0, 0.09, 3.0)]
+    assert [damping for _, damping in followed(refused, Effort((300.0,), 3))[1].asked] == [0.0, 1.0, 4.0]
+    # a path that passes through something is given up, one that is a little too near is looked at again
+    timing, search = followed([(12.0, 1e-5, 400.0), (13.0, 0.0, 1.0)], Effort((300.0,), 3), certified=[False, True])
+    assert timing == 12.0 and search.told == [12.0, 12.0][: len(search.told)]
+    through, _ = followed([(12.0, 1e-5, 400.0)], Effort((300.0,), 1))
+    assert through is None  # no step is left to certify it in
