@@ -331,8 +331,21 @@ def test_a_start_is_followed_price_by_price_until_it_is_certified():
     assert [damping for _, damping in search.asked] == [0.0, 1.0, 1.0, 4.0]
     refused = [(10.0, 0.09, 31.0), (10.0, 0.09, 31.0), (10.0, 0.09, 3.0)]
     assert [damping for _, damping in followed(refused, Effort((300.0,), 3))[1].asked] == [0.0, 1.0, 4.0]
-    # a path that passes through something is given up, one that is a little too near is looked at again
-    timing, search = followed([(12.0, 1e-5, 400.0), (13.0, 0.0, 1.0)], Effort((300.0,), 3), certified=[False, True])
-    assert timing == 12.0 and search.told == [12.0, 12.0][: len(search.told)]
-    through, _ = followed([(12.0, 1e-5, 400.0)], Effort((300.0,), 1))
+    # a path that is a little too near is looked at again
+    timing, search = followed([(12.0, 1e-5, 28.0), (13.0, 0.0, 1.0)], Effort((300.0,), 3), certified=[False, True])
+    assert timing == 12.0 and search.told == [12.0, 12.0]
+    through, _ = followed([(12.0, 1e-5, 28.0)], Effort((300.0,), 1))
     assert through is None  # no step is left to certify it in
+
+
+def test_a_path_that_passes_through_something_is_given_up():
+    search = Scripted(100.0, [(12.0, 1e-5, 28.0)], certified=[False])
+    search.passes_through = True
+    start = sight_of(10.0, 0.1)
+
+    def certified(path):
+        search.passes_through = True
+
+    search.certified = certified
+    search.seen = lambda control: start
+    assert search.followed(start, Effort((300.0, 3000.0), 3)) is None and len(search.asked) == 1
