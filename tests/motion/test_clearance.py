@@ -322,3 +322,18 @@ def test_no_two_capsules_come_nearer_between_samples_than_the_bound(seed):
         assert bound <= least + 1e-9 and least <= at.min() + 1e-9
         better += bound > min(at) - 1e-9
     assert better > 3  # often nothing is hidden, and that is known
+
+
+def test_each_interval_of_each_pair_is_bounded_by_itself():
+    rng = np.random.default_rng(7)
+    ends = rng.normal(size=(2, 4, 2, 2, 3)) + [0.0, 0.0, 3.0] * np.arange(2)[:, None, None]
+    bodies = bodies_of([0.1, 0.2, 0.4], [[0, 1], [1, 2]])
+    times, bend = np.array([[0.0, 0.1, 0.3, 0.7], [0.0, 0.2, 0.4, 0.9]]), rng.uniform(1, 9, (2, 3))
+    at, bounds = module._measured(bodies, times, ends, np.array([0, 1]), bend)
+    for row, part in np.ndindex(2, 3):
+        two = slice(part, part + 2)
+        alone = module._measured(
+            bodies, times[row : row + 1, two], ends[row : row + 1, two], np.array([row]), bend[row : row + 1, [part]]
+        )
+        np.testing.assert_allclose(alone[0][0], at[row, two])
+        np.testing.assert_allclose(alone[1][0, 0], bounds[row, part])
