@@ -248,7 +248,7 @@ def test_a_start_may_stand_exactly_as_near_as_is_allowed(index):
 def test_where_others_rest_counts_at_the_end_and_where_they_start_at_the_start():
     problem = asked(swapping(0.0))
     arm, right = problem.arms["left"], problem.arms["right"]
-    away = joints("right", down([-0.15, 0.0, -0.09]))
+    away = joints("right", down([-0.14, -0.04, -0.12]))
     for index, where in ((0, "start"), (1, "end")):
         hit = right.waypoints[1 - index]  # where the left tip is then
         for ends, refused in (([hit, away], index == 0), ([away, hit], index == 1)):
