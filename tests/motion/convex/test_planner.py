@@ -196,13 +196,13 @@ def test_rows_of_a_wall_leave_no_gap_for_a_finger(jaw):
 
 def test_a_way_that_leads_far_round_is_shortened(monkeypatch):
     rng = np.random.default_rng(4)
-    problems = [asked(random_waypoints(rng), (1.0, 1.0)) for _ in range(60)]
+    problems = [asked(random_waypoints(rng), (1.0, 1.0)) for _ in range(25)]
     seconds = {}
     for steps in (0, search.SHORTER):
         monkeypatch.setattr(search, "SHORTER", steps)
         seconds[steps] = [plan.duration_s for plan in (plan_motion(p, "convex") for p in problems) if plan.found]
     first, shortened = (np.array(found) for found in seconds.values())
-    assert len(first) == len(shortened) > 30
+    assert len(first) == len(shortened) > 12
     assert (shortened < 1.02 * first).all()
     assert (shortened < 0.9 * first).any()
 
@@ -249,16 +249,15 @@ def test_where_others_rest_counts_at_the_end_and_where_they_start_at_the_start()
     problem = asked(swapping(0.0))
     arm, right = problem.arms["left"], problem.arms["right"]
     away = joints("right", down([-0.14, -0.04, -0.12]))
-    for index, where in ((0, "start"), (1, "end")):
-        hit = right.waypoints[1 - index]  # where the left tip is then
-        for ends, refused in (([hit, away], index == 0), ([away, hit], index == 1)):
-            motion = Trajectory.hermite([0.0, 1.0], np.array(ends), np.zeros((2, 6)))
-            other = MovingArm(right.model, motion, right.T_world_base)
-            beside = replace(problem, arms={"left": arm}, others={"other": other}, obstacles={})
-            if refused:
-                with pytest.raises(TrocarError, match=f"at the {where}, left"):
-                    require_possible(beside, Scene.of(beside))
-            else:
+    meets = right.waypoints[::-1]  # where the left tip starts and ends
+    for ends, where in (([meets[0], away], "start"), ([away, meets[1]], "end"), ([away, 0.9 * away], None)):
+        motion = Trajectory.hermite([0.0, 1.0], np.array(ends), np.zeros((2, 6)))
+        other = MovingArm(right.model, motion, right.T_world_base)
+        beside = replace(problem, arms={"left": arm}, others={"other": other}, obstacles={})
+        if where is None:
+            require_possible(beside, Scene.of(beside))
+        else:
+            with pytest.raises(TrocarError, match=f"at the {where}, left"):
                 require_possible(beside, Scene.of(beside))
 
 
