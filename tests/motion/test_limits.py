@@ -147,9 +147,9 @@ def test_a_range_may_be_left_by_a_share_of_its_extent():
         q[1, joint] = bound[joint] + sign * 0.01 * (ARM.upper - ARM.lower)[joint]
         motion = Trajectory.hermite([0.0, 1.0], q, np.zeros((2, 6)))
         require_range(ARM, motion, slack=0.0101)
-        for slack in (0.0099, 0.0):
+        for slack in ((0.0099,), ()):  # none, if none is given
             with pytest.raises(TrocarError, match=f"takes joint '{ARM.joints[joint].name}' .* out of its range"):
-                require_range(ARM, motion, slack)
+                require_range(ARM, motion, *slack)
 
 
 def test_a_motion_whose_times_do_not_start_at_nothing_is_measured_too():
