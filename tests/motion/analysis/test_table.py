@@ -132,3 +132,9 @@ def test_times_may_stand_in_any_column(tmp_path):
     assert table.names == ("q1", "q2") and table.step_s == pytest.approx(0.01)
     np.testing.assert_array_equal(table.values, np.outer(np.arange(20), [1, -1]))
     np.testing.assert_array_equal(table.columns(["q2", "q1"], "x"), np.outer(np.arange(20), [-1, 1]))
+
+
+def test_a_row_without_a_time_is_named(tmp_path):
+    text = lines(moved(99, 0.0), range(20)).replace("0.050000,", ",", 1)
+    with pytest.raises(TrocarError, match="do not increase at row 7"):
+        read_joint_table(written(tmp_path, text))
