@@ -170,6 +170,16 @@ def test_a_tip_that_may_be_only_so_fast_is_nearly_that_fast_all_the_way(seed):
     assert faster.duration_s == pytest.approx(motion.duration_s / 2, rel=1e-6)
 
 
+@pytest.mark.parametrize("k", [0, 1])
+def test_one_slow_tip_slows_down_both_arms(k):
+    free, slow = one_arm(), one_arm(max_tip_m_s=0.01)
+    arms = (slow, free) if k == 0 else (free, slow)
+    motion = retimed(straight_path(*arms), arms, np.zeros(0)).motion
+    alone = retimed(straight_path(slow), (slow,), np.zeros(0)).motion
+    assert motion.duration_s == pytest.approx(alone.duration_s, rel=1e-6)
+    assert motion.duration_s > 2 * retimed(straight_path(free), (free,), np.zeros(0)).motion.duration_s
+
+
 @pytest.mark.parametrize("path", [bent_path(3), straight_path(one_arm())], ids=["bent", "straight"])
 def test_a_path_over_time_is_the_path_at_the_share_that_is_reached(path):
     """In every step the share is a quadratic of time, from one speed to the next."""
