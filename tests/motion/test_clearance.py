@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from trocar.arms import ARMS, SOLIDS, capsules
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.geometry.capsules import capsule_distances_m, segment_distances_m
+from trocar.geometry.capsules import Capsules, capsule_distances_m, segment_distances_m
 from trocar.motion import Capsule, HalfSpace, MotionProblem, MovingArm, plan_motion, rest_to_rest, swept_clearance
+from trocar.motion import clearance as module
 from trocar.motion.bend import greatest_accelerations
 from trocar.motion.bodies import Bodies
 from trocar.trajectory import Trajectory
@@ -96,7 +97,7 @@ def test_what_one_joint_does_is_turned_by_those_before_it(arm, turns, slides, se
 
 
 @ARM_CASES
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(seed=SEEDS, speed=st.floats(0.0, 8.0), enough_mm=st.sampled_from([0.0, 1.0, 20.0, np.inf]))
 def test_two_arms_and_obstacles_against_brute_force(arm, seed, speed, enough_mm):
     rng = np.random.default_rng(seed)
@@ -226,3 +227,113 @@ def test_what_is_too_near_need_not_be_known_well():
     rough = swept_clearance(arms, enough_m=1e-3, resolution_m=1e-5, too_near_m=1e-3)
     assert exact.distance_m < 1e-3 and rough.sampled_m < 1e-3
     assert rough.distance_m <= exact.distance_m <= exact.sampled_m <= rough.sampled_m
+
+
+def bodies_of(radii, pairs):
+    count = len(radii)
+    none = Capsules(np.zeros((0, 2, 3)), np.zeros(0))
+    return Bodies((), none, tuple("abc"[:count]), np.array(radii), np.array(pairs, dtype=np.intp))
+
+
+def test_the_first_samples_are_even_and_hold_all_knots():
+    def moving(start_s, knots):
+        return MovingArm(PSM, Trajectory(np.array(knots), np.tile(FOUR[0], (1, len(knots) - 1, 1))), LEFT, start_s)
+
+    def samples(span=None, *arms):
+        return module._first_samples(Bodies.of({str(k): arm for k, arm in enumerate(arms)}, {}, {}), span)
+
+    one, two = moving(0.5, [0.0, 0.1, 0.21]), moving(-0.2, [0.0, 0.3])
+    found = samples(None, one, two)
+    even = np.linspace(-0.2, 0.71, 24)  # steps of no more than 40 ms
+    np.testing.assert_allclose(found, np.unique(np.concatenate([even, [0.1, 0.5, 0.6]])))
+    np.testing.assert_allclose(samples((0.0, 0.04), two), [0.0, 0.04])
+    np.testing.assert_allclose(samples((0.0, 0.0401), two), [0.0, 0.02005, 0.0401])
+    assert len(samples((0.0, 100.0), two)) == 66  # 64 intervals, and one more knot
+    assert samples((0.3, 0.3), one).tolist() == [0.3, 0.3]
+    merged = samples((0.0, 0.08), moving(0.0, [0.0, 0.04 + 0.5e-9, 0.06]))
+    np.testing.assert_allclose(merged, [0.0, 0.04, 0.06, 0.08])
+    assert len(samples((0.0, 0.08), moving(0.0, [0.0, 0.04 + 2e-9, 0.06]))) == 5
+    for span in ((0.0, np.inf), (np.nan, 1.0)):
+        with pytest.raises(TrocarError, match="give two finite times in order"):
+            samples(span, one)
+
+
+def test_stretches_are_eight_intervals_long_and_share_their_ends():
+    np.testing.assert_array_equal(module._stretches(17), [np.arange(9), np.arange(8, 17)])
+    np.testing.assert_array_equal(module._stretches(18)[-1], [16] + 8 * [17])
+    np.testing.assert_array_equal(module._stretches(3), [[0, 1, 2, 2, 2, 2, 2, 2, 2]])
+    np.testing.assert_array_equal(module._stretches(1), [np.zeros(9)])
+
+
+def test_boxes_round_capsules_tell_which_pairs_are_near():
+    """A rod, a ball (3, 4) beyond its end and one that is high above both."""
+    rod, ball, high = [[0, 0, 0], [1, 0, 0]], [[4, 4, 0]] * 2, [[0.5, 0, 9]] * 2
+    ends = np.tile(np.array([rod, ball, high], dtype=float), (3, 1, 1, 1))
+    knots = np.array([0.0, 0.2, 0.6])
+    bends = np.array([[0.0, 0.0, 0.0], [0.0, 50.0, 0.0]])  # the ball may be 1 m off within .4 s
+    bodies = bodies_of([0.1, 0.2, 0.3], [[0, 1], [0, 2], [1, 2]])
+    high_m = 9 - 0.4
+    ball_m = np.hypot.reduce([3.5 - 0.5 - 1, 4 - 0.5 - 1, 9 - 0.5 - 1])
+    for enough_m, kept, apart_m in ((0.0, [0], ball_m), (ball_m + 0.1, [0, 2], high_m), (99.0, [0, 1, 2], np.inf)):
+        pair, stretch, apart = module._near(bodies, knots, ends, bends, enough_m)
+        assert pair.tolist() == kept and not stretch.any()
+        assert apart == pytest.approx(apart_m)
+    assert module._near(bodies, knots, ends, 0 * bends, 0.0)[2] == pytest.approx(high_m)  # the ball is further up
+    assert module._near(bodies, knots, ends, 0 * bends, np.hypot(2.7, 3.7) + 1e-9)[0].tolist() == [0]
+
+
+def between(first, second, bend=0.0, seconds=0.5):
+    """The distances at two samples, and the bound between, of capsules of radii .1 and .2 that move straight."""
+    ends = np.stack([np.array(first, dtype=float), np.array(second, dtype=float)], axis=1)[None]
+    bodies = bodies_of([0.1, 0.2], [[0, 1]])
+    times = np.array([[1.0, 1.0 + seconds]])
+    at, bound = module._measured(bodies, times, ends, np.zeros(1, dtype=int), np.array([[bend]]))
+    return at[0], bound[0, 0]
+
+
+def test_between_two_samples_a_bound_holds_and_is_exact_where_it_can_be():
+    rod = [[[-1, 0, 0], [1, 0, 0]]] * 2
+    goes = ((0, 2), (0, 3), (0.5, 2))
+    still, away, passing = ([[[0, 0, 2]] * 2, [[x, 0, z]] * 2] for x, z in goes)
+    assert between(rod, still)[0] == pytest.approx([1.7, 1.7]) and between(rod, still)[1] == pytest.approx(1.7)
+    assert between(rod, away)[0] == pytest.approx([1.7, 2.7]) and between(rod, away)[1] == pytest.approx(1.7)
+    assert between(away, rod)[1] == pytest.approx(1.7)  # the order of the two does not matter
+    assert between(rod, away[::-1])[1] == pytest.approx(1.7)
+    assert between(rod, passing)[1] == pytest.approx(1.7)  # along the rod: seen from it nothing is nearer
+    assert between(rod, still, bend=3.2)[1] == pytest.approx(1.7 - 3.2 * 0.25 / 8)
+    assert between(rod, still, bend=3.2, seconds=1.0)[1] == pytest.approx(1.7 - 3.2 / 8)
+    ball, across = [[[0, 0, 0]] * 2] * 2, [[[-1, 0, 1]] * 2, [[1, 0, 1]] * 2]
+    at, bound = between(ball, across)
+    assert at == pytest.approx([np.sqrt(2) - 0.3] * 2)
+    assert bound == pytest.approx(np.sqrt(2) - 1 - 0.3)  # half of the way is lost from the mean; the truth is .7
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_two_capsules_come_nearer_between_samples_than_the_bound(seed):
+    rng = np.random.default_rng(seed)
+    better = 0
+    for _ in range(40):
+        first, second = rng.normal(size=(2, 2, 2, 3))
+        second[..., 2] += rng.uniform(1, 6)
+        share = np.linspace(0, 1, 101)[:, None, None]
+        p, q = (one[0] + share * (one[1] - one[0]) for one in (first, second))
+        least = segment_distances_m(p[:, 0], p[:, 1], q[:, 0], q[:, 1]).min() - 0.3
+        at, bound = between(first, second)
+        assert bound <= least + 1e-9 and least <= at.min() + 1e-9
+        better += bound > min(at) - 1e-9
+    assert better > 3  # often nothing is hidden, and that is known
+
+
+def test_each_interval_of_each_pair_is_bounded_by_itself():
+    rng = np.random.default_rng(7)
+    ends = rng.normal(size=(2, 4, 2, 2, 3)) + [0.0, 0.0, 3.0] * np.arange(2)[:, None, None]
+    bodies = bodies_of([0.1, 0.2, 0.4], [[0, 1], [1, 2]])
+    times, bend = np.array([[0.0, 0.1, 0.3, 0.7], [0.0, 0.2, 0.4, 0.9]]), rng.uniform(1, 9, (2, 3))
+    at, bounds = module._measured(bodies, times, ends, np.array([0, 1]), bend)
+    for row, part in np.ndindex(2, 3):
+        two = slice(part, part + 2)
+        alone = module._measured(
+            bodies, times[row : row + 1, two], ends[row : row + 1, two], np.array([row]), bend[row : row + 1, [part]]
+        )
+        np.testing.assert_allclose(alone[0][0], at[row, two])
+        np.testing.assert_allclose(alone[1][0, 0], bounds[row, part])

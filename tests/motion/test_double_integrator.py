@@ -62,7 +62,7 @@ def test_the_least_acceleration_of_a_longer_time_just_reaches(state, longer):
 def test_the_gap_lies_between_rushing_through_and_coming_back(state):
     """In a gap no acceleration will do; after it every longer time will."""
     d, v0, v1, v, a = state
-    shortest, after = float(shortest_between_s(*state)), float(after_gap_s(*state))
+    shortest, after = float(shortest_between_s(*state)), float(after_gap_s(d, v0, v1, a))
     assume(shortest > 1e-6)
     for t in (after, 1.1 * after, 2 * after, 5 * after):
         if t > shortest:
@@ -75,7 +75,8 @@ def test_the_gap_lies_between_rushing_through_and_coming_back(state):
 def test_a_joint_that_rushes_through_can_be_quick_or_late_and_nothing_between():
     """0.1 m from 1 m/s to 1 m/s at 1 m/s^2: 0.095 s; to stop and come back takes 3.8 s."""
     state = (0.1, 1.0, 1.0, 2.0, 1.0)
-    quick, late = float(shortest_between_s(*state)), float(after_gap_s(*state))
+    quick, late = float(shortest_between_s(*state)), float(after_gap_s(0.1, 1.0, 1.0, 1.0))
+    assert float(after_gap_s(-0.1, -1.0, -1.0, 1.0)) == pytest.approx(late)
     assert quick == pytest.approx(0.0976, abs=1e-3) and late == pytest.approx(2 + 2 * np.sqrt(0.9), abs=1e-6)
     for t in np.linspace(0.2, late - 0.1, 10):
         assert least_acceleration(*state[:3], t, 2.0) > 1.0
@@ -115,3 +116,10 @@ def test_phases_join_both_states_in_the_common_time_within_the_limits(seed):
 def test_a_joint_that_stays_has_one_still_phase():
     assert phases_between(0.0, 0.0, 0.0, 0.7, 1.0) == [(0.7, 0.0)]
     assert phases_between(0.5, 0.5, 0.5, 1.0, 1.0) == [(1.0, 0.0)]
+
+
+def test_a_gap_begins_where_rushing_through_would_be_too_quick_by_hand():
+    """At 2 /s^2, from .6 /s to .8 /s over .09: back as fast as sqrt(.5 - .18), (.6 + .8 + 2 sqrt(.32)) / 2 s."""
+    assert after_gap_s(0.09, 0.6, 0.8, 2.0) == pytest.approx((1.4 + 2 * np.sqrt(0.32)) / 2)
+    assert after_gap_s(0.09, -0.6, 0.8, 2.0) == pytest.approx((0.2 + 2 * np.sqrt(0.32)) / 2)
+    assert after_gap_s(0.24, 0.6, 0.8, 2.0) > 0 and after_gap_s(0.26, 0.6, 0.8, 2.0) == 0.0

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits
+from trocar.errors import TrocarError
 from trocar.motion import limit_use
-from trocar.motion.limits import CHECK_STEP_S, hulls, knot_jumps
+from trocar.motion.limits import CHECK_STEP_S, LimitUse, hulls, knot_jumps, require_range
 from trocar.trajectory import Trajectory
 
 ARM = ARMS["psm-classic"]
@@ -116,3 +117,53 @@ def test_a_derivative_stays_in_its_hull(order):
         values = motion(np.linspace(begin, np.nextafter(end, 0), 200), order)
         assert np.all(values <= hull[:, piece].max(axis=0) + 1e-12)
         assert np.all(values >= hull[:, piece].min(axis=0) - 1e-12)
+
+
+@pytest.mark.parametrize(("off", "jumps"), [(0.9e-6, False), (1.1e-6, True)])
+def test_an_acceleration_jumps_by_more_than_a_millionth_of_its_limit(off, jumps):
+    a = off * 1e3  # of the limit in `jerked`
+    falling, rising = [[-a / 6], [a / 2], [0], [0]], [[a / 6], [0], [0], [0]]
+    assert np.isinf(jerked(falling, [0.0, 1.0])) == jumps  # out of a rest
+    assert np.isinf(jerked(rising, [0.0, 1.0])) == jumps  # into the rest
+    assert not np.isinf(jerked([[-a / 6], [a / 2], [0.1], [0]], [0.0, 1.0]))  # it is under way
+    between = [[1 / 6, -1 / 6], [0, 0.5 + a / 2], [0, 0.5], [0, 1 / 6]]  # from a velocity, an acceleration of 0 to 1
+    assert np.isinf(jerked(between, [0.0, 1.0, 2.0])) == jumps
+
+
+def test_all_ratios_and_ranges_must_be_kept():
+    share = np.ones(6)
+    ones = dict.fromkeys(("velocity", "acceleration", "jerk"), share)
+    for ratio, kept in ((1.0, True), (1 + 0.9e-9, True), (1 + 1.1e-9, False), (2.0, False)):
+        for name in ones:
+            use = LimitUse(**ones | {name: np.array([0, ratio, 0.5, 0, 0, 0])}, range_excess=np.zeros(6))
+            assert use.kept == kept and getattr(use, f"{name}_ratio") == ratio
+    assert not LimitUse(share, share, share, range_excess=1e-12 * np.eye(6)[3]).kept
+
+
+def test_a_range_may_be_left_by_a_share_of_its_extent():
+    for joint, sign in ((2, 1.0), (3, -1.0)):
+        q = np.tile(ARM.middle, (2, 1))
+        bound = ARM.upper if sign > 0 else ARM.lower
+        q[1, joint] = bound[joint] + sign * 0.01 * (ARM.upper - ARM.lower)[joint]
+        motion = Trajectory.hermite([0.0, 1.0], q, np.zeros((2, 6)))
+        require_range(ARM, motion, slack=0.0101)
+        for slack in ((0.0099,), ()):  # none, if none is given
+            with pytest.raises(TrocarError, match=f"takes joint '{ARM.joints[joint].name}' .* out of its range"):
+                require_range(ARM, motion, *slack)
+
+
+def test_a_motion_whose_times_do_not_start_at_nothing_is_measured_too():
+    q = ARM.middle + np.outer([0, 1], [0.3, 0, 0, 0, 0, 0])
+    late, early = (Trajectory.hermite([t, t + 0.8], q, np.zeros((2, 6))) for t in (5.0, 0.0))
+    one, other = (limit_use(ARM, motion, LIMITS) for motion in (late, early))
+    np.testing.assert_allclose(one.velocity, other.velocity, rtol=1e-6)
+    np.testing.assert_allclose(one.acceleration, other.acceleration)
+
+
+@pytest.mark.parametrize("order", range(4))
+def test_a_hull_is_made_of_bernsteins_coefficients(order):
+    """Of t^3 on [0, 2]: the values of its polar form, 0 0 0 8, and those of its derivatives."""
+    motion = Trajectory(np.array([0.0, 2.0]), np.array([1.0, 0, 0, 0])[:, None, None])
+    wanted = [[0, 0, 0, 8], [0, 0, 12], [0, 12], [6]][order]
+    np.testing.assert_allclose(hulls(motion, order)[:, 0, 0], wanted, atol=1e-12)
+    assert not hulls(motion, 4).any()

@@ -10,11 +10,20 @@ from scipy.optimize import minimize
 
 from trocar.arms import ARMS, Unreachable, fk, ik, reach_with_still_wrist
 from trocar.geometry import SE3, SO3
-from trocar.motion import ArmMotion, MotionProblem, limit_use, plan_motion, plan_through, vertical_deviation_m
+from trocar.motion import (
+    ArmMotion,
+    MotionProblem,
+    TimedPath,
+    limit_use,
+    plan_motion,
+    plan_through,
+    vertical_deviation_m,
+)
 from trocar.motion import optimal as module
 from trocar.motion.double_integrator import shortest_common_s
-from trocar.motion.straight_line import Sprint, StraightLine
+from trocar.motion.straight_line import Sprint, StraightLine, quintics
 from trocar.motion.straightness import line_deviation
+from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, over_the_table, transfer
 
 SLACK = 0.02  # two recorded waypoints lie 0.3 mm beyond the nominal insertion
@@ -157,3 +166,118 @@ def test_each_of_several_arms_moves_as_if_it_were_alone():
     for name, arm in arms.items():
         alone = plan_motion(MotionProblem({name: arm}), "optimal")
         assert alone.duration_s == plan.trajectories[name].duration_s
+
+
+def test_the_greatest_acceleration_of_quintics_is_at_a_knot_or_what_is_found_between():
+    rng = np.random.default_rng(0)
+    between = 0
+    for _ in range(20):
+        times_s = np.cumsum([0.0, *rng.uniform(0.5, 1.5, 3)])
+        motion = quintics(times_s, *(rng.normal(size=(n, 3)) for n in (4, 4, 3, 3)))
+        knots = np.concatenate([motion.times_s[:-1], np.nextafter(motion.times_s[1:], 0)])
+        at_knots = np.abs(motion(knots, 2)).max(axis=0)
+        dense = np.abs(motion(np.linspace(0.0, motion.times_s[-1], 6001), 2)).max(axis=0)
+        found = module._most_acceleration(motion)
+        np.testing.assert_allclose(np.maximum(found, at_knots), np.maximum(dense, at_knots), rtol=1e-5)
+        between += (found > 1.01 * at_knots).sum()
+    assert between > 5
+    even = Trajectory(np.array([0.0, 1.0]), rng.normal(size=(5, 1, 2)))
+    assert not module._most_acceleration(even).any()  # such pieces are within their limits by themselves
+
+
+def test_rates_at_the_end_of_a_straight_piece_and_what_they_cost():
+    (line,) = StraightLine.between(PSM, FOUR[[0]], FOUR[[1]], PAPER)
+    end = module._End.of(line)
+    grid = end.first_grid()
+    np.testing.assert_allclose(grid, np.linspace(0, line.fastest_rate, 16))
+    np.testing.assert_array_equal(end.slope, line.slope[-1])
+    some = np.array([0.1, 0.55]) * line.fastest_rate
+    np.testing.assert_allclose(end.seconds(some), Sprint.to(line, some).seconds, rtol=1e-3)
+    for place, between in ((0, (0, 1)), (7, (6, 8)), (15, (14, 15))):
+        np.testing.assert_allclose(end.finer(grid, place), np.linspace(*grid[list(between)], 9))
+    none = module._End.of(None)
+    assert none.first_grid().tolist() == [0.0] and none.finer(np.zeros(1), 0).tolist() == [0.0]
+    assert none.top == none.slope == 0.0 and none.seconds(np.zeros(1)).tolist() == [0.0]
+
+
+def turned_and_moved(aside, turn_rad, still_wrist):
+    arm = replace(ArmMotion(PSM, FOUR, PAPER), still_wrist=still_wrist)
+    begin = SE3.from_parts(SO3.axis("x", np.array([0.4])), [[0.1, 0.0, -0.1]])
+    way = np.array([np.sin(aside), 0.0, np.cos(aside)]) * 0.03
+    end = SE3.from_parts(begin.rotation @ SO3.axis("y", np.array([turn_rad])), begin.translation_m + way)
+    (found,) = module._are_along_up(arm, begin, end)
+    return bool(found)
+
+
+@pytest.mark.parametrize(("still_wrist", "most"), [(False, 1e-3), (True, 0.25)])
+def test_a_piece_lies_along_up_if_it_hardly_leads_aside_and_hardly_turns(still_wrist, most):
+    for share, along in ((0.98, True), (1.02, False)):
+        assert turned_and_moved(np.arcsin(share * most), 0.0, still_wrist) == along
+        assert turned_and_moved(np.pi - np.arcsin(share * most), 0.0, still_wrist) == along  # downwards
+        assert turned_and_moved(0.0, share * most, still_wrist) == along
+
+
+def test_only_the_first_and_the_last_of_several_pieces_may_be_straight_unsaid():
+    def found(points):
+        return module.straight_pieces(ArmMotion(PSM, points, PAPER))
+
+    assert found(FOUR) == (True, False, True)
+    assert found(FOUR[:2]) == (False,)
+    assert found(FOUR[[0, 1, 0, 1]]) == (True, False, True)
+    assert found(FOUR[[1, 2, 3]]) == (False, True) and found(FOUR[[0, 1, 2]]) == (True, False)
+    assert module.straight_pieces(ArmMotion(PSM, FOUR, PAPER, straight=(False, True, False))) == (False, True, False)
+
+
+@pytest.mark.parametrize("low_first", [True, False])
+@pytest.mark.parametrize("beside", ["lift", "lower", "both", "aside", "none"])
+def test_a_free_piece_may_pass_a_hundredth_of_a_millimetre_below_its_lower_end(beside, low_first):
+    """The insertion alone moves the tip along the tool's axis: that is up here."""
+    begin = np.array([0, 0, 0.15, 0, 0, 0])
+    up = fk(PSM, begin).translation_m - fk(PSM, begin + [0, 0, 0.01, 0, 0, 0]).translation_m
+    points = np.stack([begin + [0, 0, 0.02, 0, 0, 0], begin, begin, begin + [0, 0, 0.02, 0, 0, 0]])
+    (lift,) = StraightLine.between(PSM, points[[0]], points[[1]], PAPER)
+    (aside,) = StraightLine.between(PSM, FOUR[[1]], FOUR[[2]], PAPER)
+    lines = {"lift": (lift, None), "lower": (None, lift), "both": (lift, lift), "aside": (aside, None)}
+    arm = ArmMotion(PSM, FOUR, PAPER, up=up)
+    stage = module._Stage(*lines.get(beside, (None, None)), points[1:3], np.zeros(6), PAPER, arm)
+    for sag_m, rises in ((0.9e-5, True), (1.1e-5, beside in ("aside", "none")), (-1e-3, True)):
+        knots = np.zeros((3, 6))
+        knots[1, 2], knots[2 if low_first else 0, 2] = sag_m, -5e-3
+        motion = Trajectory.hermite([0.0, 19 / 39, 1.0], begin + knots, np.zeros((3, 6)))  # the 20th of 40 samples
+        assert stage._rises(motion) == rises
+
+
+def test_pieces_that_sag_are_straight_and_rest_in_between():
+    wide = transfer(LEFT, (-0.08, -0.05), (0.05, 0.055), lift_m=0.003)
+    lift, lower = StraightLine.between(PSM, wide.waypoints[[0, 3]], wide.waypoints[[1, 2]], PAPER)
+    for lines, points, count in (
+        ((lift, lower), wide.waypoints, 3),
+        ((lift, None), wide.waypoints[:3], 2),
+        ((None, lower), wide.waypoints[1:], 2),
+    ):
+        free = points[int(lines[0] is not None) :][:2]
+        pieces = module._Stage(*lines, free, np.zeros(6), PAPER, wide).pieces()
+        assert len(pieces) == count
+        for motion, begin, end in zip(pieces, points[:-1], points[1:], strict=True):
+            np.testing.assert_allclose(motion(np.array([0.0, motion.duration_s])), [begin, end], atol=1e-9)
+            np.testing.assert_allclose(motion(np.array([0.0, np.nextafter(motion.duration_s, 0)]), 1), 0, atol=1e-6)
+
+
+def test_it_is_planned_again_until_no_acceleration_is_beyond_its_limit(monkeypatch):
+    asked = []
+
+    def joined(arm, straight, limits):
+        share = float((limits.acceleration / PAPER.acceleration).max())
+        asked.append(share)
+        coefficients = np.zeros((6, 1, 6))
+        coefficients[3, 0, 0] = 1.01 * share * PAPER.acceleration[0] / 2  # one percent too much
+        return TimedPath(Trajectory(np.array([0.0, 1.0]), coefficients), [0.0, 1.0])
+
+    monkeypatch.setattr(module, "_joined", joined)
+    path = module._planned(ArmMotion(PSM, FOUR[:2], PAPER))
+    assert asked == pytest.approx([1 - 1e-6, (1 - 1e-6) / 1.01], rel=1e-6)
+    assert module._most_acceleration(path.trajectory)[0] <= PAPER.acceleration[0]
+    asked.clear()
+    monkeypatch.setattr(module, "_most_acceleration", lambda motion: 2 * PAPER.acceleration)
+    module._planned(ArmMotion(PSM, FOUR[:2], PAPER))
+    assert asked == pytest.approx(2.0 ** -np.arange(5), rel=1e-5)

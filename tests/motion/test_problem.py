@@ -183,3 +183,32 @@ def test_the_ball_of_a_half_space_is_as_good_as_its_plane(away_m):
         point = np.array([0.1, 0.2, 0.3]) + aside + height_m * normal
         distance_m = np.linalg.norm(point - ball.start_m) - ball.radius_m
         assert height_m - 1.1e-6 < distance_m <= height_m
+
+
+def test_remote_centres_are_a_millimetre_apart_at_least():
+    for aside_m, apart in ((0.9e-3, False), (1.1e-3, True)):
+        other = MovingArm.resting(PSM, FOUR[0], SE3.from_parts(translation_m=[aside_m, 0.0, 0.0]))
+        if apart:
+            assert MotionProblem({"psm1": ONE}, others={"psm2": other}).others
+        else:
+            with pytest.raises(TrocarError, match="'psm1' and 'psm2' share one remote centre"):
+                MotionProblem({"psm1": ONE}, others={"psm2": other})
+
+
+def test_what_is_not_said_of_a_problem():
+    problem = MotionProblem({"psm1": ONE})
+    assert problem.min_distance_m == problem.range_slack == 0.0
+    assert problem.waypoint_tolerance_m == problem.waypoint_tolerance_rad == 0.0
+    assert (problem.straight_tolerance_m, problem.straight_tolerance_rad) == (1e-4, 1e-3)
+    assert repr(problem) == "<MotionProblem psm1: <ArmMotion of psm-classic through 4 waypoints>>"
+    around = MotionProblem({"psm1": ONE}, obstacles={"ball": Capsule([1, 0, 0])}, min_distance_m=2e-3)
+    assert repr(around).endswith("; 2 mm from ball>")
+
+
+def test_an_obstacle_may_be_as_thin_as_nothing():
+    assert Capsule([0, 0, 0], [1, 0, 0]).radius_m == 0.0
+    ball = Capsule([1, 2, 3], radius_m=0.5)
+    np.testing.assert_array_equal(ball.end_m, [1, 2, 3])
+    for radius_m in (np.inf, np.nan, -1e-9):
+        with pytest.raises(TrocarError, match="give a finite radius of at least 0"):
+            Capsule([0, 0, 0], radius_m=radius_m)

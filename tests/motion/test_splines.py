@@ -4,7 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trocar.arms import MotionLimits, fk, jacobian
+from trocar.errors import TrocarError
 from trocar.motion import ArmMotion, MotionProblem, limit_use, plan_motion, plan_through, vertical_deviation_m
+from trocar.motion import splines as module
 from trocar.motion.cubic import CubicGrid
 from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, transfer
@@ -93,3 +95,58 @@ def test_the_grid_finds_what_a_plain_search_finds(seed, scale):
     if np.isfinite(found):
         assert kept(found, 1 + 1e-9)
     assert not any(kept(t, 1 - 1e-5) for t in tried[tried < found])
+
+
+def test_durations_are_found_however_long_they_are():
+    """At rest at both ends: 1.5 d / v, on a grid of half seconds that grows until all are found."""
+    for seconds in (0.5, 3.0, 9.0, 65.0, 119.5):
+        q = PSM.middle + np.outer([0, 1], [0.3, 0, 0, 0, 0, 0])
+        limits = MotionLimits(np.full(6, 1.5 * 0.3 / (seconds - 0.1)), np.full(6, 1e3))
+        found = module._shortest(q, np.zeros((1, 2, 6)), limits, 0.5, 0.5)
+        assert found == pytest.approx(np.array([[seconds]]))
+    slow = MotionLimits(np.full(6, 1.5 * 0.3 / 121.0), np.full(6, 1e3))
+    with pytest.raises(TrocarError, match="no cubic of up to 120 s joins the waypoints"):
+        module._shortest(q, np.zeros((1, 2, 6)), slow, 1.0, 1.0)
+
+
+def test_directions_of_passing_are_unit_vectors_that_lift_the_tip():
+    up = np.array([0.0, 0.6, 0.8])
+    for still in (False, True):
+        arm = ArmMotion(PSM, FOUR, PAPER, up=up, still_wrist=still)
+        found = module._passing_directions(arm)
+        np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
+        for q, direction in zip(FOUR[1:3], found, strict=True):
+            twist = jacobian(PSM, q) @ direction
+            assert twist[:3] @ up > 0
+            np.testing.assert_allclose(np.cross(twist[:3], up), 0, atol=1e-12)
+            assert np.allclose(direction[3:] if still else twist[3:], 0, atol=1e-12)
+    assert module._passing_directions(ArmMotion(PSM, FOUR[:2], PAPER)).shape == (0, 6)
+    points = FOUR.copy()
+    points[1] = 0.0, np.pi / 2, 0.1, 0.0, 0.0, 0.0  # the shaft lies on the first joint's axis
+    with pytest.raises(TrocarError, match="is singular at an inner waypoint"):
+        module._passing_directions(ArmMotion(PSM, points, PAPER))
+
+
+def test_velocities_are_the_start_the_passing_speeds_and_rest():
+    start, directions = np.arange(6.0), np.eye(6)[:2]
+    found = module._velocities(start, np.array([[1.0, -2.0], [0.0, 3.0]]), directions)
+    np.testing.assert_array_equal(found[:, 0], [start, start])
+    np.testing.assert_array_equal(found[:, 1], [directions[0], 0 * directions[0]])
+    np.testing.assert_array_equal(found[:, 2], [-2 * directions[1], 3 * directions[1]])
+    assert found.shape == (2, 4, 6) and not found[:, 3].any()
+
+
+def test_no_passing_speeds_near_those_that_were_found_take_much_less_time():
+    arm = ArmMotion(PSM, FOUR, PAPER)
+    directions = module._passing_directions(arm)
+    best = module._descend(arm, directions)
+
+    def seconds(speeds):
+        velocities = module._velocities(np.zeros(6), speeds[None], directions)
+        return module._shortest(FOUR, velocities, PAPER, 0.3, 0.02).sum()
+
+    assert seconds(best) < seconds(0 * best) - 0.1
+    assert np.all(np.abs(best[:, None] * directions) <= PAPER.velocity)
+    for aside in (-0.2, -0.1, 0.1, 0.2):
+        for k in range(2):
+            assert seconds(best + aside * np.eye(2)[k]) >= seconds(best) - 0.021  # a step of the grid

@@ -6,9 +6,21 @@ from scipy import sparse
 from scipy.interpolate import BSpline
 
 from trocar.arms import MotionLimits, fk
-from trocar.motion import ArmMotion, MotionProblem, plan_motion, plan_through, vertical_deviation_m
+from trocar.geometry import SO3
+from trocar.motion import (
+    ArmMotion,
+    MotionProblem,
+    TimedPath,
+    duration_bound_s,
+    limit_use,
+    line_deviation,
+    plan_motion,
+    plan_through,
+    vertical_deviation_m,
+)
 from trocar.motion.spline_program import FREE, JointSpline, Rows
 from trocar.motion.sqp import _Refinement
+from trocar.trajectory import Trajectory
 from waypoints import FOUR, PAPER, PSM
 
 UPRIGHT = (True, False, True)
@@ -128,3 +140,158 @@ def test_a_programme_is_solved_whatever_the_order_of_its_entries():
     slope = np.append(block.matrix(3).toarray()[0], 1.0)
     price = (slope @ [1.0, 2.0, 3.0, 4.0] + block.rest[0] - 1.0) / (slope @ np.linalg.solve(hessian, slope))
     np.testing.assert_allclose(x, [1, 2, 3, 4] - price * np.linalg.solve(hessian, slope), atol=1e-5)
+
+
+TIMES_S = np.array([0.0, 0.5, 1.4, 2.0])
+
+
+def curve_motion(limits=PAPER, **asked):
+    """What is asked, the spline between the ends of its waypoints, what is free of it, and the motion that it makes."""
+    problem = asking(limits=limits, **asked)
+    refinement = _Refinement(problem.arms["it"], problem)
+    curve = refinement._curve(TIMES_S)
+    x = 0.02 * np.random.default_rng(0).normal(size=6 * curve.free)
+    return refinement, curve, x, TimedPath(curve.trajectory(curve.control(x), 2.0), TIMES_S)
+
+
+def room(rows, x, slack=0.0):
+    """What is left above the lower and below the upper bounds of rows."""
+    columns = rows.free + rows.extras
+    data, row, column = (np.concatenate([getattr(b, name) for b in rows.blocks]) for name in ("data", "row", "column"))
+    low, high = np.concatenate(rows.lows), np.concatenate(rows.highs)
+    values = sparse.csr_matrix((data, (row, column)), shape=(len(low), columns)) @ np.append(x, slack)
+    return values - low, high - values
+
+
+def test_its_spline_has_sixteen_pieces_a_piece_and_rests_at_both_ends():
+    for limits, rest in ((PAPER, 2), (JERK, 3)):
+        _, curve, _, path = curve_motion(limits)
+        assert len(curve.shares) == 49
+        np.testing.assert_allclose(curve.shares[::16], TIMES_S / 2.0)
+        assert curve.free == 48 + 3 - 2 * rest
+        for order in range(1, rest):
+            for end in (0.0, np.nextafter(2.0, 0)):
+                np.testing.assert_allclose(path.trajectory(end, order), 0, atol=1e-6)
+    start = np.full(6, 0.02)
+    motion = curve_motion(JERK, start=start)[3].trajectory
+    np.testing.assert_allclose(motion(0.0, 1), start, atol=1e-9)
+    np.testing.assert_allclose(motion(0.0), FOUR[0])
+    assert np.abs(motion(0.0, 2)).max() > 1e-3  # under way, it may accelerate at once
+
+
+@pytest.mark.parametrize("slack", [0.0, 0.02])
+def test_ranges_velocities_accelerations_and_jerks_are_bounded(slack):
+    for limits in (PAPER, JERK):
+        refinement, curve, x, path = curve_motion(limits, range_slack=slack)
+        rows = Rows(6 * curve.free, 1)
+        refinement._bound_joints(rows, curve, 2.0)
+        below, above = room(rows, x)
+        at, motion = 2.0 * curve.shares, path.trajectory
+        count = 6 * 47
+        q, extent = motion(at[1:-1]), PSM.upper - PSM.lower
+        np.testing.assert_allclose(below[:count], ((q - PSM.lower) / extent + slack).T.ravel(), atol=1e-9)
+        np.testing.assert_allclose(above[:count], ((PSM.upper - q) / extent + slack).T.ravel(), atol=1e-9)
+        wanted = [(motion(at[1:-1], 1) / limits.velocity).T.ravel(), (motion(at, 2) / limits.acceleration).T.ravel()]
+        wanted += [] if limits.jerk is None else [(motion(at[:-1], 3) / limits.jerk).T.ravel()]
+        for sign, left in ((1, below), (-1, above)):
+            np.testing.assert_allclose(left[count:], 1 + sign * np.concatenate(wanted), rtol=1e-5, atol=2e-6)
+            assert np.all(left[count:] < 1 + sign * np.concatenate(wanted))  # a little is left
+
+
+@pytest.mark.parametrize("piece", [0, 1, 2])
+def test_a_channel_is_as_wide_as_the_tolerance_and_can_be_left_for_a_price(piece):
+    refinement, curve, x, path = curve_motion(straight_tolerance_m=2e-3, straight_tolerance_rad=0.1)
+    rows = Rows(6 * curve.free, 1)
+    refinement._bound_channel(rows, curve, path, TIMES_S, piece)
+    begin, end = TIMES_S[piece : piece + 2]
+    inside = 2.0 * curve.shares[(2.0 * curve.shares > begin + 1e-9) & (2.0 * curve.shares < end - 1e-9)]
+    at = np.union1d(inside, inside - (end - begin) / 32)
+    for slack in (0.0, 3.0):
+        below, above = room(rows, x, slack)
+        parts, along = above[: 10 * len(at)].reshape(5, 2, -1), above[10 * len(at) :]
+        np.testing.assert_allclose(parts.mean(axis=1), 1 + slack)  # to either side
+    values = (parts[:, 1] - parts[:, 0]) / 2
+    assert below[: 10 * len(at)].min() > 1e30
+    tips, ends = fk(PSM, path.trajectory(at)), fk(PSM, FOUR[piece : piece + 2])
+    line, gone = np.diff(ends.translation_m, axis=0)[0], tips.translation_m - ends.translation_m[0]
+    done = gone @ line / (line @ line)
+    off = gone - done[:, None] * line
+    width_m = 0.85 * 2e-3 / np.sqrt(2)
+    np.testing.assert_allclose(np.linalg.norm(values[:2], axis=0), np.linalg.norm(off, axis=1) / width_m, atol=1e-6)
+    turn = (ends.rotation[0].inverse() @ ends.rotation[1]).log()
+    straight = ends.rotation[0] @ SO3.exp(np.clip(done, 0, 1)[:, None] * turn)
+    turned = (tips.rotation @ straight.inverse()).log()
+    np.testing.assert_allclose(values[2:].T, turned / (0.85 * 0.1 / np.sqrt(3)), atol=1e-6)
+    np.testing.assert_allclose(below[10 * len(at) :], gone @ line, atol=1e-12)
+    np.testing.assert_allclose(along, line @ line - gone @ line, atol=1e-12)
+    step = 1e-6 * np.random.default_rng(1).normal(size=len(x))
+    moved = fk(PSM, curve.trajectory(curve.control(x + step), 2.0)(at)).translation_m - tips.translation_m
+    np.testing.assert_allclose(
+        room(rows, x + step)[0][10 * len(at) :] - below[10 * len(at) :], moved @ line, atol=1e-10
+    )
+
+
+def test_what_is_kept_is_measured_at_1_khz():
+    refinement = curve_motion(straight_tolerance_m=1.0, straight_tolerance_rad=3.0)[0]
+    resting = TimedPath(Trajectory.hermite(3 * np.arange(4.0), FOUR, np.zeros((4, 6))), 3 * np.arange(4.0))
+    assert refinement._kept(resting)
+    used = limit_use(PSM, resting.trajectory, PAPER)
+    strays = [line_deviation(refinement.arm, resting, piece) for piece in (0, 2)]
+    off_m, off_rad = np.array(strays).max(axis=0)
+    for share, kept in ((1.001, True), (0.999, False)):
+        for tight in (
+            {"straight_tolerance_m": share * off_m, "straight_tolerance_rad": 3.0},
+            {"straight_tolerance_m": 1.0, "straight_tolerance_rad": share * off_rad},
+        ):
+            problem = asking(**tight)
+            assert _Refinement(problem.arms["it"], problem)._kept(resting) == kept
+        for name, ratio in (("velocity", used.velocity_ratio), ("acceleration", used.acceleration_ratio)):
+            limits = MotionLimits(
+                *(
+                    share * ratio * getattr(PAPER, kind) if kind == name else 10 * getattr(PAPER, kind)
+                    for kind in ("velocity", "acceleration")
+                )
+            )
+            problem = asking(limits=limits, straight_tolerance_m=1.0, straight_tolerance_rad=3.0)
+            assert _Refinement(problem.arms["it"], problem)._kept(resting) == kept
+    jerky = MotionLimits(10 * PAPER.velocity, 10 * PAPER.acceleration, jerk=PAPER.acceleration)
+    problem = asking(limits=jerky, straight_tolerance_m=1.0, straight_tolerance_rad=3.0)
+    assert not _Refinement(problem.arms["it"], problem)._kept(resting)
+
+
+def horizons(monkeypatch, enough):
+    """A refinement whose programmes have an answer where the pieces' times (n,) are enough, and all times tried."""
+    problem = asking()
+    refinement, tried = _Refinement(problem.arms["it"], problem), []
+
+    def over(self, pieces_s, path):
+        tried.append(pieces_s)
+        times = np.concatenate([[0.0], np.cumsum(pieces_s)])
+        return TimedPath(Trajectory.hermite(times, FOUR, np.zeros((4, 6))), times) if enough(pieces_s) else None
+
+    monkeypatch.setattr(_Refinement, "over", over)
+    return refinement, tried
+
+
+def test_the_horizon_is_halved_and_then_each_piece_down_to_a_sample(monkeypatch):
+    least = np.array([0.45, 0.5, 0.44])
+    refinement, tried = horizons(monkeypatch, lambda pieces_s: np.all(pieces_s >= least))
+    spline_s = np.array([0.9, 0.9, 0.8])
+    path = TimedPath(Trajectory.hermite(np.arange(4.0), FOUR, np.zeros((4, 6))), np.append(0, np.cumsum(spline_s)))
+    found = np.diff(refinement.shortest(path).waypoint_times_s)
+    np.testing.assert_array_equal(tried[0], spline_s)
+    assert np.all(found >= least) and np.all(found - least <= 0.011)
+    shortest = min(pieces.sum() for pieces in tried)
+    assert shortest >= duration_bound_s(FOUR, PAPER) - 1e-9  # below that nothing is tried
+    assert len(tried) < 30
+
+
+def test_a_horizon_that_is_too_short_grows_by_a_fifth_twelve_times_at_most(monkeypatch):
+    spline_s = np.array([0.3, 0.4, 0.3])
+    path = TimedPath(Trajectory.hermite(np.arange(4.0), FOUR, np.zeros((4, 6))), np.append(0, np.cumsum(spline_s)))
+    refinement, tried = horizons(monkeypatch, lambda pieces_s: False)
+    assert refinement.shortest(path) is path
+    np.testing.assert_allclose(tried, 1.2 ** np.arange(12)[:, None] * spline_s)
+    refinement, tried = horizons(monkeypatch, lambda pieces_s: pieces_s.sum() >= 2.0)
+    found = refinement.shortest(path)
+    assert 2.0 <= found.waypoint_times_s[-1] <= 2.011

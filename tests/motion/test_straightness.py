@@ -77,3 +77,27 @@ def test_off_the_vertical():
     assert vertical_deviation_m(motion, path) == pytest.approx(1e-3, rel=1e-2)
     slanted = ArmMotion(PSM, motion.waypoints, PAPER, up=np.array([1.0, 0.0, 1.0]))
     assert vertical_deviation_m(slanted, path) == pytest.approx(0.02 * np.sqrt(0.5), rel=1e-2)
+
+
+def test_each_piece_is_measured_between_its_own_waypoints():
+    """There, back and there again; on the way back it bulges."""
+    motion, there = followed(poses([0.02, 0.0, 0.01], 0.0))
+    back = followed(poses([0.02, 0.0, 0.01], 0.0, aside_m=1e-3)[::-1])[1]
+    arm = ArmMotion(PSM, motion.waypoints[[0, 1, 0, 1]], PAPER)
+    path = TimedPath.joined([there.trajectory, back.trajectory, there.trajectory])
+    off_m = [line_deviation(arm, path, piece)[0] for piece in range(3)]
+    assert off_m[1] == pytest.approx(1e-3, rel=1e-2) and max(off_m[0], off_m[2]) < 2e-6
+
+
+def test_verticals_are_those_of_the_lift_and_of_the_lowering():
+    """Up, aside and down: what counts is off the foot's vertical on the first piece or the last."""
+    even, bulging = (poses([0.0, 0.0, 0.02], 0.0, aside_m) for aside_m in (0.0, 1e-3))
+    moved = poses([0.02, 0.0, 0.0], 0.0)
+    for first, last, off_m in ((even, even, 0.0), (even, bulging, 1e-3), (bulging, even, 1e-3)):
+        motion, lift = followed(first)
+        lower = followed(last[::-1])[1]
+        aside = followed(moved)[1]  # from and to other places: only the middle piece jumps
+        path = TimedPath.joined([lift.trajectory, aside.trajectory, lower.trajectory])
+        foot, top = motion.waypoints
+        arm = ArmMotion(PSM, np.stack([foot, top, aside.trajectory(9.0), foot]), PAPER)
+        assert vertical_deviation_m(arm, path) == pytest.approx(off_m, rel=1e-2, abs=2e-6)

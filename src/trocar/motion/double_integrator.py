@@ -51,21 +51,18 @@ def least_acceleration(
     return np.where(sign * peak > v, cruising, peaked)
 
 
-def after_gap_s(
-    distance: ArrayLike, v0: ArrayLike, v1: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike
-) -> NDArray[np.float64]:
+def after_gap_s(distance: ArrayLike, v0: ArrayLike, v1: ArrayLike, acceleration: ArrayLike) -> NDArray[np.float64]:
     """Return the time from which one joint can take any longer time; 0 if it can take any from its shortest on.
 
     Below lies the gap of ``least_acceleration``: too late to rush through, too early to brake, come back and go on.
+    Coming back it is no faster than at its faster end, so that the velocity limit does not matter.
     """
-    d, a, b, v, push = (np.asarray(x, dtype=np.float64) for x in (distance, v0, v1, velocity, acceleration))
+    d, a, b, push = (np.asarray(x, dtype=np.float64) for x in (distance, v0, v1, acceleration))
     sign = np.where(d >= 0, 1.0, -1.0)
     d, a, b = sign * d, sign * a, sign * b
     room = (a**2 + b**2) / 2 - push * d
     peak = np.sqrt(np.maximum(room, 0.0))  # backwards, after braking
-    turning = (a + b + 2 * peak) / push
-    cruising = (2 * v + a + b) / push + (-d - (2 * v**2 - a**2 - b**2) / (2 * push)) / v
-    return np.where(room < 0, 0.0, np.where(peak <= v, turning, cruising))
+    return np.where(room < 0, 0.0, (a + b + 2 * peak) / push)
 
 
 def shortest_common_s(
@@ -83,7 +80,7 @@ def shortest_common_s(
         if not broken.any():
             return seconds
         if late_s is None:
-            late_s = after_gap_s(distance, v0, v1, velocity, acceleration)
+            late_s = after_gap_s(distance, v0, v1, acceleration)
         seconds = np.maximum(seconds, np.where(broken, late_s, 0.0).max(axis=-1))
     broken = least_acceleration(distance, v0, v1, seconds[..., None], velocity) > KEPT * acceleration
     return np.where(broken.any(axis=-1), np.inf, seconds)

@@ -118,14 +118,16 @@ def _shortest(
 ) -> NDArray[np.float64]:
     """Return the shortest durations (batch, n - 1), on a grid as long as they need."""
     longest = 1.0
-    while longest < LONGEST_S:
+    while True:
         grid = CubicGrid.build(
             waypoints, limits, first_s=first_s, step_s=step_s, longest_s=longest, batch=len(velocities)
         )
         durations = grid.shortest(velocities)
         if np.isfinite(durations).all():
             return durations
-        longest *= 2
+        if longest == LONGEST_S:
+            break
+        longest = min(2 * longest, LONGEST_S)
     raise TrocarError(
         f"no cubic of up to {LONGEST_S:.0f} s joins the waypoints within the motion limits; raise the limits "
         f"or bring the waypoints closer"

@@ -6,7 +6,7 @@ import pytest
 from known_signals import STEP_S, measured, rms, sines
 from trocar.arms import ARMS, PSM_CLASSIC, fk
 from trocar.errors import TrocarError
-from trocar.motion.analysis import analyse, analyse_joints
+from trocar.motion.analysis import Derivatives, JointAnalysis, analyse, analyse_joints
 
 T_S = STEP_S * np.arange(600)
 
@@ -52,3 +52,22 @@ def test_signals_without_columns_are_refused():
         analyse(np.zeros(40), STEP_S)
     with pytest.raises(TrocarError):
         analyse_joints(PSM_CLASSIC, np.zeros((40, 5)), STEP_S)
+
+
+def test_sizes_of_rows_that_are_known_by_hand():
+    """Two signals at four instants, .5 s apart."""
+    velocity = np.array([[3.0, 0.0], [-4.0, 0.0], [0.0, 2.0], [0.0, -2.0]])
+    acceleration = np.array([[1.0, 0.0], [2.0, 0.0], [4.0, -1.0], [0.0, -1.0]])
+    found = Derivatives(0 * velocity, velocity, acceleration, 0.5)
+    np.testing.assert_allclose(found.jerk, [[2.0, 0.0], [4.0, -2.0], [-8.0, 0.0]])
+    rms_values, largest = found.rms(), found.largest()
+    np.testing.assert_allclose(rms_values["velocity"], [2.5, np.sqrt(2)])
+    np.testing.assert_allclose(rms_values["acceleration"], [np.sqrt(21 / 4), np.sqrt(0.5)])
+    np.testing.assert_allclose(rms_values["jerk"], [np.sqrt(84 / 3), np.sqrt(4 / 3)])
+    assert [largest[name].tolist() for name in ("velocity", "acceleration", "jerk")] == [[4, 2], [4, 1], [8, 2]]
+
+
+def test_the_length_of_a_path_is_that_of_its_steps():
+    tip = np.array([[0.0, 0, 0], [3, 4, 0], [3, 4, 12]])
+    still = Derivatives(tip, 0 * tip, 0 * tip, 0.1)
+    assert JointAnalysis(still, still).path_m == pytest.approx(17.0)

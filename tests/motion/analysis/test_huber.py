@@ -8,6 +8,7 @@ import pytest
 from known_signals import STEP_S, bang_bang, measured, rms, sines
 from trocar.errors import TrocarError
 from trocar.motion.analysis import estimate, savitzky_golay
+from trocar.motion.analysis import huber as module
 from trocar.motion.analysis.huber import OVERLAP, WINDOW, noise_sd
 
 # RMS errors of velocity (rad/s) and acceleration (rad/s^2) that are allowed; found: benchmarks, a quarter less
@@ -125,3 +126,133 @@ def test_the_noise_is_estimated_whatever_moves():
 def test_what_is_no_signal_is_refused(signal, step_s, words):
     with pytest.raises(TrocarError, match=words):
         estimate(signal, step_s)
+
+
+def huber(error):
+    """Half the square up to 1.345, straight beyond."""
+    return np.where(np.abs(error) <= 1.345, error**2 / 2, 1.345 * np.abs(error) - 1.345**2 / 2)
+
+
+def test_losses_are_quadratic_near_zero_and_straight_beyond():
+    errors = np.array([0.0, 1.0, -1.345, 2.345, -4.0])
+    np.testing.assert_allclose(module._huber(errors), huber(errors))
+    assert module._huber(np.array([2.345]))[0] - module._huber(np.array([1.345]))[0] == pytest.approx(1.345)
+
+
+def followed(p0, v0, a):
+    """Positions and velocities from the first ones and accelerations that are linear between samples, steps of 1."""
+    v = v0 + np.concatenate([[0.0], np.cumsum((a[:-1] + a[1:]) / 2)])
+    return p0 + np.concatenate([[0.0], np.cumsum(v[:-1] + (2 * a[:-1] + a[1:]) / 6)]), v
+
+
+@pytest.mark.parametrize("weight", [0.1, 10.0])
+def test_no_motion_nearby_costs_less(weight):
+    rng = np.random.default_rng(3)
+    n = 20
+    scaled = 3 * np.sin(np.arange(n) / 4) + rng.standard_normal(n)
+    scaled[[5, 12]] += 15.0, -9.0
+    kept = np.ones(n)
+    kept[[0, 8]] = 0.0
+    p, v, a = module._solve(scaled, weight, kept)
+
+    def cost(p0, v0, pushes):
+        errors = kept * (scaled - followed(p0, v0, pushes)[0])
+        return huber(errors).sum() + huber(np.sqrt(weight) * np.diff(pushes)).sum()
+
+    again, speeds = followed(p[0], v[0], a)
+    np.testing.assert_allclose(p, again, atol=1e-4)
+    np.testing.assert_allclose(v, speeds, atol=1e-4)
+    least = cost(p[0], v[0], a)
+    assert np.abs(scaled - p)[12] > 1.345  # it is straight there
+    for size in (1e-2, 0.1):
+        for _ in range(60):
+            aside = size * rng.standard_normal(n + 2)
+            if rng.random() < 0.5:
+                aside[2:] = 0.1 * np.cumsum(aside[2:])
+            assert cost(p[0] + aside[0], v[0] + aside[1], a + aside[2:]) >= least - 1e-6
+
+
+def test_the_noise_of_white_samples_is_known_and_outliers_do_not_raise_it():
+    rng = np.random.default_rng(0)
+    y = 0.02 * rng.standard_normal(40_000)
+    assert noise_sd(y) == pytest.approx(0.02, rel=0.02)
+    y[::500] += 10.0
+    assert noise_sd(y) == pytest.approx(0.02, rel=0.05)
+    assert noise_sd(np.arange(50.0) ** 5) == pytest.approx(0.0, abs=1e-6)  # nothing that is smooth counts
+
+
+def test_cross_validation_looks_where_the_signal_moves_most():
+    y = np.zeros(3000)
+    y[1200:1900] = np.sin(np.arange(700) / 20)
+    found = module._liveliest(y)
+    assert found.stop - found.start == 800 and found.start <= 1200 and found.stop >= 1899
+    outlier = y.copy()
+    outlier[100] = 1e6
+    assert module._liveliest(outlier) == found
+    assert module._liveliest(y[:800]) == slice(0, 800)
+    assert module._liveliest(np.arange(801.0) ** 2) == slice(1, 801)
+
+
+@pytest.mark.parametrize(
+    ("best", "found"), [(1.1, 1.0), (3.4, 3.5), (-0.6, -0.5), (4.2, 4.0), (-9.0, -3.5), (20.0, 7.5)]
+)
+def test_the_weight_goes_downhill_by_decades_and_then_half_a_decade(monkeypatch, best, found):
+    held = []
+
+    def solved(scaled, weight, kept):
+        held.append(np.flatnonzero(kept == 0))
+        position = scaled + abs(np.log10(weight) - best)
+        position[20] = 1e9  # not measured: it must not count
+        return position, scaled, scaled
+
+    monkeypatch.setattr(module, "_solve", solved)
+    kept = np.ones(40)
+    kept[[20, 24]] = 0.0
+    scaled = np.zeros(40)
+    assert np.log10(module._best_weight(scaled, kept)) == pytest.approx(found)
+    assert held[0].tolist() == [3, 10, 17, 20, 24, 31, 38]
+    kept[24], scaled[24] = 1.0, -100.0
+    kept[22] = 0.0
+    assert np.log10(module._best_weight(scaled, kept)) == pytest.approx(found)
+
+
+@pytest.mark.parametrize(("n", "joins"), [(40, [40]), (49, [49]), (50, [35, 15]), (75, [35, 40]), (100, [35, 30, 35])])
+def test_windows_share_half_of_their_overlap(monkeypatch, n, joins):
+    monkeypatch.setattr(module, "WINDOW", 40)
+    monkeypatch.setattr(module, "OVERLAP", 10)
+    solved = []
+
+    def window(scaled, weight, kept):
+        solved.append(scaled)
+        assert weight == 5.0 and np.array_equal(scaled, kept)
+        number = np.full(len(scaled), float(len(solved)))
+        return scaled, number, -number
+
+    monkeypatch.setattr(module, "_solve", window)
+    p, v, a = module._in_windows(np.arange(n, dtype=float), 5.0, np.arange(n, dtype=float))
+    np.testing.assert_array_equal(p, np.arange(n))
+    np.testing.assert_array_equal(v, np.repeat(np.arange(len(joins)) + 1.0, joins))
+    np.testing.assert_array_equal(a, -v)
+
+
+def test_units_of_the_signal_and_of_the_time_come_out():
+    rng = np.random.default_rng(5)
+    y = np.sin(np.arange(60) / 6) + 0.01 * rng.standard_normal(60)
+    one = estimate(y, 0.01, 10.0)
+    other = estimate(7.0 - 3.0 * y, 0.02, 10.0)
+    np.testing.assert_allclose(other.position, 7.0 - 3.0 * one.position, atol=1e-4)
+    np.testing.assert_allclose(other.velocity, -3.0 * one.velocity / 2, atol=1e-2)
+    np.testing.assert_allclose(other.acceleration, -3.0 * one.acceleration / 4, atol=1.0)
+    assert np.abs(one.velocity - np.cos(np.arange(60) / 6) / 6 / 0.01)[3:-3].max() < 1.0
+
+
+def test_half_of_the_samples_and_sixteen_are_enough():
+    y = np.sin(np.arange(16) / 3)
+    assert len(estimate(y, 0.01, 1.0).position) == 16
+    with pytest.raises(TrocarError, match="got shape"):
+        estimate(y[:15], 0.01, 1.0)
+    y[1::2] = np.nan
+    assert np.isfinite(estimate(y, 0.01, 1.0).position).all()
+    y[0] = np.nan
+    with pytest.raises(TrocarError, match="7 measured"):
+        estimate(y, 0.01, 1.0)

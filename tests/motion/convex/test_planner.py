@@ -7,11 +7,15 @@ from hypothesis import strategies as st
 
 from ravens import CAMERA_M, KEPT_M, NAMES, STATION, asked, down, joints, least_m, random_waypoints, swapping
 from trocar.arms import fk
+from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.motion import Capsule, Facing, MovingArm, open_box, plan_motion
 from trocar.motion.convex import search
+from trocar.motion.convex.planner import require_possible
+from trocar.motion.convex.scene import Scene
 from trocar.motion.convex.search import Search
 from trocar.motion.tip import tip_speeds_m_s
+from trocar.trajectory import Trajectory
 
 SEEDS = st.integers(0, 2**32 - 1)
 PLACE = SE3.from_parts(translation_m=[-0.03, 0.01, -0.162])  # its wall at x = -87 mm
@@ -192,12 +196,83 @@ def test_rows_of_a_wall_leave_no_gap_for_a_finger(jaw):
 
 def test_a_way_that_leads_far_round_is_shortened(monkeypatch):
     rng = np.random.default_rng(4)
-    problems = [asked(random_waypoints(rng), (1.0, 1.0)) for _ in range(60)]
+    problems = [asked(random_waypoints(rng), (1.0, 1.0)) for _ in range(25)]
     seconds = {}
     for steps in (0, search.SHORTER):
         monkeypatch.setattr(search, "SHORTER", steps)
         seconds[steps] = [plan.duration_s for plan in (plan_motion(p, "convex") for p in problems) if plan.found]
     first, shortened = (np.array(found) for found in seconds.values())
-    assert len(first) == len(shortened) > 30
+    assert len(first) == len(shortened) > 12
     assert (shortened < 1.02 * first).all()
     assert (shortened < 0.9 * first).any()
+
+
+def test_the_place_and_the_pair_that_is_too_near_are_named():
+    tips_m = [-0.03, 0.02, -0.10], [-0.05, 0.01, -0.11], [-0.06, 0.0, -0.12], [-0.04, 0.02, -0.11]
+    left = [joints("left", down(tip)) for tip in tips_m]
+    right = [joints("right", down([-0.12, -0.03, z])) for z in (-0.11, -0.12)]
+    problem = asked([left, right])
+    arm = problem.arms["left"]
+    tips = (arm.T_world_base @ fk(arm.model, arm.waypoints)).translation_m
+    for index, words in (
+        (0, r"at the start, left .* is .* mm from ball, not 1.00 mm; move the start"),
+        (1, r"at waypoint 1, left .* is too near to ball; move the waypoint"),
+        (2, r"at waypoint 2, left .* is too near to ball; move the waypoint"),
+        (3, r"at the end, left .* is .* mm from ball, not 1.00 mm; move the end"),
+    ):
+        there = replace(problem, obstacles={"far": Capsule([1.0, 0, 0]), "ball": Capsule(tips[index], radius_m=1e-3)})
+        with pytest.raises(TrocarError, match=words):
+            require_possible(there, Scene.of(there))
+    require_possible(problem, Scene.of(problem))
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_a_start_may_stand_exactly_as_near_as_is_allowed(index):
+    left = [joints("left", down(tip)) for tip in ([-0.03, 0.02, -0.10], [-0.05, 0.01, -0.11], [-0.06, 0.0, -0.12])]
+    problem = asked([left, left])
+    arm = problem.arms["left"]
+    tip = (arm.T_world_base @ fk(arm.model, arm.waypoints[index])).translation_m
+    alone = replace(problem, arms={"left": arm}, obstacles={"ball": Capsule(tip - [0, 0, 0.02], radius_m=1e-3)})
+    near_m = Scene.of(alone).distances(arm.waypoints, np.zeros(3)).distance_m[index].min()
+    for more_m, possible in ((0.5e-9, True), (1.5e-9, False)):
+        asking = replace(alone, min_distance_m=near_m + more_m)
+        if Scene.of(alone).distances(arm.waypoints, np.zeros(3)).distance_m.min() < near_m:
+            continue  # another waypoint is nearer still
+        if possible:
+            require_possible(asking, Scene.of(asking))
+        else:
+            with pytest.raises(TrocarError, match="infeasible: at"):
+                require_possible(asking, Scene.of(asking))
+
+
+def test_where_others_rest_counts_at_the_end_and_where_they_start_at_the_start():
+    problem = asked(swapping(0.0))
+    arm, right = problem.arms["left"], problem.arms["right"]
+    away = joints("right", down([-0.14, -0.04, -0.12]))
+    meets = right.waypoints[::-1]  # where the left tip starts and ends
+    for ends, where in (([meets[0], away], "start"), ([away, meets[1]], "end"), ([away, 0.9 * away], None)):
+        motion = Trajectory.hermite([0.0, 1.0], np.array(ends), np.zeros((2, 6)))
+        other = MovingArm(right.model, motion, right.T_world_base)
+        beside = replace(problem, arms={"left": arm}, others={"other": other}, obstacles={})
+        if where is None:
+            require_possible(beside, Scene.of(beside))
+        else:
+            with pytest.raises(TrocarError, match=f"at the {where}, left"):
+                require_possible(beside, Scene.of(beside))
+
+
+def test_the_waypoint_that_faces_aside_most_is_named_and_its_angle():
+    left = [joints("left", down(tip, turn)) for tip, turn in (([-0.03, 0.02, -0.10], 0.0), ([-0.06, 0.0, -0.12], 0.3))]
+    facing = Facing([0.0, 1.0, 0.0], [-0.05, 0.5, -0.12], 3.0)
+    arm = replace(asked([left, left]).arms["left"], facing=facing)
+    angles = facing.angle_rad(arm.T_world_base @ fk(arm.model, arm.waypoints))
+    assert abs(angles[0] - angles[1]) > 0.1
+    for off, possible in ((0.5e-9, True), (1.5e-9, False)):
+        limited = replace(arm, facing=replace(facing, max_rad=float(angles.max()) - off))
+        problem = replace(asked([left, left]), arms={"left": limited})
+        if possible:
+            require_possible(problem, Scene.of(problem))
+        else:
+            words = f"at waypoint {np.argmax(angles)} the tip of 'left' faces {angles.max():.3f}"
+            with pytest.raises(TrocarError, match=words):
+                require_possible(problem, Scene.of(problem))

@@ -1,13 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ravens import asked, random_waypoints
+from trocar.arms import capsules
 from trocar.geometry.capsules import nearest_m, segment_distances_m
-from trocar.motion import Capsule, HalfSpace
+from trocar.motion import Capsule, HalfSpace, MovingArm
 from trocar.motion.convex.rows import distance_rows, facing_rows, range_rows
-from trocar.motion.convex.scene import Scene
+from trocar.motion.convex.scene import Scene, joint_path
+from trocar.trajectory import Trajectory
 
 OBSTACLES = {
     "table": HalfSpace([0.0, 0.0, -0.162], [0.0, 0.0, 1.0]),
@@ -31,7 +35,7 @@ def quotients(function, q):
     return np.stack([(function(q + step) - function(q - step)) / (2 * HALF) for step in steps], axis=-1)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_gradients_of_all_distances_are_those_of_finite_differences(seed):
     scene, q = scene_at(seed)
@@ -98,3 +102,44 @@ def test_the_shares_of_the_nearest_points_lead_to_the_shortest_vector():
     gap, s, t = nearest_m(p0, p1, q0, q1)
     np.testing.assert_allclose(p0 + s[:, None] * (p1 - p0) - q0 - t[:, None] * (q1 - q0), gap, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(gap, axis=1), segment_distances_m(p0, p1, q0, q1))
+
+
+def test_distances_are_those_of_segments_less_both_radii():
+    scene, q = scene_at(11)
+    q = np.concatenate([q, q + 0.01])
+    found = scene.distances(q, np.zeros(2))
+    for k, arm in enumerate(scene.arms):
+        for row in range(2):
+            solids = capsules(arm.model, q[row, 6 * k : 6 * k + 6], arm.jaw_rad).moved(arm.T_world_base)
+            np.testing.assert_allclose(found.ends_m[row, 4 * k : 4 * k + 4], solids.ends_m)
+    for column, (a, b) in enumerate(scene.pairs):
+        p, r = found.ends_m[:, a], found.ends_m[:, b]
+        apart = segment_distances_m(p[:, 0], p[:, 1], r[:, 0], r[:, 1])
+        wanted = apart - scene.bodies.radii_m[a] - scene.bodies.radii_m[b]
+        np.testing.assert_allclose(found.distance_m[:, column], wanted, atol=1e-7)
+    assert len(scene.pairs) == 16 + 2 * 4 * 3
+    few = scene.looking_at(found.distance_m[0] < 0.05)
+    assert 0 < len(few.pairs) < len(scene.pairs) and len(few.everything().pairs) == len(scene.pairs)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "start_s", "timed"), [(1, 0.0, False), (2, 0.0, True), (2, -0.9, True), (2, -1.1, False)]
+)
+def test_when_a_place_is_passed_matters_where_another_arm_still_moves(coefficients, start_s, timed):
+    problem = asked(random_waypoints(np.random.default_rng(0)), obstacles=OBSTACLES)
+    right = problem.arms["right"]
+    terms = np.stack([0.01 * np.ones(6), right.waypoints[0]])[-coefficients:]
+    other = MovingArm(right.model, Trajectory(np.array([0.0, 1.0]), terms[:, None]), right.T_world_base, start_s)
+    beside = replace(problem, arms={"left": problem.arms["left"]}, others={"right": other})
+    scene = Scene.of(beside)
+    assert scene.timed == timed
+    assert not Scene.of(problem).timed
+    q = problem.arms["left"].waypoints[[0, 0]]
+    times = np.array([0.0, 0.5])
+    np.testing.assert_allclose(scene.ends_m(q, times)[:, 4:8], other.ends_m(times))
+
+
+def test_joints_of_one_arm_are_cut_out_of_all():
+    path = Trajectory(np.array([0.0, 1.0]), np.arange(24.0).reshape(2, 1, 12))
+    np.testing.assert_array_equal(joint_path(path, 1).coefficients, path.coefficients[:, :, 6:])
+    np.testing.assert_array_equal(joint_path(path, 0).coefficients, path.coefficients[:, :, :6])
