@@ -61,9 +61,10 @@ def test_alike_instruments_leave_room_for_others():
 
 
 def test_outer_maps_scatter_about_none_but_their_constants_about_their_mean():
-    prior = FleetPrior.of([one("a", outer=1.0), one("b", outer=3.0)])
-    assert_allclose(prior.outer_sd[:, 1:], np.sqrt((1.0 + 9.0) / 2))
-    assert_allclose(prior.outer_sd[:, 0], 1.0)
+    columns = np.arange(1.0, 8.0)
+    prior = FleetPrior.of([one("a", outer=columns), one("b", outer=3.0 * columns), one("c", outer=2.0 * columns)])
+    assert_allclose(prior.outer_sd[:, 1:], np.tile(np.sqrt(14.0 / 3) * columns[1:], (3, 1)))
+    assert_allclose(prior.outer_sd[:, 0], np.sqrt(2.0 / 3))
 
 
 def test_noise_is_that_of_the_middle_recording():
@@ -106,7 +107,7 @@ def test_a_prior_is_kept_in_a_file(tmp_path):
         ({"sources": "abcd"}, {}, "does not say what it was learned from"),
         ({"sources": ["a", "b", "c", 4]}, {}, "does not say what it was learned from"),
         ({"sources": ["a", "b", "c"]}, {}, "names 3 recordings and has fits to 4"),
-        ({}, {"left": np.zeros((4, 6))}, "not variances"),
+        ({}, {"left": np.tile([1.0, 1.0, 1.0, 1.0, 1.0, 0.0], (4, 1))}, "not variances"),
         ({}, {"shape": np.zeros((4, 6))}, "'shape' has shape"),
         ({}, {"weights": np.zeros((4, 3, FEATURES + 1))}, "'weights' has shape"),
         ({}, {"outer": np.zeros((4, 2, 7))}, "'outer' has shape"),
