@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import ARMS
 from trocar.calibration.compensation import Compensator, resample, sample_positions
-from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX, MotionBox, random_smooth_path
+from trocar.calibration.excitation import PSM1_BOX, MotionBox, random_smooth_path
 from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import TrainingMotion
 from trocar.calibration.plant import PLANTS
@@ -120,24 +120,3 @@ def test_bad_settings_are_refused(play, arguments):
 def test_bad_paths_are_refused(play, path):
     with pytest.raises(TrocarError):
         Compensator(play[1]).path(path)
-
-
-def test_the_random_motion_is_the_recordings_kind():
-    for seed in range(3):
-        q = random_smooth_path(ARM, np.random.default_rng(seed))
-        steps = np.diff(q, axis=0)
-        assert_allclose(np.abs(steps).mean(axis=0), PSM1_BOX.step, rtol=0.02)
-        assert np.all((q >= PSM1_BOX.lower - 1e-9) & (q <= PSM1_BOX.upper + 1e-9))
-        turns = np.mean(steps[1:] * steps[:-1] < 0, axis=0)
-        assert np.all((turns > 0.05) & (turns < 0.25))
-
-
-def test_the_other_arms_motion_is_the_mirror_image():
-    assert_allclose(PSM2_BOX.lower[[0, 3, 5]], -PSM1_BOX.upper[[0, 3, 5]])
-    assert_allclose(PSM2_BOX.lower[[1, 2, 4]], PSM1_BOX.lower[[1, 2, 4]])
-
-
-def test_a_motion_beyond_the_limits_is_refused():
-    far = MotionBox(PSM1_BOX.lower - 9, PSM1_BOX.upper, PSM1_BOX.step)
-    with pytest.raises(TrocarError, match="limits"):
-        random_smooth_path(ARM, np.random.default_rng(0), 100, far)

@@ -55,6 +55,13 @@ def test_only_the_last_fifth_counts(recording):
     assert_allclose(curve(late, None, [160]).rmse[WITH], [np.abs(SHARES / 160 - 0.1)])
 
 
+def test_errors_are_root_mean_squares(recording):
+    swing = np.where(np.arange(200) % 3 == 0, 0.3, 0.0)
+    off = Recording(recording.q_cmd, np.tile(swing[:, None], 6), recording.valid, recording.t_s)
+    error = (SHARES / 50 - swing[160:, None])[np.arange(40) != 30]
+    assert_allclose(curve(off, None, [50]).rmse[WITH][0], np.linalg.norm(error, axis=0) / np.sqrt(39))
+
+
 def test_the_usual_numbers_of_rows_end_with_all_that_are_not_scored(recording):
     found = curve(recording, None)
     assert found.rows == (50, 75, 100, 150, 160)

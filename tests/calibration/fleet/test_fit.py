@@ -140,7 +140,7 @@ def test_the_spread_is_what_is_not_known_of_the_weights_and_what_they_leave():
         assert spread == pytest.approx(np.hypot(np.linalg.norm(x @ roots[joint]), 0.1 * (joint + 1)))
 
 
-@pytest.mark.parametrize("far", [0.0, 3.0])
+@pytest.mark.parametrize("far", [0.0, 3.0, 2000.0])
 def test_the_shape_is_the_most_likely_one_given_the_prior(prior, monkeypatch, far):
     """Two starts, whose likelihoods count together; each says something else about the shape."""
     rng = np.random.default_rng(0)
@@ -181,7 +181,7 @@ def test_a_few_rows_are_left_to_the_prior_and_many_do_without(prior, monkeypatch
     monkeypatch.setattr(fit, "_shape", lambda *_: SHAPE)
     monkeypatch.setattr(fit, "_share", lambda *_: np.array([0.0, 0.5, 1.0]))
     q = 0.5 * walk(0, ENOUGH_ROWS)
-    recording = Recording(q, q + 0.01, np.ones(len(q), bool), np.arange(float(len(q))))
+    recording = Recording(q, q + 0.01 + 0.1 * q[:, ::-1], np.ones(len(q), bool), np.arange(float(len(q))))
     assert OWN_ROWS < ENOUGH_ROWS
     assert fit_from_prior(recording.first(OWN_ROWS - 1), prior) == "prior"
     assert fit_from_prior(recording, prior) == "own"
@@ -192,7 +192,10 @@ def test_a_few_rows_are_left_to_the_prior_and_many_do_without(prior, monkeypatch
     own = PlayMap(linear, np.arange(3), np.zeros(3), np.ones(3), np.zeros((0, 3)), np.zeros((3, 0)))
     monkeypatch.setattr(fit, "fit_wrist", lambda *_: (own, np.array([0.1, 0.2, 0.3])))
     part = recording.first(OWN_ROWS)
-    error = fit_from_prior(part, prior).predict(q)[:, 3:] - q[:, 3:]
+    model = fit_from_prior(part, prior)
+    outer = fit._outer(part, prior)
+    assert_allclose(model.predict(q)[:, :3] - q[:, :3], outer[:, 0] + q @ outer[:, 1:].T, atol=1e-12)
+    error = model.predict(q)[:, 3:] - q[:, 3:]
     alone = own(wrist_features(q, SHAPE.a, SHAPE.b, with_spectrum(SHAPE.radii))) + [0.1, 0.2, 0.3]
     whole = SHAPE.features(q) @ fit._weights(part, SHAPE, prior).T
     assert_allclose(error, [1.0, 0.5, 0.0] * alone + [0.0, 0.5, 1.0] * whole, atol=1e-12)
