@@ -44,7 +44,7 @@ def test_a_random_path_fills_its_box_at_the_pace_that_is_asked_for():
         path = random_smooth_path(PSM_CLASSIC, np.random.default_rng(seed), 400)
         assert_allclose(path.min(axis=0), PSM1_BOX.lower, atol=1e-12)
         assert_allclose(path.max(axis=0), PSM1_BOX.upper, atol=1e-12)
-        assert_allclose(np.abs(np.diff(path, axis=0)).mean(axis=0), PSM1_BOX.step, rtol=5e-3)
+        assert_allclose(np.abs(np.diff(path, axis=0)).mean(axis=0), PSM1_BOX.step, rtol=0.015)
 
 
 def test_a_random_path_is_smooth_wanders_and_dwells_in_the_middle(recordings):
