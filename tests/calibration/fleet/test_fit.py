@@ -14,7 +14,7 @@ from trocar.calibration.fleet import fit, load_prior
 from trocar.calibration.fleet.fit import ENOUGH_ROWS, OWN_ROWS, Learned, expected, fit_from_prior, learn_from
 from trocar.calibration.fleet.loops import FEATURES, LoopShape
 from trocar.calibration.models.drift import DRIFT_ROWS
-from trocar.calibration.models.play import with_spectrum, wrist_features
+from trocar.calibration.models.play import PlayModel, with_spectrum, wrist_features
 from trocar.calibration.models.play_map import PlayMap
 from trocar.calibration.plant import PSM1_GREY, play_slacks
 from trocar.calibration.recording import Recording, load_recording
@@ -84,7 +84,7 @@ def test_where_the_cables_started_is_found(prior, start):
 
 def test_weights_are_the_mean_over_all_starts():
     rng = np.random.default_rng(0)
-    likely, weights = rng.normal(size=75) - 1000.0, rng.normal(size=(75, 3, FEATURES))
+    likely, weights = np.append(rng.normal(size=74), -2000.0) - 1000.0, rng.normal(size=(75, 3, FEATURES))
     share = np.exp(likely - logsumexp(likely))
     assert_allclose(fit._Explained(likely, weights, None).expected, np.tensordot(share, weights, 1))
 
@@ -95,6 +95,8 @@ def test_before_any_recording_the_fleets_mean_is_expected(prior):
     assert_allclose((model.predict(q) - q)[:, 3:], shape.features(q) @ prior.weights.T, atol=1e-12)
     assert_allclose(model.predict(q)[:, :3], q[:, :3])
     assert model.training.rows == 0
+    again = PlayModel.from_arrays(model.arrays(), model.training)
+    assert_allclose(again.predict(q), model.predict(q))
     for key, value in (("interval", PSM1_BOX.step), ("lower", PSM1_BOX.lower), ("upper", PSM1_BOX.upper)):
         assert_allclose(getattr(model.training, key), value)
 
@@ -140,17 +142,16 @@ def test_the_spread_is_what_is_not_known_of_the_weights_and_what_they_leave():
         assert spread == pytest.approx(np.hypot(np.linalg.norm(x @ roots[joint]), 0.1 * (joint + 1)))
 
 
-@pytest.mark.parametrize("far", [0.0, 3.0, 2000.0])
+@pytest.mark.parametrize("far", [0.0, 1.0, 2000.0])
 def test_the_shape_is_the_most_likely_one_given_the_prior(prior, monkeypatch, far):
-    """Two starts, whose likelihoods count together; each says something else about the shape."""
+    """Some starts, whose likelihoods count together; each says something else about the shape, and none much."""
     rng = np.random.default_rng(0)
-    tops = prior.shape_mean + rng.normal(size=(2, 5)) * prior.shape_sd
-    likely = np.array([-40.0, -40.0 - far])
-    sizes = np.array([3.0, 4.0])
+    tops = prior.shape_mean + 1.5 * rng.normal(size=(5, 5)) * prior.shape_sd
+    likely = -40.0 - np.array([0.0, far, far, far, far])
 
     def explained(recording, shape, prior, sd_rad):
         away = (shape.theta - tops) / prior.shape_sd
-        return fit._Explained(likely - 0.5 * sizes * np.sum(away**2, axis=1), None, None)
+        return fit._Explained(likely - 0.3 * np.sum(away**2, axis=1), None, None)
 
     def cost(theta):
         away = (theta - prior.shape_mean) / prior.shape_sd
@@ -159,8 +160,7 @@ def test_the_shape_is_the_most_likely_one_given_the_prior(prior, monkeypatch, fa
     monkeypatch.setattr(fit, "_explained", explained)
     found = fit._shape(slack_recording(prior, 40, np.zeros(3)), prior).theta
     best = min((minimize(cost, top) for top in tops), key=lambda one: one.fun)
-    assert cost(found) < best.fun + 0.05
-    assert np.abs((found - best.x) / prior.shape_sd).max() < 0.3
+    assert cost(found) < best.fun + 0.03
 
 
 def test_many_rows_show_their_shape_by_themselves(prior, monkeypatch):
@@ -205,7 +205,7 @@ def test_a_mixed_map_is_the_mean_of_both():
     rng = np.random.default_rng(0)
     linear, share = rng.normal(size=(3, FEATURES - 1)), np.array([0.2, 0.5, 0.9])
     own = PlayMap(
-        *(rng.normal(size=(3, 30)), np.array([0, 1, 2, 3, 12, 21]), rng.normal(size=6), rng.uniform(1, 2, 6)),
+        *(rng.normal(size=(3, 30)), np.array([0, 1, 2, 4, 14, 21]), rng.normal(size=6), rng.uniform(1, 2, 6)),
         *(rng.normal(size=(4, 6)), rng.normal(size=(3, 4))),
     )
     q = 0.5 * walk(2, 20)
@@ -222,14 +222,15 @@ def test_each_joint_is_left_to_the_map_that_predicts_it_better(prior, monkeypatc
     valid = np.arange(220) >= 20
     held = np.arange(220) >= 20 + 140
     q_phy = q.copy()
-    q_phy[:, 3:] += np.where(held[:, None], e, -0.9)
+    uneven = np.where(np.arange(220) % 4 > 0, 0.0, 0.05)[:, None]
+    q_phy[:, 3:] += np.where(held[:, None], e, -0.9) + uneven
     recording = Recording(q, q_phy, valid, np.arange(220.0))
-    seen = []
+    seen, ours = [], 0.02 * np.array([1.0, 1.0, -np.sqrt(2.0)])
     nothing = PlayMap(np.zeros((3, 30)), np.arange(3), np.zeros(3), np.ones(3), np.zeros((0, 3)), np.zeros((3, 0)))
 
     def fit_wrist(part, a, b, radii):
         seen.append(len(part))
-        return nothing, e + 0.02 * np.array([1.0, 1.0, -np.sqrt(2.0)])
+        return nothing, e + ours
 
     def weights(part, shape, prior):
         seen.append(len(part))
@@ -239,8 +240,11 @@ def test_each_joint_is_left_to_the_map_that_predicts_it_better(prior, monkeypatc
 
     monkeypatch.setattr(fit, "fit_wrist", fit_wrist)
     monkeypatch.setattr(fit, "_weights", weights)
-    assert_allclose(fit._share(recording, SHAPE, prior), [1 / 2, 1 / 17, 16 / 17])
+    share = fit._share(recording, SHAPE, prior)
     assert seen == [160, 160]
+    own, theirs = ours - uneven[held], -0.02 * np.array([1.0, np.sqrt(2.0), 1.0]) - uneven[held]
+    ratio = np.mean(theirs**2, axis=0) / np.mean(own**2, axis=0)
+    assert_allclose(share, 1.0 / (1.0 + ratio**4))
 
 
 def test_errors_are_as_wide_as_they_are_told_to_be(recordings, monkeypatch):
