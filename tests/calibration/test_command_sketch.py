@@ -243,3 +243,12 @@ def test_a_start_in_motion_counts(side):
         found = stretch(desired, HOME, velocity, gentle) * 0.2
         exact = shortest_to_rest_s(np.array([side * way]), np.array([side * speed]), np.array([100.0]), np.array([4.0]))
         assert 0.995 * np.max(exact) < found < 1.06 * np.max(exact) + 0.02
+
+
+def test_a_start_that_cannot_be_braked_in_time_gets_more():
+    """Even where full brakes would have the joint at its goal by then, still moving; the other joints rest."""
+    push, axis = 4.0 * (1.0 - 2e-7), np.arange(6) == 3
+    gentle = MotionLimits(np.full(6, 100.0), np.full(6, 4.0))
+    goal = HOME + (0.2 - push * 0.2**2 / 2) * axis
+    desired = Trajectory.hermite([0.0, 0.2], [HOME, goal], np.zeros((2, 6)))
+    assert stretch(desired, HOME, 1.0 * axis, gentle) * 0.2 > 0.25
