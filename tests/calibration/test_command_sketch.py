@@ -157,6 +157,15 @@ def test_the_farthest_command_is_towards_or_beyond_the_end_that_is_nearer():
     assert sketch.farthest[3] == pytest.approx((middle - OFF)[3], abs=0.02)
 
 
+def test_the_start_may_be_the_farthest_command():
+    still = Trajectory.hermite([0.0, 1.0], [HOME, HOME], np.zeros((2, 6)))
+    off = HOME - OFF + [0, 0, 0, 0.2, -0.3, 0]
+    sketch = sketched(request(still, OFFSET, off, lower=HOME - 0.6, upper=HOME + 0.6))
+    assert_allclose(sketch.farthest[3:5], off[3:5])
+    assert_allclose(sketch.correction[0], off - HOME)
+    assert_allclose(sketch.correction[1:, 3], -OFF[3], atol=0.01)
+
+
 # Ranges.
 
 
