@@ -107,9 +107,11 @@ def test_the_end_error_is_the_farthest_that_a_joint_moves_the_tip(fit):
     assert replace(fitted, error=error).end_error == pytest.approx(0.067)
 
 
-def test_the_nearest_path_weighs_errors_by_levers_and_spares_full_acceleration(fit):
-    """No other path is better in the sum of both, each as it is told."""
-    slow = replace(fit.paths, limits=type(PAPER)(1e3 * PAPER.velocity, 1e3 * PAPER.acceleration))
+def test_the_nearest_path_weighs_errors_by_levers_and_spares_full_acceleration(fit, monkeypatch):
+    """No other path is better in the sum of both, each as it is told; from a start in motion."""
+    monkeypatch.setattr(command_fit, "EASE", 1e4 * EASE)
+    limits = type(PAPER)(1e3 * PAPER.velocity, 1e3 * PAPER.acceleration)
+    slow = replace(fit.paths, velocity_start=0.2 * PAPER.velocity, limits=limits)
     loose = CommandFit(slow, fit.memory, fit.wanted)
     x = loose.nearest(fit.wanted)
 
@@ -118,7 +120,7 @@ def test_the_nearest_path_weighs_errors_by_levers_and_spares_full_acceleration(f
         times = slow.spline.times_s
         error, push = path(times) - fit.wanted, path((times[1:] + times[:-1]) / 2, 2)
         near = np.sum(slow.weights_s[:, None] * (LEVER * error) ** 2)
-        return near + np.sum(np.diff(times)[:, None] * (LEVER * EASE * push / slow.limits.acceleration) ** 2)
+        return near + np.sum(np.diff(times)[:, None] * (LEVER * 1e4 * EASE * push / slow.limits.acceleration) ** 2)
 
     rng, least = np.random.default_rng(0), cost(x)
     for _ in range(20):
@@ -162,7 +164,7 @@ def test_other_models_are_asked_command_after_command(fit):
     offset = OffsetModel(np.linspace(0.01, 0.06, 6), fit.memory.model.training)
     other = CommandFit(fit.paths, CableMemory.at_rest(offset, HOME), fit.wanted)
     fitted = other.predict(other.nearest(fit.wanted))
-    assert fitted.response is None and not fitted.turns_s.any()
+    assert fitted.response is None and fitted.turns_s.shape == (40, 3) and not fitted.turns_s.any()
     assert_allclose(fitted.error, fit.wanted - fitted.q_cmd - np.linspace(0.01, 0.06, 6), atol=1e-12)
 
 
@@ -209,3 +211,51 @@ def test_refinement_ends_once_the_end_is_met_and_little_is_gained(fit, monkeypat
         found = fit.refine(replace(start, cost=1.0, error=error))
         assert len(taken) == steps
         assert found.cost == pytest.approx(np.prod([share for share in taken if share]))
+
+
+def test_a_share_of_a_taut_cables_response_is_taken_for_granted(fit, monkeypatch):
+    """At all knots but the last: if all commands go on by as much, the joints of a taut cable follow as it says."""
+    fitted = fit.predict(fit.nearest(fit.wanted))
+    slopes = {}
+    for share in (0.0, command_fit.TAUT, 1.0):
+        monkeypatch.setattr(command_fit, "TAUT", share)
+        slopes[share] = fit._slopes(fitted).toarray().reshape(len(fit.wanted), 3, 6, -1).sum(axis=3)[2:, :, 3:]
+    slack, some, taut = slopes.values()
+    expected = (fitted.response.taut - fitted.response.by_command)[2:]
+    assert np.abs(expected[:-1]).max() > 0.1
+    assert_allclose((taut - slack)[:-1], expected[:-1], atol=1e-9)
+    assert_allclose(some - slack, 0.15 * (taut - slack), atol=1e-9)
+    assert not (taut - slack)[-1].any()
+
+
+def test_a_step_minimises_what_is_expected_to_be_left(fit, monkeypatch):
+    """Errors of the wrist as the slopes say, of the outer joints as their commands go, and the two penalties."""
+    monkeypatch.setattr(command_fit, "EASE", 300 * EASE)
+    free = CommandFit(replace(fit.paths, velocity_start=0.1 * PAPER.velocity), fit.memory, fit.wanted)
+    fitted, found = free.predict(free.nearest(free.wanted)), []
+
+    def solve(self, hessian, gradient):
+        x = np.linalg.solve(hessian.toarray(), -gradient.T.ravel()).reshape(6, -1).T
+        found.append(x)
+        return x
+
+    monkeypatch.setattr(LimitedPaths, "solve", solve)
+    free._step(fitted)
+    slopes, spline = free._slopes(fitted).toarray(), free.paths.spline
+    weights, ease = free.paths.weights_s[:, None], (LEVER * 300 * EASE / PAPER.acceleration) ** 2
+
+    def left(x):
+        path = spline.trajectory(free.paths.points(x))
+        on = path(spline.times_s) - fitted.q_cmd
+        wrist = fitted.error[:, WRIST] - (slopes @ (x - fitted.x).T.ravel()).reshape(-1, 3)
+        outer = LEVER[:3] * (fitted.error - on)[:, :3]
+        push = path((spline.times_s[1:] + spline.times_s[:-1]) / 2, 2)
+        damped = np.sum(weights * wrist**2) + np.sum(weights * outer**2) + 0.03**2 * np.sum(weights * on[:, WRIST] ** 2)
+        return damped + np.sum(spline.steps_s[:, None] * ease * push**2)
+
+    rng, least = np.random.default_rng(0), left(found[0])
+    for joint in range(6):
+        step = rng.normal(0, 1e-3, fitted.x.shape) * (np.arange(6) == joint)
+        ahead, behind = left(found[0] + step) - least, left(found[0] - step) - least
+        assert ahead > 0 and behind > 0
+        assert abs(ahead - behind) < 1e-3 * (ahead + behind)

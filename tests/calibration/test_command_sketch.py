@@ -177,6 +177,14 @@ def test_ranges_reach_to_where_the_joints_and_the_commands_are():
     assert_allclose(sketch.upper, taken.max(axis=0))
 
 
+def test_ranges_reach_to_where_the_joints_go_in_between():
+    away = HOME + [0, 0, 0, 0.5, -0.3, 0.4]
+    desired = Trajectory.hermite([0.0, 0.8, 1.6], [HOME, away, HOME], np.zeros((3, 6)))
+    sketch = sketched(request(desired, lower=HOME, upper=HOME))
+    assert_allclose(sketch.lower, np.minimum(HOME, away), atol=1e-3)
+    assert_allclose(sketch.upper, np.maximum(HOME, away), atol=1e-3)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_ranges_reach_to_where_a_moving_command_can_be_braked(side):
     """Its speed squared about twice the acceleration, and a knot's spacing further."""

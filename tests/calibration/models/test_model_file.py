@@ -1,5 +1,7 @@
 """Files of cable models: what is in them is checked before it is used."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -71,9 +73,26 @@ def test_what_a_fit_cannot_have_seen_is_refused(name, light, tmp_path):
         refused(path, "is damaged: its training motion is none")
 
 
-def test_errors_that_no_cable_has_are_refused(light, tmp_path):
-    path = save_model(light["offset"].shifted(np.full(6, 50.0)), tmp_path / "model.npz")
-    refused(path, "is damaged: it expects errors that no cable has")
+@pytest.mark.parametrize("joint", [0, 2, 5])
+def test_errors_that_no_cable_has_are_refused(light, tmp_path, joint):
+    """Not even of one joint, in the middle of the motion that a model was fitted on: a radian at most."""
+    model = light["offset"]
+    for sign in (1.0, -1.0):
+        to = np.where(np.arange(6) == joint, sign, 0.0)
+        load_model(save_model(model.shifted(0.99 * to - model.offset), tmp_path / "good.npz"))
+        path = save_model(model.shifted(1.01 * to - model.offset), tmp_path / "bad.npz")
+        refused(path, "is damaged: it expects errors that no cable has")
+
+
+def test_sense_is_asked_of_a_model_where_it_was_fitted(light, tmp_path):
+    """A linear map of errors is small there, however large it is elsewhere."""
+    model = light["ridge"]
+    middle = (model.training.lower + model.training.upper) / 2
+    weights = np.zeros((36, 6))
+    weights[30:] = 50.0 * np.eye(6)
+    path = tmp_path / "model.npz"
+    load_model(save_model(replace(model, weights=weights, offset=-50.0 * middle + 0.9), path))
+    refused(save_model(replace(model, weights=weights, offset=-50.0 * middle + 1.1), path), "no cable has")
 
 
 @pytest.mark.parametrize(
