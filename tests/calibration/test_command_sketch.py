@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
+from trocar.calibration import command_sketch
 from trocar.calibration.cable_memory import CableMemory
 from trocar.calibration.command_request import CommandRequest
 from trocar.calibration.command_sketch import knots_of, sketched
@@ -114,6 +115,19 @@ def test_models_with_a_window_are_asked_as_densely_as_they_were_trained():
     assert steps.max() <= 0.055 and np.median(steps) > 0.03
     joints, wanted = followed(sketch, ridge)
     assert_allclose(joints, wanted, atol=0.01)
+
+
+def test_the_last_error_is_the_first_guess(monkeypatch):
+    guesses = []
+
+    def inverse(model, state, q, guess, tolerance_rad):
+        guesses.append(guess - (q - OFF))
+        return q - OFF
+
+    monkeypatch.setattr(command_sketch, "inverse", inverse)
+    sketched(request(rest_to_rest(HOME, FAR, PAPER), OFFSET, HOME - OFF))
+    assert len(guesses) > 4
+    assert_allclose(guesses, 0.0, atol=1e-12)
 
 
 def test_rows_between_points_are_interpolated():

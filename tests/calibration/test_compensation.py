@@ -286,3 +286,14 @@ def test_a_path_is_sampled_as_densely_as_the_joint_that_moves_farthest_needs():
 def test_escapes_go_both_ways_and_farther_each_time():
     sizes = np.abs(compensation.ESCAPES_RAD)
     assert (np.diff(sizes) >= 0).all() and sizes[0] < 0.128 < sizes[-1]
+
+
+def test_where_errors_stay_the_same_a_command_is_found_at_once():
+    """The last error is the first guess: the model is asked there, and no step is needed."""
+    model = Wrist(lambda w: w + [0.2, -0.1, 0.05], OUTER)
+    compensator = Compensator(model)
+    compensator.start(GOAL)
+    desired = GOAL + 0.01 * np.arange(4)[:, None]
+    q_cmd = compensator.path(desired)
+    assert_allclose(q_cmd + np.concatenate([OUTER, [0.2, -0.1, 0.05]]), desired, atol=1e-9)
+    assert model.calls == 2 * 4

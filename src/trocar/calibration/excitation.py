@@ -29,7 +29,7 @@ SPREAD = 0.7
 """SD of the normal deviate that is mapped to the range: the recordings dwell in its middle (SD .2 of the range)."""
 
 STRAIGHT = 1e-6
-"""Share of a wave that is no slower than this piece of it: both are straight."""
+"""A wave that runs through less of its range than this is straight; it gets no slower by a smaller piece of it."""
 
 WIDE_ROWS = 75
 """Samples of a recording of wide swings: a minute."""
@@ -72,7 +72,7 @@ PSM1_BOX = MotionBox(
 )
 """Range and mean step of the recording psm1_grey_random."""
 PSM2_BOX = PSM1_BOX.mirrored()
-"""Its mirror image, as recorded in psm2_grey_random."""
+"""Its mirror image, which psm2_grey_random is, but for roll that ends at 1.57."""
 
 
 def random_smooth_path(
