@@ -3,7 +3,7 @@ from numpy.testing import assert_allclose
 
 from trocar.calibration.models import OffsetModel
 from trocar.calibration.recording import Recording
-from walks import walk
+from walks import stepped, walk
 
 
 def test_the_offset_is_the_mean_error_of_the_good_rows():
@@ -12,7 +12,9 @@ def test_the_offset_is_the_mean_error_of_the_good_rows():
     model = OffsetModel.fit(Recording(q, q + error, valid, np.arange(60.0)), rng)
     assert_allclose(model.offset, error[valid].mean(axis=0), atol=1e-12)
     assert_allclose(model.predict(q), q + error[valid].mean(axis=0), atol=1e-12)
-    assert_allclose(model.step(model.start(q[0]), q[3])[0], model.predict(q)[3])
+    assert_allclose(stepped(model, q), model.predict(q))
+    assert_allclose(model.shifted(np.arange(6.0)).offset, model.offset + np.arange(6.0))
+    assert model.rate_independent
 
 
 def test_it_shows_the_wrists_offsets_in_degrees():

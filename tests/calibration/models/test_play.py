@@ -105,6 +105,56 @@ def test_what_drove_an_operator_last_is_known(drawn):
     assert not response.moved[:, 1:].any()
 
 
+def straight(model, q):
+    """Inputs that turn nowhere between the commands."""
+    return model.inputs(q[:-1])
+
+
+def test_a_response_is_what_step_after_step_gives(drawn):
+    q = 3.0 * walk(6, 40)
+    state = drawn.start(q[0])
+    response = drawn.respond(state, q, straight(drawn, q))
+    for row, joints in zip(q, response.joints, strict=True):
+        expected, state = drawn.step(state, row)
+        assert_allclose(joints, expected, atol=1e-12)
+    assert_allclose(response.state, state, atol=1e-12)
+
+
+def test_a_turn_between_two_commands_leaves_its_slack(drawn):
+    q = 3.0 * walk(1, 40)[[0, 30]]
+    start, beyond = drawn.start(q[0]), drawn.inputs(q[1]) + 0.05
+    over = q[1].copy()
+    over[3:] = np.linalg.solve(drawn.mix, beyond)
+    three = np.array([q[0], over, q[1]])
+    turned, expected = drawn.respond(start, q, beyond[None]), drawn.respond(start, three, straight(drawn, three))
+    assert_allclose(turned.joints[-1], expected.joints[-1], atol=1e-12)
+    assert np.abs(turned.joints[-1] - drawn.respond(start, q, straight(drawn, q)).joints[-1]).max() > 3e-3
+
+
+def test_slopes_of_a_response_are_those_of_small_steps(drawn):
+    """By a row's own command, and by those that drove an operator last which is in its slack now."""
+    rng = np.random.default_rng(2)
+    q = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2]) + np.cumsum(rng.normal(size=(25, 6)) * 0.08, axis=0)
+    state = drawn.start(q[0]) + rng.uniform(-0.5, 0.5, RADII.shape) * RADII
+    response = drawn.respond(state, q, straight(drawn, q))
+    later = 0
+    for row in range(1, 25):
+        for joint in range(3):
+            pushed = q.copy()
+            pushed[row, 3 + joint] += 1e-6
+            moved = drawn.respond(state, pushed, straight(drawn, pushed)).joints
+            measured = (moved - response.joints)[:, 3:] / 1e-6
+            expected = np.zeros_like(measured)
+            expected[row] = response.by_command[row, :, joint]
+            for i in range(3):
+                driven = (response.moved[:, i] // 2 == row) & (response.moved[:, i] > 0)
+                driven[: row + 1] = False
+                later += driven.sum()
+                expected += np.einsum("nak,nk->na", response.by_operator[:, :, i], driven) * drawn.mix[i, joint]
+            assert_allclose(measured, expected, atol=1e-4)
+    assert later > 20
+
+
 def test_the_spectrum_covers_what_is_identified_and_stands_beside_it():
     radii = with_spectrum(np.array([0.03, 0.1, 0.12]))
     assert_allclose(radii[:, 0], [0.03, 0.1, 0.12])
@@ -138,6 +188,15 @@ def test_a_fit_puts_together_plant_map_and_outer_joints(monkeypatch):
     more = np.vstack([z, np.sqrt(10.0) * np.eye(6)])
     weights = np.linalg.lstsq(more, np.vstack([error - error.mean(axis=0), np.zeros((6, 3))]), rcond=None)[0]
     assert_allclose(q @ model.outer.T + model.offset[:3], error.mean(axis=0) + z @ weights, atol=1e-9)
+
+
+def test_errors_that_are_linear_in_the_command_are_found_with_their_constant():
+    """Commands are not about zero, so the constant is not the mean error."""
+    recording = made(lambda q: 0.2 * q[:, [3, 4, 5, 3, 4, 5]] + [0, 0, 0, 0.05, -0.1, 0.2], n=400)
+    radii = with_spectrum(PSM1_GREY.radii)
+    fitted, constant = fit_wrist(recording, 0.1, 0.1, radii)
+    errors = fitted(wrist_features(recording.q_cmd, 0.1, 0.1, radii)) + constant
+    assert_allclose(errors, (recording.q_phy - recording.q_cmd)[:, 3:], atol=0.012)
 
 
 def test_a_constant_error_of_the_wrist_is_found_whole():
@@ -180,3 +239,8 @@ def test_negative_radii_are_refused(drawn):
 def test_it_shows_its_backlash_in_degrees_and_its_coupling(drawn):
     words = "backlash of q4 q5 q6 11.5, 5.7, 22.9 deg, coupling 0.30 and -0.40"
     assert repr(drawn) == f"<cable model 'play', fitted on 50 rows: {words}>"
+
+
+def test_a_shift_is_another_offset(drawn):
+    q, shift = walk(0, 10), np.linspace(-0.1, 0.1, 6)
+    assert_allclose(drawn.shifted(shift).predict(q) - drawn.predict(q), np.tile(shift, (10, 1)), atol=1e-12)

@@ -5,6 +5,7 @@ from numpy.testing import assert_allclose
 from trocar.calibration.models import RidgeModel
 from trocar.calibration.models.window import windows
 from trocar.calibration.recording import Recording
+from walks import stepped
 
 RNG = np.random.default_rng(0)
 
@@ -45,3 +46,12 @@ def test_a_joint_that_never_moved_has_no_weight(moves_by, weighs):
     weights = model.weights.reshape(6, 6, 6)[:, 2]
     assert np.isfinite(weights).all() and weights.any() == weighs
     assert np.isfinite(model.offset).all()
+
+
+def test_step_by_step_it_is_what_the_whole_history_gives():
+    q, shift = RNG.normal(0, 0.3, (60, 6)), np.linspace(-0.1, 0.1, 6)
+    model = RidgeModel.fit(made(q, 0.3 * np.roll(q, 2, axis=0)), RNG)
+    assert_allclose(stepped(model, q), model.predict(q), atol=1e-12)
+    assert_allclose(model.shifted(shift).predict(q) - model.predict(q), np.tile(shift, (60, 1)), atol=1e-12)
+    assert not model.rate_independent
+    assert np.abs(model.predict(np.repeat(q, 2, axis=0))[1::2] - model.predict(q)).max() > 1e-3
