@@ -34,7 +34,7 @@ settings.load_profile("same")
 LONGEST = (
     *("tasks/peg_transfer/agents/test_faults", "trials/test_run_trial", "test_examples", "tasks/test_truth_barrier"),
     *("cli/test_run", "tasks/suture/test_trial", "tasks/debridement/agents/test_faults", "cli/test_run_suture"),
-    *("tasks/suture/agents/test_circle", "trials/test_folder", "calibration/test_models", "cli/test_collect"),
+    *("tasks/suture/agents/test_circle", "trials/test_folder", "cli/test_collect"),
     *("tasks/peg_transfer/study/test_command", "tasks/peg_transfer/agents/test_learner", "trials/test_workers"),
     *("tasks/debridement/world/test_debridement_world", "tasks/suture/agents/test_watch", "report/test_summary"),
     *("calibration/test_command_path", "calibration/fleet/test_fleet", "collect/test_collection"),

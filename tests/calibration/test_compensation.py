@@ -3,8 +3,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import ARMS
-from trocar.calibration.compensation import Compensator, resample, sample_positions
-from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX, MotionBox, random_smooth_path
+from trocar.calibration import compensation
+from trocar.calibration.compensation import Compensator, algorithm1, exact_inverse, inverse, resample, sample_positions
+from trocar.calibration.excitation import PSM1_BOX, MotionBox, random_smooth_path
 from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import TrainingMotion
 from trocar.calibration.plant import PLANTS
@@ -15,7 +16,7 @@ ARM = next(iter(ARMS.values()))
 WASHOUT = 20
 
 
-def record(plant, rng, n=1355):
+def record(plant, rng, n=500):
     q = random_smooth_path(ARM, rng, n)
     return Recording(q, plant.measure(plant.run(q), rng), np.ones(n, bool), 0.8 * np.arange(n))
 
@@ -46,7 +47,7 @@ def small():
 @pytest.mark.parametrize("box", [PSM1_BOX, wider(), small()], ids=["same", "wider", "small"])
 def test_the_exact_inverse_closes_the_loop(play, box):
     plant, model = play
-    error = closed_loop(plant, Compensator(model), random_smooth_path(ARM, np.random.default_rng(7), 300, box))
+    error = closed_loop(plant, Compensator(model), random_smooth_path(ARM, np.random.default_rng(7), 150, box))
     assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 0.006)
 
 
@@ -54,7 +55,7 @@ def test_the_exact_inverse_closes_the_loop(play, box):
 def test_it_closes_the_loop_for_every_instrument(name):
     plant = PLANTS[name]
     model = MODELS["play"].fit(record(plant, np.random.default_rng(1)), np.random.default_rng(0))
-    desired = random_smooth_path(ARM, np.random.default_rng(8), 300)
+    desired = random_smooth_path(ARM, np.random.default_rng(8), 150)
     error = closed_loop(plant, Compensator(model), desired)
     assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 0.006)
 
@@ -122,22 +123,177 @@ def test_bad_paths_are_refused(play, path):
         Compensator(play[1]).path(path)
 
 
-def test_the_random_motion_is_the_recordings_kind():
-    for seed in range(3):
-        q = random_smooth_path(ARM, np.random.default_rng(seed))
-        steps = np.diff(q, axis=0)
-        assert_allclose(np.abs(steps).mean(axis=0), PSM1_BOX.step, rtol=0.02)
-        assert np.all((q >= PSM1_BOX.lower - 1e-9) & (q <= PSM1_BOX.upper + 1e-9))
-        turns = np.mean(steps[1:] * steps[:-1] < 0, axis=0)
-        assert np.all((turns > 0.05) & (turns < 0.25))
+# Small models, by hand.
+
+TRAINING = TrainingMotion(np.full(6, 0.01), np.zeros(6), np.ones(6), 100)
 
 
-def test_the_other_arms_motion_is_the_mirror_image():
-    assert_allclose(PSM2_BOX.lower[[0, 3, 5]], -PSM1_BOX.upper[[0, 3, 5]])
-    assert_allclose(PSM2_BOX.lower[[1, 2, 4]], PSM1_BOX.lower[[1, 2, 4]])
+class Wrist:
+    """A model without memory, of errors of the outer joints and any map of the wrist's commands."""
+
+    name, rate_independent, training = "wrist", True, TRAINING
+
+    def __init__(self, function, outer=0.0):
+        self.function, self.outer, self.calls = function, outer, 0
+
+    def start(self, q_cmd):
+        return None
+
+    def step(self, state, q_cmd):
+        return np.concatenate([q_cmd[:3] + self.outer, self.function(q_cmd[3:])]), None
+
+    def linearize(self, state, q_cmd):
+        self.calls += 1
+        columns = [(self.function(q_cmd[3:] + d) - self.function(q_cmd[3:] - d)) / 2e-7 for d in 1e-7 * np.eye(3)]
+        return self.step(state, q_cmd)[0], np.transpose(columns)
 
 
-def test_a_motion_beyond_the_limits_is_refused():
-    far = MotionBox(PSM1_BOX.lower - 9, PSM1_BOX.upper, PSM1_BOX.step)
-    with pytest.raises(TrocarError, match="limits"):
-        random_smooth_path(ARM, np.random.default_rng(0), 100, far)
+OUTER = np.array([0.01, -0.02, 0.003])
+BENT = Wrist(lambda w: w + 0.1 * np.sin(3.0 * w[[1, 2, 0]]) + [0.2, -0.1, 0.05], OUTER)
+GOAL = np.array([0.5, 0.1, 0.15, 0.3, -0.2, 0.4])
+
+
+def test_algorithm1_goes_half_of_what_is_left_five_times():
+    q = algorithm1(BENT, None, GOAL)
+    by_hand = GOAL
+    for _ in range(5):
+        by_hand = by_hand + 0.5 * (GOAL - BENT.step(None, by_hand)[0])
+    assert_allclose(q, by_hand)
+    once = algorithm1(BENT, None, GOAL, iterations=1, alpha=0.25)
+    assert_allclose(once, GOAL + 0.25 * (GOAL - BENT.step(None, GOAL)[0]))
+
+
+def test_the_exact_inverse_of_a_bent_map_is_exact():
+    for goal in GOAL * np.array([[1.0], [-1.0], [3.0]]):
+        q_cmd, joints = exact_inverse(BENT, None, goal, goal)
+        assert_allclose(joints, BENT.step(None, q_cmd)[0])
+        assert np.linalg.norm((joints - goal)[3:]) < 1e-5
+        assert_allclose(q_cmd[:3], goal[:3] - OUTER, atol=1e-12)
+
+
+def test_the_exact_inverse_stops_once_it_is_near_enough():
+    def calls(**tolerance):
+        BENT.calls = 0
+        _, joints = exact_inverse(BENT, None, GOAL, GOAL, **tolerance)
+        return BENT.calls, np.linalg.norm((joints - GOAL)[3:])
+
+    few, rough = calls(tolerance_rad=1e-2, stalled_rad=1.0)
+    many, fine = calls(tolerance_rad=1e-9)
+    assert few < many < 12
+    assert 1e-5 < rough < 1e-2 and fine < 1e-9
+    assert inverse(BENT, None, GOAL, GOAL, 1e-2, 1.0).shape == (6,)
+    assert_allclose(inverse(BENT, None, GOAL, GOAL, 1e-9), exact_inverse(BENT, None, GOAL, GOAL, 1e-9)[0])
+
+
+def test_outer_joints_that_hang_on_their_commands_are_inverted_too():
+    class Geared(Wrist):
+        def step(self, state, q_cmd):
+            joints, _ = super().step(state, q_cmd)
+            joints[:3] = 1.02 * q_cmd[:3] + OUTER
+            return joints, None
+
+    q_cmd, joints = exact_inverse(Geared(BENT.function), None, GOAL, GOAL)
+    assert_allclose(joints[:3], GOAL[:3], atol=1e-4)
+    assert_allclose(q_cmd[:3], (GOAL[:3] - OUTER) / 1.02, atol=1e-4)
+
+
+def stiff(width, at):
+    """Return a wrist whose pitch does not follow within a dead zone of this half-width about a command."""
+
+    def joints(w):
+        beyond = w[1] - at
+        return np.array([w[0], at + np.sign(beyond) * max(abs(beyond) - width, 0.0), w[2]])
+
+    return Wrist(joints)
+
+
+@pytest.mark.parametrize("width", [0.05, 0.15, 0.3])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_dead_zone_is_left_on_the_side_of_the_goal(width, side):
+    """In it the joint ignores its command, so Newton's method alone has nowhere to go."""
+    goal = np.array([0, 0, 0, 0.1, side * 0.08, 0.0])
+    q_cmd, joints = exact_inverse(stiff(width, 0.0), None, goal, np.zeros(6))
+    assert_allclose(joints[3:], goal[3:], atol=1e-4)
+    assert q_cmd[4] == pytest.approx(side * (0.08 + width), abs=1e-3)
+
+
+def test_where_nothing_reaches_the_goal_the_nearest_is_returned():
+    held = Wrist(lambda w: np.array([w[0], np.clip(w[1], -0.1, 0.1), w[2]]))
+    goal = np.array([0, 0, 0, 0.2, 0.5, -0.3])
+    _, joints = exact_inverse(held, None, goal, np.zeros(6))
+    assert_allclose(joints[3:], [0.2, 0.1, -0.3], atol=1e-3)
+
+
+def test_a_step_is_never_longer_than_a_backlash():
+    """Where a joint follows its command only by a hundredth, a full Newton step would be ten radians."""
+    seen = []
+    flat = Wrist(lambda w: np.array([w[0], 0.02 * w[1], w[2]]))
+    linearize = flat.linearize
+    flat.linearize = lambda state, q: (seen.append(q), linearize(state, q))[1]
+    goal = np.array([0, 0, 0, 0.0, 0.04, 0.0])
+    q_cmd, joints = exact_inverse(flat, None, goal, np.zeros(6))
+    steps = np.abs(np.diff([q[4] for q in seen]))
+    assert 0.25 < steps.max() <= 0.3 + 1e-9
+    assert q_cmd[4] == pytest.approx(2.0, abs=0.01) and joints[4] == pytest.approx(0.04, abs=2e-4)
+
+
+def test_a_compensator_starts_where_the_arm_rests_and_remembers_what_was_sent(play):
+    _, model = play
+    desired = random_smooth_path(ARM, np.random.default_rng(5), 40)
+    fresh, started = Compensator(model), Compensator(model)
+    started.start(desired[0])
+    whole = fresh.path(desired)
+    assert_allclose(whole, started.path(desired))
+    told = Compensator(model)
+    told.observe(np.vstack([desired[:1], whole[:20]]))
+    assert_allclose(told.path(desired[20:]), whole[20:], atol=1e-4)
+    assert told.path(np.empty((0, 6))).shape == (0, 6)
+
+
+def test_a_method_is_chosen_by_what_a_model_can(play):
+    _, model = play
+    assert Compensator(model).method == Compensator(model, "exact").method == "exact"
+    assert Compensator(model, "algorithm1").method == "algorithm1"
+    plain = MODELS["offset"](np.zeros(6), TRAINING)
+    assert Compensator(plain).method == Compensator(plain, "algorithm1").method == "algorithm1"
+    with pytest.raises(TrocarError, match="has no exact inverse"):
+        Compensator(plain, "exact")
+    assert Compensator(plain, iterations=1, alpha=1.0).path(GOAL[None]).shape == (1, 6)
+    for wrong in ({"alpha": 0.0}, {"alpha": 1.001}, {"iterations": 0}):
+        with pytest.raises(TrocarError, match="Algorithm 1 cannot run"):
+            Compensator(plain, **wrong)
+
+
+def test_algorithm1_by_a_compensator_takes_its_settings():
+    offset = MODELS["offset"](np.full(6, 0.1), TRAINING)
+    left = Compensator(offset, iterations=2, alpha=0.25).path(GOAL[None]) + 0.1 - GOAL
+    assert_allclose(left, 0.1 * 0.75**2)
+    assert_allclose(Compensator(offset).path(GOAL[None]) + 0.1 - GOAL, 0.1 * 0.5**5)
+
+
+def test_a_path_is_sampled_as_densely_as_the_joint_that_moves_farthest_needs():
+    interval = np.array([0.01, 0.01, 0.002, 0.08, 0.06, 0.0])
+    training = TrainingMotion(interval, np.zeros(6), np.ones(6), 100)
+    path = np.zeros((5, 6))
+    path[1:, 3] = 0.24  # three steps, exactly
+    path[2:, 4] = 0.061  # just more than one
+    path[3:, 5] = 9.0  # it never moved in training
+    assert_allclose(sample_positions(path, training), [0, 1 / 3, 2 / 3, 1, 1.5, 2, 3, 4])
+    assert_allclose(resample(path, training)[:, 3], [0, 0.08, 0.16, 0.24, 0.24, 0.24, 0.24, 0.24])
+    assert_allclose(resample(path, training)[4, 4], 0.0305)
+
+
+def test_escapes_go_both_ways_and_farther_each_time():
+    sizes = np.abs(compensation.ESCAPES_RAD)
+    assert (np.diff(sizes) >= 0).all() and sizes[0] < 0.128 < sizes[-1]
+
+
+def test_where_errors_stay_the_same_a_command_is_found_at_once():
+    """The last error is the first guess: the model is asked there, and no step is needed."""
+    model = Wrist(lambda w: w + [0.2, -0.1, 0.05], OUTER)
+    compensator = Compensator(model)
+    compensator.start(GOAL)
+    desired = GOAL + 0.01 * np.arange(4)[:, None]
+    q_cmd = compensator.path(desired)
+    assert_allclose(q_cmd + np.concatenate([OUTER, [0.2, -0.1, 0.05]]), desired, atol=1e-9)
+    assert model.calls == 2 * 4

@@ -72,3 +72,30 @@ def test_the_reach_is_what_a_linear_programme_finds(seed, top):
     if top > 1.0:
         assert found == pytest.approx(exact, abs=1e-9)
     assert exact - 1e-9 <= found <= exact + push * h.max() ** 2
+
+
+@pytest.mark.parametrize(("speed", "way"), [(0.0, 2.5), (1.0, 2.75), (-1.0, 1.75), (0.5, 2.6875)])
+def test_the_reach_at_full_speed_by_hand(speed, way):
+    """Three seconds at 1 rad/s and 2 rad/s^2 at most: half a second up, half a second down, the rest at full speed."""
+    limits = MotionLimits(np.array([1.0]), np.array([2.0]))
+    for begin_s in (0.0, 7.0):
+        spline = QuadraticSpline(begin_s + np.linspace(0.0, 3.0, 121))
+        assert spline.reach(np.array([speed]), limits)[0] == pytest.approx(way, abs=1e-9)
+
+
+def test_the_reach_of_joints_is_that_of_each():
+    spline = QuadraticSpline(np.linspace(0.0, 0.5, 11))
+    limits = MotionLimits(np.array([9.0, 0.5, 9.0]), np.array([2.0, 8.0, 1.0]))
+    speed = np.array([0.1, -0.2, -0.3])
+    alone = [MotionLimits(limits.velocity[[j]], limits.acceleration[[j]]) for j in range(3)]
+    each = [spline.reach(speed[[j]], alone[j]) for j in range(3)]
+    assert_allclose(spline.reach(speed, limits), np.ravel(each))
+
+
+def test_a_path_of_its_own_clock_is_the_same_path():
+    spline, points, _ = random_spline(5)
+    later = QuadraticSpline(spline.times_s + 3.0)
+    at = np.linspace(0.0, spline.times_s[-1], 50)
+    assert_allclose(later.trajectory(points)(3.0 + at), spline.trajectory(points)(at), atol=1e-9)
+    for name in ("position", "velocity", "acceleration"):
+        assert_allclose(getattr(later, name), getattr(spline, name), rtol=1e-9, atol=1e-9)

@@ -3,7 +3,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from trocar.calibration.models.base import TrainingMotion
-from trocar.calibration.recording import Recording, load_recording, require_motion, sampling_interval, why_invalid
+from trocar.calibration.recording import (
+    Recording,
+    load_recording,
+    looks_like_recording,
+    require_motion,
+    sampling_interval,
+    why_invalid,
+)
 from trocar.errors import TrocarError
 
 N = 50
@@ -134,3 +141,153 @@ def test_rows_that_do_not_count_are_counted_by_the_rule_that_says_so(arrays):
     assert why_invalid(Recording(arrays["q_cmd"], arrays["q_cmd"], np.ones(N, bool), arrays["t_s"])) == ""
     with pytest.raises(TrocarError, match=r"28 valid rows of 50 \(10 have .* 7 are .* 5 are .*\); a fit needs 30"):
         TrainingMotion.of(recording)
+
+
+def test_the_first_rows_are_a_recording_of_two_rows_or_more(arrays):
+    recording = Recording(**arrays, name="mine")
+    for rows in (2, 20, N):
+        part = recording.first(rows)
+        for name in ("q_cmd", "q_phy", "valid", "t_s"):
+            assert_array_equal(getattr(part, name), getattr(recording, name)[:rows])
+        assert part.name == "mine"
+    for rows in (1, N + 1):
+        with pytest.raises(TrocarError, match=rf"row {rows} is outside 2\.\.{N}, the rows of mine"):
+            recording.first(rows)
+
+
+def test_rows_are_scored_from_one_up_to_another(arrays):
+    arrays["valid"][:] = True
+    recording = Recording(**arrays)
+    for bounds, rows in (((), range(N)), ((10, 20), range(10, 20)), ((0, N), range(N)), ((N - 1, N), [N - 1])):
+        assert_array_equal(np.flatnonzero(recording.scored(*bounds).valid), rows)
+    for bounds in ((-1, 5), (5, 5), (6, 5), (0, N + 1)):
+        with pytest.raises(TrocarError, match=f"rows {bounds[0]} to {bounds[1]} are not within"):
+            recording.scored(*bounds)
+    arrays["valid"][30:] = False
+    with pytest.raises(TrocarError, match="no valid measurement in rows 30 to 40"):
+        Recording(**arrays).scored(30, 40)
+    assert Recording(**arrays).scored(29, 40).valid.sum() == 1
+
+
+def test_a_recording_shows_its_length_and_its_ranges(arrays):
+    arrays["valid"] = np.arange(N) < 47
+    arrays["t_s"] = 3.0 + 0.5 * np.arange(N)
+    arrays["q_cmd"][:] = np.linspace(0.0, 0.1, N)[:, None] * np.arange(1, 7)
+    arrays["q_phy"] = arrays["q_cmd"] + np.where(np.arange(N) % 2, 0.02, 0.04)[:, None] * np.arange(1, 7) / 6
+    recording = Recording(**arrays, name="mine")
+    assert repr(recording) == "<Recording 'mine': 50 rows over 24.5 s, 47 valid>"
+    rows = [row for row in recording._repr_html_().split("<tr") if ">q" in row]
+    error = np.where(np.arange(47) % 2, 0.02, 0.04)
+    for row, word in ((5, f"{np.degrees(0.6):.1f}"), (5, f"{np.degrees(error.mean()):.2f}"), (2, "300.0"), (5, "0.0")):
+        assert word in rows[row], (word, rows[row])
+    assert f"{np.degrees(error.std()):.2f}" in rows[5]
+    assert f"{1e3 * 0.5 * error.mean():.2f}" in rows[2]
+    assert [" mm" in row for row in rows] == [False, False, True, False, False, False]
+    none = Recording(**(arrays | {"valid": np.zeros(N, bool)}))
+    assert len([row for row in none._repr_html_().split("<tr") if ">q" in row]) == 6
+
+
+def test_a_file_keeps_a_recording(tmp_path, arrays):
+    recording = Recording(**arrays)
+    again = load_recording(recording.save(tmp_path / "mine.npz"))
+    for name in ("q_cmd", "q_phy", "valid", "t_s"):
+        assert_array_equal(getattr(again, name), getattr(recording, name))
+    assert again.name == "mine"
+    first = (tmp_path / "mine.npz").read_bytes()
+    assert recording.save(tmp_path / "mine.npz").read_bytes() == first
+    with pytest.raises(TrocarError, match=r"must end in \.npz"):
+        recording.save(tmp_path / "mine.csv")
+
+
+def test_times_and_good_rows_may_be_left_out(tmp_path, arrays):
+    np.savez(tmp_path / "bare.npz", q_cmd=arrays["q_cmd"], q_phy=arrays["q_phy"])
+    bare = load_recording(tmp_path / "bare.npz")
+    assert bare.valid.all() and len(bare) == N
+    assert_array_equal(bare.t_s, np.arange(N))
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for key, value in arrays.items():
+        np.save(folder / f"{key}.npy", value)
+    whole = load_recording(folder)
+    assert_array_equal(whole.valid, arrays["valid"])
+    assert_array_equal(whole.t_s, arrays["t_s"])
+    assert whole.name == "folder"
+
+
+def test_what_looks_like_a_recording(tmp_path, arrays):
+    np.savez(tmp_path / "one.npz", **arrays)
+    np.savez(tmp_path / "half.npz", q_cmd=arrays["q_cmd"])
+    (tmp_path / "text.npz").write_text("no zip")
+    (tmp_path / "folder").mkdir()
+    assert looks_like_recording(tmp_path / "one.npz") and looks_like_recording(str(tmp_path / "one.npz"))
+    for name in ("half.npz", "text.npz", "none.npz", "folder"):
+        assert not looks_like_recording(tmp_path / name)
+    np.save(tmp_path / "folder" / "q_des.npy", arrays["q_cmd"])
+    assert looks_like_recording(tmp_path / "folder")
+
+
+def test_a_misdetection_is_told_from_a_cable_error(arrays):
+    """The wrist's angles may be a radian off at most; outer joints have no such bound."""
+    arrays["valid"][:] = True
+    arrays["q_phy"] = arrays["q_cmd"].copy()
+    for row, (joint, off) in enumerate([(3, 0.999), (3, 1.0), (5, -0.999), (5, -1.001), (2, 5.0), (0, -3.0)]):
+        arrays["q_cmd"][row] = 0.0
+        arrays["q_phy"][row] = 0.0
+        arrays["q_phy"][row, joint] = off
+    arrays["q_phy"][6, 0] = np.inf
+    arrays["q_phy"][7, 5] = -np.inf
+    assert_array_equal(np.flatnonzero(~Recording(**arrays).valid), [1, 3, 6, 7])
+
+
+def test_a_joint_that_moves_a_little_moves(arrays):
+    for span, rests in ((0.99e-6, True), (1.01e-6, False)):
+        q_cmd = arrays["q_cmd"].copy()
+        q_cmd[:, 4] = 0.2 + span * (np.arange(N) % 2)
+        recording = Recording(**(arrays | {"q_cmd": q_cmd, "q_phy": q_cmd}))
+        if rests:
+            with pytest.raises(TrocarError, match=f"q5 rests at 0.2000 rad in all {recording.valid.sum()} valid"):
+                require_motion(recording)
+        else:
+            require_motion(recording)
+    require_motion(Recording(**(arrays | {"valid": np.zeros(N, bool), "q_cmd": np.zeros((N, 6))})))
+
+
+@pytest.mark.parametrize(
+    ("joint", "largest", "said"),
+    [(0, 2 * np.pi, "q1 .* degrees"), (4, 2 * np.pi, "q5 .* degrees"), (2, 1.0, "q3 .* millimetres")],
+)
+def test_what_a_joint_can_do_is_in_rad_and_m(tmp_path, arrays, joint, largest, said):
+    """Up to a whole turn, and a metre."""
+    for sign in (1.0, -1.0):
+        arrays["q_cmd"][5, joint] = sign * largest * 0.999
+        np.savez(tmp_path / "good.npz", **arrays)
+        assert len(load_recording(tmp_path / "good.npz")) == N
+        arrays["q_cmd"][5, joint] = sign * largest * 1.01
+        np.savez(tmp_path / "bad.npz", **arrays)
+        with pytest.raises(TrocarError, match=said):
+            load_recording(tmp_path / "bad.npz")
+
+
+def test_the_sampling_interval_is_a_mean_over_what_moves():
+    q = np.zeros((5, 6))
+    q[:, 0], q[:, 1] = [0.0, 0.1, 0.1, 0.4, 0.4], [0.0, -0.2, -0.2, -0.2, -0.2]
+    assert_allclose(sampling_interval(q), [0.2, 0.1, 0, 0, 0, 0])
+    assert_allclose(sampling_interval(q + 0.9e-9 * np.arange(5)[:, None] * (np.arange(6) == 5))[:2], [0.2, 0.1])
+    assert_array_equal(sampling_interval(np.ones((4, 6))), np.zeros(6))
+    assert_array_equal(sampling_interval(np.ones((1, 6))), np.zeros(6))
+
+
+def test_two_rows_are_a_recording_and_times_may_stand_still(arrays):
+    two = {key: value[:2] for key, value in arrays.items()}
+    assert len(Recording(**two)) == 2
+    assert len(Recording(**(two | {"t_s": np.array([3.0, 3.0])}))) == 2
+    with pytest.raises(TrocarError, match="needs 2 rows or more, got 1"):
+        Recording(**{key: value[:1] for key, value in arrays.items()})
+    for wrong in ([0.0, np.inf], [1.0, 0.999]):
+        with pytest.raises(TrocarError, match="t_s must be finite and not decrease"):
+            Recording(**(two | {"t_s": np.array(wrong)}))
+    q_cmd = arrays["q_cmd"].copy()
+    q_cmd[[7, 9], [5, 0]] = np.nan
+    with pytest.raises(TrocarError, match="q_cmd is not finite at row 7; models"):
+        Recording(**(arrays | {"q_cmd": q_cmd}))
+    assert_array_equal(Recording(**(arrays | {"valid": arrays["valid"].astype(int)})).valid, arrays["valid"])

@@ -77,9 +77,10 @@ class Sketch:
             reach, back = spline.reach(speed, limits), -spline.reach(-speed, limits)
             return bool(np.all((back - 1e-12 <= way) & (way <= reach + 1e-12)))
 
-        low, high = 0.5, 1.0
+        high = 1.0
         while not suffices(high):
-            low, high = high, 2.0 * high
+            high *= 2.0
+        low = high / 2.0
         while high > 1.0 and high - low > 1e-3 * low:
             middle = (low + high) / 2
             low, high = (low, middle) if suffices(middle) else (middle, high)

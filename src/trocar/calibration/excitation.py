@@ -28,6 +28,9 @@ as in the recordings, where a joint reverses 12 to 13 times in a hundred samples
 SPREAD = 0.7
 """SD of the normal deviate that is mapped to the range: the recordings dwell in its middle (SD .2 of the range)."""
 
+STRAIGHT = 1e-6
+"""A wave that runs through less of its range than this is straight; it gets no slower by a smaller piece of it."""
+
 WIDE_ROWS = 75
 """Samples of a recording of wide swings: a minute."""
 WIDE_CYCLES = (1.0, 2.0, 3.0)
@@ -69,7 +72,7 @@ PSM1_BOX = MotionBox(
 )
 """Range and mean step of the recording psm1_grey_random."""
 PSM2_BOX = PSM1_BOX.mirrored()
-"""Its mirror image, as recorded in psm2_grey_random."""
+"""Its mirror image, which psm2_grey_random is, but for roll that ends at 1.57."""
 
 
 def random_smooth_path(
@@ -78,7 +81,8 @@ def random_smooth_path(
     """Return a random smooth path (n, 6) that wanders through the whole box and reverses often.
 
     Each joint is a sum of sinusoids of random frequency and phase, mapped to its range by the normal distribution
-    function; its pace is scaled until the mean step is that of the box.
+    function; its pace is scaled until the mean step is that of the box, or, of few samples, until it goes through its
+    range once.
 
     Raises:
         TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
@@ -134,8 +138,10 @@ def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: 
     pace = TURN * step / (upper - lower)
     path = np.full(n, lower)
     for _ in range(20):
-        path = ndtr(np.sin(pace * frequency * np.arange(n)[:, None] + phase) @ amplitude)
-        path = lower + (upper - lower) * (path - path.min()) / np.ptp(path)
+        wave = ndtr(np.sin(pace * frequency * np.arange(n)[:, None] + phase) @ amplitude)
+        if np.ptp(wave) < STRAIGHT:
+            break
+        path = lower + (upper - lower) * (wave - wave.min()) / np.ptp(wave)
         mean_step = np.abs(np.diff(path)).mean()
         if abs(mean_step - step) < 1e-3 * step:
             break

@@ -1,0 +1,109 @@
+"""What every cable model has to do."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from trocar.calibration.models import MODELS, load_model, save_model
+from trocar.calibration.plant import PSM1_GREY
+from trocar.calibration.recording import Recording, load_recording
+from trocar.calibration.session import refit_ends, refit_offset
+from trocar.calibration.study import LIMITS_RAD
+from trocar.errors import TrocarError
+from walks import stepped, walk
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_steps_equal_the_whole_history(name, fitted):
+    model, q = fitted[name], walk(3, 60)
+    assert_allclose(stepped(model, q), model.predict(q), atol=1e-6 if name == "lstm" else 1e-9)
+    state = model.start(q[0])
+    assert_allclose(model.step(state, q[5])[0], model.step(state, q[5])[0])  # a state is not changed
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_says_whether_it_matters_how_densely_a_path_is_sampled(name, fitted):
+    q = walk(3, 30)
+    dense = np.column_stack([np.interp(np.arange(0, 29.5, 0.5), np.arange(30), joint) for joint in q.T])
+    off = np.abs(fitted[name].predict(dense)[::2] - fitted[name].predict(q)).max()
+    assert (off < 1e-9) == fitted[name].rate_independent
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_file_keeps_the_model(name, fitted, tmp_path):
+    path = save_model(fitted[name], tmp_path / "model.npz")
+    loaded, q = load_model(path), walk(4, 60)
+    assert loaded.name == name
+    assert_allclose(loaded.predict(q), fitted[name].predict(q), atol=1e-12)
+    for key in ("interval", "lower", "upper", "rows"):
+        assert_allclose(getattr(loaded.training, key), getattr(fitted[name].training, key))
+    assert [file.name for file in tmp_path.iterdir()] == ["model.npz"]
+
+
+@pytest.mark.parametrize("name", ["offset", "ridge", "play"])
+def test_every_model_beats_no_model(name, fitted):
+    q = walk(0, 200)
+    error = PSM1_GREY.run(q) - fitted[name].predict(q)
+    assert np.all(error[:, 3:].std(axis=0) < 0.2)
+    assert np.sqrt(np.mean(error**2)) < np.sqrt(np.mean((PSM1_GREY.run(q) - q) ** 2))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_shift_is_added_to_all_predictions(name, fitted):
+    q, shift = walk(0, 50), np.linspace(-0.1, 0.1, 6)
+    moved = fitted[name].shifted(shift).predict(q) - fitted[name].predict(q)
+    assert_allclose(moved, np.broadcast_to(shift, q.shape), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["offset", "ridge", "play"])
+def test_bad_rows_say_nothing_to_a_fit(name, recording, fitted):
+    q_phy, valid = recording.q_phy.copy(), recording.valid.copy()
+    valid[50:60] = False
+    masked = Recording(recording.q_cmd, q_phy, valid, recording.t_s)
+    q_phy[50:60] = 7.0
+    spoiled = Recording(recording.q_cmd, q_phy, valid, recording.t_s)
+    one, other = (MODELS[name].fit(each, np.random.default_rng(1)).predict(walk(4, 20)) for each in (masked, spoiled))
+    assert np.array_equal(one, other)
+    assert np.abs(one - fitted[name].predict(walk(4, 20))).max() > 1e-5
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_shows_itself_in_a_line(name, fitted):
+    assert f"cable model {name!r}, fitted on 200 rows" in repr(fitted[name])
+
+
+def last_fifth(recordings, name):
+    recording = load_recording(recordings / f"dvrk/trajectories/{name}.npz")
+    rows = int(0.8 * len(recording))
+    return MODELS["play"].fit(recording.first(rows), np.random.default_rng(0)), recording, recording.scored(rows).valid
+
+
+def wrist_rmse(model, recording, rows):
+    return np.sqrt(np.mean((model.predict(recording.q_cmd) - recording.q_phy)[rows] ** 2, axis=0))[3:]
+
+
+@pytest.mark.parametrize("name", ["psm2_grey_random", "psm1_new_random"])
+def test_play_meets_its_limits_on_the_last_fifth(name, recordings):
+    rmse = wrist_rmse(*last_fifth(recordings, name))
+    assert np.all(rmse <= LIMITS_RAD[name]) and np.all(rmse > 0.42 * np.array(LIMITS_RAD[name])), rmse
+
+
+def test_refitting_the_offsets_repairs_a_change_of_session(recordings):
+    model, recording, rows = last_fifth(recordings, "psm1_grey_random")
+    rmse, limits = wrist_rmse(model, recording, rows), np.array(LIMITS_RAD["psm1_grey_random"])
+    assert np.all(rmse <= limits) and np.all(rmse > 0.42 * limits)
+    other = load_recording(recordings / "dvrk/trajectories/psm1_grey_pick_place.npz")
+    rows = other.scored(refit_ends(other)).valid
+    before, after = (wrist_rmse(each, other, rows) for each in (model, refit_offset(model, other)))
+    assert after[0] < 0.3 * before[0]
+    assert np.all(after < (0.03, 0.055, 0.045))
+
+
+def test_too_short_recordings_are_refused():
+    q = walk(0, 20)
+    short = Recording(q, q, np.ones(20, bool), np.arange(20.0))
+    for kind in MODELS.values():
+        with pytest.raises(TrocarError, match="30"):
+            kind.fit(short, np.random.default_rng(0))
+    with pytest.raises(TrocarError, match="more"):
+        refit_offset(MODELS["offset"](np.zeros(6), None), short)

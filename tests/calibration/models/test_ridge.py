@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from trocar.calibration.models import RidgeModel
+from trocar.calibration.models.window import windows
+from trocar.calibration.recording import Recording
+from walks import stepped
+
+RNG = np.random.default_rng(0)
+
+
+def made(q, error, valid=None):
+    return Recording(q, q + error, np.ones(len(q), bool) if valid is None else valid, np.arange(float(len(q))))
+
+
+def test_it_is_a_ridge_regression_on_standardised_windows():
+    """As if for each weight one more sample said that it is zero."""
+    q = RNG.normal(0, [0.1, 0.2, 0.02, 0.3, 0.4, 0.5], (60, 6)) + 0.3
+    error = RNG.normal(0, 0.05, (60, 6)) + 0.1
+    valid = RNG.random(60) > 0.3
+    model = RidgeModel.fit(made(q, error, valid), RNG)
+    x, y = windows(q).reshape(60, 36)[valid], error[valid]
+    z = (x - x.mean(axis=0)) / x.std(axis=0)
+    more = np.vstack([z, np.eye(36)])
+    weights = np.linalg.lstsq(more, np.vstack([y - y.mean(axis=0), np.zeros((36, 6))]), rcond=None)[0]
+    assert_allclose((model.predict(q) - q)[valid], y.mean(axis=0) + z @ weights, atol=1e-9)
+    assert model.training.rows == valid.sum()
+
+
+def test_errors_that_hang_on_the_last_commands_are_found():
+    q = RNG.normal(0, 0.3, (800, 6))
+    lag = np.vstack([q[:1], q[:1], q[:-2]])
+    error = 0.2 * q[:, [3, 4, 5, 0, 1, 2]] - 0.1 * lag + 0.05
+    model = RidgeModel.fit(made(q, error), RNG)
+    fresh = RNG.normal(0, 0.3, (50, 6))
+    lag = np.vstack([fresh[:1], fresh[:1], fresh[:-2]])
+    assert_allclose(model.predict(fresh) - fresh, 0.2 * fresh[:, [3, 4, 5, 0, 1, 2]] - 0.1 * lag + 0.05, atol=1e-3)
+
+
+@pytest.mark.parametrize(("moves_by", "weighs"), [(0.0, False), (1e-6, True)])
+def test_a_joint_that_never_moved_has_no_weight(moves_by, weighs):
+    q = RNG.normal(0, 0.3, (100, 6))
+    q[:, 2] = 0.15 + moves_by * RNG.normal(size=100)
+    model = RidgeModel.fit(made(q, 0.1 * q), RNG)
+    weights = model.weights.reshape(6, 6, 6)[:, 2]
+    assert np.isfinite(weights).all() and weights.any() == weighs
+    assert np.isfinite(model.offset).all()
+
+
+def test_step_by_step_it_is_what_the_whole_history_gives():
+    q, shift = RNG.normal(0, 0.3, (60, 6)), np.linspace(-0.1, 0.1, 6)
+    model = RidgeModel.fit(made(q, 0.3 * np.roll(q, 2, axis=0)), RNG)
+    assert_allclose(stepped(model, q), model.predict(q), atol=1e-12)
+    assert_allclose(model.shifted(shift).predict(q) - model.predict(q), np.tile(shift, (60, 1)), atol=1e-12)
+    assert not model.rate_independent
+    assert np.abs(model.predict(np.repeat(q, 2, axis=0))[1::2] - model.predict(q)).max() > 1e-3
