@@ -1,48 +1,14 @@
-"""A needle in made-up depth images: a wire over a coloured floor, under a camera that scatters."""
+"""A needle in made-up depth images, from where it is expected."""
 
 import numpy as np
 import pytest
 
+from made_up_needle import ARC, T_CAMERA_FLOOR, over_floor, picture
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.perception.depth import pixel_rays
-from trocar.perception.image import Intrinsics, RgbdImage
-from trocar.perception.needle import NeedleArc, search_starts, sight_needle
+from trocar.perception.needle import search_starts, sight_needle
 
-ARC = NeedleArc(8.3e-3, np.radians(225.0), 0.9e-3)
-LENS = Intrinsics(140, 140, 1382.7, 1383.0, 69.5, 69.5)
-T_CAMERA_FLOOR = SE3.from_parts(SO3.axis("x", np.pi - 0.5), [0.0, 0.0, 0.36])
 SD = np.repeat([0.6e-3, 0.06], 3)
-FLOOR_RGB, STEEL_RGB = (220, 163, 140), (190, 195, 204)
-DEPTHS_M = np.arange(-0.02, 0.02, 0.1e-3)
-REACH_M = ARC.radius_m + ARC.wire_m
-"""No point of the wire is farther from its centre."""
-
-
-def over_floor(rng):
-    """Return a needle some way over the floor, in the camera's frame."""
-    turn = SO3.axis("z", rng.uniform(-1.0, 1.0)) @ SO3.axis("x", np.pi / 2) @ SO3.axis("z", rng.uniform(-0.5, 0.5))
-    return T_CAMERA_FLOOR @ SE3.from_parts(turn, [0.0, 0.0, 0.014])
-
-
-def picture(T_camera_needle, rng, depth_sd_m=0.15e-3):
-    """Return an image: each ray ends on the wire, if it meets it, or on the floor."""
-    rays = pixel_rays(LENS).reshape(-1, 3)
-    T_floor = T_CAMERA_FLOOR.inverse()
-    normal, height = T_floor.rotation.matrix[2], T_floor.translation_m[2]
-    depth = -height / (rays @ normal)
-    color = np.tile(np.array(FLOOR_RGB, dtype=np.uint8), (len(rays), 1))
-    centre = T_camera_needle.translation_m
-    z = centre[2] + DEPTHS_M[np.abs(DEPTHS_M) < REACH_M]
-    beside = np.linalg.norm(np.cross(rays, centre), axis=1) / np.linalg.norm(rays, axis=1)
-    for row in np.flatnonzero(beside < REACH_M):
-        ray = rays[row]
-        near = ARC.distance_m(T_camera_needle.inverse().apply(ray * z[:, None])) < 0.0
-        if near.any():
-            depth[row], color[row] = z[near.argmax()], STEEL_RGB
-    depth = depth + depth_sd_m * rng.standard_normal(len(depth))
-    shape = (LENS.height, LENS.width)
-    return RgbdImage(color.reshape(*shape, 3), depth.reshape(shape).astype(np.float32), LENS)
 
 
 def looked(images, expected, elsewhere=None):
