@@ -48,7 +48,7 @@ class Fixture:
     """What is worn. Two spheres of one colour on one part must differ in size.
 
     Attributes:
-        spheres: two or more on the shaft, three or more on the jaw.
+        spheres: one or more on the shaft, three or more on the jaw.
         hub_m: (3,) middle of the cross in frame 6; thin dark arms lead from it to the jaw's spheres.
         arm_radius_m: of these arms.
         print_sd_m: SD on each axis by which a printed and glued sphere lies beside its place (assumed; the printer's
