@@ -110,3 +110,19 @@ def test_each_function_refuses_an_arm_that_is_no_psm():
         shaft_joints(raven, SIX_SPHERES, np.zeros((1, 6, 3)))
     with pytest.raises(TrocarError, match="give its recording"):
         wrist_joints(raven, np.eye(3)[None], np.zeros((1, 3)), 0.0)
+
+
+def test_the_wrists_joints_count_from_where_the_arm_says():
+    arm = replace(PSM, offsets=(*PSM.offsets[:3], 0.3, -0.2, 0.1))
+    q = anywhere(arm, np.random.default_rng(4), 20)
+    found = joints_from_spheres(arm, SIX_SPHERES, SIX_SPHERES.base_centers_m(arm, q), q)
+    np.testing.assert_allclose(found, q, atol=1e-12)
+
+
+def test_a_centre_of_which_a_coordinate_is_missing_is_none():
+    q = anywhere(PSM, np.random.default_rng(5), 8)
+    p = SIX_SPHERES.base_centers_m(PSM, q)
+    p[0, 0, 2] = p[1, 1, 0] = p[2, 2, 1] = np.nan
+    np.testing.assert_allclose(joints_from_spheres(PSM, SIX_SPHERES, p, q), q, atol=1e-12)
+    p[0, 1, 1] = np.nan
+    assert np.isnan(joints_from_spheres(PSM, SIX_SPHERES, p, q)[0]).all()

@@ -134,7 +134,9 @@ def test_pixels_without_depth_say_nothing():
 
 def test_what_lies_below_the_floor_is_no_part_of_the_instrument():
     points, rays = gathered()
-    T_base_floor = T_BASE_CAMERA @ SE3.from_parts(SO3.axis("y", np.pi / 2), [0.002, 0.0, 0.4])  # upright, for once
+    T_base_floor = T_BASE_CAMERA @ SE3.from_parts(
+        SO3.axis("y", np.pi / 2 + 0.2), [0.004, 0.0, 0.4]
+    )  # steep: rays cross it
     above, past = gathered(T_base_floor=T_base_floor)
     height = T_base_floor.inverse().apply(points)[:, 2]
     assert len(above) == (height > 0.0).sum() and 100 < len(above) < len(points) - 50
@@ -210,6 +212,14 @@ def test_without_noise_the_wrist_is_found_and_what_holds_the_search_is_told(off)
     assert (np.abs(found.pull + gradient) < tolerance).all(), "it ended where both are in balance"
     assert found.left_m == pytest.approx(left, abs=0.01e-3) and found.left_m < 0.05e-3
     assert found.points == len(gathered(q=expected)[0])
+
+
+def test_noise_of_the_depth_is_what_is_left():
+    noise = 0.2e-3 * np.random.default_rng(0).standard_normal((80, 80))
+    found = sight(
+        replace(IMAGE, depth_m=IMAGE.depth_m + noise), T_BASE_CAMERA, ARM, turned([0.03, 0.03, 0.03]), JAW_RAD
+    )
+    assert found is not None and 0.08e-3 < found.left_m < 0.22e-3
 
 
 def test_a_camera_that_is_registered_beside_its_place_shifts_the_instrument():
