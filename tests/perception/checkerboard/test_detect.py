@@ -48,7 +48,22 @@ def test_no_board_another_board_and_half_a_board_are_not_found():
     assert find_corners(BOARD, np.ascontiguousarray(image[:, :150])) is None
 
 
-@pytest.mark.parametrize("image", [np.zeros((480, 640), np.uint8), np.zeros((480, 640, 3))])
+def test_a_board_behind_haze_is_found():
+    hazy = (picture(RIG.left, FACING, light=0.3) + 190).astype(np.uint8)
+    found = find_corners(BOARD, hazy)
+    assert found is not None
+    assert np.sqrt(np.mean((found - corners(FACING)[0]) ** 2)) < 0.25
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((480, 640), np.uint8),
+        np.zeros((480, 640, 3)),
+        np.zeros((480, 3), np.uint8),
+        np.zeros((480, 640, 4), np.uint8),
+    ],
+)
 def test_other_arrays_are_refused(image):
     with pytest.raises(TrocarError, match="uint8, got"):
         find_corners(BOARD, image)
