@@ -9,6 +9,8 @@ from trocar.perception.needle import NeedleArc
 
 ARC = NeedleArc(8.3e-3, np.radians(225.0), 0.9e-3)
 LENS = Intrinsics(140, 140, 1382.7, 1383.0, 69.5, 69.5)
+HALF_LENS = LENS.binned(2)
+"""In whose images the wire is two pixels wide, as in the cell."""
 T_CAMERA_FLOOR = SE3.from_parts(SO3.axis("x", np.pi - 0.5), [0.0, 0.0, 0.36])
 FLOOR_RGB, STEEL_RGB = (220, 163, 140), (190, 195, 204)
 REACH_M = ARC.radius_m + ARC.wire_m
@@ -37,13 +39,13 @@ def first_met(T_camera_needle, rays):
     return depth, met
 
 
-def picture(T_camera_needle, rng, depth_sd_m=0.15e-3):
+def picture(T_camera_needle, rng, depth_sd_m=0.15e-3, lens=LENS):
     """Return an image: each ray ends on the wire, if it meets it, or on the floor."""
-    rays = pixel_rays(LENS).reshape(-1, 3)
+    rays = pixel_rays(lens).reshape(-1, 3)
     T_floor = T_CAMERA_FLOOR.inverse()
     on_wire, met = first_met(T_camera_needle, rays)
     depth = np.where(met, on_wire, -T_floor.translation_m[2] / (rays @ T_floor.rotation.matrix[2]))
     color = np.where(met[:, None], STEEL_RGB, FLOOR_RGB).astype(np.uint8)
     depth = depth + depth_sd_m * rng.standard_normal(len(depth))
-    shape = (LENS.height, LENS.width)
-    return RgbdImage(color.reshape(*shape, 3), depth.reshape(shape).astype(np.float32), LENS)
+    shape = (lens.height, lens.width)
+    return RgbdImage(color.reshape(*shape, 3), depth.reshape(shape).astype(np.float32), lens)
