@@ -32,7 +32,8 @@ def picture(lens: Intrinsics, T_lens_board: SE3, board: Checkerboard = BOARD, li
         lens.cy * FINE + (FINE - 1) / 2,
         lens.distortion,
     )
-    rays = _rays(fine)
+    around = _around(lens, T_lens_board, board)
+    rays = _rays(fine)[tuple(slice(FINE * part.start, FINE * part.stop) for part in around)]
     normal, origin = T_lens_board.rotation.matrix[:, 2], T_lens_board.translation_m
     points = rays * ((normal @ origin) / (rays @ normal))[..., None]
     x, y, _ = np.moveaxis(T_lens_board.inverse().apply(points), -1, 0)
@@ -42,9 +43,18 @@ def picture(lens: Intrinsics, T_lens_board: SE3, board: Checkerboard = BOARD, li
     inside = (column >= 0) & (column <= board.columns) & (row >= 0) & (row <= board.rows)
     rim = (np.abs(x) < width / 2 + board.square_m) & (np.abs(y) < height / 2 + board.square_m)
     level = np.where(inside & ((column + row) % 2 == 0), BLACK, np.where(rim, WHITE, BACKGROUND))
-    gray = cv2.resize(level, (lens.width, lens.height), interpolation=cv2.INTER_AREA) * light
+    gray = np.full((lens.height, lens.width), BACKGROUND * light)
+    gray[around] = cv2.resize(level, gray[around].shape[::-1], interpolation=cv2.INTER_AREA) * light
     gray = gray + noise * np.random.default_rng(1).standard_normal(gray.shape)
     return np.repeat(np.clip(np.rint(gray), 0, 255).astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def _around(lens: Intrinsics, T_lens_board: SE3, board: Checkerboard):
+    """Return the rows and columns in which the board and its rim are: the rest is background."""
+    half = 0.55 * np.array(board.size_m) + board.square_m
+    rim = np.stack(np.meshgrid(*np.linspace(-half, half, 9).T, [0.0]), -1).reshape(-1, 3)
+    (u0, v0), (u1, v1) = (f(project(lens, T_lens_board.apply(rim)), axis=0).astype(int) for f in (np.min, np.max))
+    return np.s_[max(v0, 0) : min(v1 + 2, lens.height), max(u0, 0) : min(u1 + 2, lens.width)]
 
 
 @lru_cache(maxsize=4)

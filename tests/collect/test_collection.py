@@ -9,7 +9,7 @@ from trocar.calibration.excitation import PSM1_BOX, MotionBox
 from trocar.calibration.recording import load_recording
 from trocar.collect.chain import calibrate
 from trocar.collect.collection import SAMPLE_S, Collection
-from trocar.collect.motion import commands_in_view, in_view, why_no_images
+from trocar.collect.motion import MARGIN_PX, bounds_px, commands_in_view, in_view, why_no_images
 from trocar.errors import TrocarError
 from trocar.perception.fiducials.detect import find_spheres
 from trocar.perception.fiducials.fixture import SIX_SPHERES
@@ -19,7 +19,7 @@ from trocar.station import SensorFlaws, load_station
 from trocar.station.session import draw_session
 
 SESSION = draw_session(STATION, np.random.default_rng(1))
-ROWS = 60
+ROWS = 40
 LOOKED_AT = list(STATION.arms)
 
 
@@ -90,9 +90,11 @@ def test_a_sphere_behind_another_is_not_reported(collected):
     one, _, _ = collected["psm1"]
     cell = FiducialCell(SESSION, "psm1", "overhead", SIX_SPHERES, np.random.default_rng(0))
     rng, hidden = np.random.default_rng(8), 0
-    lens = one.view.lens
+    size = np.array([one.view.lens.width, one.view.lens.height])
     for q in rng.uniform(PSM1_BOX.lower, PSM1_BOX.upper, (25, 6)):
-        found = find_spheres(cell.image(q, (0, 0), (lens.width, lens.height), rng), SIX_SPHERES)
+        around = bounds_px(one.model, SIX_SPHERES, one.view, q, MARGIN_PX, np.zeros(6))
+        first, last = (corner.clip(0, size).astype(int) for corner in around)
+        found = find_spheres(cell.image(q, tuple(first), tuple(last - first), rng), SIX_SPHERES)
         error = np.linalg.norm(found - true_centers_m("psm1", cell, q), axis=-1)
         hidden += int(np.isnan(error).sum())
         assert not (error > 1e-3).any()
@@ -153,26 +155,31 @@ def test_arms_and_stations_that_cannot_be_looked_at_say_why():
 # What is kept.
 
 
-def test_an_interrupted_collection_goes_on_and_leaves_the_same_bytes(collected, tmp_path):
-    _, found, path = collected["psm1"]
-    calls = []
+def test_an_interrupted_collection_goes_on_and_leaves_the_same_bytes(collected, tmp_path, monkeypatch):
+    """Thirty rows of the same motion: what was seen before the interruption is not looked at again."""
+    found, calls, looked = collected["psm1"][1], [], []
 
     def stop(done, total):
         calls.append((done, total))
-        if done == 40:
+        if done == 30:
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        collection().run(tmp_path / "again.npz", stop)
-    kept = (tmp_path / "again.npz").read_bytes()
-    assert kept != path.read_bytes()
-    again = collection().run(tmp_path / "again.npz", lambda done, total: calls.append((done, total)))
-    assert calls[40][0] == 27 and calls[-1] == (62, 62)  # saved after 26 rows, went on with the next
-    np.testing.assert_array_equal(again, found)
-    assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
+    with monkeypatch.context() as patched:  # these images were taken before, by the longer collection
+        patched.setattr(Collection, "look", lambda self, row: found[row])
+        collection(rows=30).run(tmp_path / "whole.npz")
+        with pytest.raises(KeyboardInterrupt):
+            collection(rows=30).run(tmp_path / "again.npz", stop)
+    assert (tmp_path / "again.npz").read_bytes() != (tmp_path / "whole.npz").read_bytes()
+    look = Collection.look
+    monkeypatch.setattr(Collection, "look", lambda self, row: looked.append(row) or look(self, row))
+    again = collection(rows=30).run(tmp_path / "again.npz", lambda done, total: calls.append((done, total)))
+    assert calls[30][0] == 27 and calls[-1] == (32, 32)  # saved after 26 rows, went on with the next
+    assert looked == [26, 27, 28, 29, 30, 31]
+    np.testing.assert_array_equal(again, found[:32])
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
     before = len(calls)
-    collection().run(tmp_path / "again.npz", lambda done, total: calls.append((done, total)))
-    assert len(calls) == before
+    collection(rows=30).run(tmp_path / "again.npz", lambda done, total: calls.append((done, total)))
+    assert len(calls) == before and len(looked) == 6
 
 
 def test_centres_of_another_collection_are_refused(collected):
@@ -180,7 +187,7 @@ def test_centres_of_another_collection_are_refused(collected):
     with pytest.raises(TrocarError, match=r"psm1\.npz' is of another collection; move it away"):
         collection(seed=5).run(path)
     with pytest.raises(TrocarError, match="of another collection"):
-        collection(rows=61).run(path)
+        collection(rows=ROWS + 1).run(path)
 
 
 def test_a_recording_from_images_is_read_like_any_other(collected, tmp_path):
@@ -192,5 +199,5 @@ def test_a_recording_from_images_is_read_like_any_other(collected, tmp_path):
     np.testing.assert_array_equal(recording.valid, result.recording.valid)
     assert not recording.valid[:2].any()
     assert result.measured.flags[:2] == (NOTHING, NOTHING) and result.measured.flags[2] == GOOD
-    assert result.evaluation is not None and result.fitted_rows == int(0.8 * 62)
+    assert result.evaluation is not None and result.fitted_rows == int(0.8 * (ROWS + 2))
     assert (np.flatnonzero(result.evaluation.recording.valid) >= result.fitted_rows).all()

@@ -47,7 +47,7 @@ def load_capture(path: str | Path, unit: str | None = None) -> NDArray[np.float6
     if known and unit and known != unit:
         raise TrocarError(f"capture {str(path)!r} holds {name}, but --unit says {unit!r}; leave --unit out")
     points = arrays[name]
-    if points.ndim != 2 or points.shape[-1] != 3 or points.dtype.kind not in "fiu":
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise TrocarError(
             f"capture {str(path)!r} needs numbers of shape (n, 3), got {points.dtype} of shape {points.shape}"
         )

@@ -43,7 +43,7 @@ def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         shift = np.stack([2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], -1)
         before, point = point, (distorted - shift) / radial[..., None]
-        if np.max(np.abs(point - before), initial=0.0) < UNDISTORT_DONE:
+        if (np.abs(point - before) < UNDISTORT_DONE).all():
             break
     return point
 

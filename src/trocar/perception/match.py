@@ -36,6 +36,8 @@ def disparity_map(
     """
     u, v, wide, high = box_px
     least, most = int(np.floor(disparity_px[0])), int(np.ceil(disparity_px[1]))
+    if most - least < 2:  # the best of them would have no neighbours
+        return np.full((high, wide), np.nan)
     pad = window_px // 2 + 1
     one = _cut(left, u - pad, v - pad, wide + 2 * pad, high + 2 * pad)
     other = _cut(right, u - pad - most, v - pad, wide + 2 * pad + most - least, high + 2 * pad)
@@ -46,19 +48,17 @@ def disparity_map(
     for k in range(most - least + 1):
         start = most - least - k  # of the columns that match the left ones at disparity ``least + k``
         shifted = np.s_[:, start : start + one.shape[1]]
-        both = cv2.boxFilter(one * other[shifted], -1, (window_px, window_px)) - mean_one * mean_other[shifted]
+        both = cv2.blur(one * other[shifted], (window_px, window_px)) - mean_one * mean_other[shifted]
         scores[k] = (both / np.sqrt(var_one * var_other[shifted]))[inside]
     best = scores.argmax(0)
     top = np.take_along_axis(scores, best[None], 0)[0]
-    inner = np.clip(best, 1, max(len(scores) - 2, 1))
-    if len(scores) < 3:
-        return np.full((high, wide), np.nan)
+    inner = np.clip(best, 1, len(scores) - 2)
     before, here, after = (np.take_along_axis(scores, inner[None] + step, 0)[0] for step in (-1, 0, 1))
-    curve = before - 2 * here + after
-    part = np.where(curve < 0, 0.5 * (before - after) / np.minimum(curve, -1e-6), 0.0)
+    curve = before - 2 * here + after  # negative where the best is in the middle
+    part = 0.5 * (before - after) / np.minimum(curve, -1e-6)
     mutual = np.abs(best - _from_right(scores, best)) <= AGREE_PX
     good = (top >= LEAST_CORRELATION) & (best == inner) & mutual
-    return np.where(good, least + inner + np.clip(part, -0.5, 0.5), np.nan)
+    return np.where(good, least + inner + part, np.nan)
 
 
 def _from_right(scores: NDArray[np.float32], best: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -81,6 +81,6 @@ def _cut(picture: NDArray, u: int, v: int, wide: int, high: int) -> NDArray[np.f
 
 def _moments(patch: NDArray[np.float32], window_px: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return mean and variance of the window round each pixel."""
-    mean = np.asarray(cv2.boxFilter(patch, -1, (window_px, window_px)), dtype=np.float32)
-    square = np.asarray(cv2.boxFilter(patch * patch, -1, (window_px, window_px)), dtype=np.float32)
+    mean = np.asarray(cv2.blur(patch, (window_px, window_px)), dtype=np.float32)
+    square = np.asarray(cv2.blur(patch * patch, (window_px, window_px)), dtype=np.float32)
     return mean, np.maximum(square - mean * mean, FLAT)

@@ -42,7 +42,7 @@ def test_noise_of_corners_shows_as_residual_and_leaves_places_right():
 
 
 def test_pictures_give_the_pair():
-    views = poses(7, seed=2)
+    views = poses(6, seed=2)
     left, right = (
         np.array([find_corners(BOARD, picture(getattr(RIG, eye), T)) for T in each])
         for eye, each in (("left", views), ("right", [RIG.T_left_right.inverse() @ T for T in views]))
@@ -52,8 +52,17 @@ def test_pictures_give_the_pair():
     assert off_m(found.rig, poses(5, seed=9)).mean() < 0.5e-3
 
 
+def test_six_views_are_enough():
+    found = calibrate_stereo(BOARD, *seen(poses(6)), SIZE)
+    assert found.views == 6 and found.rms_px < 1e-3
+    assert (found.rig.left.width, found.rig.right.height) == SIZE
+    assert found.rig.left.distortion[4] == found.rig.right.distortion[4] == 0.0
+
+
 def test_too_few_views_and_wrong_shapes_are_refused():
     left, right = seen(poses(5))
+    with pytest.raises(TrocarError, match=r"got \(5, 30, 2\) and \(5, 70, 2\)"):
+        calibrate_stereo(BOARD, left[:, :30], right, SIZE)
     with pytest.raises(TrocarError, match="5 views in which both eyes see the whole board are too few"):
         calibrate_stereo(BOARD, left, right, SIZE)
     with pytest.raises(TrocarError, match=r"corners of both eyes need shape \(5, 70, 2\)"):

@@ -1,10 +1,15 @@
 """Painted spheres in a depth image: which one is which, and what is not a sphere."""
 
+import colorsys
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from trocar.perception.fiducials.detect import find_spheres
+from trocar.perception.fiducials import detect
+from trocar.perception.fiducials.detect import MAX_POINTS, find_spheres
 from trocar.perception.fiducials.fixture import COLORS, JAW, SHAFT, Fixture, Sphere
+from trocar.perception.fiducials.sphere_fit import SphereFit, fit_sphere
 from trocar.perception.image import Intrinsics, RgbdImage
 
 CAMERA = Intrinsics(480, 320, 900.0, 900.0, 239.5, 159.5)
@@ -78,3 +83,153 @@ def test_without_depth_there_is_nothing():
     image = photographed(as_worn())
     image.depth_m[:] = np.nan
     assert np.isnan(find_spheres(image, FIXTURE)).all()
+
+
+# Colours.
+
+
+def test_paints_have_the_hues_of_their_colours():
+    for name, rgb in COLORS.items():
+        assert detect._hue(name) == round(256 * colorsys.rgb_to_hsv(*rgb)[0])
+
+
+NEAR = Intrinsics(120, 90, 900.0, 900.0, 59.5, 44.5)
+"""A small camera that sees one sphere."""
+BALL = Fixture((Sphere(SHAFT, "red", 6e-3, (0.0, 0.0, 0.05)), *FIXTURE.spheres[2:]), (0.0, 0.02, 0.0))
+PLACE_M = np.array([0.002, -0.003, 0.45])
+
+
+def is_found(color=(200, 20, 20), hide=0.0, depth_m=0.45, change=None):
+    """Return whether one sphere is found before a grey wall, of whose width a share is hidden by a board."""
+    place = PLACE_M * depth_m / 0.45
+    v, u = np.mgrid[: NEAR.height, : NEAR.width]
+    rays = np.stack([(u - NEAR.cx) / NEAR.fx, (v - NEAR.cy) / NEAR.fy, np.ones(u.shape)], axis=-1)
+    along, square = rays @ place, (rays**2).sum(axis=-1)
+    inside = along**2 - square * (place @ place - 6e-3**2)
+    hit = inside > 0
+    depth = np.where(hit, (along - np.sqrt(np.maximum(inside, 0.0))) / square, WALL_M)
+    paint = np.where(hit[..., None], color, 110)
+    if change is not None:
+        depth = np.where(hit, change(depth), depth)
+    columns = np.flatnonzero(hit.any(axis=0))
+    board = u < columns[0] + hide * len(columns)
+    depth, paint = np.where(board, 0.3, depth), np.where(board[..., None], 60, paint)
+    found = find_spheres(RgbdImage(paint.astype(np.uint8), depth.astype(np.float32), NEAR), BALL)
+    assert np.isnan(found[1:]).all()
+    if np.isnan(found[0]).any():
+        return False
+    assert np.linalg.norm(found[0] - place) < 0.3e-3
+    return True
+
+
+@pytest.mark.parametrize(
+    ("color", "found"),
+    [
+        ((200, 79, 20), True),  # 19.7 deg towards yellow
+        ((200, 83, 20), False),  # 21 deg
+        ((200, 20, 79), True),  # towards blue, through 0
+        ((200, 20, 83), False),
+        ((200, 110, 110), True),  # saturation 115 of 255
+        ((200, 111, 111), False),
+        ((36, 4, 4), True),  # value
+        ((35, 4, 4), False),
+    ],
+)
+def test_a_paint_is_known_by_its_hue_where_that_means_something(color, found):
+    assert is_found(color) == found
+
+
+# Shapes.
+
+
+@pytest.mark.parametrize("depth_m", [0.35, 0.45, 0.55])
+def test_a_fifth_of_a_disc_is_enough_and_a_tenth_is_not(depth_m):
+    """Circles cut at 74 and 84 % of their width."""
+    assert is_found(hide=0.74, depth_m=depth_m)
+    assert not is_found(hide=0.86, depth_m=depth_m)
+
+
+def test_the_smaller_of_two_spheres_of_a_colour_is_as_well_seen_by_a_fifth():
+    large = Fixture((Sphere(SHAFT, "red", 9e-3, (0.0, 0.0, 0.09)), *BALL.spheres), BALL.hub_m)
+    image = photographed([("red", 6e-3, PLACES_M[1])])
+    columns = np.flatnonzero((image.color == np.round(255 * np.array(COLORS["red"]))).all(axis=2).any(axis=0))
+    cut = columns[0] + int(0.74 * len(columns))
+    image.color[:, :cut], image.depth_m[:, :cut] = 60, 0.3
+    found = find_spheres(image, large)
+    assert np.isnan(found[0]).all() and np.linalg.norm(found[1] - PLACES_M[1]) < 0.1e-3
+
+
+def scattered(share, behind_m=4e-3):
+    """Return a change that puts so many of the depths behind the sphere, by chance."""
+    return lambda depth: depth + np.where(np.random.default_rng(0).random(depth.shape) < share, behind_m, 0.0)
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.2, True), (0.38, False)])
+def test_most_of_what_is_seen_has_to_lie_on_one_sphere(share, found):
+    assert is_found(change=scattered(share)) == found
+
+
+def test_a_patch_has_a_few_hundred_of_its_pixels():
+    image = photographed(as_worn())
+    red = (image.color == np.round(255 * np.array(COLORS["red"]))).all(axis=2).astype(np.uint8)
+    patches = detect._patches(image, red, 6e-3)
+    assert len(patches) == 2
+    for patch in patches:
+        assert 0.6 * MAX_POINTS < len(patch.points_m) <= MAX_POINTS
+
+
+def test_a_patch_that_is_no_sphere_is_none():
+    def patches(change):
+        image = photographed([("red", 9e-3, PLACES_M[0])])
+        red = (image.color == np.round(255 * np.array(COLORS["red"]))).all(axis=2)
+        image.depth_m[red] = change(image.depth_m[red].astype(np.float64))
+        return detect._patches(image, red.astype(np.uint8), 9e-3)
+
+    rng = np.random.default_rng(0)
+    assert len(patches(lambda depth: depth)) == 1
+    assert len(patches(lambda depth: depth + 0.4e-3 * rng.standard_normal(depth.shape))) == 1
+    assert not patches(lambda depth: depth + 1.2e-3 * rng.standard_normal(depth.shape))
+    assert len(patches(scattered(0.25, 0.05))) == 1
+    assert not patches(scattered(0.45, 0.05))
+    assert not patches(lambda depth: np.full_like(depth, 0.45))
+
+
+def cap(sd_m=0.0, off_share=0.0):
+    rng = np.random.default_rng(0)
+    away = rng.standard_normal((2000, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    away = away[away @ PLACE_M < 0][:300]
+    radius = 8e-3 + sd_m * rng.standard_normal(300) + np.where(np.arange(300) < 300 * off_share, 3e-3, 0.0)
+    return PLACE_M + radius[:, None] * away
+
+
+@pytest.mark.parametrize(
+    ("points", "good"),
+    [
+        (cap(), True),
+        (cap(off_share=0.28), True),
+        (cap(off_share=0.32), False),
+        (cap(0.4e-3), True),
+        (cap(0.7e-3), False),
+    ],
+)
+def test_a_centre_is_that_of_a_sphere_of_the_known_radius_on_which_most_points_lie(points, good):
+    center = detect._center(detect._Patch(points, SphereFit(PLACE_M, 8e-3, 0.0, 1.0)), 8e-3)
+    assert center.shape == (3,)
+    assert np.linalg.norm(center - PLACE_M) < 0.2e-3 if good else np.isnan(center).all()
+
+
+def test_patches_are_assigned_by_size_the_best_pairs_first():
+    rough = fit_sphere(cap())
+    assert rough is not None
+    found = {size: detect._Patch(cap(), replace(rough, radius_m=1e-3 * size)) for size in (5.5, 6.2, 6.7, 8.9)}
+
+    def sizes(wanted, *given):
+        assigned = detect._assigned([found[size] for size in given], 1e-3 * np.array(wanted))
+        return {sphere: 1e3 * patch.rough.radius_m for sphere, patch in assigned.items()}
+
+    assert sizes([6.0, 9.0], 8.9, 6.2) == pytest.approx({0: 6.2, 1: 8.9})
+    assert sizes([6.0, 9.0], 6.2, 5.5) == pytest.approx({0: 6.2})
+    assert sizes([6.0, 6.6], 6.2, 6.7) == pytest.approx({0: 6.2, 1: 6.7})
+    assert sizes([6.0, 6.6], 6.7) == pytest.approx({1: 6.7})
+    assert sizes([6.0], 6.7, 8.9) == {} == sizes([6.0])

@@ -1,22 +1,21 @@
-"""Joints and base from the spheres' centres: exact on perfect ones, robust to some wrong ones."""
+"""Joints from the spheres' centres: exact on perfect ones."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from trocar.arms import ARMS
-from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
-from trocar.perception.fiducials.fixture import JAW, SIX_SPHERES, Fixture, Sphere
-from trocar.perception.fiducials.joints import is_psm, joints_from_spheres
-from trocar.perception.fiducials.measure import GOOD, NO_JAW, NO_SHAFT, NOTHING, distance_errors_m, measure
+from trocar.perception.fiducials.fixture import SIX_SPHERES
+from trocar.perception.fiducials.joints import is_psm, joints_from_spheres, shaft_joints, wrist_joints
 
 PSMS = [name for name, arm in ARMS.items() if is_psm(arm)]
 PSM = ARMS["psm-classic"]
 JAW_SPHERES = np.flatnonzero(~SIX_SPHERES.on_shaft)
 
 
-def anywhere(arm, rng, count=500):
+def anywhere(arm, rng, count=100):
     """Return configurations (n, 6) all over an arm's ranges, the wrist below the remote centre."""
     lower, upper = arm.lower.copy(), arm.upper.copy()
     lower[2] = 0.1
@@ -25,6 +24,14 @@ def anywhere(arm, rng, count=500):
 
 def test_all_psms_and_no_ravens_are_psms():
     assert PSMS == ["psm-classic", "psm-si"]
+
+
+def test_an_arm_is_a_psm_by_its_first_three_axes():
+    """Their twists, and where yaw and pitch begin; how far the shaft goes in says nothing."""
+    turned = replace(PSM, twists_rad=tuple(-twist for twist in PSM.twists_rad))
+    started = replace(PSM, offsets=(PSM.offsets[0], -PSM.offsets[1], *PSM.offsets[2:]))
+    longer = replace(PSM, offsets=(*PSM.offsets[:2], PSM.offsets[2] + 0.01, *PSM.offsets[3:]))
+    assert [is_psm(arm) for arm in (PSM, turned, started, longer)] == [True, False, False, True]
 
 
 @pytest.mark.parametrize("name", PSMS)
@@ -55,81 +62,67 @@ def test_an_arm_that_is_no_psm_is_refused():
         joints_from_spheres(raven, SIX_SPHERES, np.zeros((1, 6, 3)), np.zeros((1, 6)))
 
 
-def test_the_printed_distances_are_those_of_the_paper():
-    shaft = np.linalg.norm(SIX_SPHERES.centers_m[0] - SIX_SPHERES.centers_m[1])
-    assert shaft == pytest.approx(0.035)
-    assert SIX_SPHERES.centers_m[1, 2] == pytest.approx(0.0158)
-    hub = np.array(SIX_SPHERES.hub_m)
-    np.testing.assert_allclose(np.linalg.norm(SIX_SPHERES.centers_m[JAW_SPHERES] - hub, axis=-1), 0.035)
-    np.testing.assert_allclose(2e3 * SIX_SPHERES.radii_m, [20, 17, 16, 16, 16, 16])
+@pytest.mark.parametrize("turns", [-2, -1, 0, 1])
+def test_commands_tell_in_which_turn_the_roll_is(turns):
+    """Also if they are off by almost half a turn."""
+    q = anywhere(PSM, np.random.default_rng(2), 20)
+    p = SIX_SPHERES.base_centers_m(PSM, q)
+    q[:, 3] += 2.0 * np.pi * turns
+    for off in (-3.0, 3.0):
+        found = joints_from_spheres(PSM, SIX_SPHERES, p, q + [0, 0, 0, off, 0, 0])
+        np.testing.assert_allclose(found, q, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("spheres", "words"),
-    [
-        ((), "0 spheres on the shaft"),
-        (SIX_SPHERES.spheres[:4], "2 spheres on the jaw; give 3"),
-        ((*SIX_SPHERES.spheres, Sphere(JAW, "mauve", 0.008, (0, 0, 0))), "colour is 'mauve'; choose one of red, green"),
-    ],
-)
-def test_an_impossible_fixture_is_refused(spheres, words):
-    with pytest.raises(TrocarError, match=words):
-        Fixture(spheres, (0.0, 0.0, 0.0))
+def test_the_commands_of_the_other_joints_do_not_matter():
+    q = anywhere(PSM, np.random.default_rng(2), 20)
+    found = joints_from_spheres(PSM, SIX_SPHERES, SIX_SPHERES.base_centers_m(PSM, q), q + [1, -1, 0.1, 0, 1, -1])
+    np.testing.assert_allclose(found, q, atol=1e-12)
 
 
-# A whole collection of centres.
-
-T_CAMERA_BASE = SE3.from_parts(SO3.axis("x", 2.5) @ SO3.axis("z", 0.3), (0.1, -0.05, 0.45))
-
-
-def seen(rng, sd_m=0.05e-3, count=200):
-    """Return commands, true joints and noisy centres in the camera."""
-    q_cmd = random_smooth_path(PSM, rng, box=PSM1_BOX)[:count]
-    q = q_cmd + [0, 0, 0, 0.25, -0.1, 0.12]
-    p = T_CAMERA_BASE.apply(SIX_SPHERES.base_centers_m(PSM, q))
-    return q_cmd, q, p + sd_m * rng.standard_normal(p.shape)
-
-
-def test_base_and_joints_are_found_though_the_cables_are_off_and_some_spheres_are_wrong():
-    rng = np.random.default_rng(3)
-    q_cmd, q, p = seen(rng)
-    wrong_shaft, wrong_jaw = np.arange(0, 200, 9), np.arange(4, 200, 9)
-    p[wrong_shaft, 0] += rng.uniform(0.005, 0.03, (len(wrong_shaft), 3))
-    p[wrong_jaw, JAW_SPHERES[1]] += 0.004
-    found = measure(PSM, SIX_SPHERES, p, q_cmd, np.random.default_rng(0))
-    off = T_CAMERA_BASE.inverse() @ found.hand_eye.T_camera_base
-    assert np.linalg.norm(off.translation_m) < 0.05e-3
-    assert np.abs(off.rotation.matrix - np.eye(3)).max() < 3e-4
-    assert found.hand_eye.rejected == len(wrong_shaft)
-    assert found.valid.all()
-    error = np.sqrt(np.mean((found.q - q) ** 2, axis=0))
-    assert error[[0, 1]].max() < 1e-3 and error[2] < 0.1e-3 and error[3:].max() < 3e-3
-    assert np.isnan(found.p_camera_m[wrong_jaw, JAW_SPHERES[1]]).all()
-    assert np.isnan(found.p_camera_m[wrong_shaft, 0]).all()
-    assert found.distance_rms_m < 0.1e-3
+def test_the_farther_sphere_of_the_shaft_weighs_more():
+    """Spheres that are off across the shaft by the same angle on either side: the farther one gets its share more."""
+    q = np.zeros((1, 6))
+    q[0, 2] = 0.15
+    p = SIX_SPHERES.base_centers_m(PSM, q)[:, :2]
+    distance = np.linalg.norm(p, axis=-1)[0]
+    across = 1e-3 * np.array([1.0, 0.0, 0.0])
+    both = SIX_SPHERES.base_centers_m(PSM, q)
+    both[0, 0] += distance[0] * across
+    both[0, 1] -= distance[1] * across
+    found = shaft_joints(PSM, SIX_SPHERES, both)[0]
+    expected = 1e-3 * (distance[0] ** 2 - distance[1] ** 2) / (distance**2).sum()
+    assert found[0] == pytest.approx(expected, rel=1e-3) and found[1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_rows_without_enough_spheres_are_flagged_and_the_others_stay():
-    q_cmd, q, p = seen(np.random.default_rng(4), sd_m=0.0)
-    p[10] = np.nan
-    p[11, :2] = np.nan
-    p[12, JAW_SPHERES[:2]] = np.nan
-    p[13, JAW_SPHERES[0]], p[13, JAW_SPHERES[3]] = p[13, JAW_SPHERES[3]].copy(), p[13, JAW_SPHERES[0]].copy()
-    found = measure(PSM, SIX_SPHERES, p, q_cmd, np.random.default_rng(0))
-    assert [found.flags[row] for row in (9, 10, 11, 12, 13)] == [GOOD, NOTHING, NO_SHAFT, NO_JAW, NO_JAW]
-    assert found.counts() == {GOOD: 196, NOTHING: 1, NO_SHAFT: 1, NO_JAW: 2}
-    np.testing.assert_allclose(found.q[found.valid], q[found.valid], atol=1e-9)
+def test_the_insertion_is_the_mean_of_what_the_spheres_of_the_shaft_say():
+    q = anywhere(PSM, np.random.default_rng(3), 5)
+    p = SIX_SPHERES.base_centers_m(PSM, q)
+    p[:, 0] *= 1.0 + 1e-3 / np.linalg.norm(p[:, 0], axis=-1, keepdims=True)
+    found = shaft_joints(PSM, SIX_SPHERES, p)
+    np.testing.assert_allclose(found - q[:, :3], np.tile([0.0, 0.0, 0.5e-3], (5, 1)), atol=1e-9)
+    p[:, 1] = np.nan
+    np.testing.assert_allclose(shaft_joints(PSM, SIX_SPHERES, p)[:, 2] - q[:, 2], 1e-3, atol=1e-9)
 
 
-def test_a_shaft_that_is_hardly_seen_gives_no_base():
-    q_cmd, _, p = seen(np.random.default_rng(5))
-    p[6:, :2] = np.nan
-    with pytest.raises(TrocarError, match="seen in 6 images; the base needs 10"):
-        measure(PSM, SIX_SPHERES, p, q_cmd, np.random.default_rng(0))
+def test_each_function_refuses_an_arm_that_is_no_psm():
+    raven = ARMS["raven2-left"]
+    with pytest.raises(TrocarError, match="give its recording"):
+        shaft_joints(raven, SIX_SPHERES, np.zeros((1, 6, 3)))
+    with pytest.raises(TrocarError, match="give its recording"):
+        wrist_joints(raven, np.eye(3)[None], np.zeros((1, 3)), 0.0)
 
 
-def test_distances_are_told_within_the_shaft_and_within_the_jaw():
-    p = SIX_SPHERES.base_centers_m(PSM, anywhere(PSM, np.random.default_rng(6), 5))
-    errors = distance_errors_m(SIX_SPHERES, p)
-    assert errors.shape == (5, 1 + 6)
-    assert np.abs(errors).max() < 1e-12
+def test_the_wrists_joints_count_from_where_the_arm_says():
+    arm = replace(PSM, offsets=(*PSM.offsets[:3], 0.3, -0.2, 0.1))
+    q = anywhere(arm, np.random.default_rng(4), 20)
+    found = joints_from_spheres(arm, SIX_SPHERES, SIX_SPHERES.base_centers_m(arm, q), q)
+    np.testing.assert_allclose(found, q, atol=1e-12)
+
+
+def test_a_centre_of_which_a_coordinate_is_missing_is_none():
+    q = anywhere(PSM, np.random.default_rng(5), 8)
+    p = SIX_SPHERES.base_centers_m(PSM, q)
+    p[0, 0, 2] = p[1, 1, 0] = p[2, 2, 1] = np.nan
+    np.testing.assert_allclose(joints_from_spheres(PSM, SIX_SPHERES, p, q), q, atol=1e-12)
+    p[0, 1, 1] = np.nan
+    assert np.isnan(joints_from_spheres(PSM, SIX_SPHERES, p, q)[0]).all()

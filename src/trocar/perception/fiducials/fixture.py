@@ -49,7 +49,7 @@ class Fixture:
     """The spheres that an instrument wears. Two spheres of the same colour on one part must differ in size.
 
     Attributes:
-        spheres: two or more on the shaft, three or more on the jaw.
+        spheres: one or more on the shaft, three or more on the jaw.
         hub_m: (3,) middle of the cross in frame 6; thin dark arms lead from it to the jaw's spheres.
         arm_radius_m: of these arms.
         print_sd_m: SD of a sphere's position error on each axis after printing and gluing (assumed; the printer's

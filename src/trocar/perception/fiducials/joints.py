@@ -38,9 +38,9 @@ def shaft_joints(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64])
     distance = np.where(seen, np.linalg.norm(p, axis=-1), 0.0)
     along = np.einsum("nk,nkx->nx", distance, np.where(seen[..., None], p, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
-        axis = along / np.linalg.norm(along, axis=-1, keepdims=True)
+        axis = along / np.linalg.norm(along, axis=1, keepdims=True)
         up = fixture.centers_m[fixture.on_shaft, 2]
-        depth = (seen * (np.einsum("nx,nkx->nk", axis, np.nan_to_num(p)) + up)).sum(-1) / seen.sum(-1)
+        depth = (seen * (np.einsum("nx,nkx->nk", axis, np.nan_to_num(p)) + up)).sum(axis=1) / seen.sum(axis=1)
     x, y, z = axis.T
     return np.column_stack([np.arctan2(x, -z), np.arcsin(np.clip(-y, -1.0, 1.0)), depth - arm.offsets[2]])
 
@@ -62,7 +62,7 @@ def wrist_joints(
     c4, s4, c5, s5 = np.cos(turn4), np.sin(turn4), np.cos(turn5), np.sin(turn5)
     out = np.column_stack([s5 * c4, s5 * s4, -w * c5])
     side = np.column_stack([-s4, c4, np.zeros_like(c4)])
-    turn6 = np.arctan2(-np.sum(side * jaw, -1), np.sum(out * jaw, -1))
+    turn6 = np.arctan2(-np.sum(side * jaw, axis=1), np.sum(out * jaw, axis=1))
     q = np.column_stack([turn4, turn5, turn6]) - np.array(arm.offsets[3:])
     q[:, 0] += TURN * np.round((np.asarray(near) - q[:, 0]) / TURN)
     return q
@@ -74,7 +74,7 @@ def jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]
     known = fixture.frame_centers_m(arm)[jaw]
     rotations = np.full((len(p_base_m), 3, 3), np.nan)
     for row, p in enumerate(p_base_m[:, jaw]):
-        seen = np.isfinite(p).all(-1)
+        seen = np.isfinite(p).all(axis=1)
         if seen.sum() >= MIN_ON_JAW:
             rotations[row] = fit_rigid(known[seen], p[seen]).T_target_source.rotation.matrix
     return rotations
@@ -92,7 +92,7 @@ def joints_from_spheres(
         q_cmd: (n, 6) commands; they only tell in which turn the roll is.
     """
     q_shaft = shaft_joints(arm, fixture, p_base_m)
-    told = np.all(np.isfinite(q_shaft), axis=-1)
+    told = np.all(np.isfinite(q_shaft), axis=1)
     q = np.full((len(p_base_m), 6), np.nan)
     q[:, :3] = q_shaft
     R = jaw_rotations(arm, fixture, p_base_m)

@@ -131,7 +131,7 @@ def distance_errors_m(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.
         (a, b) for a, b in combinations(range(len(fixture.spheres)), 2) if fixture.on_shaft[a] == fixture.on_shaft[b]
     ]
     first, second = np.array(pairs).T
-    printed = np.linalg.norm(fixture.centers_m[first] - fixture.centers_m[second], axis=-1)
+    printed = np.linalg.norm(fixture.centers_m[first] - fixture.centers_m[second], axis=1)
     return np.linalg.norm(p_m[:, first] - p_m[:, second], axis=-1) - printed
 
 
@@ -143,10 +143,10 @@ def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArr
     for _ in range(len(jaw)):
         found = np.linalg.norm(p_m[:, jaw, None] - p_m[:, None, jaw], axis=-1)
         wrong = (np.abs(found - printed) > DISTANCE_OFF_M).sum(-1)
-        rows = np.flatnonzero(wrong.max(-1) > 0)
+        rows = np.flatnonzero(wrong.max(axis=1) > 0)
         if not len(rows):
             break
-        p_m[rows, jaw[wrong[rows].argmax(-1)]] = np.nan
+        p_m[rows, jaw[wrong[rows].argmax(axis=1)]] = np.nan
     return p_m
 
 
