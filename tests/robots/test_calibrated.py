@@ -425,16 +425,16 @@ def test_at_rest_where_the_joints_are_is_estimated_once(models, monkeypatch):
     after_each_move(arms, GOALS[:1])
     robot, memory, asked = arms.robot, arms.robot._memory, []
     monkeypatch.setattr(robot, "_memory", lambda arm, sent: (asked.append(sent), memory(arm, sent))[1])
-    first = robot._believed("a", arms.driver.setpoint("a"))
-    again = robot._believed("a", arms.driver.setpoint("a"))
+    first = robot._estimated("a", arms.driver.setpoint("a"))
+    again = robot._estimated("a", arms.driver.setpoint("a"))
     assert np.array_equal(first, again) and len(asked) <= 1
     asked.clear()
     moving = replace(arms.driver.setpoint("a"), moving=True, path_s=0.2, q=GOALS[1])
     for _ in range(2):
-        robot._believed("a", moving)
+        robot._estimated("a", moving)
     assert len(asked) == 2, "not while it moves"
     robot._paths["a"] = replace(robot._paths["a"])
-    robot._believed("a", arms.driver.setpoint("a"))
+    robot._estimated("a", arms.driver.setpoint("a"))
     assert len(asked) == 3, "nor of another path that ended at the same place"
 
 
