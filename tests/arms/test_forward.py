@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recounted import recounted
@@ -76,6 +76,7 @@ def test_raven_is_its_published_table(arm, left, seed):
 
 
 @arms
+@settings(max_examples=25)
 @given(seed=seeds)
 def test_the_tip_is_the_last_frame_in_every_batch_shape(arm, seed):
     q = np.random.default_rng(seed).uniform(arm.lower, arm.upper, (2, 3, 6))
@@ -89,6 +90,7 @@ def test_the_tip_is_the_last_frame_in_every_batch_shape(arm, seed):
 
 
 @arms
+@settings(max_examples=25)
 @given(seed=seeds)
 def test_the_shaft_passes_through_the_remote_centre(arm, seed):
     q = np.random.default_rng(seed).uniform(arm.lower, arm.upper)

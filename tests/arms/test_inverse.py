@@ -1,8 +1,9 @@
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recounted import SHIFT, recounted
@@ -192,13 +193,12 @@ def test_the_roll_follows_the_reference_within_its_limits(seed):
 
 
 @arms
-@given(seed=seeds)
-def test_limits_themselves_are_reached(arm, seed):
-    rng = np.random.default_rng(seed)
-    q = np.where(rng.random(6) < 0.5, arm.lower, arm.upper)
+def test_limits_themselves_are_reached(arm):
+    """All 64 corners of the ranges, together and every third alone."""
+    q = np.array(list(product(*arm.ranges)))
     T = fk(arm, q)
-    for found in (ik(arm, T, q), ik(arm, T[None], q)[0]):
-        np.testing.assert_allclose(fk(arm, found).matrix, T.matrix, atol=1e-8)
+    for rows, found in ((q, ik(arm, T, q)), (q[::3], np.array([ik(arm, T[k], q[k]) for k in range(0, 64, 3)]))):
+        np.testing.assert_allclose(fk(arm, found).matrix, fk(arm, rows).matrix, atol=1e-8)
         assert limit_violations(arm, found) == []
 
 
@@ -238,6 +238,7 @@ def test_a_wrist_exactly_on_the_remote_centre_is_named():
 
 
 @pytest.mark.parametrize("name", ["psm-classic", "raven2-right"])
+@settings(max_examples=40)
 @given(seed=seeds)
 def test_an_arm_with_wide_ranges_takes_the_nearest_branch(name, seed):
     arm = ARMS[name]
@@ -279,6 +280,7 @@ def test_of_two_turns_within_the_range_the_one_nearest_to_the_reference_is_taken
 
 
 @arms
+@settings(max_examples=30)
 @given(seed=seeds)
 def test_beyond_a_limit_the_joint_and_the_excess_are_named(arm, seed):
     rng = np.random.default_rng(seed)

@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from recounted import SHIFT, recounted
 from trocar.arms import (
@@ -19,7 +17,6 @@ from trocar.arms import (
 from trocar.errors import TrocarError
 
 arms = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
-seeds = st.integers(0, 2**32 - 1)
 
 
 def sample(arm, seed, shape=()):
@@ -27,17 +24,17 @@ def sample(arm, seed, shape=()):
 
 
 @arms
-@given(seed=seeds)
-def test_the_jacobian_is_the_finite_difference(arm, seed):
-    q, h = sample(arm, seed), 1e-5
-    T, J = fk(arm, q), np.empty((6, 6))
+def test_the_jacobian_is_the_finite_difference(arm):
+    q, h = sample(arm, 5, (200,)), 1e-5
+    T, J = fk(arm, q), np.empty((200, 6, 6))
     for i in range(6):
         step = h * np.eye(6)[i]
         after, before = fk(arm, q + step), fk(arm, q - step)
-        J[:3, i] = (after.translation_m - before.translation_m) / (2 * h)
-        J[3:, i] = (after.rotation @ T.rotation.inverse()).log() / (2 * h)
-        J[3:, i] -= (before.rotation @ T.rotation.inverse()).log() / (2 * h)
+        J[:, :3, i] = (after.translation_m - before.translation_m) / (2 * h)
+        J[:, 3:, i] = (after.rotation @ T.rotation.inverse()).log() / (2 * h)
+        J[:, 3:, i] -= (before.rotation @ T.rotation.inverse()).log() / (2 * h)
     np.testing.assert_allclose(jacobian(arm, q), J, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(jacobian(arm, q[7]), jacobian(arm, q)[7])
 
 
 @arms

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from trocar.arms import ARMS, PSM_CLASSIC, Unreachable, fk, reach_with_still_wrist, wrist_depth_m
@@ -10,6 +10,7 @@ arms = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
 
 
 @arms
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_tip_or_what_it_holds_comes_there_and_the_wrist_rests(arm, seed):
     rng = np.random.default_rng(seed)

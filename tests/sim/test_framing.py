@@ -21,7 +21,7 @@ def test_points_reach_from_edge_to_edge_and_none_is_outside(seed, size_m):
     assert (low >= 0).all() and high[0] <= lens.width - 1 and high[1] <= lens.height - 1
     filled = (high - low) / [lens.width, lens.height]
     assert filled.max() == pytest.approx(FILLED, abs=0.02)
-    assert (low + high) / 2 == pytest.approx([(lens.width - 1) / 2, (lens.height - 1) / 2], abs=2.0)
+    assert (low + high) / 2 == pytest.approx([(lens.width - 1) / 2, (lens.height - 1) / 2], abs=0.1)
     assert HEIGHTS[0] - 0.01 <= lens.height / lens.width <= HEIGHTS[1] + 0.01
 
 

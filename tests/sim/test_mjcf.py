@@ -1,8 +1,5 @@
 """The simulated cell as MuJoCo reads it: drives, stops, contacts and what collides with what."""
 
-from dataclasses import replace
-
-import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -148,35 +145,3 @@ def test_numbers_are_written_with_all_the_digits_that_matter():
     assert text(0.1) == "0.1" and text([[1, 2], [3, 1e-9]]) == "1 2 3 1e-09"
     assert float(text(np.pi)) == pytest.approx(np.pi, abs=1e-15)
     assert placed(SE3.from_parts(SO3.axis("z", np.pi), [1, 2, 3]))["pos"] == "1 2 3"
-
-
-def test_an_arm_is_put_where_it_is_told_with_its_jaws_and_rests_there(world):
-    q = PSM_CLASSIC.middle + 0.1
-    world.data.qvel[:] = 1.0
-    world.place_arm("a", q, 0.4)
-    assert_allclose(world.joints("a"), q)
-    assert world.jaw_rad("a") == pytest.approx(0.4)
-    joints = [world.data.joint(f"a_jaw_{side}").qpos[0] for side in ("left", "right")]
-    assert_allclose(joints, [0.2, -0.2])
-    assert not world.data.qvel[world.arms["a"].dof].any()
-    world.drive_arm("a", q, np.arange(6.0), 0.6)
-    assert_allclose(world.data.ctrl[world.arms["a"].drive], q)
-    assert_allclose(world.data.ctrl[world.arms["a"].feed], np.arange(6.0) * Servo().damping)
-    assert world.data.ctrl[world.arms["a"].jaw_drive] == pytest.approx(0.3)
-    before_s = world.time_s
-    world.step(3)
-    assert world.time_s == pytest.approx(before_s + 0.003)
-    world.settle(0.01)
-    assert world.time_s == 0.0
-
-
-def test_an_arm_stands_where_it_is_to_start_and_only_bodies_of_a_task_are_free():
-    q = PSM_CLASSIC.middle
-    at = World(CellModel({"a": PSM_CLASSIC}, {"a": PLACED}, q_start={"a": q}))
-    assert_allclose(at.joints("a"), q)
-    assert at.free_bodies == () and at.free_poses().shape == (0, 7)
-    mujoco.mj_forward(at.model, at.data)
-    here = at.pose("a_link6").matrix
-    other = World(replace(at.cell, q_start={}))
-    other.place_arm("a", q, 0.0)
-    assert_allclose(here, other.pose("a_link6").matrix, atol=1e-12)

@@ -111,6 +111,7 @@ def solid(shape, size_m, T, body="world", vertices_m=None):
 @pytest.mark.parametrize(
     ("shape", "size_m", "lowest_m"),
     [
+        ("box", (0.03, 0.07, 0.04), 0.23),
         ("sphere", (0.05,), 0.25),
         ("cylinder", (0.02, 0.1), 0.2),
         ("capsule", (0.02, 0.1), 0.2),
@@ -121,7 +122,9 @@ def test_the_table_is_below_the_lowest_solid_that_stands_still(shape, size_m, lo
     high = solid("sphere", (0.01,), SE3.from_parts(translation_m=[0, 0, 0.9]))
     moving = {"block": SE3.from_parts(None, np.zeros((2, 3)))}
     falling = solid("sphere", (5.0,), SE3.identity(), "block")
-    assert _floor_m(still([high, solid(shape, size_m, ON_ITS_SIDE), falling], bodies=moving)) == pytest.approx(lowest_m)
+    other_side = SE3.from_parts(SO3.axis("x", -np.pi / 2), [0.0, 0.0, 0.3])
+    for T in (ON_ITS_SIDE, other_side):
+        assert _floor_m(still([high, solid(shape, size_m, T), falling], bodies=moving)) == pytest.approx(lowest_m)
 
 
 def test_the_table_is_below_a_hulls_lowest_corner_or_without_solids_below_the_tips():
@@ -138,14 +141,14 @@ def path(start, end):
 
 def test_what_is_handled_is_where_tips_and_loose_bodies_were_with_some_room():
     loose = {
-        "block": SE3.from_parts(None, np.array([[0.1, 0, 0], [0.1, 0.2, 0]])),
+        "block": SE3.from_parts(None, np.array([[0.1, 0, 0.5], [0.1, 0.2, 0.5]])),
         "psm1": SE3.from_parts(None, np.ones((2, 3))),
     }
-    tools = {"psm1": path((0, 0, 0), (0.03, 0, 0)), "psm2": path((9, 9, 9), (9, 9, 9.01))}  # psm2 rests
+    tools = {"psm1": path((0.02, 0.06, 0.5), (0.05, 0.06, 0.5)), "psm2": path((9, 9, 9), (9, 9, 9.01))}  # psm2 rests
     points = handled(still(tools=tools, bodies=loose))
     moved = points[:4].tolist()
-    assert sorted(moved) == [[0, 0, 0], [0.03, 0, 0], [0.1, 0, 0], [0.1, 0.2, 0]]
-    middle = np.array([0.05, 0.1, 0.0])
+    assert sorted(moved) == [[0.02, 0.06, 0.5], [0.05, 0.06, 0.5], [0.1, 0, 0.5], [0.1, 0.2, 0.5]]
+    middle = np.array([0.06, 0.1, 0.5])
     np.testing.assert_allclose(points[4:], [middle - 0.02, middle + 0.02])
     resting = handled(still(tools={"psm2": tools["psm2"]}))
     assert resting[:2].tolist() == [[9, 9, 9], [9, 9, 9.01]], "without any motion, where the tips are"
