@@ -129,8 +129,8 @@ def test_joints_of_many_motions_are_told_by_themselves():
     """Some of them fall into a gap, where all must wait for the joint that comes back."""
     rng = np.random.default_rng(0)
     velocity, acceleration = np.array([1.0, 2.0, 1.5]), np.array([2.0, 1.0, 3.0])
-    distance = rng.uniform(-0.5, 0.5, (4, 5, 3))
-    v0, v1 = rng.uniform(-1, 1, (2, 4, 5, 3)) * velocity
+    distance, (v0, v1) = rng.uniform(0.0, 0.2, (4, 5, 3)), rng.uniform(0.5, 1, (2, 4, 5, 3)) * velocity
+    distance[..., 2], v0[..., 1:], v1[..., 1:] = 0.75, 0.0, 0.0
     found = shortest_common_s(distance, v0, v1, velocity, acceleration)
     waited = 0
     for place in np.ndindex(4, 5):
