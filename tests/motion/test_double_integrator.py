@@ -123,3 +123,18 @@ def test_a_gap_begins_where_rushing_through_would_be_too_quick_by_hand():
     assert after_gap_s(0.09, 0.6, 0.8, 2.0) == pytest.approx((1.4 + 2 * np.sqrt(0.32)) / 2)
     assert after_gap_s(0.09, -0.6, 0.8, 2.0) == pytest.approx((0.2 + 2 * np.sqrt(0.32)) / 2)
     assert after_gap_s(0.24, 0.6, 0.8, 2.0) > 0 and after_gap_s(0.26, 0.6, 0.8, 2.0) == 0.0
+
+
+def test_joints_of_many_motions_are_told_by_themselves():
+    """Some of them fall into a gap, where all must wait for the joint that comes back."""
+    rng = np.random.default_rng(0)
+    velocity, acceleration = np.array([1.0, 2.0, 1.5]), np.array([2.0, 1.0, 3.0])
+    distance, (v0, v1) = rng.uniform(0.0, 0.2, (4, 5, 3)), rng.uniform(0.5, 1, (2, 4, 5, 3)) * velocity
+    distance[..., 2], v0[..., 1:], v1[..., 1:] = 0.75, 0.0, 0.0
+    found = shortest_common_s(distance, v0, v1, velocity, acceleration)
+    waited = 0
+    for place in np.ndindex(4, 5):
+        alone = shortest_common_s(distance[place], v0[place], v1[place], velocity, acceleration)
+        assert found[place] == alone
+        waited += alone > shortest_between_s(distance[place], v0[place], v1[place], velocity, acceleration).max()
+    assert waited > 3

@@ -186,13 +186,14 @@ def test_the_ball_of_a_half_space_is_as_good_as_its_plane(away_m):
 
 
 def test_remote_centres_are_a_millimetre_apart_at_least():
+    moved = replace(ONE, T_world_base=SE3.from_parts(translation_m=[0.3, 0.2, 0.1]))
     for aside_m, apart in ((0.9e-3, False), (1.1e-3, True)):
-        other = MovingArm.resting(PSM, FOUR[0], SE3.from_parts(translation_m=[aside_m, 0.0, 0.0]))
+        other = MovingArm.resting(PSM, FOUR[0], SE3.from_parts(translation_m=[0.3 + aside_m, 0.2, 0.1]))
         if apart:
-            assert MotionProblem({"psm1": ONE}, others={"psm2": other}).others
+            assert MotionProblem({"psm1": moved}, others={"psm2": other}).others
         else:
             with pytest.raises(TrocarError, match="'psm1' and 'psm2' share one remote centre"):
-                MotionProblem({"psm1": ONE}, others={"psm2": other})
+                MotionProblem({"psm1": moved}, others={"psm2": other})
 
 
 def test_what_is_not_said_of_a_problem():

@@ -40,9 +40,10 @@ def test_all_places_are_looked_at_for_ranges():
             assert not in_range(ARMS, beyond, 0.0)
 
 
-def test_what_a_tip_faces_is_judged_between_the_first_place_and_the_last():
+@pytest.mark.parametrize("inner", [[0.3, 0.35, 0.2], [0.35, 0.3, 0.2], [0.1, 0.2, 0.35]])
+def test_what_a_tip_faces_is_judged_between_the_first_place_and_the_last(inner):
     left, right = ARMS
-    turns = [0.0, 0.3, 0.35, 0.2, 0.9]
+    turns = [0.0, *inner, 0.9]
     q = np.tile(START, (5, 1))
     q[:, 6:] = [joints("right", down([-0.055, 0.0, -0.12], turn)) for turn in turns]
     facing = Facing([0.0, 1.0, 0.0], [-0.05, 0.5, -0.12], 3.0)

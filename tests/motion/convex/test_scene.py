@@ -74,6 +74,9 @@ def test_axes_that_cross_are_pushed_apart_along_their_common_normal():
     distances.gaps_m[0, shafts] = 0.0  # as where they meet exactly
     slopes = distances.gradients(np.zeros(1, dtype=int), shafts)
     assert np.isfinite(slopes).all() and np.abs(slopes).max() > 1e-3
+    normal = np.cross(a[1] - a[0], b[1] - b[0])
+    distances.gaps_m[0, shafts] = 3e-9 * normal / np.linalg.norm(normal)  # as where they just do not touch
+    np.testing.assert_allclose(distances.gradients(np.zeros(1, dtype=int), shafts), slopes, atol=1e-7)
 
 
 def test_rows_of_ranges_tell_how_far_inside_a_control_point_is():
