@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from plant_models import plant_model
 from trocar.arms import ARMS
 from trocar.calibration.cable_memory import CableMemory
 from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY
+from trocar.calibration.play import play_operator
 from trocar.calibration.recording import Recording
 from trocar.trajectory import Trajectory
 
@@ -39,9 +41,8 @@ def same(one, other, atol=1e-9):
 def test_the_play_model_remembers_every_command(models):
     sent, memory = there_and_back(), CableMemory.at_rest(models["play"], HOME)
     for until_s in (0.3, 1.0, 1.4, 2.0):
-        state = models["play"].start(HOME)
-        for q in sent(np.linspace(0.0, until_s, 4001)):
-            _, state = models["play"].step(state, q)
+        u = models["play"].inputs(sent(np.linspace(0.0, until_s, 4001)))
+        state = play_operator(u[:, :, None], models["play"].radii)[-1]
         assert_allclose(memory.after(sent, until_s).state, state, atol=1e-4)
     assert not same(memory.after(sent, 2.0), memory, atol=0.02), "the way there and back leaves slack"
 
@@ -98,3 +99,55 @@ def test_joints_along_a_path_are_those_of_step_after_step(models, name):
         expected.append(joints)
     assert_allclose(memory.along(path), expected, atol=1e-12)
     assert_allclose(memory.joints(path[0]), expected[0], atol=1e-12)
+
+
+# A model that is a plant.
+
+PLANT = plant_model(PSM1_GREY)
+
+
+def test_what_was_sent_counts_up_to_a_time_within_it():
+    sent, memory = there_and_back(), CableMemory.at_rest(PLANT, HOME)
+    assert_allclose(memory.after(sent, 99.0).state, memory.after(sent, 2.0).state)
+    for begin in (0.0, -1.0):
+        assert_allclose(memory.after(sent, begin).state, memory.state, atol=1e-12)
+        assert_allclose(memory.after(sent, begin).q_cmd, HOME, atol=1e-12)
+    assert_allclose(memory.after(sent, 0.7).q_cmd, sent(0.7))
+    later = Trajectory(sent.times_s + 5.0, sent.coefficients)
+    assert_allclose(memory.after(later, 5.7).state, memory.after(sent, 0.7).state, atol=1e-9)
+    assert_allclose(memory.after(later, 5.7).q_cmd, sent(0.7), atol=1e-12)
+
+
+def test_the_hardest_turn_between_two_replayed_commands_hides_little():
+    """Roll turns at 25 rad/s^2, halfway between two of them."""
+    peak = 0.4
+    start = HOME.copy()
+    start[3] = peak - 12.5 * 0.05**2
+    coefficients = np.zeros((3, 1, 6))
+    coefficients[2, 0], coefficients[1, 0, 3], coefficients[0, 0, 3] = start, 25 * 0.05, -12.5
+    sent = Trajectory(np.array([0.0, 0.1]), coefficients)
+    assert sent(0.05)[3] == peak
+    state = CableMemory.at_rest(PLANT, start).after(sent, 0.1).state
+    hidden = peak - PSM1_GREY.radii[0] - state[0, 0]
+    assert 0 <= hidden <= 5.1e-5
+
+
+def test_an_arm_rests_where_it_is_told_to():
+    memory = CableMemory.at_rest(PLANT, list(HOME))
+    assert memory.q_cmd.shape == (6,) and np.array_equal(memory.q_cmd, HOME)
+    joints, after = memory.step(HOME)
+    assert_allclose(joints[3:], HOME[3:] + PSM1_GREY.offset + PSM1_GREY.K @ HOME[3:])
+    assert_allclose(after.state, memory.state)
+
+
+def test_a_sample_is_taken_where_a_joint_of_the_wrist_has_gone_on_by_its_step(models):
+    ridge = models["ridge"]
+    memory, step = CableMemory.at_rest(ridge, HOME), ridge.training.interval
+    for joint in (3, 4, 5):
+        for sign in (1.0, -1.0):
+            to = sign * step * (np.arange(6) == joint)
+            assert memory.step(HOME + 0.999 * to)[1] is memory
+            assert memory.step(HOME + 1.001 * to)[1] is not memory
+    sample = memory.step(HOME + 1.001 * step)[1]
+    assert np.array_equal(sample.q_cmd, HOME + 1.001 * step)
+    assert np.array_equal(sample.state[-1], sample.q_cmd) and np.array_equal(sample.state[:-1], memory.state[1:])

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from plant_models import TRAINING, plant_model
 from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.calibration import command_sketch
 from trocar.calibration.cable_memory import CableMemory
 from trocar.calibration.command_request import CommandRequest
 from trocar.calibration.command_sketch import knots_of, sketched
-from trocar.calibration.models import OffsetModel, PlayModel, RidgeModel, TrainingMotion
-from trocar.calibration.models.play_map import PlayMap
+from trocar.calibration.models import OffsetModel, RidgeModel
 from trocar.calibration.plant import PSM1_GREY
 from trocar.motion import rest_to_rest
 from trocar.motion.bound import shortest_to_rest_s
@@ -20,20 +20,11 @@ HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
 FAR = np.array([0.80, 0.10, 0.19, 0.40, 0.30, 0.30])
 RESTING = np.zeros(6)
 PAPER = MOTION_LIMITS["paper"]
-TRAINING = TrainingMotion(np.full(6, 0.05), np.full(6, -1.0), np.ones(6), 100)
 OFF = np.array([0.001, -0.002, 0.0005, 0.1, -0.05, 0.08])
 OFFSET = OffsetModel(OFF, TRAINING)
 
 
-def plant_model():
-    """Return the play model that is a plant: one operator a joint, and no bumps."""
-    plant, linear = PSM1_GREY, np.column_stack([PSM1_GREY.K, PSM1_GREY.C])
-    flat = PlayMap(linear, np.arange(3), np.zeros(3), np.ones(3), np.zeros((0, 3)), np.zeros((3, 0)))
-    offset = np.concatenate([np.zeros(3), plant.offset])
-    return PlayModel(plant.a, plant.b, plant.radii[:, None], offset, np.zeros((3, 6)), flat, TRAINING)
-
-
-PLAY = plant_model()
+PLAY = plant_model(PSM1_GREY)
 
 
 def request(desired, model=PLAY, q_start=HOME, velocity=RESTING, **changes):

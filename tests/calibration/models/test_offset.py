@@ -1,8 +1,10 @@
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from trocar.calibration.models import OffsetModel
 from trocar.calibration.recording import Recording
+from trocar.errors import TrocarError
 from walks import stepped, walk
 
 
@@ -22,3 +24,9 @@ def test_it_shows_the_wrists_offsets_in_degrees():
     error = np.tile([0.5, 0.6, 0.7, *np.radians([3.0, -1.5, 0.25])], (40, 1))
     model = OffsetModel.fit(Recording(q, q + error, np.ones(40, bool), np.arange(40.0)), np.random.default_rng(0))
     assert repr(model) == "<cable model 'offset', fitted on 40 rows: offsets of q4 q5 q6 3.00, -1.50, 0.25 deg>"
+
+
+def test_an_offset_is_six_numbers():
+    assert OffsetModel.from_arrays({"offset": np.arange(6.0)}, None).offset.tolist() == [0, 1, 2, 3, 4, 5]
+    with pytest.raises(TrocarError, match="has shape"):
+        OffsetModel.from_arrays({"offset": np.zeros(1)}, None)

@@ -5,6 +5,7 @@ from numpy.testing import assert_allclose
 from trocar.calibration.models import RidgeModel
 from trocar.calibration.models.window import windows
 from trocar.calibration.recording import Recording
+from trocar.errors import TrocarError
 from walks import stepped
 
 RNG = np.random.default_rng(0)
@@ -55,3 +56,13 @@ def test_step_by_step_it_is_what_the_whole_history_gives():
     assert_allclose(model.shifted(shift).predict(q) - model.predict(q), np.tile(shift, (60, 1)), atol=1e-12)
     assert not model.rate_independent
     assert np.abs(model.predict(np.repeat(q, 2, axis=0))[1::2] - model.predict(q)).max() > 1e-3
+
+
+def test_arrays_of_another_window_are_refused():
+    q = RNG.normal(0, 0.3, (60, 6))
+    model = RidgeModel.fit(made(q, 0.3 * q), RNG)
+    again = RidgeModel.from_arrays(model.arrays(), model.training)
+    assert_allclose(again.predict(q), model.predict(q))
+    for wrong in ({"weights": np.zeros((36, 5))}, {"weights": np.zeros((42, 6))}, {"offset": np.zeros(7)}):
+        with pytest.raises(TrocarError, match="has shape"):
+            RidgeModel.from_arrays(model.arrays() | wrong, model.training)
