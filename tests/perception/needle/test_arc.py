@@ -75,5 +75,6 @@ def test_a_needle_without_a_shape_is_refused(radius_m, arc_rad, wire_m):
         NeedleArc(radius_m, arc_rad, wire_m)
 
 
-def test_a_whole_ring_and_a_thick_wire_have_a_shape():
+def test_a_whole_ring_a_thick_wire_and_a_short_one_have_a_shape():
+    assert NeedleArc(8e-3, 0.9, 1e-3).point_m(np.zeros(3)).shape == (3, 3)
     assert NeedleArc(8e-3, 2.0 * np.pi, 7.9e-3).distance_m(np.zeros((1, 3)))[0] == pytest.approx(4.05e-3)

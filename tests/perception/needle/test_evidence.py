@@ -68,12 +68,15 @@ def test_a_needle_of_which_all_is_told_gives_points_on_it_and_rays_through_it():
 
 
 @pytest.mark.parametrize("near_m", [NEAR_M, 5e-3])
-def test_all_rays_near_the_wire_are_read(near_m):
-    higher = T_CAMERA_FLOOR @ SE3.from_parts(translation_m=[0.0, 0.0, 6e-3]) @ T_CAMERA_FLOOR.inverse() @ TRUE
-    image = picture(higher, np.random.default_rng(0), 0.0)
-    found = seen([image], higher, near_m)
+@pytest.mark.parametrize("facing", [False, True])
+def test_all_rays_near_the_wire_are_read(near_m, facing):
+    """Of a needle high over the floor, upright or facing the camera."""
+    at = T_CAMERA_FLOOR @ SE3.from_parts(translation_m=[0.0, 0.0, 6e-3]) @ T_CAMERA_FLOOR.inverse() @ TRUE
+    at = SE3.from_parts(translation_m=[0.0, 0.0, 0.33]) if facing else at
+    image = picture(at, np.random.default_rng(0), 0.0)
+    found = seen([image], at, near_m)
     assert found is not None
-    _, apart = along_rays(pixel_rays(LENS).reshape(-1, 3), higher, ARC, near_m)
+    _, apart = along_rays(pixel_rays(LENS).reshape(-1, 3), at, ARC, near_m)
     steel = (image.color.reshape(-1, 3) == STEEL_RGB).all(axis=1)
     assert len(found.past) == ((apart < near_m) & ~steel).sum()
 
@@ -82,7 +85,7 @@ def test_places_along_rays_lie_close_enough_to_tell_where_the_wire_is_nearest():
     """Also if the needle is a millimetre deeper or nearer than it was expected."""
     found = seen()
     assert found is not None
-    for deeper_m in (-1e-3, 0.0, 1e-3):
+    for deeper_m in (-1e-3, 0.0, 1.2e-3):
         at = TRUE @ SE3.from_parts(translation_m=TRUE.rotation.inverse().apply([0.0, 0.0, deeper_m]))
         for places in (found.through, found.past):
             rays = places[:, 0] / places[:, :1, 2]

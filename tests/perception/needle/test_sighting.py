@@ -1,5 +1,7 @@
 """A needle in made-up depth images, from where it is expected."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ import made_up_needle
 from made_up_needle import ARC, HALF_LENS, T_CAMERA_FLOOR, over_floor
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.perception.needle import search_starts, sight_needle
+from trocar.perception.needle import search_starts, sight_needle, sighting
+from trocar.perception.needle.residuals import normal_equations
 
 SD = np.repeat([0.6e-3, 0.06], 3)
 
@@ -146,3 +149,33 @@ def test_what_is_found_says_how_many_pixels_show_it_and_how_they_scatter():
     steel = (image.color == made_up_needle.STEEL_RGB).all(axis=2).sum()
     assert 0.9 * steel < found.pixels <= steel
     assert 0.1e-3 < found.left_m < 0.25e-3, "of depth across the wire"
+
+
+def test_what_scatters_far_more_than_the_camera_is_no_needle():
+    rng = np.random.default_rng(2)
+    true = over_floor(rng)
+    assert looked([picture(true, rng, 0.5e-3)], true) is not None
+    image = picture(true, rng, 0.0)
+    steel = (image.color == made_up_needle.STEEL_RGB).all(axis=2)
+    image.depth_m[steel] += rng.uniform(-2.5e-3, 2.5e-3, steel.sum()).astype(np.float32)
+    assert looked([image], true) is None
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_a_needle_is_found_from_two_millimetres_or_a_sixth_of_a_radian_away(axis, monkeypatch):
+    """Some SDs away, in steps of .5 mm and .1 rad at most; its turn about its centre shows at its ends alone."""
+    tried = []
+    monkeypatch.setattr(sighting, "normal_equations", lambda *at: tried.append(at[1]) or normal_equations(*at))
+    rng = np.random.default_rng(5)
+    true = over_floor(rng)
+    image = picture(true, rng)
+    for sign in (1.0, -1.0):
+        off = sign * np.where(np.arange(6) == axis, [1.8e-3] * 3 + [0.16] * 3, 0.0)
+        found = looked([image, image], true @ SE3.exp(off))
+        assert found is not None
+        error = (true.inverse() @ found.T_camera_needle).log()
+        assert np.abs(error[:3]).max() < 0.2e-3 and np.abs(error[3:5]).max() < 0.05
+        steps = np.abs([(a.inverse() @ b).log() for a, b in pairwise(tried)])
+        assert steps[:, :3].max() < 0.501e-3 and steps[:, 3:].max() < 0.1001
+        assert axis != 1 or steps[:, :3].max() > 0.499e-3, "it is slowed down along the rays"
+        tried.clear()
