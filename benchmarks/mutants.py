@@ -183,7 +183,8 @@ def tests_of(path: str, used: dict[Path, Counter[str]]) -> list[str]:
     users = sorted((test for test in used if used[test][module]), key=lambda test: (-used[test][module], test))
     others = [test for test in users if test != mirror and not str(test.relative_to(ROOT)).startswith(WHOLE_RUNS)]
     chosen = [mirror] * mirror.is_file() + others[:MORE_TESTS]
-    chosen = chosen or sorted((ROOT / "tests" / inner.parent).glob("test_*.py"))
+    for folder in (ROOT / "tests" / inner).parents:
+        chosen = chosen or sorted(folder.glob("test_*.py"))
     return [str(test.relative_to(ROOT)) for test in chosen]
 
 

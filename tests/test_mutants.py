@@ -37,3 +37,5 @@ def test_the_mirror_of_a_file_is_tried_first():
     used = {path: mutants.imports_of(path) for path in (mutants.ROOT / "tests" / "geometry").glob("test_*.py")}
     assert mutants.tests_of(FILE, used)[0] == "tests/geometry/test_rigid_fit.py"
     assert mutants.tests_of("src/trocar/geometry/so3.py", used), "no mirror of its own, but those that import it"
+    alone = mutants.tests_of("src/trocar/geometry/deeper/alone.py", {})
+    assert "tests/geometry/test_groups.py" in alone, "nobody imports it: those of the nearest folder that has some"
