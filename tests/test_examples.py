@@ -128,6 +128,7 @@ def test_an_own_task_can_be_resumed_and_reported_on_even_without_its_file(own_ta
     assert [reported[key] for key in counted] == [summary[key] for key in counted]
 
 
+@pytest.mark.slow
 def test_an_own_agent_runs_and_what_it_does_of_its_own_is_in_the_trial(tmp_path):
     (words,) = commands_of("own_agent.py")
     trocar([*words, *SHORT], tmp_path)

@@ -25,6 +25,7 @@ def trained():
     return networks[0], weights
 
 
+@pytest.mark.slow
 def test_the_network_in_numpy_is_the_one_that_was_trained(trained):
     network, weights = trained
     z, _ = examples(np.random.default_rng(0), 20)

@@ -87,6 +87,7 @@ def test_fit_and_evaluate_read_the_recording(done, trocar, tmp_path):
     assert load_recording(recording).valid.sum() > 80
 
 
+@pytest.mark.slow
 def test_an_interrupted_collection_goes_on_to_the_same_files(done, station, trocar, tmp_path):
     folder = tmp_path / "cal"
     words = map(str, words_of(station, folder))

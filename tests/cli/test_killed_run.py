@@ -67,6 +67,7 @@ def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.slow
 def test_a_run_killed_at_any_of_its_writes_ends_as_one_that_is_not(played, tmp_path):
     assert run_in_a_process(tmp_path / "peace") == 0
     peace = contents(tmp_path / "peace")

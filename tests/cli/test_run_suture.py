@@ -54,6 +54,7 @@ def planned(trocar, tmp_path):
     return plan
 
 
+@pytest.mark.slow
 def test_any_plan_is_driven_and_kept_with_its_run(trocar, unpictured, planned, tmp_path):
     path, run = planned("plan", "--circle-radius-mm", 28, "--count", 1), tmp_path / "run"
     words = ("--method", "uncalibrated", "--out", run)

@@ -153,6 +153,7 @@ def test_a_task_that_is_not_registered_here_has_a_plain_report():
     assert moments[-1] == ("end", 60.0)
 
 
+@pytest.mark.slow
 def test_a_report_writes_what_it_names_and_the_same_again(trials, tmp_path):
     open_folder(RUN, tmp_path)
     for index, trial in enumerate(trials):

@@ -273,7 +273,7 @@ def test_recording_and_trials_share_the_mounted_instruments_unless_they_are_moun
     assert missed["refitted"] < 10e-3
 
 
-@pytest.mark.parametrize("calibration", ["joints", "images"])
+@pytest.mark.parametrize("calibration", ["joints", pytest.param("images", marks=pytest.mark.slow)])
 def test_a_minute_and_what_other_instruments_show_make_a_model(tmp_path, calibration):
     run = config(seed=3, prior="fleet", calibration=calibration)
     prepared = prepare(run, 0, tmp_path)
@@ -320,6 +320,7 @@ def test_a_fitted_model_is_kept_for_the_next_start(tmp_path, monkeypatch):
     assert [p.name for p in (tmp_path / "session_00").iterdir()] == ["cables_psm1.npz"]
 
 
+@pytest.mark.slow
 def test_arms_are_calibrated_from_images_that_runs_of_the_same_day_can_share(tmp_path, monkeypatch):
     monkeypatch.setattr("trocar.trials.prepare.IMAGES_ROWS", 40)
     monkeypatch.setattr("trocar.trials.prepare.record_motion", None)  # no joint is drawn

@@ -151,6 +151,7 @@ def test_the_listener_hears_every_event(trial):
 # What the seed decides.
 
 
+@pytest.mark.slow
 def test_the_same_seed_writes_the_same_bytes(short, tmp_path):
     first, again = (run_trial(*short, 3).save(tmp_path / name).read_bytes() for name in ("a", "b"))
     assert first == again

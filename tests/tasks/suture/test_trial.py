@@ -89,6 +89,7 @@ def test_outer_joints_have_no_cables_in_the_way(played, how):
     assert np.degrees(np.abs(joint_errors(played[how][0])[:, :2])).max() < 0.5
 
 
+@pytest.mark.slow
 def test_the_same_seed_writes_the_same_bytes(played, tmp_path):
     """Up to the moment at which the arm has looked at the needle, and drives it."""
     _, config, prepared = played["calibrated"]

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from debridement_stage import Eyes, play
 from trocar.geometry import SE3
@@ -66,6 +67,7 @@ def test_marks_that_are_hidden_for_three_seconds_cost_time_only(monkeypatch, tmp
     assert still(trial, "left") and still(trial, "right")
 
 
+@pytest.mark.slow
 def test_a_fragment_out_of_reach_is_named_and_left(monkeypatch, tmp_path):
     def far(scene):
         *near, last = scene.fragments
@@ -82,6 +84,7 @@ def test_a_fragment_out_of_reach_is_named_and_left(monkeypatch, tmp_path):
     assert still(trial, "left")
 
 
+@pytest.mark.slow
 def test_a_fragment_that_sticks_to_the_jaws_is_for_a_person(monkeypatch, tmp_path):
     class Sticky(Eyes):
         def holding(self, *args):
@@ -93,6 +96,7 @@ def test_a_fragment_that_sticks_to_the_jaws_is_for_a_person(monkeypatch, tmp_pat
     assert trial.ended == "done" and still(trial, "left")
 
 
+@pytest.mark.slow
 def test_a_receptacle_that_is_full_is_for_a_person(monkeypatch, tmp_path):
     eyes = Eyes()
     eyes.more = tuple([x, 0.004, -0.162 + 0.012] for x in (-0.095, -0.0745, -0.055))
@@ -102,6 +106,7 @@ def test_a_receptacle_that_is_full_is_for_a_person(monkeypatch, tmp_path):
     assert still(trial, "left") and still(trial, "right")
 
 
+@pytest.mark.slow
 def test_a_fragment_that_an_arm_hides_while_it_lets_go_is_not_forgotten(monkeypatch, tmp_path):
     class Hiding(Eyes):
         """An arm over the receptacle hides all fragments that still lie outside."""

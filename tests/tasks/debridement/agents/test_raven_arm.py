@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import trio
 
 from debridement_stage import Eyes, play
@@ -46,6 +47,7 @@ def test_an_arm_that_was_stopped_low_on_its_way_rises_before_it_goes_on():
     np.testing.assert_allclose(mover.asked[1].T_world_goal.translation_m, [0.02, 0.0, risen])
 
 
+@pytest.mark.slow
 def test_a_fragment_over_which_an_arm_is_not_seen_is_soon_for_the_other_one(monkeypatch, tmp_path):
     eyes = Eyes()
     eyes.hidden = (("right", 1.0, np.inf),)

@@ -299,6 +299,7 @@ def test_two_blocks_on_one_peg_are_left_alone(kept, variant):
     assert trial.collisions == []
 
 
+@pytest.mark.slow
 def test_a_lower_block_that_is_seen_past_the_upper_one_is_not_grasped(kept):
     """The two are turned against each other: between the corners of one, those of the other show."""
     upper = standing(0, (0.5e-3, 0.3e-3), 0.3 + np.radians(60.0), Block().height_m)
@@ -415,6 +416,7 @@ def test_an_arm_that_stops_answering_does_not_keep_the_other_from_its_work(kept,
     assert at_home(trial, other) and not at_home(trial, arm)
 
 
+@pytest.mark.slow
 def test_an_arm_whose_way_leads_past_one_that_stopped_gives_up_and_goes_home(kept):
     """That one has closed its jaws on its block, and stays there."""
     trial = kept("bilateral", robot=silent("psm1", 5))

@@ -52,6 +52,7 @@ def test_a_row_is_kept_and_made_again_where_it_does_not_fit(made, monkeypatch):
         assert read_row(path, cell.config.fingerprint) == first
 
 
+@pytest.mark.slow
 def test_no_more_than_one_trial_is_alive_at_a_time(made, tmp_path, monkeypatch):
     cells = saved(tmp_path, sessions=1, trials=3)
     alive: list[weakref.ref] = []

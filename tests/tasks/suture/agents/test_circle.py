@@ -157,6 +157,7 @@ def test_the_arm_comes_down_from_as_high_as_commands_allow():
     assert outcomes(lab) == [SutureOutcome.DONE.name] and score.succeeded
 
 
+@pytest.mark.slow
 def test_a_command_that_leaves_a_joints_range_costs_one_suture_only(monkeypatch):
     monkeypatch.setattr(circle, "SHORT", ())
     pushed = plan(GOALS[1])[3].q[:, 4]
@@ -168,6 +169,7 @@ def test_a_command_that_leaves_a_joints_range_costs_one_suture_only(monkeypatch)
     assert [score.succeeded for score in scores] == [False, True]
 
 
+@pytest.mark.slow
 def test_a_turn_that_commands_do_not_allow_to_the_end_stops_short_of_it():
     pushed = plan(GOALS[1])[3].q[:, 4]
     lab, (score,) = refused([GOALS[1]], 4, float(pushed.max()) - math.radians(4.0))

@@ -49,6 +49,7 @@ def driven(settings):
     return score, [event for event in lab.log.events if event["name"].startswith("needle")]
 
 
+@pytest.mark.slow
 def test_a_needle_that_was_loaded_awry_goes_in_and_out_where_it_should():
     blindly, looks = driven(replace(blind(), **QUICK))
     assert max(blindly.entry_error_m, blindly.exit_error_m) > 1e-3 and looks == []
