@@ -32,12 +32,17 @@ settings.load_profile("same")
 
 
 LONGEST = (
-    *("tasks/peg_transfer/agents/test_faults", "trials/test_run_trial", "test_examples", "tasks/test_truth_barrier"),
-    *("cli/test_run", "tasks/suture/test_trial", "tasks/debridement/agents/test_faults", "cli/test_run_suture"),
-    *("tasks/suture/agents/test_circle", "trials/test_folder", "cli/test_collect"),
-    *("tasks/peg_transfer/study/test_command", "tasks/peg_transfer/agents/test_learner", "trials/test_workers"),
-    *("tasks/debridement/world/test_debridement_world", "tasks/suture/agents/test_watch", "report/test_summary"),
-    *("calibration/test_command_path", "calibration/fleet/test_fleet", "collect/test_collection"),
+    *("tasks/peg_transfer/agents/test_faults", "cli/test_run", "trials/test_run_trial", "test_examples"),
+    *("tasks/test_truth_barrier", "tasks/debridement/world/test_debridement_world", "trials/test_folder"),
+    *("tasks/suture/test_trial", "sim/test_laboratory", "collect/test_collection"),
+    *("tasks/debridement/agents/test_faults", "calibration/fleet/test_fleet", "calibration/test_command_path"),
+    *("tasks/suture/agents/test_circle", "trials/test_trial_file", "tasks/peg_transfer/agents/test_handover"),
+    *("view/test_replay_page", "cli/test_collect", "tasks/test_every_task"),
+    *("tasks/peg_transfer/agents/test_unilateral", "cli/test_plan_suture", "report/test_statistics"),
+    *("report/test_figures", "motion/test_sqp", "cli/test_bad_input", "sutures/test_continuous"),
+    *("tasks/debridement/pose/test_error_filter", "tasks/peg_transfer/study/test_results"),
+    *("motion/test_motion_plan", "cli/test_run_suture", "fuzz/test_fuzz", "report/test_page"),
+    "collect/test_checkerboard",
 )
 """Files that take longest: first, for at the end one of them would keep one core busy, and the others idle."""
 

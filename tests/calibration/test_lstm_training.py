@@ -1,9 +1,9 @@
-import equinox as eqx
+"""The paper's network is trained; JAX is loaded where that is tested, for it takes seconds."""
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from trocar.calibration import lstm_training
 from trocar.calibration.models.lstm import dense, remember
 
 
@@ -16,6 +16,8 @@ def examples(rng, n):
 @pytest.fixture(scope="module")
 def trained():
     """Return a small network and its weights; it learns in seconds what takes the paper's many minutes."""
+    from trocar.calibration import lstm_training  # noqa: PLC0415
+
     networks, arrays = [], lstm_training._arrays
     with pytest.MonkeyPatch.context() as patch:
         for name, value in (("EPOCHS", 150), ("LEARNING_RATE", 1e-2), ("BATCH", 32)):
@@ -27,6 +29,8 @@ def trained():
 
 @pytest.mark.slow
 def test_the_network_in_numpy_is_the_one_that_was_trained(trained):
+    import equinox as eqx  # noqa: PLC0415
+
     network, weights = trained
     z, _ = examples(np.random.default_rng(0), 20)
     ours = dense(weights, remember(weights, z.astype(np.float32))[0])
@@ -34,6 +38,7 @@ def test_the_network_in_numpy_is_the_one_that_was_trained(trained):
     assert all(value.dtype == np.float32 for value in weights.values())
 
 
+@pytest.mark.slow
 def test_training_learns_what_depends_on_the_past(trained):
     x, y = examples(np.random.default_rng(2), 200)
     predicted = dense(trained[1], remember(trained[1], x.astype(np.float32))[0])

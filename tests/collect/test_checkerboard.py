@@ -34,6 +34,7 @@ def found(station):
     return registration
 
 
+@pytest.mark.slow
 def test_lenses_and_boards_explain_their_corners(found):
     assert len(found.hand_px) > 0.7 * VIEWS
     assert found.calibration.rms_px < 0.5

@@ -61,6 +61,7 @@ def tool_path():
     return times, tips, np.where(times < 1, -1, (times > 3).astype(int))
 
 
+@pytest.mark.slow
 def test_figures_are_written_small_and_not_empty(tmp_path):
     drawn(draw_timechart(trial_of(*SPANS), tmp_path / "new" / "time.png"))
     drawn(draw_paths(*tool_path(), PEGS_M, tmp_path / "paths.png"))

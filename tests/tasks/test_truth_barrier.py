@@ -29,12 +29,7 @@ OF_A_TASK = ("world", "truth", "score", "scene", "task", "report")
 ALIKE = {("debridement", "best-1cm"), ("peg-transfer", "uncalibrated"), ("suture", "uncalibrated")}
 """Methods that are another one with a shorter step, or without the compensation that no arm of these cells wears."""
 METHODS = [(task, method) for task in TASKS for method in methods_of(TASKS[task]) if (task, method) not in ALIKE]
-SLOW = {("peg-transfer", "adaptive"), ("debridement", "paper")}
-EVERY_METHOD = pytest.mark.parametrize(
-    ("name", "method"),
-    [pytest.param(*pair, marks=pytest.mark.slow if pair in SLOW else ()) for pair in METHODS],
-    ids=["/".join(pair) for pair in METHODS],
-)
+EVERY_METHOD = pytest.mark.parametrize(("name", "method"), METHODS, ids=["/".join(pair) for pair in METHODS])
 EVERY_TASK = pytest.mark.parametrize("name", TASKS)
 
 BRISK = {
