@@ -1,5 +1,7 @@
 """The paper's network is trained; JAX is loaded where that is tested, for it takes seconds."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -43,3 +45,20 @@ def test_training_learns_what_depends_on_the_past(trained):
     x, y = examples(np.random.default_rng(2), 200)
     predicted = dense(trained[1], remember(trained[1], x.astype(np.float32))[0])
     assert np.sqrt(np.mean((predicted - y) ** 2)) < 0.6 * y.std()
+
+
+@pytest.mark.slow
+def test_commands_are_noisy_in_training_those_of_the_outer_joints_most(monkeypatch):
+    """So that the network cannot tell the moment of the recording by where the outer joints are."""
+    from trocar.calibration import lstm_training  # noqa: PLC0415
+
+    seen, jnp = [], lstm_training.jnp
+    noting = SimpleNamespace(**vars(jnp))
+    noting.asarray = lambda given: seen.append(given) or jnp.asarray(given)
+    monkeypatch.setattr(lstm_training, "jnp", noting)
+    monkeypatch.setattr(lstm_training, "EPOCHS", 1)
+    x = np.tile(np.arange(6.0), (2048, 4, 1))
+    lstm_training.train(x, np.zeros((2048, 2)), 4, np.random.default_rng(0))
+    noise = (next(given for given in seen if given.shape[-2:] == (4, 6)) - np.arange(6.0)).reshape(-1, 6)
+    assert_allclose(noise.mean(axis=0), 0.0, atol=0.03)
+    assert_allclose(noise.std(axis=0), [0.7] * 3 + [0.05] * 3, rtol=0.05)

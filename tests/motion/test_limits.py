@@ -18,6 +18,8 @@ def test_ratios_of_a_cubic_known_in_closed_form():
     assert use.velocity_ratio == pytest.approx(1.5 * 0.3 / t / LIMITS.velocity[0], rel=1e-12)
     assert use.acceleration_ratio == pytest.approx(6 * 0.3 / t**2 / LIMITS.acceleration[0], rel=1e-12)
     assert not use.range_excess.any()
+    jerky = limit_use(ARM, trajectory, MotionLimits(LIMITS.velocity, LIMITS.acceleration, np.full(6, 1e3)))
+    assert jerky.velocity_ratio == use.velocity_ratio and jerky.acceleration_ratio == use.acceleration_ratio
 
 
 def test_both_sides_of_a_knot_are_seen():

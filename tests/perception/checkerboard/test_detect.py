@@ -122,3 +122,13 @@ def test_a_corner_is_refined_by_what_is_nearer_than_its_neighbours():
     true = EXACT / 2.0 - 0.5
     found = _refined(true + [0.4, -0.3], np.ascontiguousarray(small))
     assert np.abs(found - true).max() < 0.1
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_board_seen_at_a_slant_is_refined_by_its_narrower_squares(axis):
+    """Squares of 12 px by 72: a window for 72 would hold the corners on either side."""
+    wide = np.repeat(drawn(), 6, axis=axis)
+    true = EXACT - 0.5
+    true[..., 1 - axis] = 6.0 * EXACT[..., 1 - axis] - 0.5
+    found = _refined(true + [0.3, -0.2], np.ascontiguousarray(wide))
+    assert np.abs(found - true).max() < 0.1
