@@ -7,6 +7,7 @@ from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits, fk
 from trocar.errors import TrocarError
 from trocar.motion import duration_bound_s, limit_use, move_to, rest_to_rest, straight
 from trocar.motion.limits import knot_jumps
+from trocar.motion.moves import REACHED, _along_line
 from trocar.motion.phases import phases_to_rest
 
 LIMITS = MOTION_LIMITS["paper"]
@@ -175,3 +176,10 @@ def test_a_start_may_be_as_fast_as_the_limit(share, refused):
             move_to(PSM.middle, velocity, PSM.middle, LIMITS)
     else:
         assert move_to(PSM.middle, velocity, PSM.middle, LIMITS).duration_s > 1.0
+
+
+def test_on_a_line_the_tip_is_where_it_was_told_and_is_not_turned():
+    offsets_m = np.outer(np.linspace(0.0, 1.0, 5), [0.02, -0.03, 0.015])
+    home, found = fk(PSM, OVER_THE_BOARD), fk(PSM, _along_line(PSM, OVER_THE_BOARD, offsets_m))
+    assert np.abs(found.translation_m - home.translation_m - offsets_m).max() < REACHED
+    assert np.abs((found.rotation @ home.rotation.inverse()).log()).max() < REACHED

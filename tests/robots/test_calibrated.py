@@ -422,6 +422,7 @@ def test_commands_that_take_longer_slow_the_other_arm_down_too_and_that_is_noted
 
 def test_at_rest_where_the_joints_are_is_estimated_once(models, monkeypatch):
     arms = calibrated(models["play"])
+    np.testing.assert_array_equal(arms.robot.setpoint("a").velocity, np.zeros(6))
     after_each_move(arms, GOALS[:1])
     robot, memory, asked = arms.robot, arms.robot._memory, []
     monkeypatch.setattr(robot, "_memory", lambda arm, sent: (asked.append(sent), memory(arm, sent))[1])
