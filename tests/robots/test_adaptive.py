@@ -268,3 +268,8 @@ def test_so_many_looks_as_a_fit_needs_and_no_fewer_teach(expert):
     for count, taught_something in ((MIN_ROWS - 1, False), (MIN_ROWS, True)):
         arms.robot._pasts["a"].looks = looks[:count]
         assert (arms.robot.learned("a") is not None) == taught_something
+
+
+def test_cables_that_were_learned_are_followed_from_the_last_command(expert):
+    arms, _ = expert
+    assert_allclose(arms.robot._rested["a"].q_cmd, arms.driver.setpoint("a").q, atol=1e-12)
