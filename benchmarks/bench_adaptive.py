@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from trocar.arms import fk
-from trocar.station import load_station
-from trocar.trials.trial import Trial
+from trocar.eval.trial import Trial
+from trocar.lab import load_station
 
 LATER_S = 0.06
 """After the look is evaluated, the correction holds and the arm still rests."""

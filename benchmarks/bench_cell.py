@@ -24,10 +24,10 @@ from trocar.calibration.models.play import PlayModel
 from trocar.calibration.plant import fit_plant
 from trocar.calibration.recording import Recording, load_recording
 from trocar.geometry.rigid_fit import fit_rigid
-from trocar.station import TRANSMISSIONS, Registration, load_station
-from trocar.station.difficulty import LEVELS, RECORDED, Difficulty
-from trocar.station.session import points_of_registration
-from trocar.station.transmission import Cables, DriveTrain
+from trocar.lab import TRANSMISSIONS, Registration, load_station
+from trocar.lab.flaws import LEVELS, RECORDED, Difficulty
+from trocar.lab.session import points_of_registration
+from trocar.lab.transmission import Cables, DriveTrain
 
 INSTRUMENTS = {"psm1_grey_random": "psm1_grey", "psm2_grey_random": "psm2_grey", "psm1_new_random": "psm1_new"}
 SESSIONS = ("psm1_grey_random", "psm1_grey_pick_place", "psm1_grey_user_random")

@@ -19,8 +19,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from trocar.collect.checkerboard import register_cell
-from trocar.station import load_station
-from trocar.station.session import draw_session
+from trocar.lab import load_station
+from trocar.lab.session import draw_session
 
 STATION = "raven-pair"
 DRAWN = 2000

@@ -14,9 +14,9 @@ import numpy as np
 from trocar.arms import Unreachable, capsules, ik
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
+from trocar.lab import load_station
 from trocar.motion import ArmMotion, Facing, HalfSpace, MotionProblem, plan_motion
 from trocar.motion.convex.planner import Scene, Search
-from trocar.station import load_station
 
 STATION = load_station("raven-pair")
 ARMS = tuple(STATION.arms)

@@ -22,25 +22,25 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from trocar.arms import MOTION_LIMITS, fk, ik
-from trocar.calibration.cable_memory import CableMemory
 from trocar.calibration.command_path import command_paths
 from trocar.calibration.command_request import CommandRequest
 from trocar.calibration.compensation import Compensator, sample_positions
-from trocar.calibration.excitation import WAKE_RAD, random_smooth_path
+from trocar.calibration.excitation import EXERCISE_RAD, random_smooth_path
+from trocar.calibration.hysteresis import HysteresisState
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PLANTS
 from trocar.calibration.recording import Recording
 from trocar.geometry import SE3
+from trocar.lab import load_station
 from trocar.motion import limit_use, plan_through, rest_to_rest
-from trocar.robots.calibrated import RANGE_GUARD
-from trocar.station import load_station
-from trocar.sutures.drive import drive
+from trocar.robots.compensated import RANGE_GUARD
 from trocar.tasks.peg_transfer.agents.unilateral import GRASP_RULES, Settings
 from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, choose_grasp
 from trocar.tasks.peg_transfer.places import Place, choose_place, held_block
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.tasks.suture.agents.circle import JOINED, TRAVELS, along
 from trocar.tasks.suture.agents.circle import Settings as SutureSettings
+from trocar.tasks.suture.planning.drive import drive
 from trocar.tasks.suture.task import CircleSutures
 from trocar.trajectory import Trajectory
 
@@ -85,7 +85,7 @@ class Limited:
     """The commands of :func:`command_paths`."""
 
     def __init__(self, model, q_start):
-        self.memory = CableMemory.at_rest(model, q_start)
+        self.memory = HysteresisState.at_rest(model, q_start)
 
     def commands(self, desired, q_start):
         """Return commands and the joints that they are meant for."""
@@ -140,7 +140,7 @@ def peg_transfers(name, rng, rounds):
 
 
 def _wake(home):
-    swing = np.append(np.zeros(3), WAKE_RAD)
+    swing = np.append(np.zeros(3), EXERCISE_RAD)
     stops = [home, home + swing, home - swing, home]
     return [rest_to_rest(a, b, PAPER) for a, b in pairwise(stops)]
 

@@ -18,19 +18,19 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from trocar.arms import MOTION_LIMITS, ik
-from trocar.calibration.cable_memory import CableMemory
 from trocar.calibration.command_path import command_paths
 from trocar.calibration.command_request import CommandRequest
 from trocar.calibration.compensation import Invertible, inverse
 from trocar.calibration.excitation import random_smooth_path
+from trocar.calibration.hysteresis import HysteresisState
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording
 from trocar.geometry import SE3
+from trocar.lab import load_station
 from trocar.motion import limit_use, plan_through
 from trocar.robots import TICK_S
-from trocar.robots.calibrated import RANGE_GUARD
-from trocar.station import load_station
+from trocar.robots.compensated import RANGE_GUARD
 
 STATION_ARM = load_station("peg-transfer").arm("psm1")
 ARM, PAPER = STATION_ARM.model, MOTION_LIMITS["paper"]
@@ -61,7 +61,7 @@ def transfers(rng, count):
 
 def point_by_point(model, desired):
     """Return the commands (n, 6) for joints (n, 6) one after the other, and the time (n,) that each took in ms."""
-    memory = CableMemory.at_rest(model, desired[0])
+    memory = HysteresisState.at_rest(model, desired[0])
     error = memory.joints(desired[0]) - desired[0]
     q_cmd, times_ms = np.empty_like(desired), np.empty(len(desired))
     for row, q in enumerate(desired):
@@ -76,7 +76,7 @@ def point_by_point(model, desired):
 def motion_by_motion(model, motions):
     """Return the paths of commands for motions one after the other, and the time (n,) that each took in ms."""
     q, lower, upper = motions[0](0.0), ARM.lower + RANGE_GUARD, ARM.upper - RANGE_GUARD
-    memory, paths, times_ms = CableMemory.at_rest(model, q), [], []
+    memory, paths, times_ms = HysteresisState.at_rest(model, q), [], []
     for motion in motions:
         request = CommandRequest(memory, motion, q, np.zeros(6), PAPER, lower, upper)
         begin = time.process_time()

@@ -18,10 +18,10 @@ from trocar.arms import PSM_CLASSIC
 from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX, MotionBox, random_smooth_path, slack_taken_up, wide_path
 from trocar.calibration.fleet import FleetPrior, fit_from_prior, load_prior
 from trocar.calibration.recording import Recording
+from trocar.lab import TRANSMISSIONS, Transmission
+from trocar.lab.flaws import LEVELS, RECORDED, Difficulty
+from trocar.lab.transmission import DriveTrain
 from trocar.sim.recording import SAMPLE_S
-from trocar.station import TRANSMISSIONS, Transmission
-from trocar.station.difficulty import LEVELS, RECORDED, Difficulty
-from trocar.station.transmission import DriveTrain
 
 PLANTS = {"psm1_grey": PSM1_BOX, "psm2_grey": PSM2_BOX, "psm1_new": PSM1_BOX}
 ROWS = (35, 50, 75, 100)

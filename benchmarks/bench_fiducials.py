@@ -22,10 +22,10 @@ import numpy as np
 from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.models import MODELS
 from trocar.collect.collection import Collection
+from trocar.lab import load_station
+from trocar.lab.flaws import Difficulty
+from trocar.lab.session import draw_session
 from trocar.sim.recording import record_motion
-from trocar.station import load_station
-from trocar.station.difficulty import Difficulty
-from trocar.station.session import draw_session
 
 PARTS = (200, 400, 650, 900, 1357)
 """Rows that a model is fitted on."""

@@ -131,8 +131,8 @@ def planned(name, problems, title=None):
 def toppra_row(waypoints):
     """Return the row of TOPPRA along straight lines between the waypoints, where it stops; None if it is not there."""
     try:
-        import toppra  # noqa: PLC0415
-        from toppra import algorithm, constraint  # noqa: PLC0415
+        import toppra
+        from toppra import algorithm, constraint
     except ImportError:
         return None
     toppra.setup_logging("ERROR")

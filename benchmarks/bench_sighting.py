@@ -18,16 +18,16 @@ from dataclasses import replace
 import numpy as np
 
 from trocar.arms import ArmModel
+from trocar.lab import load_station
+from trocar.lab.flaws import LEVELS, Difficulty
+from trocar.lab.session import draw_session
 from trocar.perception.instrument import sight
-from trocar.robots.looks import Look, joints_seen, put_together
+from trocar.robots.observations import Look, joints_seen, put_together
 from trocar.sim.camera import RayCamera
 from trocar.sim.fiducial_cell import EmptyTable
 from trocar.sim.mjcf import CellModel
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
-from trocar.station import load_station
-from trocar.station.difficulty import LEVELS, Difficulty
-from trocar.station.session import draw_session
 
 ARM, CAMERA, JAW_RAD = "psm1", "overhead", 0.9
 OFF_RAD, MORE_RAD = np.array([0.08, -0.05, 0.06]), 0.03

@@ -22,16 +22,16 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import cv2
 
 from trocar.cell import Cell
+from trocar.eval.config import RunConfig
+from trocar.eval.run import prepare, run_trial
 from trocar.robots import Calibrated, Guarded
 from trocar.sim.camera import RayCamera
+from trocar.sim.contacts import ContactMonitor
 from trocar.sim.recorder import Recorder
 from trocar.sim.robot import SimRobot
-from trocar.sim.touches import Touches
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
-from trocar.trials.config import RunConfig
-from trocar.trials.run import prepare, run_trial
 
 BUSY = 0.9
 """Below this share of the real time on the processor, the times are no measurement."""
@@ -41,7 +41,7 @@ WATCHED: tuple[tuple[type, str, str], ...] = (
     (SimRobot, "tick", "controller, servos and cables"),
     (Guarded, "check", "guard, while arms move"),
     (PegWorld, "observe", "referee"),
-    (Touches, "observe", "collisions"),
+    (ContactMonitor, "observe", "collisions"),
     (Recorder, "observe", "recorder"),
     (RayCamera, "render", "rendering, sensor's flaws included"),
     (Calibrated, "_found", "compensation"),

@@ -15,7 +15,7 @@ import numpy as np
 
 from trocar.arms.inverse import closed_form
 from trocar.geometry import TURN
-from trocar.sutures import (
+from trocar.tasks.suture.planning import (
     PRESETS,
     DexterityMap,
     Preset,
@@ -26,8 +26,8 @@ from trocar.sutures import (
     plan_exhaustive,
     plan_gaps,
 )
-from trocar.sutures.joints import tip_harmonics
-from trocar.sutures.primitive import places
+from trocar.tasks.suture.planning.joints import tip_harmonics
+from trocar.tasks.suture.planning.primitive import places
 
 POSITIONS, COUNT, REPEATS = 360, 4, 40
 TARGET_PAPER_MS, TARGET_MORE_MS = 10.0, 20.0

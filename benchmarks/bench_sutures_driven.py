@@ -18,13 +18,13 @@ import numpy as np
 
 from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
 from trocar.calibration.plant import PLANTS
+from trocar.eval import stopped
+from trocar.eval.config import RunConfig
+from trocar.eval.run import prepare, run_trial
 from trocar.report.summary import summarise
 from trocar.report.tables import figure
-from trocar.tasks.kit import stopped
 from trocar.tasks.suture.report import SutureReport
 from trocar.tasks.suture.task import DIRECTIONS_BY_NAME, CircleSutures
-from trocar.trials.config import RunConfig
-from trocar.trials.run import prepare, run_trial
 
 HEAD = (
     "method",

@@ -27,9 +27,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import trocar.eval.run
 import trocar.report.files
-import trocar.sim.photograph
-import trocar.trials.run
+import trocar.sim.offscreen
 import trocar.view.replay  # noqa: F401
 from trocar.cli import main
 

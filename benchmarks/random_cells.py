@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3, SO3
+from trocar.lab import SensorFlaws, load_station
 from trocar.perception.image import Intrinsics
 from trocar.sim.camera import RayCamera
 from trocar.sim.mjcf import CellModel, build_mjcf
-from trocar.station import SensorFlaws, load_station
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from trocar.arms import fk, ik
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3, TURN
+from trocar.lab import load_station
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
+from trocar.sim.appearance import Appearance
 from trocar.sim.camera import RayCamera
-from trocar.sim.finish import Finish
 from trocar.sim.laboratory import EYE_GAINS, REST_S
 from trocar.sim.mjcf import CellModel
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
-from trocar.station import load_station
 from trocar.tasks.debridement.scene import GAP_M, lay_out
 from trocar.tasks.debridement.workspace import Workspace
 from trocar.tasks.debridement.world.debridement_world import DebridementWorld
@@ -96,7 +96,7 @@ def scenes(count: int, seed: int, backdrop: str = "plain", arms: bool = True) ->
 def eyes_of(world: World, rig: StereoRig = RIG) -> tuple[RayCamera, RayCamera]:
     """Return both eyes over a world, as the simulated laboratory has them."""
     T, lamp = CAMERA.T_world_camera, np.array(CAMERA.lamp_m)
-    light, finish = Light(CAMERA.ambient, CAMERA.gain), Finish(world.model)
+    light, finish = Light(CAMERA.ambient, CAMERA.gain), Appearance(world.model)
     lamp_right = rig.T_left_right.inverse().apply(lamp)
     left = RayCamera(world.model, rig.left, T, lamp, CAMERA.flaws, light, finish)
     return left, RayCamera(world.model, rig.right, T @ rig.T_left_right, lamp_right, CAMERA.flaws, light, finish)

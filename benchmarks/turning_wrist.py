@@ -8,7 +8,7 @@ Collisions are rare: what docs/peg_transfer.md says of both is from ``--sessions
 
 from dataclasses import replace
 
-from trocar.tasks.kit import METHODS
+from trocar.eval import METHODS
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.task import PegTransfer
 

@@ -3,11 +3,12 @@
 import sys
 from pathlib import Path
 
+from trocar.eval import TASKS
+from trocar.eval.config import RunConfig
+from trocar.eval.folder import load_trials, open_folder
+from trocar.eval.run import prepare, run_trial
+from trocar.eval.trial import trial_file
 from trocar.report.files import write_report
-from trocar.tasks import TASKS
-from trocar.trials import load_trials, open_folder, trial_file
-from trocar.trials.config import RunConfig
-from trocar.trials.run import prepare, run_trial
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/example")
 transfers = int(sys.argv[2]) if len(sys.argv) > 2 else 12

@@ -3,7 +3,7 @@
 from trocar.arms import MOTION_LIMITS, fk, ik
 from trocar.cell import Cell
 from trocar.geometry import SE3
-from trocar.laboratory import build_cell
+from trocar.lab.laboratory import build_cell
 from trocar.motion import plan_through
 
 ARM = "psm1"

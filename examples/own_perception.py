@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from trocar.eval import PERCEPTIONS
 from trocar.geometry import SE3
 from trocar.perception.image import RgbdImage
-from trocar.tasks.kit import PERCEPTIONS
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.perception.blocks import BlockFit

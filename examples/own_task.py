@@ -17,18 +17,18 @@ import numpy as np
 from trocar.arms import MOTION_LIMITS, ik
 from trocar.cell import Outcome
 from trocar.errors import TrocarError
+from trocar.eval import TASKS, AgentContext, Method, Score, Task, TaskReport, option, stopped
 from trocar.geometry import SE3
+from trocar.lab import Station
 from trocar.motion import straight
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import RgbdImage
 from trocar.replay import Viewpoint
+from trocar.robots.arm_script import ArmScript
 from trocar.sim.elements import NOTHING, add, scene_bits, text
 from trocar.sim.record import Record
 from trocar.sim.task_world import TaskWorld
 from trocar.sim.world import World
-from trocar.station import Station
-from trocar.tasks import TASKS
-from trocar.tasks.kit import ArmScript, Brief, Method, Score, Task, TaskReport, option, stopped
 
 RADIUS_M = 0.004
 COLOURS = {"red": (0.85, 0.1, 0.1), "green": (0.1, 0.7, 0.15), "blue": (0.1, 0.2, 0.85), "yellow": (0.85, 0.75, 0.05)}
@@ -113,21 +113,21 @@ class Settings:
 class Toucher:
     """Looks once, then touches the balls from above, one after the other."""
 
-    def __init__(self, brief: Brief):
-        self.brief, self.settings = brief, brief.settings
-        self.hand = ArmScript(brief.cell, brief.arms[0], MOTION_LIMITS["paper"], settle_s=0.05)
+    def __init__(self, context: AgentContext):
+        self.context, self.settings = context, context.settings
+        self.hand = ArmScript(context.cell, context.arms[0], MOTION_LIMITS["paper"], settle_s=0.05)
 
     async def run(self) -> None:
         """Touch them."""
-        cell = self.brief.cell
+        cell = self.context.cell
         camera = next(iter(cell.cameras))
-        await self.hand.wake()
+        await self.hand.exercise_wrist()
         await self.hand.jaw(0.0)
         with cell.log.span(self.hand.name, "capture"):
             image = await cell.cameras[camera].capture()
-        for colour in self.brief.goals:
+        for colour in self.context.goals:
             seen = await self.hand.compute(
-                "perception", self.settings.budget_s, lambda colour=colour: self.brief.perception.find(image, colour)
+                "perception", self.settings.budget_s, lambda colour=colour: self.context.perception.find(image, colour)
             )
             if seen is None:
                 cell.log.event("ball", colour=colour, outcome=TouchOutcome.NOT_SEEN.name)
@@ -155,7 +155,7 @@ class TouchBalls(Task):
     balls: int = option(4, "How many balls.", metavar="N")
     budget_s: float = option(60.0, "A trial that takes longer is stopped.", flag="budget", metavar="S")
 
-    name, about, piece, station = "own-task", "coloured balls, touched in order", "ball", "peg-transfer"
+    name, about, goal_noun, station = "own-task", "coloured balls, touched in order", "ball", "peg-transfer"
     methods: ClassVar = {
         "calibrated": Method("looks once, then touches from above", Toucher, Settings, perception="colour")
     }

@@ -70,3 +70,6 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip(f"the recordings are not at {folder}; set TROCAR_DATA to their folder")
     return folder
+
+
+pytest_plugins = ["commands"]

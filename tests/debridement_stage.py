@@ -9,14 +9,14 @@ import numpy as np
 import trio
 
 from trocar.arms import fk
+from trocar.eval import run as trial_run
+from trocar.eval.config import RunConfig
+from trocar.eval.prepare import prepare
 from trocar.geometry import SE3, SO3
 from trocar.perception.image import StereoImage
 from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.debridement.perception.seen import SeenFragment
 from trocar.tasks.debridement.task import Debridement
-from trocar.trials import run as trial_run
-from trocar.trials.config import RunConfig
-from trocar.trials.prepare import prepare
 
 EXPOSURE_S = 0.033
 HELD_M = 0.018

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
+from trocar.eval.conditions import Cell
+from trocar.eval.config import RunConfig
+from trocar.eval.scenery import Scenery
+from trocar.eval.study import opened
+from trocar.eval.trial import Trial, trial_file
 from trocar.geometry import SE3
 from trocar.log import Span
 from trocar.replay import Solid
 from trocar.tasks.debridement.report.published import MODES
 from trocar.tasks.debridement.study.cells import cells_of
 from trocar.tasks.debridement.task import Debridement
-from trocar.trials.cells import Cell
-from trocar.trials.config import RunConfig
-from trocar.trials.scenery import Scenery
-from trocar.trials.study import opened
-from trocar.trials.trial import Trial, trial_file
 
 TICK_S = 0.01
 PARTS_S = {"capture": 0.2, "perception": 1.0, "planning": 2.0, "motion": 5.0, "jaw": 0.5, "settling": 0.3}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from trocar.arms import PSM_CLASSIC
-from trocar.sutures import DexterityMap, Reward, SutureJoints, SutureSetup
+from trocar.tasks.suture.planning import DexterityMap, Reward, SutureJoints, SutureSetup
 
 
 def made_up_map(values, feasible=None, feasible_first=True):

@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from synthetic import synthetic_trial
+from trocar.eval.conditions import Cell
+from trocar.eval.study import opened
+from trocar.eval.trial import trial_file
 from trocar.tasks.peg_transfer.study.cells import cells_of
 from trocar.tasks.peg_transfer.study.row import read_row
-from trocar.trials.cells import Cell
-from trocar.trials.study import opened
-from trocar.trials.trial import trial_file
 
 
 def saved(folder: Path, sessions: int = 3, trials: int = 1, failures: int = 6) -> list[Cell]:

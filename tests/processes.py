@@ -16,10 +16,10 @@ from subprocess import CompletedProcess
 
 LOADED = (
     "trocar.cli.run",
-    "trocar.trials.orders",
+    "trocar.eval.jobs",
     "trocar.report.files",
     "trocar.report.plot",
-    "trocar.sim.photograph",
+    "trocar.sim.offscreen",
 )
 LOADED += tuple(f"trocar.tasks.peg_transfer.{part}" for part in ("task", "world.peg_world", "agents.unilateral"))
 LOADED += (

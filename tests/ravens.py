@@ -5,9 +5,9 @@ import numpy as np
 from trocar.arms import Unreachable, capsules, ik
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
+from trocar.lab import load_station
 from trocar.motion import ArmMotion, Facing, HalfSpace, MotionProblem
 from trocar.motion.convex.scene import Scene
-from trocar.station import load_station
 
 STATION = load_station("raven-pair")
 NAMES = tuple(STATION.arms)

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import MOTION_LIMITS, MotionLimits, fk, ik
+from trocar.eval.images import encoded
+from trocar.eval.scenery import Scenery
+from trocar.eval.trial import Trial
 from trocar.geometry import SE3, SO3
+from trocar.lab import TRANSMISSIONS, SensorFlaws, Station, load_station
+from trocar.lab.flaws import Difficulty
+from trocar.lab.session import Session
+from trocar.lab.transmission import JawCable
 from trocar.motion import rest_to_rest, straight
 from trocar.perception.image import CameraModel, Intrinsics
 from trocar.robots import TICK_S
@@ -16,19 +23,12 @@ from trocar.sim.laboratory import SimLaboratory, arrays_of
 from trocar.sim.mjcf import CellModel, Surface
 from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.world import World
-from trocar.station import TRANSMISSIONS, SensorFlaws, Station, load_station
-from trocar.station.difficulty import Difficulty
-from trocar.station.session import Session
-from trocar.station.transmission import JawCable
 from trocar.tasks.peg_transfer.agents.unilateral import Settings
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
 from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
-from trocar.trials.images import encoded
-from trocar.trials.scenery import Scenery
-from trocar.trials.trial import Trial
 
 PAPER = MOTION_LIMITS["paper"]
 TWICE = MotionLimits(2 * PAPER.velocity, 2 * PAPER.acceleration)
@@ -161,7 +161,7 @@ def trial_of(laboratory: SimLaboratory, **about: object) -> Trial:
     """Return what a laboratory did as a trial that no task has scored."""
     record, station = laboratory.record(), laboratory.session.station
     images, cameras = encoded(laboratory.cameras)
-    words = {"task": "none", "variant": "", "method": "by hand", "piece": "goal", "planner": "", "model": None}
+    words = {"task": "none", "variant": "", "method": "by hand", "goal_noun": "goal", "planner": "", "model": None}
     choices = {"perception": "", "calibration": None, "prior": None, "options": {}, "difficulty": [], "plugins": []}
     switches = dict.fromkeys(("new_session", "refit_offsets", "flawless_camera"), False)
     rest = {"seed": 0, "session": 0, "index": 0, "fingerprint": "", "flaws": {}, "versions": {}}

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from trocar.eval import pick_method
+from trocar.eval.config import RunConfig
+from trocar.eval.scenery import Scenery
+from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.log import Computation, Span
 from trocar.replay import Solid
-from trocar.tasks.kit import pick_method
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.trials.config import RunConfig
-from trocar.trials.scenery import Scenery
-from trocar.trials.trial import Trial
 
 TRANSFER_S = 5.0
 PARTS_S = {"capture": 0.2, "perception": 0.1, "planning": 0.2, "motion": 3.0, "jaw": 0.5, "settling": 0.25}

@@ -11,10 +11,10 @@ from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.models import TrainingMotion
 from trocar.calibration.plant import PSM1_GREY
 from trocar.errors import TrocarError
+from trocar.lab import CheckerboardRegistration, Registration, SensorFlaws, load_station
+from trocar.lab.transmission import Cables, PoseErrorField
 from trocar.perception.image import Intrinsics
-from trocar.station import CheckerboardRegistration, Registration, SensorFlaws, load_station
-from trocar.station.transmission import Cables, PoseErrorField
-from trocar.sutures import PRESETS, suture_joints
+from trocar.tasks.suture.planning import PRESETS, suture_joints
 
 STATION = load_station("peg-transfer")
 ARM = STATION.arms["psm1"]

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from processes import python
-from trocar.archive import read_header
 from trocar.calibration.plant import PSM1_GREY
-from trocar.trials import load_trials, trial_file
+from trocar.eval.folder import load_trials
+from trocar.eval.trial import trial_file
+from trocar.files.archive import read_header
 from unpictured import COMMAND
 from waypoints import FOUR
 
@@ -23,11 +24,11 @@ SHORT = ("--transfers", "1", "--flawless-camera", *QUICK)
 
 QUICK_TRIAL = """
 import runpy, sys
-import trocar.trials.prepare
+import trocar.eval.prepare
 from trocar.tasks.peg_transfer.task import PegTransfer
 goals = PegTransfer.goals
 PegTransfer.goals = lambda task: goals(task)[:1]
-trocar.trials.prepare.IMAGES_ROWS = 40
+trocar.eval.prepare.IMAGES_ROWS = 40
 runpy.run_path(sys.argv.pop(1), run_name="__main__")
 """
 
@@ -109,7 +110,7 @@ def test_an_own_task_is_short():
 def test_an_own_task_runs_to_summary_pictures_and_replay(own_task):
     folder, said = own_task
     summary = summary_of(folder)
-    assert (summary["task"], summary["piece"], summary["trials"], summary["seed"]) == ("own-task", "ball", 2, 3)
+    assert (summary["task"], summary["goal_noun"], summary["trials"], summary["seed"]) == ("own-task", "ball", 2, 3)
     assert summary["attempted"] == 8 and summary["succeeded"] >= 7
     assert f"{summary['succeeded']} of 8" in said and "balls" in said
     assert_complete(folder)

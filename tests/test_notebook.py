@@ -14,14 +14,14 @@ from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import TrainingMotion
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording
+from trocar.eval import Score
 from trocar.geometry import SE3, fit_rigid
+from trocar.lab import load_station
 from trocar.motion import ArmMotion, HalfSpace, MotionProblem, MovingArm, plan_motion, plan_through
 from trocar.notebook import SHOWN_ROWS, table
 from trocar.report.summary import summarise
-from trocar.station import load_station
-from trocar.sutures import PRESETS, dexterity, plan_even
-from trocar.sutures.plan_file import PlannedSutures
-from trocar.tasks.kit import Score
+from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
+from trocar.tasks.suture.planning.plan_file import PlannedSutures
 
 LIMITS = MOTION_LIMITS["paper"]
 MIDDLE = PSM_CLASSIC.middle

@@ -10,12 +10,12 @@ import trio
 
 from simulated import STATION, coarse, ideal_laboratory, standing
 from trocar.arms import capsules
-from trocar.cell import Ended, Execution
+from trocar.cell import MotionEnd, MotionResult
 from trocar.errors import TrocarError
+from trocar.eval import AgentContext
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
-from trocar.tasks.kit import Brief
 from trocar.tasks.peg_transfer.agents import agent_of
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.goals import PegSet, Transfer
@@ -52,7 +52,9 @@ def silent(arm: str, motion: int, share: float = 0.0):
                 async with trio.open_nursery() as nursery:
                     nursery.start_soon(self.stop, share * motions[arm].duration_s)
                     await self.inner.move(motions)
-            return {arm: Execution(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), Ended.FAULT, f"{arm} is silent")}
+            return {
+                arm: MotionResult(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), MotionEnd.FAULT, f"{arm} is silent")
+            }
 
         async def stop(self, after_s):
             await trio.sleep(after_s)
@@ -111,18 +113,18 @@ def played(
     """Let two arms do transfers in an ideal cell; return the laboratory, whether they ended in time, the scores."""
     places = [standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg) for peg in blocks]
     lab = ideal_laboratory(*places, station=coarse(STATION))
-    lab.wear(lambda cell: robot(cell.robot))
-    brief = Brief(
+    lab.wrap_robot(lambda cell: robot(cell.robot))
+    context = AgentContext(
         cell=lab.cell,
         goals=goals,
-        known=PegSet(variant=variant),
+        nominal=PegSet(variant=variant),
         arms=("psm1", "psm2"),
         planner=planner,
         perception=DepthView(),
         rng=np.random.default_rng(0),
         settings=replace(settings),
     )
-    agent = agent_of(brief)
+    agent = agent_of(context)
     in_time = lab.run(lambda cell: agent.run(), budget_s)
     return lab, in_time, score_transfers(goals, lab.truth(), lab.log.events, handover=variant == "handover")
 

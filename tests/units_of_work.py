@@ -41,7 +41,7 @@ def always_killed(unit: tuple[str, int]) -> int:
 
 def refused(unit: tuple[str, int]) -> int:
     """Raise what a user's mistake raises."""
-    from trocar.errors import TrocarError  # noqa: PLC0415
+    from trocar.errors import TrocarError
 
     raise TrocarError(f"unit {unit[1]} is refused; give another")
 

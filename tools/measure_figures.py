@@ -18,7 +18,7 @@ from typing import Any
 from declared_figures import MEASURED, Measurement, Record
 from source_age import commit_of, digest_of
 from trocar.errors import TrocarError
-from trocar.output import write_json
+from trocar.files.output import write_json
 
 GOALS_MISSED = 1
 """Exit code of `trocar run` where not every goal was reached: no trouble, a figure."""

@@ -17,10 +17,19 @@ from trocar.calibration.models import MODELS, OffsetModel
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording
 from trocar.geometry import SE3, SO3, fit_rigid
+from trocar.lab import built_in_stations, load_station
 from trocar.motion import ArmMotion, MotionProblem, move_to, open_box, plan_motion, rest_to_rest, wall
 from trocar.motion.analysis import analyse
-from trocar.station import built_in_stations, load_station
-from trocar.sutures import PRESETS, Spacing, SutureJoints, base_beside, dexterity, plan_even, plan_gaps, suture_joints
+from trocar.tasks.suture.planning import (
+    PRESETS,
+    Spacing,
+    SutureJoints,
+    base_beside,
+    dexterity,
+    plan_even,
+    plan_gaps,
+    suture_joints,
+)
 from trocar.trajectory import Trajectory
 
 ENDS = np.array([LIFTED[0], OVER[0]])

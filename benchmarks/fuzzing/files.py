@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-import trocar.sutures.demonstrations
+import trocar.tasks.suture.demonstrations
 from fuzzing.values import ARRAYS, literals
 from trocar.arms import PSM_CLASSIC
 from trocar.calibration.fleet import load_prior
 from trocar.calibration.models import MODELS, save_model
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording
-from trocar.output import write_json
-from trocar.station import built_in_stations, station_text
-from trocar.trials import Trial, trial_file
+from trocar.eval.trial import Trial, trial_file
+from trocar.files.output import write_json
+from trocar.lab import built_in_stations, station_text
 
 LIFTED = (0.2, -0.3, 0.15, 0.1, 0.3, 0.2), (0.2, -0.3, 0.11, 0.1, 0.3, 0.2)
 OVER = (-0.1, 0.1, 0.11, 0.2, -0.1, 0.1), (-0.1, 0.1, 0.14, 0.2, -0.1, 0.1)
@@ -58,7 +58,7 @@ def make_good(folder: Path, trial: Trial) -> None:
     rows += [",".join(f"{value:.6f}" for value in (0.01 * k, *row)) for k, row in enumerate(q)]
     (folder / "joints.csv").write_text("\n".join(rows) + "\n")
     write_json(folder / "plan.json", _plan(), "plan of sutures")
-    shutil.copytree(str(files(trocar.sutures.demonstrations) / "synthetic_set"), folder / "demonstrations")
+    shutil.copytree(str(files(trocar.tasks.suture.demonstrations) / "synthetic_set"), folder / "demonstrations")
     (folder / "run" / "session_00").mkdir(parents=True)
     trial.save(trial_file(folder / "run", 0, 0))
     about = {**trial.about, "sessions": 1, "trials": 1}
@@ -69,8 +69,8 @@ def make_good(folder: Path, trial: Trial) -> None:
 
 
 def _plan() -> dict[str, Any]:
-    from trocar.report.sutures.summary import plan_summary  # noqa: PLC0415
-    from trocar.sutures import PRESETS, dexterity, plan_even  # noqa: PLC0415
+    from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
+    from trocar.tasks.suture.report.plan.summary import plan_summary
 
     found = dexterity(PRESETS["default"].setup, PRESETS["default"].reward, 40)
     return plan_summary(found, plan_even(found, 4))

@@ -14,7 +14,7 @@ from typer.main import get_command
 from fuzzing.files import altered, good_files
 from fuzzing.values import KNOWN, typed, typed_numbers, typed_words
 from trocar.cli import app
-from trocar.station import built_in_stations
+from trocar.lab import built_in_stations
 
 STATIONS = tuple(f"{name}.toml" for name in built_in_stations())
 TRIAL = "run/session_00/trial_000.npz"

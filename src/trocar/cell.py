@@ -23,7 +23,7 @@ class Outcome(Enum):
     """How a goal ended, as a sentence. Every task declares its members; ``DONE`` is always one of them."""
 
 
-class Ended(Enum):
+class MotionEnd(Enum):
     """How a motion ended, as a sentence."""
 
     DONE = "the motion ran to its end"
@@ -73,7 +73,7 @@ class SetPoint:
 
 
 @dataclass(frozen=True)
-class Execution:
+class MotionResult:
     """What was really commanded and read while a motion ran, and how it ended.
 
     Attributes:
@@ -87,13 +87,13 @@ class Execution:
     times_s: NDArray[np.float64]
     commanded: NDArray[np.float64]
     measured: NDArray[np.float64]
-    ended: Ended = Ended.DONE
+    ended: MotionEnd = MotionEnd.DONE
     reason: str = ""
 
     @property
     def done(self) -> bool:
         """Return whether the motion ran to its end."""
-        return self.ended is Ended.DONE
+        return self.ended is MotionEnd.DONE
 
 
 class Robot(Protocol):
@@ -107,7 +107,7 @@ class Robot(Protocol):
         """Return what the arm is commanded now; plan from here, not from what the encoders read."""
         ...
 
-    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Run a trajectory of the six joints on each of these arms, from rest; all start together.
 
         Returns when all have ended. If one must be slowed down, all are, by the same factor. If the caller is
@@ -119,7 +119,7 @@ class Robot(Protocol):
         """
         ...
 
-    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Let these motions take over from what the arms are doing now, without a stop; otherwise like ``move``.
 
         Each must start at the arm's ``setpoint``, in position and velocity. The motion that it replaces returns
@@ -135,7 +135,7 @@ class Robot(Protocol):
         """
         ...
 
-    async def jaw(self, arm: str, angle_rad: float) -> Execution:
+    async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Drive the jaws to an opening; return when they have arrived or stall on an object."""
         ...
 

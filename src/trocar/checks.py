@@ -18,7 +18,11 @@ def require_numbers(value: Any) -> None:
     """
     for field in fields(value):
         held = getattr(value, field.name)
-        parts = held if isinstance(held, tuple) else (held,)
-        for part in parts:
-            if isinstance(part, float | np.ndarray) and np.asarray(part).dtype.kind in "fc" and np.isnan(part).any():
-                raise TrocarError(f"{field.name} of {type(value).__name__} holds NaN ({held}); give a number")
+        if _has_nan(held):
+            raise TrocarError(f"{field.name} of {type(value).__name__} holds NaN ({held}); give a number")
+
+
+def _has_nan(held: Any) -> bool:
+    if isinstance(held, tuple):
+        return any(map(_has_nan, held))
+    return isinstance(held, float | np.ndarray) and np.asarray(held).dtype.kind in "fc" and bool(np.isnan(held).any())

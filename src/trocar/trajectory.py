@@ -42,7 +42,7 @@ class Trajectory:
         coefficients = finite(what, self.coefficients, "k", len(times) - 1, "joints")
         if not coefficients.size:
             raise TrocarError(f"{what} need at least one power and one joint, got shape {coefficients.shape}")
-        from scipy.interpolate import PPoly  # noqa: PLC0415 (half a second, even for commands that only print help)
+        from scipy.interpolate import PPoly  # half a second, even for commands that only print help
 
         object.__setattr__(self, "times_s", times)
         object.__setattr__(self, "coefficients", coefficients)

@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import ARMS, MOTION_LIMITS, jacobian
 from trocar.calibration import command_fit
-from trocar.calibration.cable_memory import CableMemory
 from trocar.calibration.command_fit import EASE, LEVER, CommandFit
 from trocar.calibration.excitation import random_smooth_path
+from trocar.calibration.hysteresis import HysteresisState
 from trocar.calibration.limited_paths import LimitedPaths
 from trocar.calibration.models import MODELS, OffsetModel
 from trocar.calibration.plant import PLANTS, WRIST
@@ -30,7 +30,7 @@ def fit():
     paths = LimitedPaths(spline, HOME, np.zeros(6), PAPER, arm.lower, arm.upper, np.full(41, 0.03))
     swing = np.array([0.02, 0.01, 0.005, 0.25, 0.2, -0.2])
     wanted = HOME + [0, 0, 0, 0.2, -0.1, 0.1] + np.sin(7.3 * times + 0.2)[:, None] * swing
-    return CommandFit(paths, CableMemory.at_rest(MODELS["play"].fit(recording, rng), HOME), wanted)
+    return CommandFit(paths, HysteresisState.at_rest(MODELS["play"].fit(recording, rng), HOME), wanted)
 
 
 def test_the_nearest_path_keeps_limits_and_goes_where_it_may(fit):
@@ -162,7 +162,7 @@ def test_an_input_turns_where_its_speed_is_zero_or_at_an_end(fit):
 
 def test_other_models_are_asked_command_after_command(fit):
     offset = OffsetModel(np.linspace(0.01, 0.06, 6), fit.memory.model.training)
-    other = CommandFit(fit.paths, CableMemory.at_rest(offset, HOME), fit.wanted)
+    other = CommandFit(fit.paths, HysteresisState.at_rest(offset, HOME), fit.wanted)
     fitted = other.predict(other.nearest(fit.wanted))
     assert fitted.response is None and fitted.turns_s.shape == (40, 3) and not fitted.turns_s.any()
     assert_allclose(fitted.error, fit.wanted - fitted.q_cmd - np.linspace(0.01, 0.06, 6), atol=1e-12)

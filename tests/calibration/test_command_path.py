@@ -9,11 +9,11 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits
 from trocar.calibration import command_path
-from trocar.calibration.cable_memory import CableMemory
 from trocar.calibration.command_path import command_paths
 from trocar.calibration.command_request import CommandRequest
 from trocar.calibration.compensation import Compensator
 from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
+from trocar.calibration.hysteresis import HysteresisState
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PLANTS
 from trocar.calibration.play import play_operator
@@ -51,7 +51,7 @@ class Driven:
 
     def __init__(self, model, q_cmd=HOME):
         self.model = model
-        self.memory = CableMemory.at_rest(model, q_cmd)
+        self.memory = HysteresisState.at_rest(model, q_cmd)
         self.q_cmd, self.velocity = np.array(q_cmd), RESTING
         self.sent = []
 

@@ -18,7 +18,7 @@ def examples(rng, n):
 @pytest.fixture(scope="module")
 def trained():
     """Return a small network and its weights; it learns in seconds what takes the paper's many minutes."""
-    from trocar.calibration import lstm_training  # noqa: PLC0415
+    from trocar.calibration import lstm_training
 
     networks, arrays = [], lstm_training._arrays
     with pytest.MonkeyPatch.context() as patch:
@@ -31,7 +31,7 @@ def trained():
 
 @pytest.mark.slow
 def test_the_network_in_numpy_is_the_one_that_was_trained(trained):
-    import equinox as eqx  # noqa: PLC0415
+    import equinox as eqx
 
     network, weights = trained
     z, _ = examples(np.random.default_rng(0), 20)
@@ -50,7 +50,7 @@ def test_training_learns_what_depends_on_the_past(trained):
 @pytest.mark.slow
 def test_commands_are_noisy_in_training_those_of_the_outer_joints_most(monkeypatch):
     """So that the network cannot tell the moment of the recording by where the outer joints are."""
-    from trocar.calibration import lstm_training  # noqa: PLC0415
+    from trocar.calibration import lstm_training
 
     seen, jnp = [], lstm_training.jnp
     noting = SimpleNamespace(**vars(jnp))

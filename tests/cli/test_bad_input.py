@@ -13,9 +13,9 @@ from trocar.calibration.models import MODELS, save_model
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import load_recording
 from trocar.cli import main
-from trocar.station import station_text
+from trocar.eval.trial import trial_file
+from trocar.lab import station_text
 from trocar.tasks.peg_transfer.block import Block
-from trocar.trials import trial_file
 
 WAYPOINTS = [
     [0.2, -0.3, 0.15, 0.1, 0.3, 0.2],

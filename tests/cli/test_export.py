@@ -8,7 +8,8 @@ from dataclasses import replace
 import pytest
 
 from synthetic import config, synthetic_trial
-from trocar.trials import open_folder, trial_file
+from trocar.eval.folder import open_folder
+from trocar.eval.trial import trial_file
 
 RUN = config(trials=3)
 

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from trocar.cli import app
 from trocar.cli.commands import COMMANDS as KNOWN
 from trocar.cli.open_group import Deferred
+from trocar.eval import TASKS
 from trocar.registry import Lazy
-from trocar.tasks import TASKS
 
 RUNNER = CliRunner()
 WIDE = {"COLUMNS": "200", "TERM": "dumb"}

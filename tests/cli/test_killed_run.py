@@ -9,9 +9,9 @@ import pytest
 
 from synthetic import synthetic_trial
 from trocar.cli import main
+from trocar.eval import run as trials_run
+from trocar.eval.prepare import Prepared
 from trocar.report import files
-from trocar.trials import run as trials_run
-from trocar.trials.prepare import Prepared
 
 WORDS = ("trocar", "run", "peg-transfer", "--method", "uncalibrated", "--sessions", "2", "--trials", "1", "--json")
 MOMENTS = ("half a draft", "a whole draft", "its name just taken")

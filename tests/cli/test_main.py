@@ -37,7 +37,7 @@ def test_an_empty_word_is_refused(trocar, words):
 
 
 def test_doctor_tells_programs_too(trocar):
-    import json  # noqa: PLC0415
+    import json
 
     code, out, _ = trocar("doctor", "--json")
     said = json.loads(out)

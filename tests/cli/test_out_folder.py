@@ -8,11 +8,11 @@ from typer.testing import CliRunner
 from trocar.cli import app
 from trocar.cli.out_folder import LONGEST_NAME, check_out_folder, default_folder, differing
 from trocar.errors import TrocarError
-from trocar.output import PICTURE, write_json
-from trocar.station import station_text
+from trocar.eval.config import RunConfig
+from trocar.files.output import PICTURE, write_json
+from trocar.lab import station_text
 from trocar.tasks.peg_transfer.study.command import peg_transfer
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.trials.config import RunConfig
 
 FILES = {"plan.json": "plan"}
 
@@ -117,7 +117,7 @@ def test_a_study_counts_what_differs_from_its_commands_defaults():
     [
         (
             "run suture --difficulty mild --calibration joints --sessions 12 --seed 3",
-            "trocar.trials.folder.open_folder",
+            "trocar.eval.folder.open_folder",
             "out/suture-calibrated-3-calibration-joints-difficulty-mild",
         ),
         (

@@ -5,9 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from trocar.eval import METHODS, TASKS
 from trocar.motion import PLANNERS
-from trocar.tasks import TASKS
-from trocar.tasks.kit import METHODS
 from waypoints import FOUR
 
 COMMANDS = {
@@ -72,7 +71,7 @@ def test_a_file_of_another_kind_is_named(said):
     ("text", "words"),
     [
         (
-            "from trocar.tasks import TASKS\nTASKS.register('suture', TASKS['suture'])\n",
+            "from trocar.eval import TASKS\nTASKS.register('suture', TASKS['suture'])\n",
             "task 'suture' is already registered; register yours under another name",
         ),
         (
@@ -122,13 +121,13 @@ def test_a_task_of_ones_own_has_a_command_with_its_options(trocar, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(
         "from dataclasses import dataclass\n"
-        "from trocar.tasks import TASKS\n"
-        "from trocar.tasks.kit import Method, Task, option\n"
+        "from trocar.eval import TASKS\n"
+        "from trocar.eval import Method, Task, option\n"
         "@dataclass(frozen=True)\n"
         "class Mine(Task):\n"
         "    knots: int = option(3, 'How many knots.', metavar='N')\n"
         "    budget_s: float = option(9.0, 'A trial that takes longer is stopped.', flag='budget')\n"
-        "    name, about, piece, station = 'my-task', 'knots', 'knot', 'peg-transfer'\n"
+        "    name, about, goal_noun, station = 'my-task', 'knots', 'knot', 'peg-transfer'\n"
         "    methods = {'by-hand': Method('by hand', None, None)}\n"
         "TASKS.register('my-task', Mine)\n"
     )
@@ -145,7 +144,7 @@ def test_a_task_of_ones_own_has_a_command_with_its_options(trocar, tmp_path, mon
 def test_a_method_of_ones_own_is_in_the_help_of_its_task_alone(trocar, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(
-        "from trocar.tasks.kit import METHODS, Method\n"
+        "from trocar.eval import METHODS, Method\n"
         "METHODS.register('peg-transfer/by-magic', Method('a wand does it', object, object))\n"
     )
     try:
@@ -158,7 +157,7 @@ def test_a_method_of_ones_own_is_in_the_help_of_its_task_alone(trocar, tmp_path,
 
 def test_a_method_of_ones_own_replaces_none_of_the_tasks(said):
     text = (
-        "from trocar.tasks.kit import METHODS, Method\n"
+        "from trocar.eval import METHODS, Method\n"
         "METHODS.register('peg-transfer/calibrated', Method('a wand does it', object, object))\n"
     )
     try:
@@ -185,7 +184,7 @@ def test_a_run_knows_its_plugins_wherever_they_stand_in_the_line(trocar, played,
 @pytest.mark.parametrize(
     ("body", "said"),
     [
-        ("TASKS.register('my-task', 3)", "3 is not a task; register a frozen dataclass derived from trocar.tasks.Task"),
+        ("TASKS.register('my-task', 3)", "3 is not a task; register a frozen dataclass derived from trocar.eval.Task"),
         ("class Mine(Task): pass\nTASKS.register('my-task', Mine)", "is not a task; register a frozen dataclass"),
         (
             "@dataclass(frozen=True)\nclass Mine(Task):\n    name, about = 'my-task', 'knots'\n"
@@ -197,7 +196,7 @@ def test_a_run_knows_its_plugins_wherever_they_stand_in_the_line(trocar, played,
 )
 def test_what_a_task_lacks_is_said_before_anything_runs(trocar, tmp_path, monkeypatch, body, said):
     monkeypatch.chdir(tmp_path)
-    head = "from dataclasses import dataclass\nfrom trocar.tasks import TASKS, Task\n"
+    head = "from dataclasses import dataclass\nfrom trocar.eval import TASKS, Task\n"
     (tmp_path / "mine.py").write_text(head + body + "\n")
     try:
         code, _, err = trocar("run", "--plugin", "mine.py", "my-task")

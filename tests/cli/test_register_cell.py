@@ -7,9 +7,9 @@ import pytest
 
 from synthetic import unmarked
 from trocar.cli import main
-from trocar.laboratory import build_cell
-from trocar.station import load_station, station_text
-from trocar.station.session import draw_session
+from trocar.lab import load_station, station_text
+from trocar.lab.laboratory import build_cell
+from trocar.lab.session import draw_session
 
 FILES = {"station.toml", "report.json", "corners.png"}
 

@@ -6,7 +6,8 @@ import pytest
 
 from pages import assert_fit_to_show
 from synthetic import config, synthetic_trial
-from trocar.trials import load_trials, open_folder, trial_file
+from trocar.eval.folder import load_trials, open_folder
+from trocar.eval.trial import trial_file
 
 RUN = config(seed=3, sessions=2)
 

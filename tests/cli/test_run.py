@@ -16,10 +16,11 @@ import unpictured
 from processes import python
 from synthetic import synthetic_trial, unmarked
 from trocar.cli import app
+from trocar.eval import run as trials_run
+from trocar.eval.folder import load_trials
+from trocar.eval.trial import trial_file, trial_files
 from trocar.report.summary import summarise
 from trocar.tasks.peg_transfer.report import PegReport
-from trocar.trials import load_trials, trial_file, trial_files
-from trocar.trials import run as trials_run
 
 COMMAND = "from trocar.cli import main; main()"
 
@@ -353,7 +354,7 @@ def test_an_option_of_one_task_is_none_of_anothers():
 
 # What is loaded to look at a trial.
 
-HEAVY = ("mujoco", "trio", "cv2", "piqp", "trocar.sim", "trocar.trials.run", "trocar.tasks.peg_transfer.world")
+HEAVY = ("mujoco", "trio", "cv2", "piqp", "trocar.sim", "trocar.eval.run", "trocar.tasks.peg_transfer.world")
 HEAVY += ("trocar.tasks.suture.world", "trocar.tasks.peg_transfer.agents", "trocar.tasks.suture.agents")
 
 
@@ -372,23 +373,23 @@ def loaded_by(code):
     "code",
     [
         "import trocar.report, trocar.report.files, trocar.report.summary, trocar.report.tables, trocar.report.page",
-        "import trocar.trials; from trocar.trials import load_trials; load_trials({folder!r})",
-        "from trocar.cli.view import trial_in; from trocar.trials import Trial; import pathlib;"
+        "import trocar.eval; from trocar.eval.folder import load_trials; load_trials({folder!r})",
+        "from trocar.cli.view import trial_in; from trocar.eval.trial import Trial; import pathlib;"
         "Trial.load(trial_in(pathlib.Path({folder!r}), 0, 0)).replay(); import trocar.view.trial_view",
-        "from trocar.trials import load_trials; from trocar.report.files import report_of;"
+        "from trocar.eval.folder import load_trials; from trocar.report.files import report_of;"
         "from trocar.report.summary import summarise; trials, _ = load_trials({folder!r});"
         "summarise(trials, report_of(trials[0]))",
     ],
-    ids=["trocar.report", "trocar.trials", "trocar view", "summary"],
+    ids=["trocar.report", "trocar.eval", "trocar view", "summary"],
 )
 def test_looking_at_trials_loads_neither_the_simulator_nor_the_worlds_of_tasks(real, code):
     modules = loaded_by(code.format(folder=str(real[0])))
-    assert "trocar.trials" in modules or "trocar.report" in modules
+    assert "trocar.eval" in modules or "trocar.report" in modules
     assert not modules & set(HEAVY)
 
 
 def test_to_view_a_trial_the_code_of_its_task_is_not_needed(real):
-    code = f"from trocar.trials import Trial; Trial.load({str(trial_file(real[0], 0, 0))!r}).replay()"
+    code = f"from trocar.eval.trial import Trial; Trial.load({str(trial_file(real[0], 0, 0))!r}).replay()"
     assert not {name for name in loaded_by(code) if name.startswith(("trocar.tasks.peg_transfer", "trocar.tasks.sut"))}
 
 

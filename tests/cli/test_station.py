@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from trocar.station import built_in_stations, load_station, station_text
+from trocar.lab import built_in_stations, load_station, station_text
 
 PEGS = station_text("peg-transfer")
 
@@ -118,8 +118,7 @@ def test_a_transmission_of_ones_own_comes_with_a_plugin(trocar, mine, tmp_path):
     path = mine(('transmission = "psm1_grey"', 'transmission = "ropes-of-mine"'))
     plugin = tmp_path / "ropes.py"
     plugin.write_text(
-        "from trocar.station import TRANSMISSIONS\n"
-        "TRANSMISSIONS.register('ropes-of-mine', TRANSMISSIONS['psm1_grey'])\n"
+        "from trocar.lab import TRANSMISSIONS\nTRANSMISSIONS.register('ropes-of-mine', TRANSMISSIONS['psm1_grey'])\n"
     )
     code, _, err = trocar("station", "check", path)
     assert code == 2 and "transmission is 'ropes-of-mine'" in err

@@ -5,7 +5,7 @@ import urllib.request
 import pytest
 
 from synthetic import config, synthetic_trial
-from trocar.trials import Trial, trial_file
+from trocar.eval.trial import Trial, trial_file
 
 pytest.importorskip("viser")
 from trocar.cli import view as cli
@@ -45,7 +45,7 @@ def served(monkeypatch):
 def loaded(monkeypatch):
     """The files that the command loads."""
     files, load = [], Trial.load
-    monkeypatch.setattr("trocar.trials.Trial.load", staticmethod(lambda file: files.append(file) or load(file)))
+    monkeypatch.setattr("trocar.eval.trial.Trial.load", staticmethod(lambda file: files.append(file) or load(file)))
     return files
 
 

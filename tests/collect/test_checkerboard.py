@@ -8,8 +8,8 @@ import pytest
 from trocar.collect.checkerboard import register_cell
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.lab import load_station
 from trocar.perception.image import StereoRig
-from trocar.station import load_station
 
 SEED, VIEWS = 4, 8
 

@@ -11,12 +11,12 @@ from trocar.collect.chain import calibrate
 from trocar.collect.collection import SAMPLE_S, Collection
 from trocar.collect.motion import MARGIN_PX, bounds_px, commands_in_view, in_view, why_no_images
 from trocar.errors import TrocarError
+from trocar.lab import SensorFlaws, load_station
+from trocar.lab.session import draw_session
 from trocar.perception.fiducials.detect import find_spheres
 from trocar.perception.fiducials.fixture import SIX_SPHERES
 from trocar.perception.fiducials.measure import GOOD, NOTHING
 from trocar.sim.fiducial_cell import FiducialCell
-from trocar.station import SensorFlaws, load_station
-from trocar.station.session import draw_session
 
 SESSION = draw_session(STATION, np.random.default_rng(1))
 ROWS = 40

@@ -12,7 +12,7 @@ ONE = ArmMotion(PSM, FOUR, PAPER)
 
 
 def test_what_is_not_said():
-    assert ONE.straight == (False, False, False) and not ONE.still_wrist and not ONE.moves
+    assert ONE.straight == (False, False, False) and not ONE.fixed_wrist and not ONE.moves
     np.testing.assert_array_equal(ONE.up, [0.0, 0.0, 1.0])
     np.testing.assert_array_equal(ONE.start_velocity, np.zeros(6))
     np.testing.assert_array_equal(ONE.T_world_base.matrix, np.eye(4))

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from trocar.arms import ARMS, Unreachable, fk, ik, reach_with_still_wrist
+from trocar.arms import ARMS, Unreachable, fk, ik, ik_with_fixed_wrist
 from trocar.geometry import SE3, SO3
 from trocar.motion import (
     ArmMotion,
@@ -58,8 +58,8 @@ def test_a_lift_and_a_lowering_that_slant_because_the_wrist_is_still_are_straigh
     slanted = FOUR.copy()
     for foot, over in ((0, 1), (3, 2)):
         at_m = fk(PSM, FOUR[foot]).translation_m
-        slanted[over] = reach_with_still_wrist(PSM, FOUR[foot], at_m + [1.5e-3, -1e-3, 0.026])
-    turning, still = (ArmMotion(PSM, slanted, PAPER, up=up, still_wrist=still) for still in (False, True))
+        slanted[over] = ik_with_fixed_wrist(PSM, FOUR[foot], at_m + [1.5e-3, -1e-3, 0.026])
+    turning, still = (ArmMotion(PSM, slanted, PAPER, up=up, fixed_wrist=still) for still in (False, True))
     assert module.straight_pieces(turning) == (False, False, False)
     assert module.straight_pieces(still) == (True, False, True)
     plan = plan_motion(MotionProblem({PSM.name: still}), "optimal")
@@ -200,8 +200,8 @@ def test_rates_at_the_end_of_a_straight_piece_and_what_they_cost():
     assert none.top == none.slope == 0.0 and none.seconds(np.zeros(1)).tolist() == [0.0]
 
 
-def turned_and_moved(aside, turn_rad, still_wrist):
-    arm = replace(ArmMotion(PSM, FOUR, PAPER), still_wrist=still_wrist)
+def turned_and_moved(aside, turn_rad, fixed_wrist):
+    arm = replace(ArmMotion(PSM, FOUR, PAPER), fixed_wrist=fixed_wrist)
     begin = SE3.from_parts(SO3.axis("x", np.array([0.4])), [[0.1, 0.0, -0.1]])
     way = np.array([np.sin(aside), 0.0, np.cos(aside)]) * 0.03
     end = SE3.from_parts(begin.rotation @ SO3.axis("y", np.array([turn_rad])), begin.translation_m + way)
@@ -209,12 +209,12 @@ def turned_and_moved(aside, turn_rad, still_wrist):
     return bool(found)
 
 
-@pytest.mark.parametrize(("still_wrist", "most"), [(False, 1e-3), (True, 0.25)])
-def test_a_piece_lies_along_up_if_it_hardly_leads_aside_and_hardly_turns(still_wrist, most):
+@pytest.mark.parametrize(("fixed_wrist", "most"), [(False, 1e-3), (True, 0.25)])
+def test_a_piece_lies_along_up_if_it_hardly_leads_aside_and_hardly_turns(fixed_wrist, most):
     for share, along in ((0.98, True), (1.02, False)):
-        assert turned_and_moved(np.arcsin(share * most), 0.0, still_wrist) == along
-        assert turned_and_moved(np.pi - np.arcsin(share * most), 0.0, still_wrist) == along  # downwards
-        assert turned_and_moved(0.0, share * most, still_wrist) == along
+        assert turned_and_moved(np.arcsin(share * most), 0.0, fixed_wrist) == along
+        assert turned_and_moved(np.pi - np.arcsin(share * most), 0.0, fixed_wrist) == along  # downwards
+        assert turned_and_moved(0.0, share * most, fixed_wrist) == along
 
 
 def test_only_the_first_and_the_last_of_several_pieces_may_be_straight_unsaid():

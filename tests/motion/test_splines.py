@@ -41,7 +41,7 @@ def test_inner_waypoints_are_passed_along_up_without_turning():
 
 def test_inner_waypoints_are_passed_along_up_with_the_wrist_at_rest_if_it_is_to_be_still():
     up = np.array([0.2, -0.1, 1.0])
-    plan = plan_through(PSM, FOUR, PAPER, up=up, still_wrist=True)
+    plan = plan_through(PSM, FOUR, PAPER, up=up, fixed_wrist=True)
     for t, q in zip(plan.waypoint_times_s[PSM.name][1:3], FOUR[1:3], strict=True):
         velocity = plan.trajectory(t, 1)
         assert np.linalg.norm(velocity[:3]) > 0.001
@@ -112,7 +112,7 @@ def test_durations_are_found_however_long_they_are():
 def test_directions_of_passing_are_unit_vectors_that_lift_the_tip():
     up = np.array([0.0, 0.6, 0.8])
     for still in (False, True):
-        arm = ArmMotion(PSM, FOUR, PAPER, up=up, still_wrist=still)
+        arm = ArmMotion(PSM, FOUR, PAPER, up=up, fixed_wrist=still)
         found = module._passing_directions(arm)
         np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
         for q, direction in zip(FOUR[1:3], found, strict=True):

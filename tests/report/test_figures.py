@@ -32,7 +32,7 @@ SUMMARY = {
     "variant": "unilateral",
     "method": "calibrated",
     "model": "play",
-    "piece": "transfer",
+    "goal_noun": "transfer",
     "trials": 2,
     "sessions": 1,
     "attempted": 12,

@@ -12,7 +12,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.motion import ArmMotion, MotionProblem, plan_motion
 from trocar.report.plot import plot
-from trocar.sutures import PRESETS, dexterity, plan_even
+from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
 from trocar.trajectory import Trajectory
 
 LIMITS = MOTION_LIMITS["paper"]

@@ -7,13 +7,14 @@ import pytest
 
 from synthetic import PARTS_S, TRANSFER_S, config, synthetic_trial, unmarked
 from trocar.errors import TrocarError
+from trocar.eval import TaskReport
+from trocar.eval.folder import load_trials, open_folder
+from trocar.eval.statistics import session_interval
+from trocar.eval.trial import trial_file
 from trocar.log import Span
 from trocar.report.files import report_of, write_report
-from trocar.report.statistics import session_interval
 from trocar.report.summary import summarise
 from trocar.report.tables import parts_table, run_table
-from trocar.tasks.kit import TaskReport
-from trocar.trials import load_trials, open_folder, trial_file
 
 RUN = config(seed=3, trials=2)
 KEYS = {

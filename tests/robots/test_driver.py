@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from driven import ARM, HOME, PAPER, PlainArms
-from trocar.cell import Ended
+from trocar.cell import MotionEnd
 from trocar.errors import TrocarError
 from trocar.motion import plan_through, rest_to_rest
 from trocar.robots import TICK_S
@@ -30,7 +30,7 @@ def test_a_motion_runs_to_its_end_and_says_so():
         return await arms.robot.move({"a": there()})
 
     execution = arms.run(script)["a"]
-    assert execution.ended is Ended.DONE and execution.done and execution.reason == ""
+    assert execution.ended is MotionEnd.DONE and execution.done and execution.reason == ""
     assert np.abs(execution.commanded[-1, :6] - GOAL).max() < 1e-12
     assert np.allclose(np.diff(execution.times_s), TICK_S)
     assert execution.times_s[-1] == pytest.approx(np.ceil(there().duration_s / TICK_S) * TICK_S)
@@ -127,7 +127,7 @@ def test_a_held_motion_returns_as_held_with_its_reason():
             await arms.robot.rest("a")
 
     arms.run(script)
-    assert executions["a"].ended is Ended.HELD and executions["a"].reason == "somebody is in the way"
+    assert executions["a"].ended is MotionEnd.HELD and executions["a"].reason == "somebody is in the way"
     assert arms.use("a")[1] <= EXACT
     before_s = len(arms.sent["a"])
     arms.run(lambda: trio.sleep(0.3))
@@ -144,7 +144,7 @@ def test_two_arms_start_together_and_each_says_how_it_ended():
     executions = arms.run(script)
     assert executions["a"].times_s[0] == executions["b"].times_s[0]
     assert len(executions["b"].times_s) < len(executions["a"].times_s)
-    assert {e.ended for e in executions.values()} == {Ended.DONE}
+    assert {e.ended for e in executions.values()} == {MotionEnd.DONE}
 
 
 def test_a_motion_of_a_moving_arm_is_refused_but_may_replace():
@@ -165,8 +165,8 @@ def test_a_motion_of_a_moving_arm_is_refused_but_may_replace():
             ends["second"] = (await arms.robot.replace({"a": stop_from(at)}))["a"]
 
     arms.run(script)
-    assert ends["first"].ended is Ended.REPLACED
-    assert ends["second"].ended is Ended.DONE
+    assert ends["first"].ended is MotionEnd.REPLACED
+    assert ends["second"].ended is MotionEnd.DONE
     velocity, acceleration = arms.use("a")
     assert velocity <= EXACT and acceleration <= EXACT, "no leap where one motion took over from the other"
 
@@ -315,9 +315,9 @@ def test_held_jaws_stop_and_say_why_and_jaws_at_rest_are_not_asked():
             await arms.robot.rest()
 
     arms.run(script)
-    assert (ends["a"].ended, ends["a"].reason) == (Ended.HELD, "a hand is between them")
+    assert (ends["a"].ended, ends["a"].reason) == (MotionEnd.HELD, "a hand is between them")
     assert 0.3 < arms.robot.read("a").jaw_rad < 0.5 and arms.robot.read("b").jaw_rad == 0.1
-    assert arms.run(lambda: arms.robot.jaw("b", 0.2)).ended is Ended.DONE
+    assert arms.run(lambda: arms.robot.jaw("b", 0.2)).ended is MotionEnd.DONE
 
 
 def test_whoever_waits_for_jaws_when_the_loop_is_gone_is_told_and_so_is_whoever_comes_later():
@@ -336,7 +336,7 @@ def test_whoever_waits_for_jaws_when_the_loop_is_gone_is_told_and_so_is_whoever_
         ends.append((await arms.robot.move({"a": there()}))["a"])
 
     arms.run(script)
-    assert [(end.ended, end.reason) for end in ends] == [(Ended.FAULT, "the connection is gone")] * 3
+    assert [(end.ended, end.reason) for end in ends] == [(MotionEnd.FAULT, "the connection is gone")] * 3
     for end in ends[1:]:
         assert len(end.times_s) == 0 and end.commanded.shape == end.measured.shape == (0, 7)
 

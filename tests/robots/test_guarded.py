@@ -8,13 +8,13 @@ import trio
 
 from driven import ARM, HOME, PAPER, PlainArms
 from trocar.arms import MotionLimits, capsules, fk, ik
-from trocar.cell import Ended
+from trocar.cell import MotionEnd
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
+from trocar.lab import load_station
 from trocar.motion import rest_to_rest
 from trocar.robots import ArmGuard, Guarded
-from trocar.station import load_station
 from trocar.trajectory import Trajectory
 
 GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
@@ -48,7 +48,7 @@ def test_what_keeps_the_limits_goes_through_as_it_is():
     arms, notes = guarded()
     motion = rest_to_rest(HOME, GOAL, PAPER)
     execution = arms.run(lambda: arms.robot.move({"a": motion}))["a"]
-    assert execution.ended is Ended.DONE
+    assert execution.ended is MotionEnd.DONE
     assert notes == []
     times = execution.times_s - execution.times_s[0] + 0.01
     assert np.abs(execution.commanded[:, :6] - motion(times)).max() < 1e-9
@@ -184,7 +184,7 @@ def test_a_motion_that_takes_over_too_fast_is_refused_and_the_old_one_goes_on():
                 await arms.robot.replace({"a": abrupt})
 
     arms.run(script)
-    assert ends == [Ended.DONE]
+    assert ends == [MotionEnd.DONE]
     assert np.abs(arms.robot.setpoint("a").q - GOAL).max() < 1e-9
 
 
@@ -235,7 +235,7 @@ def test_an_arm_whose_readings_stop_comes_to_rest_as_a_fault():
         return ends[0]
 
     execution = arms.run(script)
-    assert execution.ended is Ended.FAULT and "has not been read for 0.06 s" in execution.reason
+    assert execution.ended is MotionEnd.FAULT and "has not been read for 0.06 s" in execution.reason
     assert [values["arm"] for _, values in notes] == ["a"], "noted once, while it brakes it is known"
     assert max(arms.use("a")) <= 1.0 + 1e-6
     assert 0.005 < np.abs(arms.robot.setpoint("a").q - HOME).max() < 0.9 * np.abs(GOAL - HOME).max()
@@ -336,7 +336,7 @@ def test_a_motion_is_looked_at_beside_what_the_other_arm_is_doing():
             await trio.sleep(0.02)
             return (await arms.robot.move(to("a", 0.05, 0.0)))["a"]
 
-    assert arms.run(script).ended is Ended.DONE
+    assert arms.run(script).ended is MotionEnd.DONE
 
 
 def test_an_arm_that_follows_another_stops_when_that_one_stops():
@@ -356,7 +356,7 @@ def test_an_arm_that_follows_another_stops_when_that_one_stops():
             arms.robot.hold("b", reason="somebody pressed the button")
 
     arms.run(script)
-    assert ends[0].ended is Ended.FAULT and "comes within" in ends[0].reason
+    assert ends[0].ended is MotionEnd.FAULT and "comes within" in ends[0].reason
     assert notes and notes[0][1]["arm"] == "a"
     assert gap_m(arms) > 1e-3
     assert max(arms.use("a")) <= 1.0 + 1e-6

@@ -7,10 +7,10 @@ from random_cells import overhead, random_scene, world_of
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
+from trocar.lab import SensorFlaws, load_station
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics
 from trocar.sim.camera import RayCamera, _Raster
-from trocar.station import SensorFlaws, load_station
 
 SMALL = load_station("peg-transfer").cameras["overhead"].model.binned(4)
 LAMP_M = (0.12, 0.0, 0.0)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
+from trocar.lab import load_station
 from trocar.perception.checkerboard.board import Checkerboard
 from trocar.perception.checkerboard.detect import find_corners
 from trocar.perception.depth import project
 from trocar.perception.image import StereoRig
 from trocar.sim.checkerboard_cell import CheckerboardCell
-from trocar.station import load_station
 
 BOARD = Checkerboard()
 SMALL = Checkerboard(square_m=0.003)

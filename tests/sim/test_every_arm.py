@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from trocar.arms import ARMS, SOLIDS, capsules, fk, frames, wrist_depth_m
 from trocar.geometry import SE3, SO3
+from trocar.lab import TRANSMISSIONS, Station, StationArm
+from trocar.lab.flaws import Difficulty
+from trocar.lab.session import draw_session
 from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.mjcf import CellModel
 from trocar.sim.world import World
-from trocar.station import TRANSMISSIONS, Station, StationArm
-from trocar.station.difficulty import Difficulty
-from trocar.station.session import draw_session
 
 EVERY_ARM = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
 T_WORLD_BASE = SE3.from_parts(SO3.exp([0.3, -0.7, 1.1]), [0.1, -0.2, 0.4])

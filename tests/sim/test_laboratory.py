@@ -11,22 +11,22 @@ import pytest
 import trio
 
 from simulated import ARM_MODELS, PAPER, STATION, ideal_laboratory, ideal_session, joints_at, standing
-from trocar.cell import Ended
+from trocar.cell import MotionEnd
 from trocar.errors import TrocarError
-from trocar.laboratory import build_cell
+from trocar.lab import SensorFlaws, load_station
+from trocar.lab.laboratory import build_cell
 from trocar.log import Span
 from trocar.motion import rest_to_rest
 from trocar.perception.image import StereoImage, StereoRig, StereoWindow, Window
 from trocar.robots import TICK_S
 from trocar.sim.camera import RayCamera
-from trocar.sim.eyes import EYE_GAINS
 from trocar.sim.laboratory import SimLaboratory, arrays_of
 from trocar.sim.mjcf import Servo, Surface
 from trocar.sim.pace import RealTime
 from trocar.sim.sensor import Light
+from trocar.sim.station_cameras import EYE_GAINS
 from trocar.sim.task_world import TaskWorld
 from trocar.sim.world import PhysicsError
-from trocar.station import SensorFlaws, load_station
 from trocar.trajectory import Trajectory
 
 ARMS = ("psm1", "psm2")
@@ -323,9 +323,9 @@ async def tidies_up(cell):
         await trio.sleep_forever()
     finally:
         with trio.CancelScope(shield=True):
-            assert (await cell.robot.jaw("psm1", 0.2)).ended is Ended.FAULT
+            assert (await cell.robot.jaw("psm1", 0.2)).ended is MotionEnd.FAULT
             executions = await cell.robot.move({"psm1": motion_of(cell, "psm1")})
-            assert executions["psm1"].ended is Ended.FAULT and "unstable" in executions["psm1"].reason
+            assert executions["psm1"].ended is MotionEnd.FAULT and "unstable" in executions["psm1"].reason
             await cell.clock.sleep(0.3)
             cell.log.event("tidied up")
 
@@ -380,8 +380,8 @@ def test_an_arm_that_falls_silent_is_stopped_by_its_guard_and_the_other_goes_on(
             lab.driver.silence("psm1")
 
     assert lab.run(script, 30.0)
-    assert ends["psm1"].ended is Ended.FAULT and "psm1" in ends["psm1"].reason
-    assert ends["psm2"].ended is Ended.DONE
+    assert ends["psm1"].ended is MotionEnd.FAULT and "psm1" in ends["psm1"].reason
+    assert ends["psm2"].ended is MotionEnd.DONE
     assert ends["psm1"].times_s[-1] < 0.4 + 0.1 + 0.5
     (note,) = [event for event in lab.log.events if event["name"] == "guard"]
     assert note["arm"] == "psm1" and note["time_s"] == pytest.approx(0.5, abs=0.03)
@@ -649,7 +649,7 @@ def test_what_a_wrapper_is_asked_for_is_kept_apart_from_what_is_sent(lab):
             sent = {arm: Trajectory.hermite(m.times_s, m.q + off, m(m.times_s, 1)) for arm, m in motions.items()}
             return await self.inner.move(sent)
 
-    worn = lab.wear(Shifted)
+    worn = lab.wrap_robot(Shifted)
     assert worn is lab.cell and isinstance(lab.cell.robot, Shifted)
     assert lab.run(move_both, 30.0)
     asked, sent = (lab.recorder.joints(kind)["psm1"][1:, :6] for kind in ("asked", "commanded"))

@@ -9,11 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from trio.testing import MockClock, wait_all_tasks_blocked
 
 from driven import ARM, HOME, PAPER
-from trocar.cell import Ended
+from trocar.cell import MotionEnd
+from trocar.lab.transmission import JawCable
 from trocar.motion import rest_to_rest
 from trocar.robots import TICK_S
 from trocar.sim.robot import SimRobot
-from trocar.station.transmission import JawCable
 
 GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
 OFF = np.array([0, 0, 0, 0.1, -0.2, 0.3])
@@ -155,7 +155,7 @@ def test_braked_in_the_middle_of_its_motion_it_is_told_what_it_is_commanded_unti
 
     rows = bench.run(script)
     (end,) = ends
-    assert (end.ended, end.reason) == (Ended.HELD, "a hand")
+    assert (end.ended, end.reason) == (MotionEnd.HELD, "a hand")
     at = bench.robot.setpoint("a")
     assert 0.01 < at.path_s < motion.duration_s / 2 and len(rows[-1]) == 1
     assert_array_equal(end.commanded[-1, :6], at.q)

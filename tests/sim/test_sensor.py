@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from trocar.lab import SensorFlaws
 from trocar.sim.sensor import Light, _edges, _smooth_noise, apply_flaws, expose, shade
-from trocar.station import SensorFlaws
 
 SURFACES = """<mujoco><asset><material name="blue" rgba=".1 .2 .6 1"/></asset><worldbody>
 <geom name="green" size=".1" rgba=".2 .4 .1 1"/>

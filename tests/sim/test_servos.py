@@ -6,12 +6,12 @@ import trio
 
 from simulated import ARM_MODELS, PAPER, STATION, Hand, ideal_laboratory, ideal_session, joints_at, scene_of, standing
 from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
-from trocar.cell import Ended
+from trocar.cell import MotionEnd
 from trocar.errors import TrocarError
+from trocar.lab.session import draw_session
 from trocar.motion import rest_to_rest
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
-from trocar.station.session import draw_session
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
 
 
@@ -109,7 +109,7 @@ def test_hold_brings_an_arm_to_rest_on_its_path_and_wakes_its_script():
 
     assert laboratory.run(script, 20.0)
     at = seen["at"]
-    assert seen["execution"].ended is Ended.HELD
+    assert seen["execution"].ended is MotionEnd.HELD
     assert at.on_path and not at.moving
     assert np.abs(at.q - seen["on"](at.path_s)).max() < 1e-9
     assert np.array_equal(at.q, seen["later"])

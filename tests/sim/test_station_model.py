@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from trocar.arms import ARMS, fk
+from trocar.eval import TASKS
 from trocar.geometry import SE3, SO3
+from trocar.lab import TRANSMISSIONS, Station, StationArm, built_in_stations, load_station
 from trocar.perception.image import StereoRig
 from trocar.sim.mjcf import CellModel
 from trocar.sim.station_model import PARK, station_mjcf
 from trocar.sim.world import World
-from trocar.station import TRANSMISSIONS, Station, StationArm, built_in_stations, load_station
-from trocar.tasks import TASKS
 
 BENCHES = {
     f"bench of {name}": Station(

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from trocar.sim.contacts import Hit
 from trocar.sim.mjcf import CellModel
 from trocar.sim.task_world import TaskWorld
-from trocar.sim.touches import Hit
 from trocar.sim.world import World
 
 

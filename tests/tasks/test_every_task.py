@@ -15,18 +15,27 @@ from trocar.arms import limit_violations
 from trocar.cell import Outcome
 from trocar.cli import app
 from trocar.errors import TrocarError
+from trocar.eval import (
+    TASKS,
+    Method,
+    Task,
+    TaskReport,
+    in_words,
+    methods_of,
+    perceptions_of,
+    pick_method,
+    pick_perception,
+)
+from trocar.eval.config import RunConfig
+from trocar.eval.method import METHODS
+from trocar.eval.run import prepare, run_trial
+from trocar.eval.trial import Trial
 from trocar.geometry import SE3
+from trocar.lab import SensorFlaws, check_station, load_station
 from trocar.motion import PLANNERS
 from trocar.report import files as files_of_a_report
 from trocar.report.files import report_of, write_report
 from trocar.sim.laboratory import SimLaboratory
-from trocar.station import SensorFlaws, check_station, load_station
-from trocar.tasks import TASKS, Task
-from trocar.tasks.kit import Method, TaskReport, in_words, methods_of, perceptions_of, pick_method, pick_perception
-from trocar.tasks.kit.method import METHODS
-from trocar.trials.config import RunConfig
-from trocar.trials.run import prepare, run_trial
-from trocar.trials.trial import Trial
 
 EVERY_TASK = pytest.mark.parametrize("name", TASKS)
 PLAIN = (bool, int, float, str, type(None))
@@ -63,7 +72,7 @@ def test_it_says_what_it_is(name):
     task = TASKS[name]
     assert issubclass(task, Task) and task.name == name
     assert re.fullmatch(r"[a-z][a-z0-9-]*", name)
-    for text in (task.about, task.piece, *(pick_method(task, method).about for method in methods_of(task))):
+    for text in (task.about, task.goal_noun, *(pick_method(task, method).about for method in methods_of(task))):
         assert text.strip() == text and "\n" not in text and not text.endswith(".")
     assert issubclass(type(task().variant), str)
 
@@ -159,7 +168,7 @@ def test_its_goals_are_the_same_for_everybody(name):
     first, second = TASKS[name](), TASKS[name]()
     assert len(first.goals()) > 0
     assert tuple(first.goals()) == tuple(first.goals()) == tuple(second.goals())
-    assert values(first.known()) == values(second.known())
+    assert values(first.nominal()) == values(second.nominal())
 
 
 @EVERY_TASK
@@ -210,11 +219,11 @@ class Idle:
 class Idler:
     """An agent that waits."""
 
-    def __init__(self, brief):
-        self.brief = brief
+    def __init__(self, context):
+        self.context = context
 
     async def run(self):
-        await self.brief.cell.clock.sleep(self.brief.settings.wait_s)
+        await self.context.cell.clock.sleep(self.context.settings.wait_s)
 
 
 @pytest.fixture(scope="module")
@@ -251,7 +260,7 @@ def test_what_an_agent_claims_changes_nothing(name):
     task, lab = laboratory_of(name)
     assert lab.run(lambda cell: cell.clock.sleep(0.2), 5.0)
     stopped = {"name": "stopped", "time_s": 0.2, "outcome": "DONE"}
-    claims = [{"name": task.piece, "time_s": 0.1, "outcome": "DONE"}, stopped]
+    claims = [{"name": task.goal_noun, "time_s": 0.1, "outcome": "DONE"}, stopped]
     for events in ([], claims[:1], claims):
         scores = task.score(lab.truth(), events)
         assert len(scores) == len(task.goals())

@@ -13,16 +13,24 @@ import pytest
 from simulated import coarse, ideal_session
 from trocar.calibration.fleet import expected, load_prior
 from trocar.cell import Camera, Cell, Clock, Log, Robot
+from trocar.eval import TASKS, AgentContext, methods_of, perceptions_of, pick_method, pick_perception
+from trocar.eval.method import PERCEPTIONS
+from trocar.lab import SensorFlaws, load_station
 from trocar.motion import PLANNERS
 from trocar.registry import Lazy
 from trocar.robots import Adaptive
 from trocar.sim.laboratory import SimLaboratory
-from trocar.station import SensorFlaws, load_station
-from trocar.tasks import TASKS
-from trocar.tasks.kit import Brief, methods_of, perceptions_of, pick_method, pick_perception
-from trocar.tasks.kit.method import PERCEPTIONS
 
-FORBIDDEN = ("trocar.sim", "trocar.station.session", "trocar.laboratory", "trocar.trials", "trocar.report", "mujoco")
+FORBIDDEN = (
+    "trocar.sim",
+    "trocar.lab.session",
+    "trocar.lab.laboratory",
+    "trocar.eval.config",
+    "trocar.eval.run",
+    "trocar.eval.trial",
+    "trocar.report",
+    "mujoco",
+)
 OF_A_TASK = ("world", "truth", "score", "scene", "task", "report")
 """Modules of a task's own folder that know the truth, or those who do."""
 
@@ -105,7 +113,7 @@ def poisoned(name, seed: int) -> tuple[SimLaboratory, Cell]:
 def dressed(chosen, task, cell: Cell, station):
     """Return the robot as a method's agent has it."""
     if not chosen.learns:
-        return chosen.worn(cell, chosen.default_settings())
+        return chosen.wrapped(cell, chosen.default_settings())
     arms, prior = task.working_arms(station), load_prior("fleet")
     models = {arm: expected(prior, task.calibration(station, arm)) for arm in arms}
     limits = {name: arm.limits for name, arm in station.arms.items()}
@@ -116,17 +124,17 @@ def dressed(chosen, task, cell: Cell, station):
 def test_an_agent_works_with_every_other_name_poisoned(name, method):
     lab, cell = poisoned(name, seed=1)
     kind, task, chosen = TASKS[name], TASKS[name](), pick_method(TASKS[name], method)
-    brief = Brief(
+    context = AgentContext(
         cell=replace(cell, robot=dressed(chosen, task, cell, lab.session.station)),
         goals=task.goals()[:1],
-        known=task.known(),
+        nominal=task.nominal(),
         arms=task.working_arms(lab.session.station),
         planner=PLANNERS[chosen.planner],
         perception=pick_perception(kind, chosen.perception) if chosen.perception else None,
         rng=np.random.default_rng(0),
         settings=brisk(name, chosen.default_settings()),
     )
-    agent = chosen.made(brief)
+    agent = chosen.made(context)
     assert lab.run(lambda _: agent.run(), task.budget_s)
     first, *others = task.score(lab.truth(), lab.log.events)
     assert first.attempted

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 
 from made_up_replay import made_up_replay, still_replay
 from trocar.errors import TrocarError
+from trocar.files.output import mark_of
 from trocar.geometry import SE3, SO3
-from trocar.output import mark_of
 from trocar.replay import ToolPath
 from trocar.view.film import STILL_M, STILL_RAD, shoot
 from trocar.view.replay import END_S, LARGEST_BYTES, write_replay

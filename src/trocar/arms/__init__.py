@@ -2,6 +2,7 @@
 
 from trocar.arms.branch import BRANCHES, Branch
 from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
+from trocar.arms.fixed_wrist import ik_with_fixed_wrist
 from trocar.arms.forward import fk, frames
 from trocar.arms.instrument import LARGE_NEEDLE_DRIVER, RAVEN_GRIPPER, FingerMarks, Instrument
 from trocar.arms.inverse import Unreachable, ik, ik_branches, ik_floats, ik_near, ik_unbounded
@@ -10,7 +11,6 @@ from trocar.arms.model import ArmModel, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
 from trocar.arms.solids import SOLIDS, capsules
-from trocar.arms.still_wrist import reach_with_still_wrist
 from trocar.registry import Registry
 
 ARMS: Registry[ArmModel] = Registry(
@@ -45,11 +45,11 @@ __all__ = [
     "ik_floats",
     "ik_near",
     "ik_unbounded",
+    "ik_with_fixed_wrist",
     "jacobian",
     "joint_margins",
     "joints_from_actuators",
     "limit_violations",
     "manipulability",
-    "reach_with_still_wrist",
     "wrist_depth_m",
 ]

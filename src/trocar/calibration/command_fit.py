@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from trocar.calibration.cable_memory import CableMemory
+from trocar.calibration.hysteresis import HysteresisState
 from trocar.calibration.limited_paths import LimitedPaths
 from trocar.calibration.models.play import PlayModel, PlayResponse
 from trocar.calibration.plant import WRIST
@@ -77,7 +77,7 @@ class CommandFit:
     """
 
     paths: LimitedPaths
-    memory: CableMemory
+    memory: HysteresisState
     wanted: Array
 
     def nearest(self, q_cmd: Array) -> Array | None:

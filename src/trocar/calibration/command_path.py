@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits
-from trocar.calibration.cable_memory import CableMemory
 from trocar.calibration.command_fit import LEVER, MET, CommandFit, Fitted
 from trocar.calibration.command_request import CommandRequest
-from trocar.calibration.command_sketch import Sketch, knots_of, sketched
 from trocar.calibration.compensation import inverse
+from trocar.calibration.hysteresis import HysteresisState
+from trocar.calibration.initial_commands import InitialCommands, knots_of, sketched
 from trocar.calibration.limited_paths import HEADROOM, LimitedPaths
 from trocar.calibration.quadratic import QuadraticSpline
 from trocar.errors import TrocarError
@@ -67,9 +67,9 @@ class CommandPath:
     lacking: Array
     farthest: Array
     stretch: float
-    memory: CableMemory
+    memory: HysteresisState
 
-    def memory_at(self, t_s: float) -> CableMemory:
+    def memory_at(self, t_s: float) -> HysteresisState:
         """Return the memory of the cables after the commands up to a time: for a stop, or another motion from there."""
         return self.memory.after(self.commands, t_s)
 
@@ -117,14 +117,14 @@ class _Fit:
         short: how far from their goal they end, in rad of the wrist; measured in joints if the model predicts them.
     """
 
-    sketch: Sketch
+    sketch: InitialCommands
     stretch: float
     fit: CommandFit
     best: Fitted
     short: float
 
 
-def _fitted(sketch: Sketch, stretch: float) -> _Fit | None:
+def _fitted(sketch: InitialCommands, stretch: float) -> _Fit | None:
     """Return commands for the motion slowed down by this factor; None if the limits allow none."""
     request, desired = sketch.request, sketch.request.desired.stretched(stretch)
     spline = QuadraticSpline(knots_of(desired))
@@ -143,7 +143,7 @@ def _fitted(sketch: Sketch, stretch: float) -> _Fit | None:
     return _Fit(sketch, stretch, fit, best, best.end_error)
 
 
-def _ended(sketch: Sketch, fit: CommandFit, fitted: Fitted) -> Fitted:
+def _ended(sketch: InitialCommands, fit: CommandFit, fitted: Fitted) -> Fitted:
     """Return a path with a better end if refinement has stalled before the goal, at the kinks of a dead zone."""
     best = fitted
     for _ in range(CORRECTIONS):
@@ -169,7 +169,7 @@ def _weights(spline: QuadraticSpline) -> Array:
     return weights
 
 
-def _last_command(sketch: Sketch, fit: CommandFit, fitted: Fitted, since_s: float) -> Array:
+def _last_command(sketch: InitialCommands, fit: CommandFit, fitted: Fitted, since_s: float) -> Array:
     """Return the command (6,) that puts the joints at their goal, going straight from where the path is at a time."""
     if fitted.response is None:
         return sketch.end

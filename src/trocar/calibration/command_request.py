@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits
-from trocar.calibration.cable_memory import CableMemory
+from trocar.calibration.hysteresis import HysteresisState
 from trocar.errors import TrocarError
 from trocar.trajectory import Trajectory
 
@@ -30,7 +30,7 @@ class CommandRequest:
         upper: (6,) greatest commands, likewise.
     """
 
-    memory: CableMemory
+    memory: HysteresisState
     desired: Trajectory
     q_start: Array
     velocity_start: Array

@@ -36,7 +36,7 @@ WIDE_ROWS = 75
 WIDE_CYCLES = (1.0, 2.0, 3.0)
 """How often the outer joints q1 q2 q3 go back and forth in such a recording: slowly, since large moves take time."""
 
-WAKE_RAD = (0.35, 0.30, 0.30)
+EXERCISE_RAD = (0.35, 0.30, 0.30)
 """Swing of roll, pitch and yaw that takes up all slack: more than twice the widest identified backlash (.128)."""
 
 
@@ -102,7 +102,7 @@ def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> N
         TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
     _check(arm, n, box)
-    from scipy.stats import qmc  # noqa: PLC0415 (a second, for every command that knows stations)
+    from scipy.stats import qmc  # a second, for every command that knows stations
 
     wrist = qmc.Sobol(3, rng=0).random_base2(int(np.ceil(np.log2(n))))[:n]
     phase = TURN * np.arange(n)[:, None] / n
@@ -112,7 +112,7 @@ def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> N
 
 def slack_taken_up(arm: ArmModel, path: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return commands (2 + n, 6): two that swing the wrist back and forth, which takes up its slack, then a path."""
-    swing = np.append(np.zeros(3), WAKE_RAD)
+    swing = np.append(np.zeros(3), EXERCISE_RAD)
     return np.concatenate([np.clip([path[0] + swing, path[0] - swing], arm.lower, arm.upper), path])
 
 
@@ -129,7 +129,7 @@ def _check(arm: ArmModel, n: int, box: MotionBox) -> None:
 
 def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> NDArray[np.float64]:
     """Return one joint's path (n,) with this mean step."""
-    from scipy.special import ndtr  # noqa: PLC0415 (as above)
+    from scipy.special import ndtr  # as above
 
     frequency = np.exp(rng.uniform(np.log(BAND[0]), np.log(BAND[1]), HARMONICS))
     phase = rng.uniform(0.0, TURN, HARMONICS)

@@ -10,7 +10,7 @@ import numpy as np
 from trocar.calibration.evaluation import Evaluation
 from trocar.calibration.recording import JOINT_NAMES, Recording, why_invalid
 from trocar.errors import TrocarError
-from trocar.output import write_figure
+from trocar.files.output import write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,7 +22,7 @@ LOOP_ROWS = 160
 
 def draw_evaluation(evaluation: Evaluation, path: str | Path) -> Path:
     """Draw :func:`wrist` of an evaluation and return the path of the picture."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 (slow to import, and only this picture needs it)
+    from matplotlib.figure import Figure  # slow to import, and only this picture needs it
 
     figure = Figure(layout="constrained", dpi=110)
     wrist(figure, evaluation.recording, evaluation)

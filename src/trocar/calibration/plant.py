@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.calibration.play import play_operator
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
+from trocar.geometry.arrays import finite
 
 WRIST = slice(3, 6)
 """The joints q4 q5 q6 (roll, pitch, yaw) whose cables run through the shaft."""
@@ -49,9 +50,7 @@ class CablePlant:
 
     def __post_init__(self) -> None:
         for name, shape in _SHAPES.items():
-            value = np.array(getattr(self, name), dtype=np.float64)
-            if value.shape != shape or not np.all(np.isfinite(value)):
-                raise TrocarError(f"a cable plant's {name} needs {shape} finite numbers, got {value.tolist()}")
+            value = finite(f"a cable plant's {name}", getattr(self, name), *shape).copy()
             value.setflags(write=False)
             object.__setattr__(self, name, value)
         if np.any(self.radii < 0) or np.any(self.noise_sd < 0):
@@ -183,7 +182,7 @@ def fit_plant(recording: Recording) -> CablePlant:
     q, valid = recording.q_cmd, recording.valid
     if valid.sum() < 30:
         raise TrocarError(f"{recording.name} has {valid.sum()} valid rows; identifying a plant needs 30 or more")
-    from scipy.optimize import minimize  # noqa: PLC0415 (slow to import; few callers identify a plant, all draw one)
+    from scipy.optimize import minimize  # slow to import; few callers identify a plant, all draw one
 
     error = (recording.q_phy - q)[:, WRIST][valid]
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.archive import HEADER
 from trocar.calibration.recording_table import read_recording_table
 from trocar.errors import TrocarError
+from trocar.files.archive import HEADER
+from trocar.files.output import mark_zip, writing
+from trocar.files.reading import UNREADABLE, parsed_json, read_arrays
 from trocar.geometry import shown
 from trocar.notebook import table
-from trocar.output import mark_zip, writing
-from trocar.reading import UNREADABLE, parsed_json, read_arrays
 
 JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
 """Outer yaw, outer pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad]."""

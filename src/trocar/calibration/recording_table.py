@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.csv_file import TIMES, read_csv
 from trocar.errors import TrocarError
+from trocar.files.csv_file import TIMES, read_csv
 
 UNITS = ("rad", "rad", "m", "rad", "rad", "rad")
 COMMANDED, MEASURED = (

@@ -16,7 +16,7 @@ from trocar.cli.open_group import OpenGroup
 from trocar.cli.quiet import Quiet, be_quiet
 from trocar.cli.streams import prepare_streams
 from trocar.errors import MachineError, TrocarError
-from trocar.output import NO_NAME
+from trocar.files.output import NO_NAME
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before NumPy is imported: its threads cost more than they bring here

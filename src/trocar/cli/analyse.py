@@ -16,7 +16,7 @@ from trocar.cli.progress import waiting
 from trocar.cli.terminal import results
 from trocar.counting import counted
 from trocar.errors import TrocarError
-from trocar.output import PICTURE, make_folder, write_json, write_table
+from trocar.files.output import PICTURE, make_folder, write_json, write_table
 
 if TYPE_CHECKING:
     from trocar.arms import ArmModel
@@ -58,8 +58,8 @@ def analyse(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Estimate velocity, acceleration and jerk of joints and tool tip from measured positions (Huber losses)."""
-    from trocar.motion.analysis import analyse as estimate  # noqa: PLC0415 (SciPy only when needed)
-    from trocar.motion.analysis import analyse_joints  # noqa: PLC0415
+    from trocar.motion.analysis import analyse as estimate  # SciPy only when needed
+    from trocar.motion.analysis import analyse_joints
 
     check_out_folder(out, {"motion.png": PICTURE, "summary.json": KIND}, [recording])
     for name, value in (("--rate", rate), ("--smoothness", smoothness)):
@@ -88,8 +88,8 @@ def _measured(
     path: Path, arm: str, columns: str, rate: float | None
 ) -> tuple[tuple[str, ...], np.ndarray, float, ArmModel | None]:
     """Return names, positions (n, k), the step in s and, where the six joints of an arm are given, its model."""
-    from trocar.arms import ARMS, PSM_CLASSIC  # noqa: PLC0415
-    from trocar.motion.analysis import read_joint_table  # noqa: PLC0415
+    from trocar.arms import ARMS, PSM_CLASSIC
+    from trocar.motion.analysis import read_joint_table
 
     if path.suffix == ".npz":
         return _of_trial(path, arm)
@@ -107,7 +107,7 @@ def _measured(
 
 
 def _of_trial(path: Path, arm: str) -> tuple[tuple[str, ...], np.ndarray, float, ArmModel]:
-    from trocar.trials import Trial  # noqa: PLC0415
+    from trocar.eval.trial import Trial
 
     trial = Trial.load(path)
     name = arm or trial.arms[0]
@@ -158,7 +158,7 @@ def _print(summary: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
 
 
 def _save(out: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], summary: Mapping[str, Any]) -> None:
-    from trocar.report.motion import draw_motion  # noqa: PLC0415 (matplotlib only when needed)
+    from trocar.report.motion import draw_motion  # matplotlib only when needed
 
     make_folder(out)
     write_json(out / "summary.json", summary, KIND)

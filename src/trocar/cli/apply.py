@@ -14,7 +14,7 @@ from trocar.cli.plugin import Plugins
 from trocar.cli.terminal import results
 from trocar.counting import counted
 from trocar.errors import TrocarError
-from trocar.output import require_place, write_table
+from trocar.files.output import require_place, write_table
 
 COLUMNS = ("t_s", *JOINT_NAMES)
 
@@ -41,9 +41,9 @@ def apply(
     The arm has to be at rest at the first row. A model with a window (lstm, ridge) gets rows as dense as those that it
     was fitted on, others keep yours.
     """
-    from trocar.calibration.compensation import Compensator, sample_positions  # noqa: PLC0415 (SciPy only when needed)
-    from trocar.calibration.models import load_model  # noqa: PLC0415
-    from trocar.motion.analysis import read_joint_table  # noqa: PLC0415
+    from trocar.calibration.compensation import Compensator, sample_positions  # SciPy only when needed
+    from trocar.calibration.models import load_model
+    from trocar.motion.analysis import read_joint_table
 
     del plugin  # loaded when it was parsed
     names = columns.split(",")

@@ -18,7 +18,7 @@ from trocar.cli.progress import waiting
 from trocar.cli.terminal import results
 from trocar.counting import counted
 from trocar.errors import TrocarError
-from trocar.output import require_picture
+from trocar.files.output import require_picture
 
 RecordingPath = Annotated[
     Path,
@@ -43,10 +43,10 @@ def fit(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Fit a cable model to a recording; with a prior, a minute of it is enough."""
-    from trocar.calibration.fleet import fit_from_prior, load_prior  # noqa: PLC0415 (SciPy only when needed)
-    from trocar.calibration.models import MODELS, save_model  # noqa: PLC0415
-    from trocar.calibration.models.model_file import FORMAT  # noqa: PLC0415
-    from trocar.calibration.recording import load_recording, require_motion  # noqa: PLC0415
+    from trocar.calibration.fleet import fit_from_prior, load_prior  # SciPy only when needed
+    from trocar.calibration.models import MODELS, save_model
+    from trocar.calibration.models.model_file import FORMAT
+    from trocar.calibration.recording import load_recording, require_motion
 
     del plugin  # loaded when it was parsed
     kind = MODELS.pick(model)
@@ -97,10 +97,10 @@ def evaluate(
 
     Its memory runs over all rows, whatever K is.
     """
-    from trocar.calibration.evaluation import evaluate as score  # noqa: PLC0415
-    from trocar.calibration.models import load_model  # noqa: PLC0415
-    from trocar.calibration.recording import load_recording  # noqa: PLC0415
-    from trocar.calibration.session import refit_ends, refit_offset  # noqa: PLC0415
+    from trocar.calibration.evaluation import evaluate as score
+    from trocar.calibration.models import load_model
+    from trocar.calibration.recording import load_recording
+    from trocar.calibration.session import refit_ends, refit_offset
 
     del plugin  # loaded when it was parsed
     if plot is not None:
@@ -113,7 +113,7 @@ def evaluate(
         from_row = max(from_row, refit_ends(data, refit))
     result = score(fitted, data, from_row)
     if plot is not None:
-        from trocar.calibration.figure import draw_evaluation  # noqa: PLC0415
+        from trocar.calibration.figure import draw_evaluation
 
         draw_evaluation(result, plot)
     if as_json:

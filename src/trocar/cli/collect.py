@@ -17,11 +17,11 @@ from trocar.cli.plugin import Plugins
 from trocar.cli.progress import progress
 from trocar.cli.terminal import beside, details, results
 from trocar.errors import TrocarError
-from trocar.output import make_folder, write_json, write_text
+from trocar.files.output import make_folder, write_json, write_text
 
 if TYPE_CHECKING:
     from trocar.collect.collection import Collection
-    from trocar.station.difficulty import Difficulty
+    from trocar.lab.flaws import Difficulty
 
 SESSION, COLLECTION, FIT = range(3)
 """Streams of randomness under the seed."""
@@ -55,7 +55,7 @@ def collect(
     given = {"rows": rows, "fit": fit, "model": model, "fraction": fraction, "difficulty": difficulty, "flaw": flaw}
     unusual = differing(collect, given | {"plugin": plugin})
     folder = out or default_folder(f"calibration-{Path(station).stem}-{seed}", unusual)
-    from trocar.station.difficulty import Difficulty  # noqa: PLC0415
+    from trocar.lab.flaws import Difficulty
 
     collections = _collections(station, arm, rows, seed, Difficulty.of(difficulty, flaw or ()))
     _check(model if fit else None, fraction, rows, seed)
@@ -68,15 +68,15 @@ def collect(
     if as_json:
         typer.echo(json.dumps(summary))
         return
-    from trocar.collect.report import collection_table  # noqa: PLC0415
+    from trocar.collect.report import collection_table
 
     details().print(collection_table(summary["arms"]))
     results().print("files: " + ", ".join(map(str, files)), soft_wrap=True)
 
 
 def _check(model: str | None, fraction: float, rows: int, seed: int) -> None:
-    from trocar.calibration.models import MODELS  # noqa: PLC0415
-    from trocar.calibration.models.base import MIN_ROWS  # noqa: PLC0415
+    from trocar.calibration.models import MODELS
+    from trocar.calibration.models.base import MIN_ROWS
 
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
@@ -96,13 +96,13 @@ def _check(model: str | None, fraction: float, rows: int, seed: int) -> None:
 def _collections(
     name: str, arms: list[str] | None, rows: int, seed: int, difficulty: Difficulty
 ) -> dict[str, Collection]:
-    from trocar.collect.collection import Collection  # noqa: PLC0415 (the simulator is heavy)
-    from trocar.station import load_station, require_reach  # noqa: PLC0415
-    from trocar.station.session import draw_session  # noqa: PLC0415
+    from trocar.collect.collection import Collection  # the simulator is heavy
+    from trocar.lab import load_station, require_reach
+    from trocar.lab.session import draw_session
 
     if seed < 0:
         raise TrocarError(f"seed {seed} is negative; give 0 or more")
-    station = replace(load_station(name), difficulty=difficulty).with_flaws_felt()
+    station = replace(load_station(name), difficulty=difficulty).with_relevant_flaws()
     require_reach(station)
     session = draw_session(station, np.random.default_rng([seed, SESSION]))
     found = {}
@@ -127,11 +127,11 @@ def _chain(
     seed: int,
 ) -> tuple[dict[str, Any], list[Path]]:
     """Run the whole chain for each arm; return the figures and the files."""
-    from trocar.calibration.figure import draw_evaluation  # noqa: PLC0415 (slow to import)
-    from trocar.collect.chain import calibrate  # noqa: PLC0415
-    from trocar.collect.report import draw_calibration  # noqa: PLC0415
-    from trocar.station import station_text  # noqa: PLC0415
-    from trocar.station.registered import with_registered  # noqa: PLC0415
+    from trocar.calibration.figure import draw_evaluation  # slow to import
+    from trocar.collect.chain import calibrate
+    from trocar.collect.report import draw_calibration
+    from trocar.lab import station_text
+    from trocar.lab.registered import with_registered
 
     figures: dict[str, Any] = {}
     files: list[Path] = []

@@ -45,12 +45,12 @@ CALIBRATE = {
 PLAN = {
     "suture": Known(
         "Plan where to place sutures round a circle, and in which direction to drive each.",
-        "trocar.cli.plan_suture:suture",
+        "trocar.tasks.suture.commands.plan_suture:suture",
         "trocar plan suture --preset paper-demo --out out/plan",
     ),
     "setup": Known(
         "Search for the circle, port and grasp whose best plan of sutures scores highest.",
-        "trocar.cli.plan_setup:setup",
+        "trocar.tasks.suture.commands.plan_setup:setup",
         "trocar plan setup --free circle --free port --evaluations 1000",
     ),
     "transfer": Known(
@@ -104,7 +104,7 @@ STUDY = {
     ),
     "suture": Known(
         "Print Table I of the circle-suture paper beside ours, the changes of direction, and random setups.",
-        "trocar.cli.study_suture:suture",
+        "trocar.tasks.suture.commands.study_suture:suture",
         "trocar study suture --setups 300 --out out/study",
     ),
     "robustness": Known("What a task's success depends on, flaw by flaw.", "trocar.cli.study_robustness:app"),

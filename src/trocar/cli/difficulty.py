@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from trocar.station.difficulty import DEFAULT, LEVELS
+from trocar.lab.flaws import DEFAULT, LEVELS
 
 __all__ = ["DEFAULT", "Flaws", "Level"]
 

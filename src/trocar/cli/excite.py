@@ -11,7 +11,7 @@ import typer
 
 from trocar.cli.terminal import results
 from trocar.errors import TrocarError
-from trocar.output import write_table
+from trocar.files.output import write_table
 
 COLUMNS = ("q1_rad", "q2_rad", "q3_m", "q4_rad", "q5_rad", "q6_rad")
 
@@ -29,8 +29,8 @@ def excite(
     Go to each command in turn, let the arm come to rest, measure its joints; the first two rows take up the slack and
     need no measurement. Then: trocar calibrate fit RECORDING --prior fleet.
     """
-    from trocar.calibration.excitation import slack_taken_up, wide_path  # noqa: PLC0415 (SciPy only when needed)
-    from trocar.station import load_station  # noqa: PLC0415
+    from trocar.calibration.excitation import slack_taken_up, wide_path  # SciPy only when needed
+    from trocar.lab import load_station
 
     there = load_station(station)
     name = arm or next(iter(there.arms))

@@ -14,7 +14,7 @@ from trocar.cli.terminal import beside
 from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
-    from trocar.trials import Trial
+    from trocar.eval.trial import Trial
 
 
 def export(
@@ -31,7 +31,7 @@ def export(
     There is a row for each goal, span and so on of all trials, and in the folder 'samples' a table for each trial:
     joints as asked, commanded, measured and true, jaws, tips, bodies. 'columns' says what each column means.
     """
-    from trocar.report.export import export_trials  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.report.export import export_trials  # SciPy only when needed
 
     trials, strange = _chosen(run)
     for sentence in strange:
@@ -54,8 +54,7 @@ def export(
 
 def _chosen(run: Path) -> tuple[Sequence[Trial], list[str]]:
     """Return the trials of a run's folder, or the one in a file, and a sentence for each that was left aside."""
-    from trocar.trials import load_trials  # noqa: PLC0415
-    from trocar.trials.folder import load_trial, still_to_do  # noqa: PLC0415
+    from trocar.eval.folder import load_trial, load_trials, still_to_do
 
     if run.suffix == ".npz" and not run.is_dir():
         return [load_trial(run)], []

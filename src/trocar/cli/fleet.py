@@ -16,7 +16,7 @@ from trocar.cli.progress import waiting
 from trocar.cli.terminal import beside, results
 from trocar.counting import counted
 from trocar.errors import TrocarError
-from trocar.output import require_picture
+from trocar.files.output import require_picture
 
 if TYPE_CHECKING:
     from trocar.calibration.fleet.curve import Curve
@@ -42,9 +42,9 @@ def prior(
 
     Leave out the recordings of an instrument on which you want to try the prior.
     """
-    from trocar.calibration.fleet import learn_prior  # noqa: PLC0415 (SciPy only when needed)
-    from trocar.calibration.fleet.prior import FORMAT  # noqa: PLC0415
-    from trocar.calibration.recording import load_recording  # noqa: PLC0415
+    from trocar.calibration.fleet import learn_prior  # SciPy only when needed
+    from trocar.calibration.fleet.prior import FORMAT
+    from trocar.calibration.recording import load_recording
 
     check_npz(out, FORMAT, recordings)
     with waiting(f"learning from {counted(len(recordings), 'recording')}"):
@@ -65,10 +65,10 @@ def curve(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Print how well a play model predicts a recording, by how many of its rows it was fitted on."""
-    from trocar.calibration.fleet import load_prior  # noqa: PLC0415
-    from trocar.calibration.fleet.curve import curve as found_curve  # noqa: PLC0415
-    from trocar.calibration.fleet.curve import draw_curve  # noqa: PLC0415
-    from trocar.calibration.recording import load_recording  # noqa: PLC0415
+    from trocar.calibration.fleet import load_prior
+    from trocar.calibration.fleet.curve import curve as found_curve
+    from trocar.calibration.fleet.curve import draw_curve
+    from trocar.calibration.recording import load_recording
 
     if plot is not None:
         require_picture(plot)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from trocar.archive import Archive
 from trocar.errors import TrocarError
-from trocar.output import require_place, write_json, write_table
+from trocar.files.archive import Archive
+from trocar.files.output import require_place, write_json, write_table
 from trocar.trajectory import Trajectory
 
 KIND = "trocar motion"

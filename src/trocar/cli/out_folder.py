@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from trocar.errors import MachineError, TrocarError
-from trocar.output import blame, require_place
+from trocar.files.output import blame, require_place
 
 LONGEST_PART, LONGEST_NAME = 40, 150
 """Maximum length of a value in a folder's name, and of the whole name; longer ones end in a digest."""

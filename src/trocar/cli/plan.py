@@ -18,8 +18,8 @@ from trocar.cli.motion_file import require_motion_file, write_motions
 from trocar.cli.plugin import Plugins
 from trocar.cli.terminal import results
 from trocar.errors import TrocarError
+from trocar.files.reading import read_arrays
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
-from trocar.reading import read_arrays
 
 T = TypeVar("T")
 

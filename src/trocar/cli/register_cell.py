@@ -16,7 +16,7 @@ from trocar.cli.plugin import Plugins
 from trocar.cli.progress import progress
 from trocar.cli.terminal import details, results
 from trocar.errors import TrocarError
-from trocar.output import PICTURE, make_folder, write_json, write_text
+from trocar.files.output import PICTURE, make_folder, write_json, write_text
 
 if TYPE_CHECKING:
     from trocar.collect.checkerboard import CellRegistration
@@ -50,7 +50,7 @@ def cell(
     if as_json:
         typer.echo(json.dumps(summary))
         return
-    from trocar.collect.checkerboard_report import registration_table  # noqa: PLC0415 (slow to import)
+    from trocar.collect.checkerboard_report import registration_table  # slow to import
 
     details().print(registration_table(summary))
     views = f"{summary['views_used']} of {summary['views_shown']} views"
@@ -63,8 +63,8 @@ def cell(
 
 
 def _register(station: str, seed: int) -> CellRegistration:
-    from trocar.collect.checkerboard import checkerboard_of, register_cell  # noqa: PLC0415 (the simulator is heavy)
-    from trocar.station import load_station  # noqa: PLC0415
+    from trocar.collect.checkerboard import checkerboard_of, register_cell  # the simulator is heavy
+    from trocar.lab import load_station
 
     loaded = load_station(station)
     checkerboard_of(loaded)  # raises before a progress bar is drawn
@@ -78,9 +78,9 @@ def _register(station: str, seed: int) -> CellRegistration:
 
 def _write(found: CellRegistration, station: str, summary: dict[str, Any], folder: Path) -> list[Path]:
     """Write station, report and picture; return their paths."""
-    from trocar.collect.checkerboard_report import draw_registration  # noqa: PLC0415
-    from trocar.station import station_text  # noqa: PLC0415
-    from trocar.station.registered import with_registered  # noqa: PLC0415
+    from trocar.collect.checkerboard_report import draw_registration
+    from trocar.lab import station_text
+    from trocar.lab.registered import with_registered
 
     text, report, picture = (folder / name for name in FILES)
     cameras = {found.camera: (found.T_world_camera, found.calibration.rig)}

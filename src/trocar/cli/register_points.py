@@ -11,8 +11,8 @@ import typer
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.files.reading import read_arrays
 from trocar.geometry import fit_rigid
-from trocar.reading import read_arrays
 
 
 def points(

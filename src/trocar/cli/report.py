@@ -17,7 +17,7 @@ from trocar.counting import counted
 from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
-    from trocar.trials import Trial
+    from trocar.eval.trial import Trial
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
@@ -51,10 +51,10 @@ def report(
 
 
 def _draw_video(folder: Path, place: tuple[int, int] | None) -> None:
-    from trocar.report.files import report_of  # noqa: PLC0415
-    from trocar.report.video import draw_video  # noqa: PLC0415
-    from trocar.trials import Trial, load_trials  # noqa: PLC0415
-    from trocar.trials.trial import trial_file  # noqa: PLC0415
+    from trocar.eval.folder import load_trials
+    from trocar.eval.trial import Trial, trial_file
+    from trocar.report.files import report_of
+    from trocar.report.video import draw_video
 
     trial = Trial.load(trial_file(folder, *place)) if place else load_trials(folder)[0][0]
     with progress() as tick:
@@ -76,10 +76,10 @@ def finish(folder: Path, as_json: bool, interrupted: bool, place: tuple[int, int
         interrupted: whether the run was interrupted.
         place: session and number of the trial to report on; None: all.
     """
-    from trocar.report.files import write_report  # noqa: PLC0415 (SciPy only when needed)
-    from trocar.tasks import TASKS  # noqa: PLC0415
-    from trocar.trials import load_trials, trial_files  # noqa: PLC0415
-    from trocar.trials.folder import still_to_do  # noqa: PLC0415
+    from trocar.eval import TASKS
+    from trocar.eval.folder import load_trials, still_to_do
+    from trocar.eval.trial import trial_files
+    from trocar.report.files import write_report  # SciPy only when needed
 
     if interrupted and not trial_files(folder):
         beside().print("stopped before the first trial was finished; the same command starts again")
@@ -111,10 +111,10 @@ def _show(
     files: Sequence[Path],
     interrupted: bool,
 ) -> None:
-    from trocar.report.files import report_of  # noqa: PLC0415
-    from trocar.report.flaws import brief_flaws  # noqa: PLC0415
-    from trocar.report.summary import MISSED_WARNING  # noqa: PLC0415
-    from trocar.report.tables import headline, parts_table, run_table  # noqa: PLC0415
+    from trocar.report.files import report_of
+    from trocar.report.flaws import brief_flaws
+    from trocar.report.summary import MISSED_WARNING
+    from trocar.report.tables import headline, parts_table, run_table
 
     report = report_of(trials[0])
     console = details()

@@ -17,10 +17,10 @@ from trocar.cli.report import JsonFlag, finish
 from trocar.cli.task_group import TaskGroup
 from trocar.cli.terminal import beside
 from trocar.counting import counted
-from trocar.tasks import Task
+from trocar.eval import Task
 
 if TYPE_CHECKING:
-    from trocar.trials.config import RunConfig
+    from trocar.eval.config import RunConfig
 
 
 def run(
@@ -77,8 +77,8 @@ def run(
 ) -> None:
     """Run trials of a task in the simulated cell, score them, and keep files and pictures."""
     need("sim", "mujoco", "trio", "cv2")
-    from trocar.trials.config import RunConfig  # noqa: PLC0415 (the simulator is heavy)
-    from trocar.trials.folder import open_folder  # noqa: PLC0415
+    from trocar.eval.config import RunConfig  # the simulator is heavy
+    from trocar.eval.folder import open_folder
 
     config = RunConfig(
         task=task(**options),
@@ -140,15 +140,15 @@ def runs(plugin: Plugins = None) -> None:
 
 
 def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]]) -> None:
-    from trocar.trials.folder import set_aside  # noqa: PLC0415
-    from trocar.trials.run import free_memory, prepare, run_trial  # noqa: PLC0415
-    from trocar.trials.trial import trial_file  # noqa: PLC0415
+    from trocar.eval.folder import set_aside
+    from trocar.eval.run import free_memory, prepare, run_trial
+    from trocar.eval.trial import trial_file
 
     if not todo:
         kept = counted(config.sessions * config.trials, "trial")
         beside().print(f"nothing to run: {folder} has the run's {kept}", soft_wrap=True)
         return
-    goals, piece = len(config.task.goals()), config.task.piece
+    goals, piece = len(config.task.goals()), config.task.goal_noun
     with progress() as tick:
         done, prepared = 0, None
 
@@ -182,8 +182,8 @@ def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]]) -> N
 
 
 def _play_at_once(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], jobs: int) -> None:
-    from trocar.trials.orders import SessionOrder, TrialOrder, calibrate, play  # noqa: PLC0415
-    from trocar.trials.workers import pick_workers, run_all  # noqa: PLC0415
+    from trocar.eval.jobs import SessionOrder, TrialOrder, calibrate, play
+    from trocar.eval.workers import pick_workers, run_all
 
     workers = pick_workers("processes", jobs)
     sessions = [SessionOrder(((config, folder),), session) for session in dict.fromkeys(place[0] for place in todo)]

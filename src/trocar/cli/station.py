@@ -14,7 +14,7 @@ from trocar.counting import counted
 
 if TYPE_CHECKING:
     from trocar.geometry import SE3
-    from trocar.station import Station
+    from trocar.lab import Station
 
 Name = Annotated[str, typer.Argument(metavar="STATION", help="Name of a built-in station, or a TOML file.")]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
@@ -22,7 +22,7 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object an
 
 def list_stations(*, as_json: JsonFlag = False) -> None:
     """List the stations that come with the package."""
-    from trocar.station import built_in_stations, load_station  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.lab import built_in_stations, load_station  # SciPy only when needed
 
     stations = {name: load_station(name).about for name in built_in_stations()}
     if as_json:
@@ -40,7 +40,7 @@ def show(
     as_json: JsonFlag = False,
 ) -> None:
     """Show what a station consists of."""
-    from trocar.station import load_station, station_text  # noqa: PLC0415
+    from trocar.lab import load_station, station_text
 
     del plugin  # loaded when it was parsed
     found = load_station(station)
@@ -54,7 +54,7 @@ def show(
 
 def check(station: Name, *, plugin: Plugins = None, as_json: JsonFlag = False) -> None:
     """Check keys, values, reach, distances between arms and what cameras see; exit code 1 if something is wrong."""
-    from trocar.station import check_station, load_station  # noqa: PLC0415
+    from trocar.lab import check_station, load_station
 
     del plugin  # loaded when it was parsed
     found = load_station(station)
@@ -87,7 +87,7 @@ def _show(station: Station) -> None:
 
 
 def _values(station: Station) -> dict[str, Any]:
-    from trocar.perception.image import StereoRig  # noqa: PLC0415
+    from trocar.perception.image import StereoRig
 
     return {
         "name": station.name,

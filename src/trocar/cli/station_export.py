@@ -11,10 +11,10 @@ import typer
 from trocar.cli.extras import need
 from trocar.cli.plugin import Plugins
 from trocar.errors import TrocarError
-from trocar.output import make_folder, require_place, write_text
+from trocar.files.output import make_folder, require_place, write_text
 
 if TYPE_CHECKING:
-    from trocar.station import Station
+    from trocar.lab import Station
 
 MJCF, URDF = "MJCF of a station", "URDF of an arm"
 
@@ -37,7 +37,7 @@ def export(
 
     They are the nominal laboratory: bases as the file has them, joints that follow their commands, no cables, no flaws.
     """
-    from trocar.station import load_station  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.lab import load_station  # SciPy only when needed
 
     del plugin  # loaded when it was parsed
     if mjcf is None and urdf is None:
@@ -64,10 +64,10 @@ def export(
 
 
 def _mjcf(station: Station, task: str, seed: int) -> str:
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
-    from trocar.sim.station_model import station_mjcf  # noqa: PLC0415 (the simulator is heavy)
-    from trocar.tasks import TASKS  # noqa: PLC0415
+    from trocar.eval import TASKS
+    from trocar.sim.station_model import station_mjcf  # the simulator is heavy
 
     if not task:
         return station_mjcf(station)
@@ -78,7 +78,7 @@ def _mjcf(station: Station, task: str, seed: int) -> str:
 
 def _write_urdf(station: Station, folder: Path) -> list[Path]:
     """Write one file for each type of arm, named after it."""
-    from trocar.arms.urdf import arm_urdf  # noqa: PLC0415
+    from trocar.arms.urdf import arm_urdf
 
     types = {arm.name: arm for arm in station.models.values()}
     make_folder(folder)

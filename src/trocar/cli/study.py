@@ -16,7 +16,7 @@ from trocar.cli.progress import progress
 from trocar.cli.terminal import details, results
 from trocar.counting import counted
 from trocar.errors import TrocarError
-from trocar.output import PICTURE, make_folder, write_json
+from trocar.files.output import PICTURE, make_folder, write_json
 
 if TYPE_CHECKING:
     from trocar.calibration.evaluation import Evaluation
@@ -37,7 +37,7 @@ def calibration(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Print Table I of the paper and the errors of all cable models, from recordings of real arms."""
-    from trocar.calibration import study  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.calibration import study  # SciPy only when needed
 
     recordings = study.load_study_recordings(data, [*study.RECORDINGS, study.SESSION_RECORDING])
     pictures = {f"{name}_play.png": PICTURE for name in recordings}
@@ -94,7 +94,7 @@ def _summary(
 
 
 def _save(out: Path, summary: dict[str, Any], results: dict[str, dict[str, Evaluation]]) -> None:
-    from trocar.calibration.figure import draw_evaluation  # noqa: PLC0415
+    from trocar.calibration.figure import draw_evaluation
 
     make_folder(out)
     for name, row in results.items():

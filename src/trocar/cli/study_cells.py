@@ -14,9 +14,9 @@ from trocar.cli.terminal import beside
 from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
-    from trocar.trials.cells import Cell
-    from trocar.trials.study import ReadRow
-    from trocar.trials.workers import Workers
+    from trocar.eval.conditions import Cell
+    from trocar.eval.study import ReadRow
+    from trocar.eval.workers import Workers
 
 Methods = Annotated[str, typer.Option(metavar="A,B,...", show_default="all", help="Which methods do the task.")]
 Sessions = Annotated[int, typer.Option(help="How many days are drawn, the same for all conditions.")]
@@ -39,7 +39,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and 
 
 def loaded(plugin: Sequence[Path] | None) -> tuple[str, ...]:
     """Load plugins and return their paths."""
-    from trocar.registry import load_plugin  # noqa: PLC0415
+    from trocar.registry import load_plugin
 
     plugins = tuple(str(path.absolute()) for path in plugin or ())
     for path in plugins:
@@ -49,7 +49,7 @@ def loaded(plugin: Sequence[Path] | None) -> tuple[str, ...]:
 
 def workers_of(backend: str, jobs: int | None, scheduler: str) -> Workers:
     """Return the workers; by default one job per core."""
-    from trocar.trials.workers import pick_workers  # noqa: PLC0415 (the simulator is heavy)
+    from trocar.eval.workers import pick_workers  # the simulator is heavy
 
     return pick_workers(backend, jobs if jobs is not None else os.cpu_count() or 1, scheduler)
 
@@ -77,7 +77,7 @@ def worked(
         results_of: returns the results of cells, given a tick.
         workers: do the work; None: nothing is run.
     """
-    from trocar.trials.study import run_study  # noqa: PLC0415 (the simulator is heavy)
+    from trocar.eval.study import run_study  # the simulator is heavy
 
     try:
         with progress() as tick:

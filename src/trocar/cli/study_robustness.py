@@ -17,12 +17,12 @@ from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.plugin import Plugins
 from trocar.cli.task_group import TaskGroup
 from trocar.cli.terminal import details, results
-from trocar.station.difficulty import FLAWS
-from trocar.tasks import Task
+from trocar.eval import Task
+from trocar.lab.flaws import FLAWS
 
 if TYPE_CHECKING:
+    from trocar.eval.conditions import Cell
     from trocar.report.robustness.results import Result
-    from trocar.trials.cells import Cell
 
 
 def robustness(
@@ -69,10 +69,10 @@ def robustness(
     the same sessions. Trials are kept as they end; the same command continues where it stopped.
     """
     need("sim", "mujoco", "trio", "cv2")
-    from trocar.report.robustness.conditions import cells_of, conditions_of  # noqa: PLC0415 (the simulator is heavy)
-    from trocar.report.robustness.report import write_study  # noqa: PLC0415
-    from trocar.report.robustness.results import results_of  # noqa: PLC0415
-    from trocar.report.robustness.row import read_row  # noqa: PLC0415
+    from trocar.report.robustness.conditions import cells_of, conditions_of  # the simulator is heavy
+    from trocar.report.robustness.report import write_study
+    from trocar.report.robustness.results import results_of
+    from trocar.report.robustness.row import read_row
 
     workers = shared.workers_of(backend, jobs, scheduler)
     given = {"difficulty": difficulty, "calibration": calibration, "model": model, "station": station, "plugin": plugin}

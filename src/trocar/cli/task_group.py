@@ -13,9 +13,8 @@ from typer.core import TyperGroup
 from trocar.cli.open_group import Deferred, command_of
 from trocar.cli.plugin import load_given
 from trocar.errors import TrocarError
+from trocar.eval import TASKS, Task, check_task, methods_of, perceptions_of
 from trocar.registry import PLUGIN_MODULE
-from trocar.tasks import TASKS, Task
-from trocar.tasks.kit import check_task, methods_of, perceptions_of
 
 OWN = "Of this task"
 """Heading of a task's own options."""

@@ -29,10 +29,10 @@ def view(
     last camera image, and asked, commanded, measured and true joints. Only this machine can open it; Ctrl-C ends.
     """
     need("view", "viser")
-    from trocar.trials import Trial  # noqa: PLC0415 (SciPy only when needed)
+    from trocar.eval.trial import Trial  # SciPy only when needed
 
     replay = Trial.load(trial_in(folder, session, trial)).replay()
-    from trocar.view.trial_view import show_replay  # noqa: PLC0415 (viser is heavy)
+    from trocar.view.trial_view import show_replay  # viser is heavy
 
     shown = show_replay(replay, port, block=False)
     address = f"http://127.0.0.1:{shown.port}"
@@ -50,7 +50,7 @@ def trial_in(folder: Path, session: int, number: int) -> Path:
     Raises:
         TrocarError: the folder holds no trials, or not this one.
     """
-    from trocar.trials import trial_file, trial_files  # noqa: PLC0415
+    from trocar.eval.trial import trial_file, trial_files
 
     wanted = trial_file(folder, session, number)
     if wanted.is_file():

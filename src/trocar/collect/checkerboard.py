@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.lab import CheckerboardRegistration, SensorFlaws, Station
 from trocar.perception.checkerboard.board import Checkerboard
 from trocar.perception.checkerboard.calibrate import StereoCalibration, calibrate_stereo
 from trocar.perception.checkerboard.detect import find_corners
@@ -22,7 +23,6 @@ from trocar.perception.depth import project
 from trocar.perception.image import StereoImage, StereoRig
 from trocar.perception.stereo import triangulate
 from trocar.sim.checkerboard_cell import CheckerboardCell
-from trocar.station import CheckerboardRegistration, SensorFlaws, Station
 
 HAND_S, BRACKET_S = 6.0, 120.0
 """Time that a person takes for one pose by hand, and to mount a bracket, take the image and remove it (assumed)."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from trocar.collect.checkerboard import CellRegistration, checkerboard_of
-from trocar.output import write_figure
+from trocar.files.output import write_figure
 
 BRIGHTEST = 230
 """Grey level that the brightest pixels of a picture get."""

@@ -9,21 +9,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.archive import Archive, read_archive
 from trocar.calibration.excitation import SAMPLES, MotionBox
 from trocar.calibration.recording import Recording
 from trocar.collect.motion import CABLES_M, MARGIN_PX, View, bounds_px, commands_in_view, depth_camera
 from trocar.errors import TrocarError
+from trocar.files.archive import Archive, read_archive
 from trocar.geometry import SE3
+from trocar.lab import SensorFlaws
+from trocar.lab.session import Session
+from trocar.lab.transmission import DriveTrain
 from trocar.perception.fiducials.detect import find_spheres
 from trocar.perception.fiducials.fixture import SIX_SPHERES, Fixture
 from trocar.perception.fiducials.joints import require_psm
 from trocar.perception.fiducials.measure import Measured, measure
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.sim.fiducial_cell import FiducialCell
-from trocar.station import SensorFlaws
-from trocar.station.session import Session
-from trocar.station.transmission import DriveTrain
 
 SAMPLE_S = 0.75
 """Time of one sample: a move of .1 rad, settling, an exposure of .15 s (recordings: .4 to 1.1 s; the paper: .8 s)."""

@@ -12,11 +12,11 @@ from trocar.arms import ArmModel
 from trocar.calibration.excitation import SAMPLES, MotionBox, random_smooth_path, slack_taken_up, wide_path
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.lab import Station
 from trocar.perception.depth import project
 from trocar.perception.fiducials.fixture import SIX_SPHERES, Fixture
 from trocar.perception.fiducials.joints import require_psm
 from trocar.perception.image import Intrinsics
-from trocar.station import Station
 
 MARGIN_PX = 6.0
 """Margin between a sphere, at the commanded joints, and the edge of the image."""

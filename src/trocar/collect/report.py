@@ -14,7 +14,7 @@ from rich.table import Table
 
 from trocar.calibration.recording import JOINT_NAMES
 from trocar.collect.chain import Calibrated
-from trocar.output import write_figure
+from trocar.files.output import write_figure
 from trocar.perception.depth import project
 
 DISTANCE_TARGET_MM, JOINT_TARGET_RAD = 0.35, 0.01

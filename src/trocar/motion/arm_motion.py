@@ -45,7 +45,7 @@ class ArmMotion:
         T_world_base: pose of its base; needed if arms or obstacles can meet.
         up: (3,) direction in its base, of any length, along which the tip passes the waypoints between the first
             and the last without turning; a unit vector afterwards. Planners that stop there may ignore it.
-        still_wrist: whether the wrist's joints rest when it passes these waypoints, so that the tip turns a little;
+        fixed_wrist: whether the wrist's joints rest when it passes these waypoints, so that the tip turns a little;
             planners that keep the tip on a straight line turn the wrist by milliradians.
         straight: for each piece between two waypoints, whether the tip keeps to the straight line between
             them, turning as little as possible; empty: nowhere.
@@ -63,7 +63,7 @@ class ArmMotion:
     limits: MotionLimits
     T_world_base: SE3 = field(default_factory=SE3.identity)
     up: NDArray[np.float64] = field(default_factory=_up)
-    still_wrist: bool = False
+    fixed_wrist: bool = False
     straight: tuple[bool, ...] = ()
     start_velocity: NDArray[np.float64] = field(default_factory=_still)
     T_base_goals: SE3 | None = None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.arms.solids import SOLIDS, solid_radii_m
 from trocar.geometry.capsules import Capsules
-from trocar.motion.bend import greatest_accelerations
+from trocar.motion.chord_error import greatest_accelerations
 from trocar.motion.moving_arm import MovingArm
 from trocar.motion.obstacles import Obstacle, stacked
 

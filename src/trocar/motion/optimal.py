@@ -262,7 +262,7 @@ def _along_up(arm: ArmMotion) -> tuple[bool, ...]:
 
 def _are_along_up(arm: ArmMotion, begin: SE3, end: SE3) -> NDArray[np.bool_]:
     """Return whether the ways between poses (n,) of an arm's tip lie along ``up`` without a turn, or nearly so."""
-    way, near = end.translation_m - begin.translation_m, NEARLY if arm.still_wrist else PARALLEL
+    way, near = end.translation_m - begin.translation_m, NEARLY if arm.fixed_wrist else PARALLEL
     turn = (begin.rotation.inverse() @ end.rotation).log()
     aside = way - (way @ arm.up)[:, None] * arm.up
     straight = np.linalg.norm(aside, axis=1) <= near * np.linalg.norm(way, axis=1)

@@ -154,7 +154,7 @@ def plan_through(
     limits: MotionLimits,
     *,
     up: ArrayLike = UP,
-    still_wrist: bool = False,
+    fixed_wrist: bool = False,
     start_velocity: ArrayLike | None = None,
     planner: str | Planner = "spline",
     range_slack: float = 0.0,
@@ -173,7 +173,7 @@ def plan_through(
         waypoints: (n, 6) joints with n >= 2, rad and m.
         limits: bounds of velocity and acceleration.
         up: (3,) direction in the arm's base along which inner waypoints are passed.
-        still_wrist: whether the wrist's joints rest there; else the tip does not turn.
+        fixed_wrist: whether the wrist's joints rest there; else the tip does not turn.
         start_velocity: (6,) at the first waypoint; None: at rest.
         planner: name in ``PLANNERS``, or a planner.
         range_slack: share of each joint's range by which it may be left.
@@ -181,7 +181,7 @@ def plan_through(
     points = numbers("the waypoints", waypoints, "n", len(model.joints))
     start = finite("the start velocity", np.zeros(6) if start_velocity is None else start_velocity, 6)
     upwards = finite("the upward direction", up, 3)
-    motion = ArmMotion(model, points, limits, up=upwards, still_wrist=still_wrist, start_velocity=start)
+    motion = ArmMotion(model, points, limits, up=upwards, fixed_wrist=fixed_wrist, start_velocity=start)
     return plan_motion(MotionProblem({model.name: motion}, range_slack=range_slack), planner)
 
 

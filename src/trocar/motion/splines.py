@@ -52,7 +52,7 @@ def _passing_directions(arm: ArmMotion) -> NDArray[np.float64]:
     inner = arm.waypoints[1:-1]
     if not len(inner):
         return np.zeros_like(inner)
-    joints = 3 if arm.still_wrist else 6
+    joints = 3 if arm.fixed_wrist else 6
     twist = np.concatenate([arm.up, np.zeros(3)])[:joints, None]
     directions = np.zeros_like(inner)
     try:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
-from trocar.reading import read_arrays
+from trocar.files.reading import read_arrays
 
 UNITS_M = {"mm": 1e-3, "m": 1.0}
 

@@ -1,4 +1,4 @@
 """Statistics, tables and figures, from saved trials alone.
 
-``trocar.report.files.write_report`` makes all those of a run; suture figures (``trocar.report.sutures``) need no trial.
+``trocar.report.files.write_report`` makes all those of a run.
 """

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from trocar.errors import TrocarError
-from trocar.trials.cells import Cell
-from trocar.trials.rows import AnyRow
-from trocar.trials.trial import trial_file
+from trocar.eval.conditions import Cell
+from trocar.eval.rows import AnyRow
+from trocar.eval.trial import trial_file
 
 Value = TypeVar("Value")
 

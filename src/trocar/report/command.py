@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from trocar.station.difficulty import DEFAULT
-from trocar.station.toml import built_in_stations, station_digest
-from trocar.tasks import TASKS
-from trocar.tasks.kit import pick_method
+from trocar.eval import TASKS, pick_method
+from trocar.lab.flaws import DEFAULT
+from trocar.lab.toml import built_in_stations, station_digest
 
 FILE = "FILE"
 """Placeholder for a path, because a run stores the content of its files, not their paths."""

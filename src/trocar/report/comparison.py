@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from trocar.errors import TrocarError
-from trocar.report.statistics import session_posterior
+from trocar.eval.statistics import session_posterior
 
 EXACT_UP_TO = 1 << 14
 """Maximum number of sign patterns that are all counted; with more sessions, this many are drawn."""
@@ -172,7 +172,7 @@ def rate_difference(
 ) -> tuple[float, float]:
     """Return the interval of the difference of two success rates over sessions.
 
-    The rates have the posteriors of :func:`trocar.report.statistics.session_interval`, treated as independent, which is
+    The rates have the posteriors of :func:`trocar.eval.statistics.session_interval`, treated as independent, which is
     conservative if the sessions are the same. It also holds if everything succeeded.
 
     Args:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from itertools import chain, groupby, zip_longest
 from pathlib import Path
 
+from trocar.eval import TaskReport, in_words
+from trocar.eval.trial import Trial
 from trocar.report.goals import reason_of
-from trocar.report.photographs import photographer_of
 from trocar.report.picture import Picture, write_png
-from trocar.tasks.kit import TaskReport, in_words
-from trocar.trials.trial import Trial
+from trocar.report.stills import photographer_of
 
 MOST = 12
 """Maximum number of failed goals with a picture; the page says how many more there are."""
@@ -59,7 +59,7 @@ def failed_goals(trials: Sequence[Trial], report: TaskReport) -> list[Failed]:
                         index,
                         number,
                         str(score["failure"]),
-                        f"{trial.piece} {number + 1}" + (f" ({which})" if which else ""),
+                        f"{trial.goal_noun} {number + 1}" + (f" ({which})" if which else ""),
                         reason_of(score, report),
                         f"session_{session:02d}_trial_{index:03d}_goal_{number + 1:02d}",
                     )

@@ -7,23 +7,22 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from trocar.output import make_folder, write_json
+from trocar.eval import TASKS, TaskReport
+from trocar.eval.folder import asked
+from trocar.eval.trial import Trial
+from trocar.files.output import make_folder, write_json
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
 from trocar.report.command import command_of
 from trocar.report.failed import MOST, draw_failed, failed_goals, picked
 from trocar.report.goals import failures_table, goals_table, trials_table
 from trocar.report.page.run_page import RunReport, write_page
-from trocar.report.photographs import can_photograph, photographer_of
 from trocar.report.picture import Picture
+from trocar.report.stills import can_photograph, photographer_of
 from trocar.report.storyboard import draw_storyboard
 from trocar.report.summary import Summary, summarise
 from trocar.report.tables import run_table
 from trocar.report.timechart import draw_timechart
-from trocar.tasks import TASKS
-from trocar.tasks.kit import TaskReport
-from trocar.trials.folder import asked
-from trocar.trials.trial import Trial
 
 
 def report_of(trial: Trial) -> TaskReport:
@@ -59,7 +58,7 @@ def write_report(
     if can_photograph():
         failed_pictures = draw_failed(folder / "failed", trials, picked(failed, MOST), report)
     if find_spec("viser") is not None:
-        from trocar.view.replay import write_replay  # noqa: PLC0415 (an extra)
+        from trocar.view.replay import write_replay  # an extra
 
         files.append(write_replay(_for_people(first.replay(), report), folder / "replay.html"))
     compared = run_table(summary, report.paper_rows(summary), report.paper_count(summary))
@@ -67,7 +66,7 @@ def write_report(
         summary=summary,
         compared=[compared, *report.tables(summary)],
         goals=[goals_table(noted, report), *([trials_table(noted)] if len(noted) > 1 else [])],
-        failures=failures_table(summary["failures"], summary["attempted"], summary["piece"], report),
+        failures=failures_table(summary["failures"], summary["attempted"], summary["goal_noun"], report),
         failed=failed,
         failed_pictures=failed_pictures,
         storyboard=storyboard,
@@ -110,7 +109,7 @@ def _pictures(
         said = next((text for name, text in report.captions.items() if path.stem.startswith(name)), path.stem)
         found.append(Picture(path, f"Chart: {said}", said))
     chart = draw_timechart(first, folder / "timechart.png", title=f"Time chart, {what}")
-    said = f"Where the time went in {place}: a row for each {first.piece} and arm, a bar for each step"
+    said = f"Where the time went in {place}: a row for each {first.goal_noun} and arm, a bar for each step"
     return found, Picture(chart, f"Chart: {said}", said)
 
 

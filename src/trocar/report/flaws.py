@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from trocar.trials.config import FITTED_ON
+from trocar.eval.config import FITTED_ON
 
 
 def brief_flaws(flaws: Mapping[str, str]) -> str:

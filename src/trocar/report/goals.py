@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from trocar.eval import TaskReport, in_words
+from trocar.eval.trial import Trial
 from trocar.report.tables import figure
-from trocar.tasks.kit import TaskReport, in_words
-from trocar.trials.trial import Trial
 
 
 def goals_table(trials: Sequence[Trial], report: TaskReport) -> Table:
@@ -21,15 +21,15 @@ def goals_table(trials: Sequence[Trial], report: TaskReport) -> Table:
         trials: of one run.
         report: of their task.
     """
-    piece = trials[0].piece
+    goal_noun = trials[0].goal_noun
     scores = [trial.scores for trial in trials]
     goals = [[of_trial[k] for of_trial in scores if k < len(of_trial)] for k in range(max(map(len, scores)))]
     whats = [_same([report.goal(score) for score in of_goal]) for of_goal in goals]
     measured = list(dict.fromkeys(name for of_goal in goals for score in of_goal for name in report.measured(score)))
     alone = len(trials) == 1
-    title = f"Each {piece}" if alone else f"Each {piece}, of {len(trials)} trials"
+    title = f"Each {goal_noun}" if alone else f"Each {goal_noun}, of {len(trials)} trials"
     table = Table(title=title, caption="" if alone else "times and what was measured: means over the trials")
-    table.add_column(piece)
+    table.add_column(goal_noun)
     if any(whats):
         table.add_column("which")
     table.add_column("result" if alone else "done")
@@ -51,9 +51,9 @@ def goals_table(trials: Sequence[Trial], report: TaskReport) -> Table:
 
 def trials_table(trials: Sequence[Trial]) -> Table:
     """Return a row for each trial."""
-    piece = trials[0].piece
+    goal_noun = trials[0].goal_noun
     table = Table(title="Each trial", caption="pictures of any of them: trocar report DIR --session S --trial K")
-    for column in ("session, trial", f"{piece}s done", "time s", "collisions", "failures"):
+    for column in ("session, trial", f"{goal_noun}s done", "time s", "collisions", "failures"):
         table.add_column(column, justify="right" if column in ("time s", "collisions") else "left")
     for trial in trials:
         attempted = [score for score in trial.scores if score["attempted"]]
@@ -68,18 +68,18 @@ def trials_table(trials: Sequence[Trial]) -> Table:
     return table
 
 
-def failures_table(failures: Mapping[str, int], attempted: int, piece: str, report: TaskReport) -> Table:
+def failures_table(failures: Mapping[str, int], attempted: int, goal_noun: str, report: TaskReport) -> Table:
     """Return how often each failure occurred, the most frequent first, and what it means.
 
     Args:
         failures: counts by name, as in ``summary.json``.
         attempted: number of goals attempted.
-        piece: what a goal is called.
+        goal_noun: what a goal is called.
         report: of the task, which knows the outcomes' sentences.
     """
     table = Table()
     table.add_column("failure")
-    table.add_column(f"of {attempted} {piece}s", justify="right")
+    table.add_column(f"of {attempted} {goal_noun}s", justify="right")
     table.add_column("what it means")
     for name, count in sorted(failures.items(), key=lambda item: (-item[1], item[0])):
         table.add_row(in_words(name), str(count), sentence_of(name, report))

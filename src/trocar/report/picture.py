@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from trocar.output import PICTURE, make_folder, mark_of, writing
+from trocar.files.output import PICTURE, make_folder, mark_of, writing
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import singledispatch
 from typing import Any
 
@@ -9,14 +10,16 @@ from trocar.calibration.evaluation import Evaluation
 from trocar.calibration.figure import wrist
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
+from trocar.eval.trial import Trial
 from trocar.motion import MotionPlan, TimedPath
+from trocar.registry import Registry
 from trocar.report.courses import course
 from trocar.report.style import Picture, picture
-from trocar.report.sutures.circle import circle
 from trocar.report.timechart import chart
-from trocar.sutures import DexterityMap, SuturePlan
 from trocar.trajectory import Trajectory
-from trocar.trials.trial import Trial
+
+PLOTS: Registry[Mapping[type, Callable[..., Picture]]] = Registry("plot", "trocar.plots")
+"""Pictures of values that belong to a task: its types, each with a function that draws it."""
 
 
 @singledispatch
@@ -36,7 +39,8 @@ def plot(thing: Any, **options: Any) -> Picture:
     | ``DexterityMap`` | dexterity round the circle | ``plan``: the ``SuturePlan`` to draw on it; ``title`` |
     | ``SuturePlan`` | its sutures on the circle | ``map``: the ``DexterityMap`` that it was made from; ``title`` |
 
-    Your own package can add a kind with ``plot.register``.
+    Your own package can add kinds with ``plot.register``, or as an entry point of the group ``trocar.plots``: a
+    table of types and functions that draw them.
 
     Args:
         thing: to be drawn.
@@ -45,6 +49,11 @@ def plot(thing: Any, **options: Any) -> Picture:
     Raises:
         TrocarError: it has no picture.
     """
+    for kinds in PLOTS.values():
+        for kind, draw in kinds.items():
+            plot.register(kind, draw)
+    if plot.dispatch(type(thing)) is not plot.dispatch(object):
+        return plot(thing, **options)
     kinds = ", ".join(sorted(kind.__name__ for kind in plot.registry if kind is not object))
     raise TrocarError(f"{type(thing).__name__} has no picture; plot one of {kinds}")
 
@@ -75,15 +84,3 @@ def _evaluation(thing: Evaluation) -> Picture:
 @plot.register(Trial)
 def _trial(thing: Trial, title: str = "Time chart") -> Picture:
     return picture(lambda figure: chart(figure, thing, title))
-
-
-@plot.register(DexterityMap)
-def _dexterity(thing: DexterityMap, plan: SuturePlan | None = None, title: str = "") -> Picture:
-    return picture(lambda figure: circle(figure, thing, plan, title))
-
-
-@plot.register(SuturePlan)
-def _sutures(thing: SuturePlan, map: DexterityMap | None = None, title: str = "") -> Picture:
-    if map is None:
-        raise TrocarError("a plan of sutures is drawn on its dexterity map; give plot(plan, map=map)")
-    return _dexterity(map, thing, title)

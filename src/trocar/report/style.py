@@ -12,7 +12,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from PIL import Image
 
-from trocar.output import make_folder, write_figure
+from trocar.files.output import make_folder, write_figure
 from trocar.report.picture import write_png
 
 # Okabe and Ito 2008: distinguishable with every common colour blindness

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from trocar.errors import TrocarError
+from trocar.eval import TaskReport
+from trocar.eval.statistics import Spread, session_interval
+from trocar.eval.trial import Trial
 from trocar.notebook import table
 from trocar.report.parts import OTHER, parts_of
-from trocar.report.statistics import Spread, session_interval
-from trocar.tasks.kit import TaskReport
-from trocar.trials.trial import Trial
 
 MISSED_WARNING = 0.01
 """A run warns when more than this share of computations took longer than the trial's clock counted."""
@@ -27,7 +27,7 @@ class Summary(dict[str, Any]):
         low, high = self["success_ci95"]
         each = "" if self["mean_time_s"] is None else f", {self['mean_time_s']:.2f} s each"
         return (
-            f"<Summary of {what}: {self['succeeded']} of {self['attempted']} {self['piece']}s "
+            f"<Summary of {what}: {self['succeeded']} of {self['attempted']} {self['goal_noun']}s "
             f"(95 % interval {100 * low:.0f} to {100 * high:.0f} %){each}; {self['trials']} trials in "
             f"{self['sessions']} sessions>"
         )
@@ -63,7 +63,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
     durations = Spread.of([trial.duration_s for trial in trials])
     values = {
         **{key: about[key] for key in ("task", "variant", "station", "method", "model", "planner", "seed")},
-        "piece": about["piece"],
+        "goal_noun": about["goal_noun"],
         "sessions": len({trial.about["session"] for trial in trials}),
         "trials": len(trials),
         "attempted": count,

@@ -8,8 +8,8 @@ from typing import Any
 from rich.table import Table
 
 from trocar.counting import counted
-from trocar.report.statistics import wilson_interval
-from trocar.tasks.kit import PaperCount, PaperRow
+from trocar.eval import PaperCount, PaperRow
+from trocar.eval.statistics import wilson_interval
 
 
 def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), theirs: PaperCount | None = None) -> Table:
@@ -25,7 +25,7 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), theirs
     apart = "; the paper's count attempts" if paper else ""
     table = Table(title=title, caption=f"intervals of our rows count sessions{apart}")
     table.add_column("who")
-    for column in (summary["piece"] + "s", "success", "95 % interval", "mean time s"):
+    for column in (summary["goal_noun"] + "s", "success", "95 % interval", "mean time s"):
         table.add_column(column, justify="right")
     model = f" ({summary['model']})" if summary.get("model") else ""
     table.add_row(
@@ -54,7 +54,7 @@ def headline(summary: Mapping[str, Any]) -> str:
     low, high = summary["success_ci95"]
     how = f"{summary['method']} ({summary['model']})" if summary.get("model") else summary["method"]
     return (
-        f"{summary['task']}, {how}: {summary['succeeded']} of {counted(summary['attempted'], summary['piece'])}, "
+        f"{summary['task']}, {how}: {summary['succeeded']} of {counted(summary['attempted'], summary['goal_noun'])}, "
         f"95 % interval {percent(low)} to {percent(high)}, in {counted(summary['trials'], 'trial')} of "
         f"{counted(summary['sessions'], 'session')}"
     )
@@ -62,7 +62,7 @@ def headline(summary: Mapping[str, Any]) -> str:
 
 def parts_table(summary: Mapping[str, Any]) -> Table:
     """Return the time per goal, part by part."""
-    table = Table(title=f"Mean {summary['piece']}, part by part")
+    table = Table(title=f"Mean {summary['goal_noun']}, part by part")
     table.add_column("part")
     table.add_column("s", justify="right")
     table.add_column("share", justify="right")

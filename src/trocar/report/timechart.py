@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from trocar.errors import TrocarError
+from trocar.eval.trial import Trial
 from trocar.log import Span
 from trocar.report import style
 from trocar.report.parts import parts_of
 from trocar.report.turns import Turn, turn_at, turns_of, working_s
-from trocar.trials.trial import Trial
 
 COLOURS = {
     "capture": style.SKY,
@@ -61,7 +61,7 @@ def chart(figure: Figure, trial: Trial, title: str = "Time chart") -> None:
         trial: with spans and scores.
         title: above the chart.
     """
-    spans, turns, piece = sorted(trial.spans, key=lambda span: span.start_s), turns_of(trial), trial.piece
+    spans, turns, piece = sorted(trial.spans, key=lambda span: span.start_s), turns_of(trial), trial.goal_noun
     if not spans:
         raise TrocarError("a time chart needs at least one span; the trial's log has none")
     names = list(dict.fromkeys(span.name for span in spans))

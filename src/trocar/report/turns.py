@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
+from trocar.eval.trial import Trial
 from trocar.log import Span
-from trocar.trials.trial import Trial
 
 NEARLY_S = 1e-9
 
@@ -41,7 +41,7 @@ def turns_of(trial: Trial) -> list[Turn]:
     all arms, for as long as its score says.
     """
     found: list[Turn] = []
-    ended = (event for event in trial.events if event["name"] == trial.piece)
+    ended = (event for event in trial.events if event["name"] == trial.goal_noun)
     for order, event in enumerate(ended):
         alone = {event["arm"]: (event["start_s"], event["time_s"])} if {"arm", "start_s"} <= event.keys() else {}
         goal = int(event.get("goal", order))

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from trocar.output import PICTURE, mark_of, writing
-from trocar.report.photographs import photographer_of
-from trocar.tasks.kit import TaskReport
-from trocar.trials.trial import Trial
+from trocar.eval import TaskReport
+from trocar.eval.trial import Trial
+from trocar.files.output import PICTURE, mark_of, writing
+from trocar.report.stills import photographer_of
 
 FRAMES_PER_S = 12
 SPEED = 4.0

@@ -1,9 +1,20 @@
 """Robots: the driver that plays set-points back, and wrappers for any robot."""
 
 from trocar.robots.adaptive import Adaptive
-from trocar.robots.calibrated import Calibrated
+from trocar.robots.arm_script import ArmScript
+from trocar.robots.compensated import Calibrated
 from trocar.robots.driver import TICK_S, Driver
-from trocar.robots.guarded import ArmGuard, Belief, Guarded
-from trocar.robots.playback import Playback
+from trocar.robots.executor import TrajectoryExecutor
+from trocar.robots.guarded import ArmGuard, Guarded, JointEstimator
 
-__all__ = ["TICK_S", "Adaptive", "ArmGuard", "Belief", "Calibrated", "Driver", "Guarded", "Playback"]
+__all__ = [
+    "TICK_S",
+    "Adaptive",
+    "ArmGuard",
+    "ArmScript",
+    "Calibrated",
+    "Driver",
+    "Guarded",
+    "JointEstimator",
+    "TrajectoryExecutor",
+]

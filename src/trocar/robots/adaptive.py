@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from trocar.arms import ArmModel, MotionLimits
-from trocar.calibration.cable_memory import REPLAY_S, CableMemory
 from trocar.calibration.command_path import CommandPath
 from trocar.calibration.fleet import FleetPrior, Learned, learn_from
+from trocar.calibration.hysteresis import REPLAY_S, HysteresisState
 from trocar.calibration.models.base import MIN_ROWS, CableModel
 from trocar.calibration.models.play import PlayModel
-from trocar.cell import Clock, Execution, Log, Robot, SetPoint
+from trocar.cell import Clock, Log, MotionResult, Robot, SetPoint
 from trocar.errors import TrocarError
 from trocar.perception.instrument import Sighting
-from trocar.robots.calibrated import Calibrated
-from trocar.robots.looks import WORST_M, Look, joints_seen, put_together
+from trocar.robots.compensated import Calibrated
+from trocar.robots.observations import WORST_M, Look, joints_seen, put_together
 from trocar.trajectory import Trajectory
 
 THINNED = 1e-3
@@ -178,17 +178,17 @@ class Adaptive(Calibrated):
             raise TrocarError(f"arm {arm!r} is moving; its cable model can be replaced only at rest")
         past.keep(self._paths.get(arm), sent)
         path = np.concatenate(past.commands)
-        self._rested[arm] = CableMemory(model, model.remember(model.start(path[0]), path), path[-1])
+        self._rested[arm] = HysteresisState(model, model.remember(model.start(path[0]), path), path[-1])
         self._paths.pop(arm, None)
         self._resting.pop(arm, None)
         self._prepared = {arms: found for arms, found in self._prepared.items() if arm not in arms}
 
     async def _sent(
         self,
-        verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, Execution]]],
+        verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, MotionResult]]],
         motions: Mapping[str, Trajectory],
         paths: Mapping[str, CommandPath],
-    ) -> Mapping[str, Execution]:
+    ) -> Mapping[str, MotionResult]:
         for arm in paths:
             self._pasts[arm].keep(self._paths.get(arm), self._robot.setpoint(arm))
         return await super()._sent(verb, motions, paths)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, fk
-from trocar.cell import Execution, JointReading, SetPoint
+from trocar.cell import JointReading, MotionResult, SetPoint
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, shown
 from trocar.motion.clearance import swept_clearance
@@ -47,7 +47,7 @@ class ArmGuard:
 
 
 @runtime_checkable
-class Belief(Protocol):
+class JointEstimator(Protocol):
     """Compensates an arm's cables, and so knows where its commands lead."""
 
     def setpoint(self, arm: str) -> SetPoint:
@@ -90,7 +90,7 @@ class Guarded:
     ):
         self._driver, self._arms = driver, dict(arms)
         self._min_distance_m, self._stale_s, self._note = min_distance_m, stale_s, note
-        self.belief: Belief | None = None
+        self.belief: JointEstimator | None = None
         self._stretch = dict.fromkeys(arms, 1.0)
         self._silent: set[str] = set()
         self._braking: set[str] = set()
@@ -108,7 +108,7 @@ class Guarded:
             now.time_s, now.q, now.velocity, now.moving, now.path_s / factor, now.path_rate / factor, now.on_path
         )
 
-    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Run trajectories from rest, all slowed down by one factor if one exceeds its limits.
 
         Raises:
@@ -116,7 +116,7 @@ class Guarded:
         """
         return await self._driver.move(self._allowed(motions, replaces=False))
 
-    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Let trajectories take over; one that starts moving cannot be slowed down and is refused if it is too fast.
 
         Raises:
@@ -127,7 +127,7 @@ class Guarded:
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Do nothing: a motion is checked when it starts, since the other arms may move until then."""
 
-    async def jaw(self, arm: str, angle_rad: float) -> Execution:
+    async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Drive the jaws to an opening within their range."""
         jaw = self._guard(arm).model.jaw
         if not (math.isfinite(angle_rad) and jaw.lower <= angle_rad <= jaw.upper):

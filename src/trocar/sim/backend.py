@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from trocar.lab import Station
+from trocar.lab.session import draw_session
 from trocar.sim.laboratory import SimLaboratory
-from trocar.station import Station
-from trocar.station.session import draw_session
 
 
 def simulated(station: Station, rng: np.random.Generator) -> SimLaboratory:

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.lab.sensor_flaws import SensorFlaws
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
-from trocar.sim.finish import Finish, Sight
+from trocar.sim.appearance import Appearance, Sight
 from trocar.sim.sensor import Light, apply_flaws, expose, shade
-from trocar.station.sensor_flaws import SensorFlaws
 
 VISIBLE_GROUPS = (1, 1, 1, 0, 0, 0)
 HIDDEN_GROUP = 5
@@ -49,7 +49,7 @@ class RayCamera:
         lamp_m: ArrayLike,
         flaws: SensorFlaws | None = None,
         light: Light | None = None,
-        finish: Finish | None = None,
+        finish: Appearance | None = None,
     ):
         if T_world_camera.matrix.shape != (4, 4) or not np.isfinite(T_world_camera.matrix).all():
             raise TrocarError("a camera needs one finite pose (4, 4) as T_world_camera")

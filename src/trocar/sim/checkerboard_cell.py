@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
+from trocar.lab import SensorFlaws, Station
 from trocar.perception.checkerboard.board import Checkerboard
 from trocar.perception.depth import project, rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.sim.elements import add, scene_bits, text
-from trocar.sim.eyes import EYE_GAINS, eyes_of
 from trocar.sim.mjcf import CellModel
+from trocar.sim.station_cameras import EYE_GAINS, eyes_of
 from trocar.sim.task_world import TaskWorld
 from trocar.sim.world import World
-from trocar.station import SensorFlaws, Station
 
 WHITE_RGB, BLACK_RGB = (0.39, 0.39, 0.39), (0.03, 0.03, 0.03)
 """Matte print, too dull to mirror the lamp (assumed)."""

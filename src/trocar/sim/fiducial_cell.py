@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
+from trocar.lab import SensorFlaws
+from trocar.lab.session import Session
 from trocar.perception.fiducials.fixture import Fixture
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.sim.camera import RayCamera
 from trocar.sim.elements import NOTHING, add, text
+from trocar.sim.fixture import printed
 from trocar.sim.mjcf import CellModel
 from trocar.sim.sensor import Light
 from trocar.sim.task_world import TaskWorld
 from trocar.sim.world import World
-from trocar.sim.worn import printed
-from trocar.station import SensorFlaws
-from trocar.station.session import Session
 
 TABLE_RGB = (0.05, 0.05, 0.05)
 TABLE_BELOW_M = 0.08

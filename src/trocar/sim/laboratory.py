@@ -14,6 +14,9 @@ from trio.testing import MockClock, wait_all_tasks_blocked
 
 from trocar.cell import Cell, Result
 from trocar.errors import TrocarError
+from trocar.lab import SensorFlaws, StationCamera
+from trocar.lab.session import Session
+from trocar.lab.transmission import DriveTrain
 from trocar.log import CellLog
 from trocar.perception.image import (
     CameraModel,
@@ -25,20 +28,17 @@ from trocar.perception.image import (
     StereoWindow,
     Window,
 )
-from trocar.robots import TICK_S, ArmGuard, Belief, Guarded
+from trocar.robots import TICK_S, ArmGuard, Guarded, JointEstimator
 from trocar.sim.camera import RayCamera
-from trocar.sim.eyes import EYE_GAINS, eyes_of
+from trocar.sim.contacts import ContactMonitor
 from trocar.sim.mjcf import CellModel, Servo, Surface
 from trocar.sim.pace import Pace, Script, Stepping, Virtual, repeat_scheduling
 from trocar.sim.record import Record
 from trocar.sim.recorder import Recorder
 from trocar.sim.robot import SimRobot
+from trocar.sim.station_cameras import EYE_GAINS, eyes_of
 from trocar.sim.task_world import TaskWorld
-from trocar.sim.touches import Touches
 from trocar.sim.world import World
-from trocar.station import SensorFlaws, StationCamera
-from trocar.station.session import Session
-from trocar.station.transmission import DriveTrain
 
 REST_S = 0.5
 """The bodies settle for this long before the clock starts."""
@@ -178,7 +178,7 @@ class SimLaboratory:
         }
         guarded = Guarded(self.driver, guards, min_distance_m=station.min_distance_m, note=self.log.event)
         self._guard = guarded
-        self._touches = Touches(self.world, self.task.hit, self.task.counts)
+        self._touches = ContactMonitor(self.world, self.task.hit, self.task.counts)
         self.recorder = Recorder(self.world, guarded)
         self.cell = Cell(
             robot=guarded,
@@ -198,12 +198,12 @@ class SimLaboratory:
         """Return the cell's clock."""
         return self._ticks * TICK_S
 
-    def wear(self, wrap: Callable[[Cell], Any]) -> Cell:
+    def wrap_robot(self, wrap: Callable[[Cell], Any]) -> Cell:
         """Add another wrapper to the robot, made by ``wrap`` from the cell; return the cell with it."""
         self.cell = replace(self.cell, robot=wrap(self.cell))
         self.recorder.asked_of = self.cell.robot
         robot = self.cell.robot
-        if isinstance(robot, Belief):
+        if isinstance(robot, JointEstimator):
             self._guard.belief = robot
         return self.cell
 

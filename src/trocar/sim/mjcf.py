@@ -15,8 +15,8 @@ from trocar.arms.parts import STEEL, Part, parts_of
 from trocar.geometry import SE3, SO3
 from trocar.perception.fiducials.fixture import Fixture
 from trocar.sim.elements import add, arm_bits, placed, text
+from trocar.sim.fixture import add_fixture
 from trocar.sim.task_world import TaskWorld
-from trocar.sim.worn import add_fixture
 
 TIMESTEP_S = 1e-3
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.sim.touches import Collision
+from trocar.sim.contacts import Collision
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ from trocar.arms import fk
 from trocar.cell import Robot
 from trocar.geometry import SE3, SO3
 from trocar.replay import Solid
+from trocar.sim.contacts import Collision
 from trocar.sim.record import Record
-from trocar.sim.touches import Collision
 from trocar.sim.world import World
 
 VISIBLE_GROUPS = (0, 1, 2)

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from trocar.arms import fk, ik
 from trocar.calibration.excitation import WIDE_ROWS, MotionBox, random_smooth_path, slack_taken_up, wide_path
 from trocar.calibration.recording import Recording
-from trocar.station.session import Session
-from trocar.station.transmission import DriveTrain
+from trocar.lab.session import Session
+from trocar.lab.transmission import DriveTrain
 
 ROOM_RAD, ROOM_M = 0.5, 0.05
 """True joints may leave the commands' range by this much."""

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.cell import JointReading
+from trocar.lab.transmission import DriveTrain, JawCable
 from trocar.robots.driver import TICK_S, Driver
 from trocar.sim.mjcf import TIMESTEP_S
 from trocar.sim.world import World
-from trocar.station.transmission import DriveTrain, JawCable
 
 SERVO_STEPS = 2
 """Physics steps between two updates of the servos' targets."""

@@ -10,11 +10,11 @@ import numpy as np
 
 from trocar.arms import ArmModel, fk, frames
 from trocar.geometry import SE3, SO3
+from trocar.lab import Station, StationCamera
 from trocar.perception.image import Intrinsics, StereoRig
 from trocar.sim.elements import add, placed, scene_bits, text
 from trocar.sim.mjcf import JAW_STIFFNESS_NM_RAD, CellModel, Servo, cell_element
 from trocar.sim.task_world import TaskWorld
-from trocar.station import Station, StationCamera
 
 PARK = "park"
 """Name of the keyframe in which the arms rest where the station parks them."""

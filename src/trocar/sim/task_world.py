@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.sim.touches import Hit
+from trocar.sim.contacts import Hit
 
 if TYPE_CHECKING:
     from trocar.sim.record import Record

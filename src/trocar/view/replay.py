@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trocar.output import write_text
+from trocar.files.output import write_text
 from trocar.replay import Replay
 from trocar.view.film import FRAME_RATES, Film, shoot
 from trocar.view.overlay import with_overlay
@@ -80,7 +80,7 @@ def _record_poses(recording: StateSerializer, bodies: Bodies, frame: int) -> Non
     Setting the nodes' poses would do the same, but a node compares each number with the previous one and notifies the
     server; since most messages of a page are poses, it would take three times as long.
     """
-    from viser._messages import SetOrientationMessage, SetPositionMessage  # noqa: PLC0415
+    from viser._messages import SetOrientationMessage, SetPositionMessage
 
     for name, position, wxyz in bodies.moved(frame):
         recording._insert_message(SetPositionMessage(name, tuple(position.tolist())))

@@ -31,7 +31,7 @@ def open_server(port: int) -> ViserServer:
     if not 0 <= port <= 65535:
         raise TrocarError(f"the port is {port}; give 1 to 65535, or 0 for any that is free")
     try:
-        from viser import ViserServer  # noqa: PLC0415 - an extra
+        from viser import ViserServer  # an extra
     except ImportError:
         raise TrocarError(f"3D in the browser needs viser; {how_to_install('view')}") from None
     with _quiet():

@@ -3,12 +3,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fleets import fleet
-from trocar.archive import Archive, read_archive
 from trocar.calibration.fleet import learn_prior, load_prior
 from trocar.calibration.fleet.loop_fit import LoopFit
 from trocar.calibration.fleet.loops import FEATURES
 from trocar.calibration.fleet.prior import COMMON, FORMAT, VERSION, FleetPrior
 from trocar.errors import TrocarError
+from trocar.files.archive import Archive, read_archive
 
 
 def one(name="a", shape=0.0, weights=0.0, outer=0.0, left=1.0):

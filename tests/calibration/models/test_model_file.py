@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trocar.archive import Archive, read_archive
 from trocar.calibration.models import MODELS, load_model, save_model
 from trocar.calibration.models.model_file import FORMAT, VERSION
 from trocar.errors import TrocarError
+from trocar.files.archive import Archive, read_archive
 
 
 def rewritten(path, header=None, **arrays):

@@ -1,4 +1,4 @@
-"""The spheres that an instrument wears: where they are, and which colours tell them apart."""
+"""The spheres that an instrument wrap_robot: where they are, and which colours tell them apart."""
 
 import colorsys
 from itertools import combinations

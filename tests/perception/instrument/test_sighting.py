@@ -7,6 +7,9 @@ import pytest
 
 from trocar.arms import PSM_CLASSIC, fk
 from trocar.geometry import SE3, SO3
+from trocar.lab import load_station
+from trocar.lab.flaws import Difficulty
+from trocar.lab.session import draw_session
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.perception.instrument import sight
@@ -17,9 +20,6 @@ from trocar.sim.fiducial_cell import EmptyTable
 from trocar.sim.mjcf import CellModel
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
-from trocar.station import load_station
-from trocar.station.difficulty import Difficulty
-from trocar.station.session import draw_session
 
 ARM, Q = PSM_CLASSIC, np.array([0.1, 0.1, 0.15, 0.4, 0.3, -0.4])
 JAW_RAD = 0.9

@@ -3,9 +3,9 @@
 import pytest
 
 from trocar.errors import TrocarError
+from trocar.eval import TASKS
+from trocar.lab.flaws import Difficulty
 from trocar.report.robustness.conditions import cells_of, conditions_of
-from trocar.station.difficulty import Difficulty
-from trocar.tasks import TASKS
 
 PEG = TASKS.pick("peg-transfer")()
 

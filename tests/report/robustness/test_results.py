@@ -7,13 +7,13 @@ import pytest
 from PIL import Image
 
 from synthetic import unmarked
+from trocar.eval import TASKS
+from trocar.eval.rows import row_file
+from trocar.eval.trial import trial_file
 from trocar.report.robustness.conditions import conditions_of
 from trocar.report.robustness.report import write_study
 from trocar.report.robustness.results import results_of
 from trocar.report.robustness.row import VERSION, Row
-from trocar.tasks import TASKS
-from trocar.trials.rows import row_file
-from trocar.trials.trial import trial_file
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import pytest
 
 from trocar.arms import Unreachable, ik
 from trocar.geometry import SE3, SO3
-from trocar.station import load_station
-from trocar.station.session import draw_session
+from trocar.lab import load_station
+from trocar.lab.session import draw_session
 from trocar.tasks.debridement.agents.places import TILT_RAD
 from trocar.tasks.debridement.task import REGION_M
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
-from trocar.station import load_station
-from trocar.tasks import TASKS
+from trocar.eval import TASKS
+from trocar.eval.config import RunConfig
+from trocar.lab import load_station
 from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.tasks.debridement.task import Debridement
-from trocar.trials.config import RunConfig
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def test_one_arm_or_two_work(station, arms, variant):
 def test_there_is_one_goal_for_each_fragment(station):
     task = Debridement(fragments=3)
     assert [goal.number for goal in task.goals()] == [0, 1, 2]
-    assert task.known().fragments == 3
+    assert task.nominal().fragments == 3
     assert len(task.scene(np.random.default_rng(0), station).fragments) == 3
 
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.station import load_station
-from trocar.station.difficulty import LEVELS, Difficulty
+from trocar.lab import load_station
+from trocar.lab.flaws import LEVELS, Difficulty
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import PAIRS
 from trocar.tasks.peg_transfer.pegboard import Pegboard
@@ -148,7 +148,7 @@ def test_every_variant_moves_every_block_there_and_back(variant):
 def test_a_variant_says_how_many_arms_work(variant, arms):
     task = PegTransfer(variant=variant)
     assert task.working_arms(STATION) == ("psm1", "psm2")[:arms]
-    assert task.known().variant == variant and variant in PAPER
+    assert task.nominal().variant == variant and variant in PAPER
     alone = replace(STATION, arms={"psm1": STATION.arms["psm1"]})
     if arms == 1:
         assert task.at(alone) is alone
@@ -184,7 +184,7 @@ def test_prints_are_off_by_as_much_as_the_flaw_says_and_only_then():
 
 
 def test_what_an_agent_knows_is_the_drawing():
-    assert TASK.known().board == Pegboard() and TASK.known().block == Block()
+    assert TASK.nominal().board == Pegboard() and TASK.nominal().block == Block()
 
 
 def test_the_worst_print_can_still_be_laid_down():

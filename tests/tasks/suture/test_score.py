@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trocar.geometry import SE3, SO3
-from trocar.sutures.drive import Suture
-from trocar.sutures.primitive import exit_turn_rad, needle_poses, steps, tip_poses
 from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.planning.drive import Suture
+from trocar.tasks.suture.planning.primitive import exit_turn_rad, needle_poses, steps, tip_poses
 from trocar.tasks.suture.score import (
     FLICKER_S,
     MEANT_M,

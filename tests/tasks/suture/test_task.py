@@ -9,11 +9,11 @@ import pytest
 from trocar.arms import ARMS
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.station import load_station
-from trocar.sutures import CLOCKWISE, DIRECTIONS, PRESETS, suture_joints
-from trocar.sutures.drive import drive
-from trocar.sutures.plan_file import PlannedSutures, setup_from
-from trocar.sutures.primitive import grasp_pose
+from trocar.lab import load_station
+from trocar.tasks.suture.planning import CLOCKWISE, DIRECTIONS, PRESETS, suture_joints
+from trocar.tasks.suture.planning.drive import drive
+from trocar.tasks.suture.planning.plan_file import PlannedSutures, setup_from
+from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.task import CircleSutures
 
 TASK = CircleSutures()

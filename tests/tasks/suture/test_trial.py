@@ -7,15 +7,15 @@ from functools import partial
 import numpy as np
 import pytest
 
+from trocar.eval.config import RunConfig
+from trocar.eval.method import METHODS
+from trocar.eval.run import prepare, run_trial
+from trocar.eval.trial import trial_file
+from trocar.lab import station_text
 from trocar.report.files import report_of
 from trocar.report.summary import summarise
-from trocar.station import station_text
-from trocar.tasks.kit.method import METHODS
 from trocar.tasks.suture.report.driven import joint_errors
 from trocar.tasks.suture.task import CircleSutures
-from trocar.trials.config import RunConfig
-from trocar.trials.run import prepare, run_trial
-from trocar.trials.trial import trial_file
 
 LOOKED_S = 8.0
 WRIST = ("roll", "wrist_pitch", "wrist_yaw")

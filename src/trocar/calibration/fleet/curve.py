@@ -16,7 +16,7 @@ from trocar.calibration.models.base import MIN_ROWS
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
-from trocar.output import write_figure
+from trocar.files.output import write_figure
 
 TAIL_SHARE = 0.2
 """Errors count on this last share of a recording."""
@@ -74,7 +74,7 @@ def curve(recording: Recording, prior: FleetPrior, rows: Sequence[int] | None = 
 
 def draw_curve(found: Curve, path: str | Path) -> Path:
     """Draw the errors of the wrist's joints over the time of recording; return the path of the picture."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 (slow to import, and only this picture needs it)
+    from matplotlib.figure import Figure  # slow to import, and only this picture needs it
 
     figure = Figure(figsize=(12, 4), layout="constrained", dpi=110)
     for axis, joint in zip(figure.subplots(1, 3), (3, 4, 5), strict=True):

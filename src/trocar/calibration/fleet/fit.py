@@ -140,7 +140,7 @@ def _shape(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] 
     if recording.valid.sum() > SHAPE_ROWS:
         plant = fit_plant(recording)
         return LoopShape(plant.radii, plant.a, plant.b)
-    from scipy.optimize import minimize  # noqa: PLC0415 (slow to import; few fit, all know stations)
+    from scipy.optimize import minimize  # slow to import; few fit, all know stations
 
     def cost(theta: NDArray[np.float64]) -> float:
         likely = _explained(recording, LoopShape.of(theta), prior, sd_rad).likely

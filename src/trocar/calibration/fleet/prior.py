@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.archive import Archive, read_archive
 from trocar.calibration.fleet.loop_fit import LoopFit
 from trocar.calibration.fleet.loops import FEATURES, MULTIPLES
 from trocar.calibration.models.base import shaped
 from trocar.calibration.plant import WRIST
 from trocar.errors import TrocarError
+from trocar.files.archive import Archive, read_archive
 
 FORMAT = "trocar fleet prior"
 VERSION = 2

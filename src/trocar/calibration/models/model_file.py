@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from trocar.archive import Archive, read_archive
 from trocar.calibration.models.base import CableModel, TrainingMotion, shaped
 from trocar.calibration.recording import MISDETECTION_RAD, looks_like_recording
 from trocar.errors import TrocarError
+from trocar.files.archive import Archive, read_archive
 
 FORMAT = "trocar cable model"
 VERSION = 2
@@ -42,7 +42,7 @@ def load_model(path: str | Path, fingerprint: str | None = None) -> CableModel:
     Raises:
         TrocarError: there is no such file, it is no cable model, a damaged one, or another run's.
     """
-    from trocar.calibration.models import MODELS  # noqa: PLC0415 (the registry imports this module)
+    from trocar.calibration.models import MODELS  # the registry imports this module
 
     if looks_like_recording(Path(path)):
         raise TrocarError(f"{str(path)!r} is a recording, not a cable model; give a file that `calibrate fit` wrote")

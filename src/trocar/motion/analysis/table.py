@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.csv_file import TIMES, read_csv
 from trocar.errors import TrocarError
+from trocar.files.csv_file import TIMES, read_csv
 from trocar.motion.analysis.huber import SHORTEST
 
 OFF_GRID = 0.3

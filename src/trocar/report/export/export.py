@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trocar.errors import TrocarError
-from trocar.output import make_folder
+from trocar.eval.trial import Trial
+from trocar.files.output import make_folder
 from trocar.report.export.notes import Notes
 from trocar.report.export.parquet import require_parquet, write_parquet
 from trocar.report.export.samples import samples_of
 from trocar.report.export.table import Column, FlatTable
-from trocar.trials.trial import Trial
 
 FORMATS: dict[str, Callable[[FlatTable, Path], Path]] = {"csv": FlatTable.write_csv, "parquet": write_parquet}
 COLUMNS = (

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from trocar.eval.trial import Trial
 from trocar.report.export.table import Column, FlatTable, kind_of
 from trocar.report.turns import turn_at, turns_of
-from trocar.trials.trial import Trial
 
 PLACE = (
     Column("session", "number of the session, from 0 on", "integer"),
@@ -154,7 +154,7 @@ def _of_event(event: Mapping[str, Any]) -> tuple[Any, ...]:
 
 def _own_name(trial: Trial, key: str) -> str:
     """Return the column of a field of the task's own score, such as ``transfer_source``."""
-    return re.sub(r"\W", "_", f"{trial.piece}_{key}")
+    return re.sub(r"\W", "_", f"{trial.goal_noun}_{key}")
 
 
 def _with_own(goals: FlatTable, own: Sequence[Mapping[str, Any]]) -> FlatTable:

@@ -6,22 +6,22 @@ from pathlib import Path
 
 from trocar.errors import TrocarError
 from trocar.extras import how_to_install
-from trocar.output import MADE_BY, mark_of, writing
+from trocar.files.output import MADE_BY, mark_of, writing
 from trocar.report.export.table import FlatTable
 
 
 def require_parquet() -> None:
     """Raise TrocarError if Parquet files cannot be written here; check this before anything is read."""
     try:
-        import pyarrow  # noqa: F401, PLC0415 - an extra, of 150 MB
+        import pyarrow  # noqa: F401 - an extra, of 150 MB
     except ImportError:
         raise TrocarError(f"--format parquet needs pyarrow; {how_to_install('parquet')}, or use csv") from None
 
 
 def write_parquet(table: FlatTable, path: str | Path) -> Path:
     """Write a table as Parquet, its mark in the file's metadata, and return the path; raises as ``writing`` does."""
-    import pyarrow as pa  # noqa: PLC0415
-    import pyarrow.parquet as pq  # noqa: PLC0415
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
     types = {"text": pa.string(), "integer": pa.int64(), "number": pa.float64(), "truth": pa.bool_()}
     arrays = [pa.array(v, types[column.kind]) for column, v in zip(table.columns, table.values, strict=True)]

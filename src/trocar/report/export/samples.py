@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk
+from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.report.export.notes import PLACE
 from trocar.report.export.table import Column, FlatTable
-from trocar.trials.trial import Trial
 
 KINDS = {
     "asked": "as the script asked for",

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.output import write_table
+from trocar.files.output import write_table
 
 Kind = Literal["text", "integer", "number", "truth"]
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+from trocar.lab.flaws import HARSH, HARSHER, MILD, RECORDED
 from trocar.report.page.elements import bullets, paragraph, table
 from trocar.report.tables import percent
-from trocar.station.difficulty import HARSH, HARSHER, MILD, RECORDED
 
 LEVELS = {
     RECORDED: "The laboratory's errors are as large as in recordings of real instruments, or assumed where none exist.",

@@ -16,7 +16,7 @@ def headline(summary: Mapping[str, Any]) -> str:
     Args:
         summary: keys as in ``summary.json``.
     """
-    piece, sessions = summary["piece"], summary["sessions"]
+    piece, sessions = summary["goal_noun"], summary["sessions"]
     low, high = summary["success_ci95"]
     whole = summary["completion_time_s"]
     spread = "" if whole["sd"] is None else f" ± {whole['sd']:.1f} (SD)"

@@ -10,14 +10,14 @@ from typing import Any
 
 from rich.table import Table
 
-from trocar.output import write_text
+from trocar.eval import in_words
+from trocar.files.output import write_text
 from trocar.report.failed import Failed
 from trocar.report.page.assumed import assumed, reproduced
 from trocar.report.page.elements import document, of_table, paragraph, picture, pictures, section
 from trocar.report.page.headline import headline, warnings
 from trocar.report.picture import Picture
 from trocar.report.tables import parts_table
-from trocar.tasks.kit import in_words
 
 REPLAY = "replay.html"
 
@@ -62,7 +62,7 @@ def write_page(path: str | Path, run: RunReport) -> Path:
     title = ", ".join(name.replace("-", " ") for name in names)
     sections = {
         "compared": ("Beside the paper" if len(run.compared[0].rows) > 1 else "In numbers", _compared(run)),
-        "goals": (f"{summary['piece'].capitalize()}s", [of_table(table) for table in run.goals]),
+        "goals": (f"{summary['goal_noun'].capitalize()}s", [of_table(table) for table in run.goals]),
         "failures": ("Failures", _failures(run)),
         "replay": ("Replay", _replay(Path(path), run)),
         "pictures": ("Pictures", [picture(shown) for shown in run.storyboard]),
@@ -96,7 +96,7 @@ def _compared(run: RunReport) -> list[str]:
 def _failures(run: RunReport) -> list[str]:
     """Return the failures by name, and a picture of each goal that was not reached."""
     if not run.failed:
-        return [paragraph(f"No failure: every {run.summary['piece']} that was attempted succeeded.")]
+        return [paragraph(f"No failure: every {run.summary['goal_noun']} that was attempted succeeded.")]
     more = len(run.failed) - len(run.failed_pictures)
     said = [of_table(run.failures), pictures(run.failed_pictures)]
     if more and run.failed_pictures:

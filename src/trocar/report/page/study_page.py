@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from trocar.output import write_text
+from trocar.files.output import write_text
 from trocar.report.page.elements import bullets, document, section
 
 

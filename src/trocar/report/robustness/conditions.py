@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from trocar.errors import TrocarError
-from trocar.station.difficulty import FLAWS, MILD, MOST_SCALE, SHOWN, Difficulty
-from trocar.tasks import Task
-from trocar.tasks.kit import methods_of, pick_method
-from trocar.trials.cells import Cell, chosen, compensated_alone
-from trocar.trials.config import JOINTS, RunConfig
+from trocar.eval import Task, methods_of, pick_method
+from trocar.eval.conditions import Cell, chosen, compensated_alone
+from trocar.eval.config import JOINTS, RunConfig
+from trocar.lab.flaws import FLAWS, MILD, MOST_SCALE, SHOWN, Difficulty
 
 USUAL_SCALES = (0.0, 1.0, 2.0, 4.0)
 
@@ -80,7 +79,7 @@ def conditions_of(
         if pick_method(type(task), method).calibrated and not calibration:
             of_method[method] |= {"calibration": JOINTS}
     first = RunConfig(task=task, method=picked[0], difficulty=difficulty, **of_method[picked[0]], **run)
-    varied = chosen(flaws, first.laboratory.flaws_felt, "flaws")
+    varied = chosen(flaws, first.laboratory.relevant_flaws, "flaws")
     sizes = _numbers(scales) if scales else list(USUAL_SCALES)
     cells: dict[Path, Cell] = {}
     found = []

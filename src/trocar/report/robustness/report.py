@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from trocar.output import write_json
+from trocar.files.output import write_json
 from trocar.report.robustness.curves import draw_curves
 from trocar.report.robustness.results import Result
 

@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from trocar.eval.statistics import session_interval
 from trocar.report.cells import CellRows, rows_of_cells
 from trocar.report.comparison import ratio_estimate, session_estimate
 from trocar.report.robustness.conditions import Condition, cells_of
 from trocar.report.robustness.row import Row, read_row
-from trocar.report.statistics import session_interval
 
 
 @dataclass(frozen=True, eq=False)

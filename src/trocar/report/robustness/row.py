@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from trocar.trials import Trial
-from trocar.trials.rows import kept_row
+from trocar.eval.rows import kept_row
+from trocar.eval.trial import Trial
 
 VERSION = 1
 """Version of rows: a change causes stored ones to be made again."""

@@ -104,7 +104,7 @@ def lay_out(
 
 def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator) -> Fragment:
     """Return a piece with a flat bottom, somewhere in the region."""
-    from scipy.spatial import ConvexHull  # noqa: PLC0415 (slow to import; help of the task does not need it)
+    from scipy.spatial import ConvexHull  # slow to import; help of the task does not need it
 
     size = np.array([rng.uniform(*extent) for extent in (LENGTH_M, WIDTH_M, HEIGHT_M)])
     directions = rng.standard_normal((CORNERS, 3))
@@ -130,7 +130,7 @@ def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator
 
 def _centre(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the centre of mass (3,) of a convex hull, from the tetrahedra between its middle and its faces."""
-    from scipy.spatial import ConvexHull  # noqa: PLC0415
+    from scipy.spatial import ConvexHull
 
     hull, middle = ConvexHull(corners), corners.mean(axis=0)
     faces = corners[hull.simplices] - middle

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.eval import Score, told
 from trocar.tasks.debridement.claims import false_detections, false_pickups
 from trocar.tasks.debridement.grips import DROP, DROPOFF, PICKUP, STUCK, Closing, closings_of, fate
 from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.tasks.debridement.thresholds import NEAR_M, RELEASE_S, STILL_M, STILL_S
 from trocar.tasks.debridement.truth import DebridementTruth
-from trocar.tasks.kit import Score, told
 
 Event = Mapping[str, Any]
 

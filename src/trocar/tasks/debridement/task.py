@@ -10,15 +10,15 @@ import numpy as np
 
 from trocar.calibration.excitation import MotionBox
 from trocar.errors import TrocarError
+from trocar.eval import Method, Task, check_budget, option
+from trocar.lab import Station, StationArm
 from trocar.perception.image import StereoRig
 from trocar.registry import Lazy
-from trocar.station import Station, StationArm
 from trocar.tasks.debridement.goals import Clearing
 from trocar.tasks.debridement.scene import DebridementScene, lay_out
 from trocar.tasks.debridement.score import FragmentScore, score_fragments
 from trocar.tasks.debridement.truth import DebridementTruth
 from trocar.tasks.debridement.workspace import Workspace
-from trocar.tasks.kit import Method, Task, check_budget, option
 
 if TYPE_CHECKING:
     from trocar.sim.task_world import TaskWorld
@@ -48,7 +48,7 @@ _SETTINGS = "trocar.tasks.debridement.agents.settings"
 _METHOD = {
     "agent": Lazy("trocar.tasks.debridement.agents:agent_of"),
     "calibrated": False,
-    "wears": Lazy("trocar.tasks.debridement.agents:with_adjustment"),
+    "wrap_robot": Lazy("trocar.tasks.debridement.agents:with_adjustment"),
     "planner": "convex",
     "perception": "stereo",
 }
@@ -67,7 +67,7 @@ class Debridement(Task):
 
     name = "debridement"
     about = "fragments of foam into a receptacle, two arms at once, re-planning all the way (Kehoe et al. 2014)"
-    piece = "fragment"
+    goal_noun = "fragment"
     report = Lazy("trocar.tasks.debridement.report:DebridementReport")
     station = "raven-pair"
     methods: ClassVar = {
@@ -136,14 +136,14 @@ class Debridement(Task):
         """Return one goal for each fragment, in the order in which they are cleared."""
         return tuple(Clearing(number) for number in range(self.fragments))
 
-    def known(self) -> Workspace:
+    def nominal(self) -> Workspace:
         """Return the receptacle's shape, and the region of the fragments."""
         return Workspace(fragments=self.fragments, region_m=REGION_M[self.arms])
 
     def scene(self, rng: np.random.Generator, station: Station) -> DebridementScene:
         """Return fragments scattered at random, and the receptacle slightly off its place."""
         table, receptacle = (station.T_world_fixture[name] for name in FIXTURES)
-        scene = lay_out(table, receptacle, self.known(), rng, self.backdrop)
+        scene = lay_out(table, receptacle, self.nominal(), rng, self.backdrop)
         camera = station.cameras[CAMERA]
         assert isinstance(camera.model, StereoRig)  # ``at`` has checked it
         right = camera.T_world_camera @ camera.model.T_left_right

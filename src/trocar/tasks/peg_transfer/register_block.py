@@ -30,10 +30,10 @@ def block(
 
     The block frame lies in the middle of the top face, z into the block; yaw is one of three equal ones.
     """
-    from trocar.perception.capture import load_capture  # noqa: PLC0415 (SciPy only when needed)
-    from trocar.tasks.peg_transfer.block import Block  # noqa: PLC0415
-    from trocar.tasks.peg_transfer.perception.cloud import fit_cloud  # noqa: PLC0415
-    from trocar.tasks.peg_transfer.perception.top_face import top_face  # noqa: PLC0415
+    from trocar.perception.capture import load_capture  # SciPy only when needed
+    from trocar.tasks.peg_transfer.block import Block
+    from trocar.tasks.peg_transfer.perception.cloud import fit_cloud
+    from trocar.tasks.peg_transfer.perception.top_face import top_face
 
     points = load_capture(capture, unit)
     model = Block()

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from trocar.errors import TrocarError
+from trocar.eval import Method, Task, check_budget, option
 from trocar.geometry import SE3, SO3, TURN
+from trocar.lab import Station
 from trocar.registry import Lazy
-from trocar.station import Station
-from trocar.tasks.kit import Method, Task, check_budget, option
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import GOALS, PegSet, Transfer
 from trocar.tasks.peg_transfer.pegboard import Pegboard
@@ -61,7 +61,7 @@ class PegTransfer(Task):
 
     name = "peg-transfer"
     about = "six blocks from peg to peg and back, twelve transfers (Hwang et al. 2022)"
-    piece = "transfer"
+    goal_noun = "transfer"
     station = "peg-transfer"
     methods: ClassVar = {
         "calibrated": Method(
@@ -117,14 +117,14 @@ class PegTransfer(Task):
         """Return the transfers in order."""
         return GOALS[self.variant][: self.transfers]
 
-    def known(self) -> PegSet:
+    def nominal(self) -> PegSet:
         """Return the shapes of board and blocks, and the variant."""
         return PegSet(variant=self.variant)
 
     def scene(self, rng: np.random.Generator, station: Station) -> PegScene:
         """Return a board moved by millimetres with a block lying loosely on each of its left six pegs, as printed."""
         (sd_m,) = station.difficulty["print"]
-        board, block = printed(self.known().board, self.known().block, float(sd_m), rng.spawn(1)[0])
+        board, block = printed(self.nominal().board, self.nominal().block, float(sd_m), rng.spawn(1)[0])
         shift = np.append(rng.uniform(-BOARD_SHIFT_M, BOARD_SHIFT_M, 2), 0.0)
         turn = SO3.axis("z", rng.uniform(-BOARD_TURN_RAD, BOARD_TURN_RAD))
         T_world_board = station.T_world_fixture["board"] @ SE3.from_parts(turn, shift)

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.sutures.drive import Suture
-from trocar.tasks.kit import Score, told
+from trocar.eval import Score, told
 from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.planning.drive import Suture
 from trocar.tasks.suture.truth import NeedleTruth
 
 ON_TARGET_M = 1.0e-3

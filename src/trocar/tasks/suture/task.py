@@ -12,16 +12,16 @@ import numpy as np
 
 from trocar.calibration.excitation import PSM1_BOX, MotionBox
 from trocar.errors import TrocarError
+from trocar.eval import Method, Task, check_budget, option
 from trocar.geometry import SE3, shown
+from trocar.lab import Station
 from trocar.registry import Lazy
-from trocar.station import Station
-from trocar.sutures import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, SutureSetup, dexterity, plan_even
-from trocar.sutures.drive import Suture, drive
-from trocar.sutures.plan import check_count
-from trocar.sutures.plan_file import PlannedSutures, load_plan
-from trocar.sutures.primitive import grasp_pose
-from trocar.sutures.reach import plan_out_of_reach
-from trocar.tasks.kit import Method, Task, check_budget, option
+from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, SutureSetup, dexterity, plan_even
+from trocar.tasks.suture.planning.drive import Suture, drive
+from trocar.tasks.suture.planning.plan import check_count
+from trocar.tasks.suture.planning.plan_file import PlannedSutures, load_plan
+from trocar.tasks.suture.planning.primitive import grasp_pose
+from trocar.tasks.suture.planning.reach import plan_out_of_reach
 from trocar.tasks.suture.scene import SutureScene
 from trocar.tasks.suture.score import SutureScore, score_sutures
 from trocar.tasks.suture.truth import NeedleTruth
@@ -70,7 +70,7 @@ class CircleSutures(Task):
 
     name = "suture"
     about = "sutures round a circle, driven as planned (Thananjeyan et al. 2019)"
-    piece = "suture"
+    goal_noun = "suture"
     variant = "single-arm"
     station = "suture"
     methods: ClassVar = {

@@ -8,10 +8,10 @@ import trio
 import trio.testing
 
 from trocar.arms import MotionLimits, Unreachable, fk
-from trocar.cell import Ended, Execution, JointReading, SetPoint
+from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.geometry import SE3, SO3
+from trocar.lab import load_station
 from trocar.motion import rest_to_rest
-from trocar.station import load_station
 from trocar.tasks.debridement.agents.adjusted import Adjusted
 from trocar.tasks.debridement.agents.inverse_control import command_for
 from trocar.tasks.debridement.pose import HeldError, PaperAdjustment
@@ -45,8 +45,8 @@ class FakeRobot:
     async def move(self, motions):
         (self.sent,) = motions.values()
         await self.over.wait()
-        ended = Ended.REPLACED if self.replaced else Ended.DONE
-        return {"left": Execution(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), ended, "")}
+        ended = MotionEnd.REPLACED if self.replaced else MotionEnd.DONE
+        return {"left": MotionResult(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), ended, "")}
 
     async def replace(self, motions):
         self.replaced.append(motions["left"])

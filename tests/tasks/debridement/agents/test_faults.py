@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from debridement_stage import Eyes, play
+from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.tasks.debridement.agents import debrider
 from trocar.tasks.debridement.agents.letting_go import SHAKES
 from trocar.tasks.debridement.outcomes import FragmentOutcome
-from trocar.trials.trial import Trial
 
 RESTING = 1e-4
 """Change of a joint (rad, m) in the last tick; at the limit of acceleration the last step of braking is half of it."""

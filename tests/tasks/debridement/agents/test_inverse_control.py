@@ -5,8 +5,8 @@ import pytest
 
 from trocar.arms import MotionLimits, Unreachable, fk, ik_unbounded
 from trocar.geometry import SE3, SO3
+from trocar.lab import load_station
 from trocar.motion import rest_to_rest
-from trocar.station import load_station
 from trocar.tasks.debridement.agents.inverse_control import KEPT_SHARE, command_for, commands_for, corrected
 
 LEFT = load_station("raven-pair").arms["left"]

@@ -8,7 +8,7 @@ import trio
 
 from debridement_stage import Eyes, play
 from trocar.geometry import SE3
-from trocar.station import load_station
+from trocar.lab import load_station
 from trocar.tasks.debridement.agents.places import Places
 from trocar.tasks.debridement.agents.raven_arm import LOW_M, RavenArm
 from trocar.tasks.debridement.agents.settings import best

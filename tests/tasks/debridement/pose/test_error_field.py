@@ -6,9 +6,9 @@ import pytest
 from trocar.arms import RAVEN2_LEFT, Unreachable, fk
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.station import load_station
-from trocar.station.difficulty import MILD, Difficulty
-from trocar.station.transmission import PoseErrorField
+from trocar.lab import load_station
+from trocar.lab.flaws import MILD, Difficulty
+from trocar.lab.transmission import PoseErrorField
 from trocar.tasks.debridement.pose import ErrorField, ErrorFilter, HeldError
 from trocar.tasks.debridement.pose.error_field import MOST
 

@@ -5,13 +5,7 @@ from made_up_gripper import NOISE_M, of_its_kind
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.tasks.debridement.pose import PosePairs, RawKinematics
-from trocar.tasks.debridement.pose.evaluate import (
-    Summary,
-    detection_noise,
-    prediction_errors,
-    ratio_of_means,
-    replay,
-)
+from trocar.tasks.debridement.pose.evaluate import Summary, detection_noise, prediction_errors, ratio_of_means, replay
 
 
 class Diary:

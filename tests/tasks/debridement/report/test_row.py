@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from made_up_debridement import made_up, score
+from trocar.eval.config import RunConfig
 from trocar.log import Span
 from trocar.tasks.debridement.report.row import row_of
 from trocar.tasks.debridement.task import Debridement
-from trocar.trials.config import RunConfig
 
 
 def test_time_by_part_is_the_mean_of_the_working_arms_and_adds_up():

@@ -8,12 +8,12 @@ from typer.testing import CliRunner
 from made_up_debridement import saved
 from synthetic import unmarked
 from trocar.errors import TrocarError
+from trocar.eval.trial import trial_file
 from trocar.tasks.debridement.study import results as study_results
 from trocar.tasks.debridement.study.cells import cells_of
 from trocar.tasks.debridement.study.command import app
 from trocar.tasks.debridement.study.report import left_behind, write_study
 from trocar.tasks.debridement.study.results import read_row, results_of, speedups
-from trocar.trials.trial import trial_file
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ from simulated import ideal_session
 from trocar.arms import ik
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
+from trocar.lab import SensorFlaws, load_station
+from trocar.lab.session import draw_session
 from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
-from trocar.station import SensorFlaws, load_station
-from trocar.station.session import draw_session
 from trocar.tasks.debridement.grips import closings_of
 from trocar.tasks.debridement.score import score_fragments
 from trocar.tasks.debridement.task import Debridement

@@ -4,7 +4,7 @@ import pytest
 
 from simulated import ideal_laboratory, standing
 from trocar.errors import TrocarError
-from trocar.tasks.kit import Brief
+from trocar.eval import AgentContext
 from trocar.tasks.peg_transfer.agents.bilateral import Bilateral
 from trocar.tasks.peg_transfer.goals import GOALS, PegSet
 from two_armed import SETTINGS, distance_of_arms_m, named, no_way, played
@@ -49,6 +49,6 @@ def test_the_arms_keep_their_margin_and_the_guard_has_nothing_to_do(clean):
 
 def test_one_arm_alone_is_refused():
     lab = ideal_laboratory(standing(0))
-    brief = Brief(lab.cell, FIRST, PegSet(variant="bilateral"), ("psm1",), no_way, None, None, SETTINGS)  # type: ignore
+    context = AgentContext(lab.cell, FIRST, PegSet(variant="bilateral"), ("psm1",), no_way, None, None, SETTINGS)  # type: ignore
     with pytest.raises(TrocarError, match=r"needs two arms, and was given psm1"):
-        Bilateral(brief)
+        Bilateral(context)

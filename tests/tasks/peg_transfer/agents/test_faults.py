@@ -14,6 +14,9 @@ from simulated import STATION, coarse, ideal_session, scene_of, standing
 from trocar.calibration.models import OffsetModel
 from trocar.calibration.models.base import TrainingMotion
 from trocar.errors import TrocarError
+from trocar.eval.config import RunConfig
+from trocar.eval.run import Prepared, run_trial
+from trocar.eval.trial import Trial
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
@@ -22,9 +25,6 @@ from trocar.tasks.peg_transfer.agents.settings import quick
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.trials import Trial
-from trocar.trials.config import RunConfig
-from trocar.trials.run import Prepared, run_trial
 from two_armed import Wrapped, silent
 
 BEST = PegTransfer.methods["best"]
@@ -175,10 +175,10 @@ def without_cables(station):
 def faulty(variant, transfers, blocks, robot, camera, planner):
     """Return a peg transfer with these blocks, whose method `best` gets these devices and this planner."""
 
-    def made(brief):
-        cameras = {name: camera(device) for name, device in brief.cell.cameras.items()}
-        cell = replace(brief.cell, robot=robot(brief.cell.robot), cameras=cameras)
-        return Watched(agent_of(replace(brief, cell=cell, planner=planner or brief.planner)), brief.cell)
+    def made(context):
+        cameras = {name: camera(device) for name, device in context.cell.cameras.items()}
+        cell = replace(context.cell, robot=robot(context.cell.robot), cameras=cameras)
+        return Watched(agent_of(replace(context, cell=cell, planner=planner or context.planner)), context.cell)
 
     class Faulty(PegTransfer):
         methods = {"best": replace(BEST, agent=made)}  # noqa: RUF012

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
+from trocar.eval.config import RunConfig
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.trials.config import RunConfig
-from trocar.trials.prepare import prepare
-from trocar.trials.run import run_trial
 
 ARM = "psm1"
 

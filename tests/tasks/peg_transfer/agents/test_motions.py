@@ -5,9 +5,9 @@ import pytest
 
 from simulated import ideal_laboratory, standing
 from trocar.arms import Unreachable
+from trocar.eval import AgentContext
 from trocar.geometry import SE3, SO3
 from trocar.motion import PLANNERS
-from trocar.tasks.kit import Brief
 from trocar.tasks.peg_transfer.agents import motions as module
 from trocar.tasks.peg_transfer.agents.motions import end_of
 from trocar.tasks.peg_transfer.agents.settings import Settings
@@ -22,10 +22,10 @@ BLOCK_AT = standing(SOURCE, (0.9e-3, -0.8e-3), 0.7)
 HEIGHT_M = 36e-3
 
 
-def motions_of(still_wrist):
+def motions_of(fixed_wrist):
     lab = ideal_laboratory(BLOCK_AT)
-    settings, rng = Settings(still_wrist=still_wrist), np.random.default_rng(0)
-    agent = Unilateral(Brief(lab.cell, (), PegSet(), ("psm1",), PLANNERS["spline"], DepthView(), rng, settings))
+    settings, rng = Settings(fixed_wrist=fixed_wrist), np.random.default_rng(0)
+    agent = Unilateral(AgentContext(lab.cell, (), PegSet(), ("psm1",), PLANNERS["spline"], DepthView(), rng, settings))
     agent.arm.table.blocks[SOURCE] = BLOCK_AT
     return agent.arm, agent.arm.motions
 
@@ -38,15 +38,15 @@ def grasped(arm, motions):
     return q, motions.gripped(q, BLOCK_AT)
 
 
-@pytest.mark.parametrize("still_wrist", [False, True])
-def test_straight_above_is_above_and_either_the_tool_or_the_wrist_keeps_still(still_wrist):
-    arm, motions = motions_of(still_wrist)
+@pytest.mark.parametrize("fixed_wrist", [False, True])
+def test_straight_above_is_above_and_either_the_tool_or_the_wrist_keeps_still(fixed_wrist):
+    arm, motions = motions_of(fixed_wrist)
     q, _ = grasped(arm, motions)
     above = motions.above(q, HEIGHT_M)
     before, after = motions.tip(q), motions.tip(above)
     np.testing.assert_allclose(after.translation_m, [*before.translation_m[:2], HEIGHT_M], atol=1e-8)
     turned_rad = np.linalg.norm((before.rotation.inverse() @ after.rotation).log())
-    if still_wrist:
+    if fixed_wrist:
         np.testing.assert_array_equal(above[3:], q[3:])
         assert 0.02 < turned_rad < 0.15
     else:
@@ -60,7 +60,7 @@ def test_a_wrist_that_cannot_keep_still_turns(monkeypatch):
     def unreachable(*_):
         raise Unreachable("joint 'insertion' = 0.2402 m is outside")
 
-    monkeypatch.setattr(module, "reach_with_still_wrist", unreachable)
+    monkeypatch.setattr(module, "ik_with_fixed_wrist", unreachable)
     before, after = motions.tip(q), motions.tip(motions.above(q, HEIGHT_M))
     assert np.linalg.norm((before.rotation.inverse() @ after.rotation).log()) < 1e-8
 
@@ -91,9 +91,9 @@ def test_a_block_is_lowered_to_where_the_inner_finger_has_room():
     assert (half - foot_m) @ wall > 0.9 * FINGER_ROOM_M * np.linalg.norm(wall), "towards the wall that is held"
 
 
-@pytest.mark.parametrize("still_wrist", [False, True])
-def test_a_block_that_is_offered_is_first_lifted_off_its_peg(still_wrist):
-    arm, motions = motions_of(still_wrist)
+@pytest.mark.parametrize("fixed_wrist", [False, True])
+def test_a_block_that_is_offered_is_first_lifted_off_its_peg(fixed_wrist):
+    arm, motions = motions_of(fixed_wrist)
     q, T_tip_block = grasped(arm, motions)
     offered = SE3.from_parts(SO3.axis("z", 0.4), [0.0, 0.0, 0.05])
     path = motions.offering(q, T_tip_block, SOURCE, offered)
@@ -101,7 +101,7 @@ def test_a_block_that_is_offered_is_first_lifted_off_its_peg(still_wrist):
     lifted = path.trajectory(path.waypoint_times_s[1])
     low = (motions.tip(lifted) @ T_tip_block).apply([0.0, 0.0, arm.table.block.height_m])
     assert low[2] > arm.table.board.peg_height_m
-    assert np.allclose(lifted[3:], q[3:], atol=1e-9) == still_wrist
+    assert np.allclose(lifted[3:], q[3:], atol=1e-9) == fixed_wrist
     end = motions.tip(end_of(path)) @ T_tip_block
     np.testing.assert_allclose(end.matrix[:3, 2], [0, 0, -1], atol=1e-6)
 

@@ -9,7 +9,7 @@ import trio
 from simulated import ideal_laboratory, joints_at, standing
 from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest
-from trocar.tasks.kit import ArmScript
+from trocar.robots.arm_script import ArmScript
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.agents.traffic import Blocked, Traffic
 from trocar.tasks.peg_transfer.block import Block

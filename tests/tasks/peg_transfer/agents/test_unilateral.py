@@ -8,12 +8,12 @@ import pytest
 from simulated import STATION, T_WORLD_BASE, coarse, ideal_laboratory, standing
 from trocar.arms import PSM_CLASSIC, Unreachable, fk
 from trocar.errors import TrocarError
+from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import arrays_of
-from trocar.tasks.kit import Brief
 from trocar.tasks.peg_transfer.agents.motions import Motions
 from trocar.tasks.peg_transfer.agents.peg_arm import LETS_GO_RAD, PegArm
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
@@ -74,10 +74,10 @@ class Blinkered(DepthView):
 
 
 def briefed(lab, goals=(FIRST,), settings=SETTINGS, perception=None, arms=("psm1",)):
-    return Brief(
+    return AgentContext(
         cell=lab.cell,
         goals=goals,
-        known=PegSet(),
+        nominal=PegSet(),
         arms=arms,
         planner=PLANNERS["spline"],
         perception=perception or DepthView(),
@@ -86,13 +86,13 @@ def briefed(lab, goals=(FIRST,), settings=SETTINGS, perception=None, arms=("psm1
     )
 
 
-def play(goals, blocks=None, robot=Wrapped, camera=Wrapped, budget_s=60.0, **brief):
+def play(goals, blocks=None, robot=Wrapped, camera=Wrapped, budget_s=60.0, **context):
     """Let the agent do transfers in an ideal cell; return the laboratory, whether it ended in time, and the scores."""
     blocks = blocks or [standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg) for peg in range(6)]
     lab = ideal_laboratory(*blocks, station=coarse(STATION))
-    lab.wear(lambda cell: robot(cell.robot))
+    lab.wrap_robot(lambda cell: robot(cell.robot))
     lab.cell = replace(lab.cell, cameras={name: camera(device) for name, device in lab.cell.cameras.items()})
-    agent = Unilateral(briefed(lab, goals, **brief))
+    agent = Unilateral(briefed(lab, goals, **context))
     in_time = lab.run(lambda cell: agent.run(), budget_s)
     return lab, in_time, score_transfers(goals, lab.truth(), lab.log.events)
 

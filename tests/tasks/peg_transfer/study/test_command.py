@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 from made_up_study import saved
 from trocar.errors import TrocarError
+from trocar.eval.study import opened
+from trocar.eval.trial import trial_files
 from trocar.tasks.peg_transfer.study.cells import cells_of
 from trocar.tasks.peg_transfer.study.command import app
-from trocar.trials.study import opened
-from trocar.trials.trial import trial_files
 
 STUDY = "from trocar.tasks.peg_transfer.study.command import app; app()"
 WORDS = ("--variants", "unilateral", "--methods", "uncalibrated", "--sessions", "2", "--transfers", "1", "--seed", "3")

@@ -11,13 +11,13 @@ from made_up_study import rows_of, saved
 from synthetic import unmarked
 from trocar.arms import fk
 from trocar.errors import TrocarError
+from trocar.eval.rows import row_file
+from trocar.eval.trial import Trial, trial_file
 from trocar.tasks.peg_transfer.study import figures, row
 from trocar.tasks.peg_transfer.study.hypotheses import HELD, OPEN, REJECTED, findings
 from trocar.tasks.peg_transfer.study.report import write_study
 from trocar.tasks.peg_transfer.study.results import results_of
 from trocar.tasks.peg_transfer.study.row import read_row
-from trocar.trials.rows import row_file
-from trocar.trials.trial import Trial, trial_file
 
 
 @pytest.fixture(scope="module")

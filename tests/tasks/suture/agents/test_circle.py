@@ -9,16 +9,16 @@ import pytest
 from simulated import coarse, ideal_session
 from trocar.arms import limit_violations
 from trocar.errors import TrocarError
+from trocar.eval import AgentContext
+from trocar.lab import SensorFlaws, load_station
 from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
-from trocar.station import SensorFlaws, load_station
-from trocar.sutures import suture_joints
-from trocar.sutures.drive import Suture
-from trocar.sutures.drive import drive as plan
-from trocar.tasks.kit import Brief
 from trocar.tasks.suture.agents import circle
 from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings, along, run_up
 from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.planning import suture_joints
+from trocar.tasks.suture.planning.drive import Suture
+from trocar.tasks.suture.planning.drive import drive as plan
 from trocar.tasks.suture.score import score_sutures
 from trocar.tasks.suture.task import CircleSutures
 
@@ -43,10 +43,10 @@ def laboratory():
 
 
 def briefed(cell, sutures=GOALS[:1], arms=("psm1",), settings=QUICK):
-    return Brief(
+    return AgentContext(
         cell=cell,
         goals=sutures,
-        known=None,
+        nominal=None,
         arms=arms,
         planner=PLANNERS["spline"],
         perception=None,

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from trocar.geometry import SE3, SO3
-from trocar.perception.needle import NeedleSighting
-from trocar.sutures.primitive import grasp_pose
 from trocar.tasks.suture.agents.needle_belief import (
     ALWAYS,
     ALWAYS_SD,
@@ -18,9 +16,11 @@ from trocar.tasks.suture.agents.needle_belief import (
     NOW,
     NOW_SD,
     STIRRED,
-    Believed,
-    NeedleBelief,
+    NeedleEstimate,
+    NeedleEstimator,
 )
+from trocar.tasks.suture.perception import NeedleSighting
+from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.task import CircleSutures
 
 SETUP = CircleSutures().setup
@@ -35,7 +35,7 @@ def seen_at(T):
 
 
 def loaded():
-    belief = NeedleBelief()
+    belief = NeedleEstimator()
     belief.loaded(HELD)
     return belief
 
@@ -121,7 +121,7 @@ def test_closing_jaws_move_a_needle_that_the_tissue_holds_and_what_was_known_of_
 
 
 def test_a_needle_in_the_tissue_that_was_seen_elsewhere_is_less_sure():
-    held = Believed(TIP @ HELD, np.diag(np.repeat([1e-4, 0.01], 3) ** 2))
+    held = NeedleEstimate(TIP @ HELD, np.diag(np.repeat([1e-4, 0.01], 3) ** 2))
     far = seen_at(held.T_base_needle @ SE3.from_parts(translation_m=[3e-3, 0.0, 0.0]))
     assert held.after(SE3.identity(), far) is None
     np.testing.assert_array_equal(held.doubted().covariance, DOUBT * held.covariance)
@@ -153,7 +153,7 @@ def test_the_errors_add_up_as_they_are_drawn():
         tip = SE3.from_parts(SO3.exp(off[3:]) @ TIP.rotation, TIP.translation_m + off[:3])
         drawn.append(((TIP @ HELD).inverse() @ tip @ HELD).log())
     before = belief.needle(TIP).covariance
-    surely = NeedleBelief()
+    surely = NeedleEstimator()
     surely._T_tip_needle = HELD  # no error of the grip
     np.testing.assert_allclose(np.sqrt(np.diag(surely.needle(TIP).covariance)), np.std(drawn, axis=0), rtol=0.08)
     assert (np.diag(before) > np.diag(surely.needle(TIP).covariance)).all()

@@ -8,15 +8,15 @@ import pytest
 from simulated import coarse, ideal_session
 from trocar.arms import fk
 from trocar.errors import TrocarError
+from trocar.eval import AgentContext
 from trocar.geometry import SE3
+from trocar.lab import load_station
 from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
-from trocar.station import load_station
-from trocar.sutures.drive import drive
-from trocar.sutures.primitive import grasp_pose
-from trocar.tasks.kit import Brief
 from trocar.tasks.suture.agents.circle import CircleSuturing, Settings, blind
 from trocar.tasks.suture.agents.watch import Aim, stretches
+from trocar.tasks.suture.planning.drive import drive
+from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.score import score_sutures
 from trocar.tasks.suture.task import CircleSutures
 
@@ -31,7 +31,7 @@ AWRY = SE3.exp([0.3e-3, 0.4e-3, -0.3e-3, 0.06, -0.05, 0.04])
 
 def agent_in(lab, settings):
     return CircleSuturing(
-        Brief(lab.cell, GOALS, None, ("psm1",), PLANNERS["spline"], None, np.random.default_rng(0), settings)
+        AgentContext(lab.cell, GOALS, None, ("psm1",), PLANNERS["spline"], None, np.random.default_rng(0), settings)
     )
 
 

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
+from trocar.eval.scenery import Scenery
+from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.report import style
-from trocar.sutures import PRESETS
-from trocar.sutures.primitive import needle_poses
+from trocar.tasks.suture.planning import PRESETS
+from trocar.tasks.suture.planning.primitive import needle_poses
 from trocar.tasks.suture.report import SutureReport
 from trocar.tasks.suture.report.driven import driven_summary, joint_errors, limits_shown, primitive_times, steps_of
 from trocar.tasks.suture.report.driven_figures import draw_joints, draw_needle
 from trocar.tasks.suture.task import CircleSutures
-from trocar.trials.scenery import Scenery
-from trocar.trials.trial import Trial
 
 STEPS = ("approach", "penetrate", "rotate", "regrasp 1", "push 1", "withdraw")
 OFF = np.radians([0.1, -0.2, 0.0, 1.0, 2.0, -3.0]) + [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0]
@@ -40,7 +40,13 @@ def made_up(off=OFF, failure="", scores=True):
     if failure:
         events.append({"name": "stopped", "time_s": 6.0, "outcome": failure, "reason": "why"})
     return Trial(
-        about={"task": "suture", "options": TASK.options(), "piece": "suture", "arms": ["psm1"], "method": "by hand"},
+        about={
+            "task": "suture",
+            "options": TASK.options(),
+            "goal_noun": "suture",
+            "arms": ["psm1"],
+            "method": "by hand",
+        },
         scores=[score] if scores else [],
         spans=[],
         events=events,

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 
 from trocar.arms import ArmModel
 from trocar.cell import Cell, Robot
+from trocar.eval import AgentContext
 from trocar.tasks.debridement.agents.adjusted import Adjusted
 from trocar.tasks.debridement.agents.debriders import Debriders
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.debridement.pose import ErrorField, PaperAdjustment, PoseEstimator
-from trocar.tasks.kit import Brief
 
 ESTIMATORS: Mapping[str, Callable[[ArmModel], PoseEstimator]] = {
     "field": ErrorField,
@@ -23,9 +23,9 @@ def with_adjustment(cell: Cell, settings: Settings) -> Robot:
     return Adjusted(cell, ESTIMATORS[settings.estimator])
 
 
-def agent_of(brief: Brief) -> Debriders:
+def agent_of(context: AgentContext) -> Debriders:
     """Return the agent of a trial."""
-    return Debriders(brief)
+    return Debriders(context)
 
 
 __all__ = ["Debriders", "agent_of", "with_adjustment"]

@@ -11,7 +11,7 @@ import trio
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, Unreachable, fk, ik
-from trocar.cell import Cell, Ended, Execution, JointReading, SetPoint
+from trocar.cell import Cell, JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.tasks.debridement.agents.courses import Course, Successor
@@ -151,7 +151,7 @@ class Adjusted:
         wanted = self._T_world_base[arm] @ fk(self._arms[arm], course.desired(sent.path_s))
         return float(np.linalg.norm(self.T_world_tip(arm).translation_m - wanted.translation_m))
 
-    async def move(self, motions: Mapping[str, Trajectory], stop_s: float | None = None) -> Mapping[str, Execution]:
+    async def move(self, motions: Mapping[str, Trajectory], stop_s: float | None = None) -> Mapping[str, MotionResult]:
         """Run trajectories of the estimated joints, from rest; ``correct`` may improve the commands meanwhile.
 
         Args:
@@ -164,7 +164,7 @@ class Adjusted:
         """
         return await self._send(self._robot.move, motions, stop_s)
 
-    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, Execution]:
+    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Let trajectories of the estimated joints take over from what the arms are doing now."""
         return await self._send(self._robot.replace, motions)
 
@@ -194,7 +194,7 @@ class Adjusted:
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Do nothing: commands are found when a motion starts, from the newest estimate."""
 
-    async def jaw(self, arm: str, angle_rad: float) -> Execution:
+    async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Drive the jaws; they are not corrected by the camera."""
         return await self._robot.jaw(arm, angle_rad)
 
@@ -226,9 +226,9 @@ class Adjusted:
         return course.drift(sent.path_s)
 
     async def _send(
-        self, verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, Execution]]],
+        self, verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, MotionResult]]],
         motions: Mapping[str, Trajectory], stop_s: float | None = None,
-    ) -> Mapping[str, Execution]:  # fmt: skip
+    ) -> Mapping[str, MotionResult]:  # fmt: skip
         courses = {arm: self._course(arm, motion, stop_s) for arm, motion in motions.items()}
         before = {arm: self._courses.get(arm) for arm in motions}
         self._courses.update(courses)
@@ -245,9 +245,9 @@ class Adjusted:
                     self._courses[arm] = course
             raise
 
-    async def _last(self, arm: str, execution: Execution, course: Course) -> Execution:
+    async def _last(self, arm: str, execution: MotionResult, course: Course) -> MotionResult:
         """Return how a motion ended, whichever of its commands were the last."""
-        while execution.ended is Ended.REPLACED and course.successor is not None:
+        while execution.ended is MotionEnd.REPLACED and course.successor is not None:
             successor, course = course.successor, self._courses[arm]
             try:
                 await successor.ended.wait()

@@ -8,7 +8,7 @@ import numpy as np
 import trio
 from numpy.typing import NDArray
 
-from trocar.cell import Execution
+from trocar.cell import MotionResult
 from trocar.trajectory import Trajectory
 
 REST_STEP_S = 0.05
@@ -22,7 +22,7 @@ class Successor:
 
     def __init__(self) -> None:
         self.ended = trio.Event()
-        self.execution: Execution | None = None
+        self.execution: MotionResult | None = None
 
 
 @dataclass(eq=False)

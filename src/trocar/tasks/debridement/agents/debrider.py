@@ -6,6 +6,7 @@ from functools import partial
 
 import trio
 
+from trocar.robots.concurrency import together
 from trocar.tasks.debridement.agents.eyes import CameraFrozen
 from trocar.tasks.debridement.agents.fleet import Failure, Fleet
 from trocar.tasks.debridement.agents.letting_go import WAYS, try_to_shed
@@ -15,7 +16,6 @@ from trocar.tasks.debridement.agents.raven_arm import RavenArm
 from trocar.tasks.debridement.agents.searching import come_into_sight
 from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.tasks.debridement.perception.seen import SeenFragment
-from trocar.tasks.kit.together import together
 
 TOO_MANY = 8
 """An arm that fails this many times in a row gives up."""

@@ -14,11 +14,11 @@ from trocar.cell import Cell
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.perception.image import StereoImage, StereoRig, StereoWindow
+from trocar.robots.concurrency import with_helpers
 from trocar.tasks.debridement.agents.adjusted import STEP_ENDED, Adjusted
 from trocar.tasks.debridement.agents.memory import Memory
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.debridement.perception.seen import SeenFragment
-from trocar.tasks.kit.together import with_helpers
 
 CAMERA = "stereo"
 FROZEN = 3

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 from itertools import product
 
+from trocar.robots.concurrency import together
 from trocar.tasks.debridement.agents.raven_arm import RavenArm
-from trocar.tasks.kit.together import together
 
 SHAKES, SHAKEN_RAD = 2, 2.0
 """Jaws to which a fragment clings close and open this wide, this many times. Both fingers pull a charged fragment up

@@ -11,7 +11,7 @@ import trio
 
 from trocar.arms import fk
 from trocar.arms.solids import SOLIDS
-from trocar.cell import Cell, Ended
+from trocar.cell import Cell, MotionEnd
 from trocar.errors import TrocarError
 from trocar.motion import MotionPlan, plan_motion
 from trocar.motion.planners import Planner
@@ -261,7 +261,7 @@ async def run(cell: Cell, robot: Adjusted, arm: str, motion: Trajectory, stop_s:
         raise NoWay(str(refusal), lasting=TOO_NEAR not in str(refusal))
     if not execution.done and TOO_NEAR in execution.reason:  # the guard braked, because the estimates have changed
         raise NoWay(execution.reason)
-    if not execution.done and not (execution.ended is Ended.HELD and execution.reason == STEP_ENDED):
+    if not execution.done and not (execution.ended is MotionEnd.HELD and execution.reason == STEP_ENDED):
         raise ArmStopped(execution.reason)
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from trocar.arms import ArmModel, Unreachable, ik
 from trocar.geometry import SE3
 from trocar.motion import rest_to_rest
+from trocar.robots.concurrency import together
 from trocar.tasks.debridement.agents.eyes import Eyes
 from trocar.tasks.debridement.agents.motion_asked import Asked, Problems
 from trocar.tasks.debridement.agents.movers import WAIT_S, ArmStopped, Mover, NoWay, names_another_arm, run
 from trocar.tasks.debridement.agents.places import Grasp, Places, raised, turn_of
 from trocar.tasks.debridement.agents.settings import Settings
-from trocar.tasks.kit.together import together
 
 TRIES = 60
 """An arm that finds no path asks this many times, a quarter of a second apart, before it gives up."""

@@ -2,7 +2,7 @@
 
 from trocar.tasks.debridement.pose.adjustment import PaperAdjustment
 from trocar.tasks.debridement.pose.error_field import ErrorField
-from trocar.tasks.debridement.pose.error_filter import ErrorFilter, FilterSettings, PoseBelief
+from trocar.tasks.debridement.pose.error_filter import ErrorFilter, FilterSettings, PoseEstimate
 from trocar.tasks.debridement.pose.estimator import PoseEstimator, RawKinematics
 from trocar.tasks.debridement.pose.held_error import HeldError
 from trocar.tasks.debridement.pose.pairs import PosePairs, read_pairs
@@ -13,7 +13,7 @@ __all__ = [
     "FilterSettings",
     "HeldError",
     "PaperAdjustment",
-    "PoseBelief",
+    "PoseEstimate",
     "PoseEstimator",
     "PosePairs",
     "RawKinematics",

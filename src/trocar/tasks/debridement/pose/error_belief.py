@@ -17,7 +17,7 @@ DRIFT = slice(3, 6)
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorBelief:
+class ErrorEstimate:
     """The estimate of ``error = H x + noise`` with state x = (constant, drift, gains).
 
     The drift is an Ornstein-Uhlenbeck process, the rest is constant. The noise is normal with an unknown covariance
@@ -42,7 +42,7 @@ class ErrorBelief:
     @staticmethod
     def prior(
         constant_sd: float, gain_sds: list[float], noise: tuple[float, float], drift: tuple[float, float]
-    ) -> ErrorBelief:
+    ) -> ErrorEstimate:
         """Return the belief before any observation.
 
         Args:
@@ -52,14 +52,16 @@ class ErrorBelief:
             drift: ``drift_sd`` and ``drift_s``.
         """
         sds = np.array([constant_sd] * 3 + [drift[0]] * 3 + gain_sds)
-        return ErrorBelief(np.zeros(len(sds)), np.diag(sds**2), noise[1] * noise[0] ** 2 * np.eye(3), noise[1], *drift)
+        return ErrorEstimate(
+            np.zeros(len(sds)), np.diag(sds**2), noise[1] * noise[0] ** 2 * np.eye(3), noise[1], *drift
+        )
 
     @property
     def noise(self) -> NDArray[np.float64]:
         """Return the covariance (3, 3) of the noise."""
         return self.scatter / self.count
 
-    def after(self, dt_s: float, wandered_sd: float = 0.0) -> ErrorBelief:
+    def after(self, dt_s: float, wandered_sd: float = 0.0) -> ErrorEstimate:
         """Return the belief a time ``dt_s`` later, after an additional wander of the drift on each axis."""
         kept = np.exp(-dt_s / self.drift_s)
         decay = np.ones(len(self.mean))
@@ -68,7 +70,7 @@ class ErrorBelief:
         covariance[DRIFT, DRIFT] += (self.drift_sd**2 * (1 - kept**2) + wandered_sd**2) * np.eye(3)
         return replace(self, mean=decay * self.mean, covariance=covariance)
 
-    def observed(self, H: NDArray[np.float64], error: NDArray[np.float64], weight: float = 1.0) -> ErrorBelief:
+    def observed(self, H: NDArray[np.float64], error: NDArray[np.float64], weight: float = 1.0) -> ErrorEstimate:
         """Return the belief after an observation.
 
         One beyond the gate loses weight with its squared distance: a gross outlier hardly counts, but an error that

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.tasks.debridement.pose.error_belief import ErrorBelief
+from trocar.tasks.debridement.pose.error_belief import ErrorEstimate
 from trocar.tasks.debridement.pose.estimator import check_order
 from trocar.tasks.debridement.pose.kinematic_history import KinematicHistory
 
@@ -68,7 +68,7 @@ class FilterSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseBelief:
+class PoseEstimate:
     """An estimated pose with its uncertainty; covariances of (translation m, rotation vector rad) in the base frame.
 
     Attributes:
@@ -94,13 +94,13 @@ class ErrorFilter:
 
     def __init__(self, settings: FilterSettings | None = None) -> None:
         s = self.settings = settings or FilterSettings()
-        self._translation = ErrorBelief.prior(
+        self._translation = ErrorEstimate.prior(
             s.constant_m,
             [s.lag_gain] + [s.tool_m] * 3 + [s.tilt] * 9,
             (s.noise_m, s.noise_count),
             (s.drift_m, s.drift_s),
         )
-        self._rotation = ErrorBelief.prior(
+        self._rotation = ErrorEstimate.prior(
             s.constant_rad, [s.lag_gain] + [s.turn_gain] * 9, (s.noise_rad, s.noise_count), (s.drift_rad, s.drift_s)
         )
         self._history: KinematicHistory | None = None
@@ -126,7 +126,7 @@ class ErrorFilter:
         """Return the kinematic pose with its estimated error corrected."""
         return self.belief(t_s, T_base_kinematic).T_base_gripper
 
-    def belief(self, t_s: float, T_base_kinematic: SE3) -> PoseBelief:
+    def belief(self, t_s: float, T_base_kinematic: SE3) -> PoseEstimate:
         """Return the estimate with its covariance."""
         return self._belief(T_base_kinematic, *self._at(t_s, T_base_kinematic))
 
@@ -138,15 +138,15 @@ class ErrorFilter:
         return self._belief(T_base_kinematic, resting, self._translation, self._rotation).T_base_gripper
 
     def _belief(
-        self, T_base_kinematic: SE3, history: KinematicHistory, translation: ErrorBelief, rotation: ErrorBelief
-    ) -> PoseBelief:
+        self, T_base_kinematic: SE3, history: KinematicHistory, translation: ErrorEstimate, rotation: ErrorEstimate
+    ) -> PoseEstimate:
         H_p, H_r = history.translation_design(), history.rotation_design()
         R = SO3.exp(H_r @ rotation.mean) @ (self._R_first_error or SO3.identity()) @ T_base_kinematic.rotation
         T_base_gripper = SE3.from_parts(R, T_base_kinematic.translation_m + H_p @ translation.mean)
         covariance = _blocks(H_p @ translation.covariance @ H_p.T, H_r @ rotation.covariance @ H_r.T)
-        return PoseBelief(T_base_gripper, covariance, _blocks(translation.noise, rotation.noise))
+        return PoseEstimate(T_base_gripper, covariance, _blocks(translation.noise, rotation.noise))
 
-    def _at(self, t_s: float, T_base_kinematic: SE3) -> tuple[KinematicHistory, ErrorBelief, ErrorBelief]:
+    def _at(self, t_s: float, T_base_kinematic: SE3) -> tuple[KinematicHistory, ErrorEstimate, ErrorEstimate]:
         """Return history and beliefs at a moment, before any detection of that moment."""
         check_order(t_s, self._history and self._history.t_s)
         if self._history is None:

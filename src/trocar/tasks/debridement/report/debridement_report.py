@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from trocar.eval import PaperRow, TaskReport, in_words, stopped
 from trocar.replay import Viewpoint
 from trocar.tasks.debridement.outcomes import FragmentOutcome
 from trocar.tasks.debridement.report.failures import draw_failures
@@ -17,10 +18,9 @@ from trocar.tasks.debridement.report.figures import figures_of
 from trocar.tasks.debridement.report.published import PERSON, TABLE_1
 from trocar.tasks.debridement.report.row import row_of
 from trocar.tasks.debridement.report.table_one import table_one
-from trocar.tasks.kit import PaperRow, TaskReport, in_words, stopped
 
 if TYPE_CHECKING:
-    from trocar.trials.trial import Trial
+    from trocar.eval.trial import Trial
 
 ROOM_M, ABOVE_M = 0.012, 0.035
 """Margin round a fragment, and above it and the receptacle's floor, in a picture's frame."""

@@ -11,7 +11,7 @@ from trocar.report.parts import parts_of
 from trocar.tasks.debridement.report.published import MODES, PARTS
 
 if TYPE_CHECKING:
-    from trocar.trials.trial import Trial
+    from trocar.eval.trial import Trial
 
 COUNTED = {
     **dict.fromkeys(("capture", "perception", "settling"), "perception"),

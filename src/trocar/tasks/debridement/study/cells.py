@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from trocar.eval import methods_of
+from trocar.eval.conditions import Cell, cell_of, chosen
+from trocar.eval.config import RunConfig
 from trocar.tasks.debridement.task import Debridement
-from trocar.tasks.kit import methods_of
-from trocar.trials.cells import Cell, cell_of, chosen
-from trocar.trials.config import RunConfig
 
 ARMS = ("1", "2")
 

@@ -45,9 +45,9 @@ def debridement(
     Each condition is an ordinary run in DIR/ARMS-METHOD. Trials are kept as they end; the same command continues where
     it stopped, whatever happened to it or its workers.
     """
-    from trocar.tasks.debridement.study.cells import cells_of  # noqa: PLC0415 (the simulator is heavy)
-    from trocar.tasks.debridement.study.report import write_study  # noqa: PLC0415
-    from trocar.tasks.debridement.study.results import read_row, results_of  # noqa: PLC0415
+    from trocar.tasks.debridement.study.cells import cells_of  # the simulator is heavy
+    from trocar.tasks.debridement.study.report import write_study
+    from trocar.tasks.debridement.study.results import read_row, results_of
 
     plugins = options.loaded(plugin)
     workers = options.workers_of(backend, jobs, scheduler)
@@ -85,8 +85,8 @@ def debridement(
 
 
 def _show(summary: dict[str, Any], notes: list[str], files: list[Path]) -> None:
-    from trocar.tasks.debridement.report.table_one import table_one  # noqa: PLC0415
-    from trocar.tasks.debridement.study.report import NOTES, SPEED_HEAD, left_behind, speed_lines  # noqa: PLC0415
+    from trocar.tasks.debridement.report.table_one import table_one
+    from trocar.tasks.debridement.study.report import NOTES, SPEED_HEAD, left_behind, speed_lines
 
     console = details()
     for cell in summary["cells"]:

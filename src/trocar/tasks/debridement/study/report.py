@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from trocar.output import write_json
+from trocar.files.output import write_json
 from trocar.report.page.elements import captioned, table
 from trocar.report.page.study_page import study_page
 from trocar.report.tables import figure

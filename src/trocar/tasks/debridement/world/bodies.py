@@ -20,7 +20,7 @@ FINISHES = {
     "wet foam": (0.12, 0.7, 0.5),
     "flesh": (0.10, 0.3, 0.4),
 }
-"""Grain, brightness and sharpness of wet spots (``trocar.sim.finish``) by material (assumed)."""
+"""Grain, brightness and sharpness of wet spots (``trocar.sim.appearance``) by material (assumed)."""
 FLOOR_M = 0.001
 """Thickness of the receptacle's floor."""
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
+from trocar.sim.contacts import Hit
 from trocar.sim.record import Record
 from trocar.sim.task_world import TaskWorld
-from trocar.sim.touches import Hit
 from trocar.sim.world import World
 from trocar.tasks.debridement.scene import DebridementScene
 from trocar.tasks.debridement.truth import DebridementTruth

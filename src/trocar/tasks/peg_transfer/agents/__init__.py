@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from trocar.eval import Agent, AgentContext
 from trocar.registry import Lazy
-from trocar.tasks.kit import Agent, Brief
 
 AGENTS = {
     "unilateral": Lazy("trocar.tasks.peg_transfer.agents.unilateral:Unilateral"),
@@ -12,6 +12,6 @@ AGENTS = {
 }
 
 
-def agent_of(brief: Brief) -> Agent:
-    """Return the agent of the variant that a brief is about."""
-    return AGENTS[brief.known.variant].load()(brief)
+def agent_of(context: AgentContext) -> Agent:
+    """Return the agent of the variant that a context is about."""
+    return AGENTS[context.nominal.variant].load()(context)

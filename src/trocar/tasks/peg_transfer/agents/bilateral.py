@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from trocar.tasks.kit import Brief
-from trocar.tasks.kit.together import together
+from trocar.eval import AgentContext
+from trocar.robots.concurrency import together
 from trocar.tasks.peg_transfer.agents.pace import Pace
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.agents.two_arms import TwoArms
@@ -15,9 +15,9 @@ LEFT_GOALS = frozenset(left for left, _ in PAIRS)
 class Bilateral(TwoArms):
     """Two scripts, one per arm; they share the board, the camera and the traffic, and keep pace."""
 
-    def __init__(self, brief: Brief):
-        super().__init__(brief)
-        self.pace = Pace(self.cell, brief.arms, self.settings.pace_s)
+    def __init__(self, context: AgentContext):
+        super().__init__(context)
+        self.pace = Pace(self.cell, context.arms, self.settings.pace_s)
         lefts = [goal for goal in self.goals if goal in LEFT_GOALS]
         rights = [goal for goal in self.goals if goal not in LEFT_GOALS]
         self.scripts = (

@@ -11,11 +11,11 @@ import trio
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
 from trocar.robots import TICK_S
-from trocar.tasks.kit.together import Pending, with_helpers
+from trocar.robots.concurrency import Pending, with_helpers
 from trocar.tasks.peg_transfer.agents.meeting import Offer, choose_offer
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.side import Appointment, Side
+from trocar.tasks.peg_transfer.agents.side import HandoverState, Side
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm, Seen
 from trocar.tasks.peg_transfer.goals import TransferOutcome
@@ -42,13 +42,13 @@ class Giver(Side):
         super().__init__(arm, other, script)
         self._offering: Pending[Offering] = Pending()
 
-    async def give(self, meeting: Appointment, following: Appointment | None) -> None:
+    async def give(self, meeting: HandoverState, following: HandoverState | None) -> None:
         """Do this arm's part of a handover; ``following`` is its next one, if that follows immediately."""
         meeting.start_s = self.cell.clock.now_s()
         self.arm.hands_over = True
         await with_helpers(partial(self._give, meeting, following))
 
-    async def _give(self, meeting: Appointment, following: Appointment | None, helpers: trio.Nursery) -> None:
+    async def _give(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
         source = meeting.goal.source
         grasp = await self.script.pick(source, partial(self._plan_ahead, meeting, helpers))
         if not isinstance(grasp, Grasp):
@@ -76,7 +76,7 @@ class Giver(Side):
             return
         await self._part(meeting, following, helpers)
 
-    def _plan_ahead(self, meeting: Appointment, helpers: trio.Nursery, approach: Approach) -> None:
+    def _plan_ahead(self, meeting: HandoverState, helpers: trio.Nursery, approach: Approach) -> None:
         """Plan, as the approach begins, how to offer the block when it ends, and announce it."""
         block = self.table.blocks.get(meeting.goal.source)
         if not self.settings.looks_ahead or block is None:
@@ -111,7 +111,7 @@ class Giver(Side):
         return Offering(self.arm.motions.offering(q, T_tip_block, source, offer.T_board_tip), offer)
 
     async def _offer(
-        self, meeting: Appointment, T_tip_block: SE3, following: Appointment | None, helpers: trio.Nursery
+        self, meeting: HandoverState, T_tip_block: SE3, following: HandoverState | None, helpers: trio.Nursery
     ) -> bool:
         """Lift a block and bring it to the handover; on the way, look at the next one."""
         hand = self.arm.hand
@@ -140,7 +140,7 @@ class Giver(Side):
         self.cell.log.event("offer", arm=self.arm.name, room_mm=round(1e3 * offer.room_m, 2))
         return True
 
-    async def _part(self, meeting: Appointment, following: Appointment | None, helpers: trio.Nursery) -> None:
+    async def _part(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
         """Release a block that the other arm also holds, rise out of it, and go on to the next block, or aside."""
         await self.arm.open(self.settings.release_rad)
         meeting.released.set()
@@ -159,7 +159,7 @@ class Giver(Side):
         except Blocked:
             await self.arm.give_way()
 
-    async def _go_on(self, meeting: Appointment, following: Appointment, seen: Seen, helpers: trio.Nursery) -> bool:
+    async def _go_on(self, meeting: HandoverState, following: HandoverState, seen: Seen, helpers: trio.Nursery) -> bool:
         """Rise out of the block and approach the next one in one motion; return whether that was possible."""
         approach = seen.approach
         if approach is None or not starts_at(approach.path, self.arm.hand.q):

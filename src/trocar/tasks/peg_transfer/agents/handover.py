@@ -7,12 +7,12 @@ from dataclasses import replace
 from functools import partial
 from math import inf
 
-from trocar.tasks.kit import Brief
-from trocar.tasks.kit.together import together
+from trocar.eval import AgentContext
+from trocar.robots.concurrency import together
 from trocar.tasks.peg_transfer.agents.giver import Giver
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
 from trocar.tasks.peg_transfer.agents.receiver import Receiver
-from trocar.tasks.peg_transfer.agents.side import AGAIN, Appointment
+from trocar.tasks.peg_transfer.agents.side import AGAIN, HandoverState
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.agents.two_arms import TwoArms
@@ -22,13 +22,13 @@ from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 class Handover(TwoArms):
     """Both arms have a list of jobs: give, or receive. The next block is picked while this one is placed."""
 
-    def __init__(self, brief: Brief):
-        settings = brief.settings
-        settings = replace(settings, still_when_placing=settings.looks_before_placing)
-        super().__init__(replace(brief, settings=settings))
+    def __init__(self, context: AgentContext):
+        settings = context.settings
+        settings = replace(settings, fixed_wrist_when_placing=settings.looks_before_placing)
+        super().__init__(replace(context, settings=settings))
         rounds = range(self.settings.rounds)
         self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
-        self.appointments = [[Appointment(goal) for _ in rounds] for goal in self.goals]
+        self.appointments = [[HandoverState(goal) for _ in rounds] for goal in self.goals]
 
     async def transfer_all(self) -> None:
         """Let both arms do their jobs."""
@@ -67,7 +67,7 @@ class Handover(TwoArms):
                 script.note(ended.goal, rounds[0].start_s, outcome, ended.reason, until_now)
         await self.leave(arm)
 
-    async def _done(self, arm: PegArm, job: Callable[[], Awaitable[None]], meeting: Appointment) -> bool:
+    async def _done(self, arm: PegArm, job: Callable[[], Awaitable[None]], meeting: HandoverState) -> bool:
         """Do an arm's part of a meeting; return whether both arms can go on."""
         try:
             await job()

@@ -74,7 +74,7 @@ class Learner:
 
     async def teach(self) -> None:
         """Turn the wrist back and forth in front of the camera, and learn from the images."""
-        from scipy.stats import qmc  # noqa: PLC0415 (slow to import; few agents learn)
+        from scipy.stats import qmc  # slow to import; few agents learn
 
         model = self.hand.model
         upright = [self.arm.motions.ik(pose) for pose in self._upright()]

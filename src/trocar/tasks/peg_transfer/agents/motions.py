@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import Unreachable, fk, ik, reach_with_still_wrist
+from trocar.arms import Unreachable, fk, ik, ik_with_fixed_wrist
+from trocar.eval import AgentContext
 from trocar.geometry import SE3, SO3
 from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
-from trocar.tasks.kit import ArmScript, Brief
+from trocar.robots.arm_script import ArmScript
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.traffic import Leaving
 from trocar.tasks.peg_transfer.grasps import Grasp
@@ -80,16 +81,16 @@ class Motions:
     All are planned from given joints, so that the next one can be planned while the arm is still on its way there.
 
     Args:
-        brief: of the script.
+        context: of the script.
         hand: the arm.
         table: board and blocks.
     """
 
-    def __init__(self, brief: Brief, hand: ArmScript, table: Table):
-        self._robot, self._T_world_base = brief.cell.robot, brief.cell.T_world_base_registered[hand.name]
+    def __init__(self, context: AgentContext, hand: ArmScript, table: Table):
+        self._robot, self._T_world_base = context.cell.robot, context.cell.T_world_base_registered[hand.name]
         self._name, self._model, self._table = hand.name, hand.model, table
-        self._log, self._settings, self._planner = brief.cell.log, brief.settings, brief.planner
-        self._still_when_placing = brief.settings.still_wrist and brief.settings.still_when_placing
+        self._log, self._settings, self._planner = context.cell.log, context.settings, context.planner
+        self._still_when_placing = context.settings.fixed_wrist and context.settings.fixed_wrist_when_placing
 
     @property
     def T_base_board(self) -> SE3:
@@ -104,15 +105,15 @@ class Motions:
         """Return the joints (6,) that hold the tip there."""
         return ik(self._model, self.T_base_board @ T_board_tip)
 
-    def through(self, points: Sequence[Joints], still_wrist: bool | None = None) -> TimedPath:
-        """Return a motion through these joints; ``still_wrist`` is as in the settings if it is None."""
+    def through(self, points: Sequence[Joints], fixed_wrist: bool | None = None) -> TimedPath:
+        """Return a motion through these joints; ``fixed_wrist`` is as in the settings if it is None."""
         up = self.T_base_board.matrix[:3, 2]
         plan = plan_through(
             self._model,
             np.array(points),
             self._settings.limits,
             up=up,
-            still_wrist=self._settings.still_wrist if still_wrist is None else still_wrist,
+            fixed_wrist=self._settings.fixed_wrist if fixed_wrist is None else fixed_wrist,
             planner=self._planner,
         )
         return TimedPath(self.prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
@@ -152,9 +153,9 @@ class Motions:
 
     def _moved(self, q: Joints, T_board_tip: SE3) -> Joints:
         """Return joints that put the tip at the position of a pose, with the wrist still or turned as in the pose."""
-        if self._settings.still_wrist:
+        if self._settings.fixed_wrist:
             with suppress(Unreachable):
-                return reach_with_still_wrist(self._model, q, self.T_base_board.apply(T_board_tip.translation_m))
+                return ik_with_fixed_wrist(self._model, q, self.T_base_board.apply(T_board_tip.translation_m))
         return self.ik(T_board_tip)
 
     def risen(self, q: Joints) -> list[Joints]:
@@ -171,7 +172,7 @@ class Motions:
         down = self.ik(grasp.T_board_tip)
         if np.linalg.norm(off[:2]) < OVER_M < off[2]:  # it is already waiting over the block
             over_m, first = float(tip.translation_m[2]), [q]
-            if self._settings.still_wrist and turned_rad(tip, grasp.T_board_tip) < MAX_TURNED_RAD:
+            if self._settings.fixed_wrist and turned_rad(tip, grasp.T_board_tip) < MAX_TURNED_RAD:
                 down = self._moved(q, grasp.T_board_tip)
         if rise_m:
             risen_m = float(tip.translation_m[2]) + rise_m
@@ -258,7 +259,7 @@ class Motions:
     def offering(self, q: Joints, T_tip_block: SE3, source: int, T_board_tip: SE3) -> TimedPath:
         """Return how to lift a block from its peg and bring it to the handover."""
         height_m = float(self.tip(q).translation_m[2]) + self._settings.lift_m
-        still = self._settings.still_wrist
+        still = self._settings.fixed_wrist
         lifted = self.clear(q, T_tip_block, source, height_m) if still else self.above(q, height_m)
         return self.through([q, lifted, self.ik(T_board_tip)])
 

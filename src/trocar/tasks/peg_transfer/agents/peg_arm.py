@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trio
 
-from trocar.cell import Execution, Result
+from trocar.cell import MotionResult, Result
 from trocar.errors import TrocarError
+from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
 from trocar.robots import TICK_S
-from trocar.tasks.kit import ArmScript, Brief
-from trocar.tasks.kit.together import together
+from trocar.robots.arm_script import ArmScript
+from trocar.robots.concurrency import together
 from trocar.tasks.peg_transfer.agents.eyes import Eyes
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
 from trocar.tasks.peg_transfer.agents.moving_body import NEVER
@@ -62,12 +63,12 @@ class PegArm:
         stopped: whether it failed to reach the end of a motion, and is not used again.
     """
 
-    def __init__(self, brief: Brief, name: str, table: Table, traffic: Traffic):
-        self.cell, self.settings, self.goals = brief.cell, brief.settings, brief.goals
+    def __init__(self, context: AgentContext, name: str, table: Table, traffic: Traffic):
+        self.cell, self.settings, self.goals = context.cell, context.settings, context.goals
         self.table, self.traffic = table, traffic
-        self.hand = ArmScript(brief.cell, name, brief.settings.limits, brief.settings.settle_s)
+        self.hand = ArmScript(context.cell, name, context.settings.limits, context.settings.settle_s)
         traffic.join(self.hand)
-        self.motions = Motions(brief, self.hand, table)
+        self.motions = Motions(context, self.hand, table)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
         self.hands_over = self.stopped = False
         self.eyes = Eyes(self)
@@ -93,9 +94,9 @@ class PegArm:
         """Return whether the jaws' motor stalled on something as thick as a block's wall."""
         return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
 
-    async def wake(self) -> None:
-        """Turn the wrist back and forth, see ``ArmScript.wake``, and find where the jaws are closed."""
-        await together(self.hand.wake, partial(self.hand.zero_jaw, self.settings.jaw_closed_rad))
+    async def exercise_wrist(self) -> None:
+        """Turn the wrist back and forth, see ``ArmScript.exercise_wrist``, and find where the jaws are closed."""
+        await together(self.hand.exercise_wrist, partial(self.hand.zero_jaw, self.settings.jaw_closed_rad))
 
     async def go_to(
         self,
@@ -318,7 +319,7 @@ class PegArm:
             await self.cell.clock.sleep(TICK_S)
         await self.hand.drive_jaw(jaw_rad)
 
-    async def _run(self, motion: Trajectory) -> Execution | TrocarError:
+    async def _run(self, motion: Trajectory) -> MotionResult | TrocarError:
         """Run an admitted motion; return why the robot refuses to start it, if it does."""
         try:
             return await self.traffic.run(self.hand, motion)

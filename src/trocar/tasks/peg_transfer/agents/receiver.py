@@ -7,9 +7,9 @@ from functools import partial
 import trio
 
 from trocar.geometry import SE3
-from trocar.tasks.kit.together import with_helpers
+from trocar.robots.concurrency import with_helpers
 from trocar.tasks.peg_transfer.agents.motions import Carriage
-from trocar.tasks.peg_transfer.agents.side import Appointment
+from trocar.tasks.peg_transfer.agents.side import HandoverState
 from trocar.tasks.peg_transfer.agents.taker import Taker
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.goals import TransferOutcome
@@ -18,7 +18,9 @@ from trocar.tasks.peg_transfer.goals import TransferOutcome
 class Receiver(Taker):
     """Waits above, looks, takes the block, looks again, places it."""
 
-    async def receive(self, meeting: Appointment, to_give: Appointment | None, to_receive: Appointment | None) -> None:
+    async def receive(
+        self, meeting: HandoverState, to_give: HandoverState | None, to_receive: HandoverState | None
+    ) -> None:
         """Do this arm's part of a handover.
 
         Args:
@@ -30,9 +32,9 @@ class Receiver(Taker):
 
     async def _receive(
         self,
-        meeting: Appointment,
-        to_give: Appointment | None,
-        to_receive: Appointment | None,
+        meeting: HandoverState,
+        to_give: HandoverState | None,
+        to_receive: HandoverState | None,
         helpers: trio.Nursery,
     ) -> None:
         await self.come_near(meeting, helpers)
@@ -55,10 +57,10 @@ class Receiver(Taker):
 
     async def _place(
         self,
-        meeting: Appointment,
+        meeting: HandoverState,
         T_tip_block: SE3,
-        to_give: Appointment | None,
-        to_receive: Appointment | None,
+        to_give: HandoverState | None,
+        to_receive: HandoverState | None,
         helpers: trio.Nursery,
     ) -> None:
         """Look how the block sits in the jaws while the other arm leaves, bring it to its target and let go."""

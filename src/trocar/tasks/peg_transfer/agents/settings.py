@@ -66,11 +66,11 @@ class Settings:
         detours: how often it then gives way and tries again, before it gives its transfer up.
         rounds: how often a transfer blocked by the other arm is tried.
         pause_s: how long an arm waits if it cannot go home.
-        still_wrist: keep the wrist joints still while the tip goes straight down or up, so that the errors of their
+        fixed_wrist: keep the wrist joints still while the tip goes straight down or up, so that the errors of their
             cables stay the same; else the tool does not turn.
-        still_when_placing: also while a block is lifted from its peg and lowered to its target. In a handover only arms
-            that look before placing do so: the receiving arm holds the block at any angle, and turning it further costs
-            clearance.
+        fixed_wrist_when_placing: also while a block is lifted from its peg and lowered to its target. In a handover
+            only arms that look before placing do so: the receiving arm holds the block at any angle, and turning it
+            further costs clearance.
         looks_before_placing: stop over the target, look how the block hangs in the jaws, and lower it accordingly.
         looks: how often an arm looks for a block that the other arm may hide.
         teaching_looks: number of looks at its own wrist, before the first transfer, of an arm that learns its cables;
@@ -110,8 +110,8 @@ class Settings:
     rounds: int = 2
     pause_s: float = 0.3
     looks: int = 5
-    still_wrist: bool = False
-    still_when_placing: bool = True
+    fixed_wrist: bool = False
+    fixed_wrist_when_placing: bool = True
     looks_before_placing: bool = False
     teaching_looks: int = 0
     sighting_budget_s: float = 0.12
@@ -120,12 +120,12 @@ class Settings:
 
 def compensated() -> Settings:
     """Return the settings of arms with compensated cables, whose remaining errors come mostly from a turning wrist."""
-    return Settings(still_wrist=True)
+    return Settings(fixed_wrist=True)
 
 
 def patient() -> Settings:
     """Return the settings for the paper's SQP, which takes .3 s per motion, at times .4 s (``bench_planning.py``)."""
-    return Settings(planning_budget_s=0.4, still_wrist=True)
+    return Settings(planning_budget_s=0.4, fixed_wrist=True)
 
 
 def quick() -> Settings:
@@ -133,9 +133,9 @@ def quick() -> Settings:
 
     A run reports if a machine needs longer (``missed_budgets``).
     """
-    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, still_wrist=True)
+    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, fixed_wrist=True)
 
 
 def learning() -> Settings:
     """Return the settings of arms that learn their cables while they work."""
-    return Settings(teaching_looks=36, still_wrist=True, looks_before_placing=True)
+    return Settings(teaching_looks=36, fixed_wrist=True, looks_before_placing=True)

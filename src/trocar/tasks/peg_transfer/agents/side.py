@@ -9,7 +9,7 @@ import numpy as np
 import trio
 
 from trocar.geometry import SE3
-from trocar.tasks.kit.together import first_of
+from trocar.robots.concurrency import first_of
 from trocar.tasks.peg_transfer.agents.meeting import Partner, Ways
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
@@ -20,7 +20,7 @@ AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED, TransferOutcome.D
 
 
 @dataclass(eq=False)
-class Appointment:
+class HandoverState:
     """What the two scripts tell each other about one transfer.
 
     Attributes:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import trio
 
 from trocar.motion import TimedPath
-from trocar.tasks.kit.together import Pending, together, with_helpers
+from trocar.robots.concurrency import Pending, together, with_helpers
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
@@ -23,7 +23,7 @@ async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[
         looks: at the first blocks; if the settings say so, they are taken while the arms, out of the camera's view, are
             still waking.
     """
-    wakes, hand = [arm.wake for arm in arms], arms[-1].hand
+    wakes, hand = [arm.exercise_wrist for arm in arms], arms[-1].hand
     if not table.settings.looks_ahead:
         await together(*wakes)
         return await table.find_board(hand)

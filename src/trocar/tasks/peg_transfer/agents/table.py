@@ -9,9 +9,10 @@ import trio
 
 from trocar.cell import Camera, Cell, Result
 from trocar.errors import TrocarError
+from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.perception.image import Intrinsics, RgbdImage
-from trocar.tasks.kit import ArmScript, Brief
+from trocar.robots.arm_script import ArmScript
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 
 BOARD_LOOKS = 2
@@ -25,11 +26,11 @@ class Table:
         blocks: poses of the blocks in the board's frame, as last seen or placed, by peg.
     """
 
-    def __init__(self, brief: Brief):
-        self.cell, self.settings, self.see = brief.cell, brief.settings, brief.perception
-        self.board, self.block = brief.known.board, brief.known.block
-        self.camera, self.T_world_camera = _rgbd(brief.cell)
-        self.T_world_board = brief.cell.T_world_fixture["board"]
+    def __init__(self, context: AgentContext):
+        self.cell, self.settings, self.see = context.cell, context.settings, context.perception
+        self.board, self.block = context.nominal.board, context.nominal.block
+        self.camera, self.T_world_camera = _rgbd(context.cell)
+        self.T_world_board = context.cell.T_world_fixture["board"]
         self.blocks: dict[int, SE3] = {}
         self._sensor = trio.Lock()
 

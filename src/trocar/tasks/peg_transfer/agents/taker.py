@@ -11,11 +11,11 @@ import trio
 
 from trocar.geometry import SE3, SO3
 from trocar.motion import TimedPath
-from trocar.tasks.kit.together import Pending
+from trocar.robots.concurrency import Pending
 from trocar.tasks.peg_transfer.agents.meeting import choose_taking
 from trocar.tasks.peg_transfer.agents.motions import Joints, end_of, raised, starts_at, yaw_of
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.side import Appointment, Side
+from trocar.tasks.peg_transfer.agents.side import HandoverState, Side
 from trocar.tasks.peg_transfer.agents.start import withdraw
 from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
@@ -65,7 +65,7 @@ class Taker(Side):
         self._coming: Pending[Coming] = Pending()
         self._looked: Pending[Looked] = Pending()
 
-    async def come_near(self, meeting: Appointment, helpers: trio.Nursery) -> None:
+    async def come_near(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
         """Wait to the side until it is known where the block will be offered, then above where it will be grasped."""
         try:
             if not meeting.announced.is_set():
@@ -91,7 +91,7 @@ class Taker(Side):
         pose = SE3.from_parts(SO3.axis("z", yaw_of(self.arm.T_board_tip) if self.arm.upright else np.pi), beside)
         await self.arm.go_over(pose)
 
-    async def _wait_above(self, meeting: Appointment, helpers: trio.Nursery) -> None:
+    async def _wait_above(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
         """Go above the grasp expected from the giving arm's announcement; look as soon as it is there."""
         avoid: list[int] = []
         ready = await self._coming.take()
@@ -115,7 +115,7 @@ class Taker(Side):
                 ready = None
         self.cell.log.event("waits beside", arm=self.arm.name)
 
-    def plan_ahead(self, path: TimedPath, meeting: Appointment, helpers: trio.Nursery) -> None:
+    def plan_ahead(self, path: TimedPath, meeting: HandoverState, helpers: trio.Nursery) -> None:
         """While the arm is on its way, plan how to get above the next block from there, if it is known by then."""
 
         async def plan() -> Coming | None:
@@ -127,7 +127,7 @@ class Taker(Side):
 
         self._coming.start(helpers, plan)
 
-    async def _look_ahead(self, path: TimedPath, meeting: Appointment) -> Looked | None:
+    async def _look_ahead(self, path: TimedPath, meeting: HandoverState) -> Looked | None:
         """Look at the block as soon as it is held still; plan the descent from where this arm's motion ends."""
         await meeting.offered.wait()
         if meeting.outcome is not None or meeting.T_board_block is None:
@@ -137,7 +137,7 @@ class Taker(Side):
             return None
         return Looked(block, await self.arm.plan(lambda: self._find_descent(end_of(path), block, [])))
 
-    def _find_above(self, q: Joints, meeting: Appointment, avoid: list[int]) -> Coming | None:
+    def _find_above(self, q: Joints, meeting: HandoverState, avoid: list[int]) -> Coming | None:
         assert meeting.T_board_block is not None and meeting.T_board_giver is not None
         grasp = self._grasp(meeting.T_board_block, meeting.T_board_giver, avoid)
         return None if grasp is None else Coming(self.arm.motions.over(q, self._above(grasp)), grasp)
@@ -147,12 +147,12 @@ class Taker(Side):
         motions, other = self.arm.motions, self.other.T_board_tip
         grasp = self._grasp(T_board_block, other, avoid, near=motions.tip(q))
         if grasp is not None:
-            return Coming(motions.through([q, motions.ik(grasp.T_board_tip)], still_wrist=False), grasp, 0.0)
+            return Coming(motions.through([q, motions.ik(grasp.T_board_tip)], fixed_wrist=False), grasp, 0.0)
         grasp = self._grasp(T_board_block, other, avoid)
         if grasp is None:
             return None
         down = [motions.ik(self._above(grasp)), motions.ik(grasp.T_board_tip)]
-        path = motions.through([*motions.risen(q), *down], still_wrist=False)
+        path = motions.through([*motions.risen(q), *down], fixed_wrist=False)
         return Coming(path, grasp, float(path.waypoint_times_s[-2]))
 
     def _above(self, grasp: Grasp) -> SE3:
@@ -176,7 +176,7 @@ class Taker(Side):
             self.cell.log.event("no grasp", arm=self.arm.name, reason=grasp)
         return None
 
-    async def take(self, meeting: Appointment) -> SE3 | None:
+    async def take(self, meeting: HandoverState) -> SE3 | None:
         """Take hold of the block in the other arm's jaws; return its pose in this arm's jaws, or None."""
         assert meeting.T_board_block is not None
         failed: list[int] = []

@@ -9,11 +9,11 @@ import numpy as np
 import trio
 
 from trocar.arms import ArmModel
-from trocar.cell import Cell, Execution, SetPoint
+from trocar.cell import Cell, MotionResult, SetPoint
 from trocar.geometry import SE3
 from trocar.motion import MovingArm, swept_clearance
-from trocar.tasks.kit import ArmScript
-from trocar.tasks.kit.together import first_of
+from trocar.robots.arm_script import ArmScript
+from trocar.robots.concurrency import first_of
 from trocar.tasks.peg_transfer.agents.moving_body import NEVER, Body, distances_m, min_delay_s
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.block import Block
@@ -151,7 +151,7 @@ class Traffic:
         lane.announced, lane.leaving = (trajectory, clock.now_s()), leaving
         self._tell()
 
-    async def run(self, hand: ArmScript, trajectory: Trajectory) -> Execution:
+    async def run(self, hand: ArmScript, trajectory: Trajectory) -> MotionResult:
         """Run a motion that was admitted."""
         try:
             return await hand.move(trajectory)

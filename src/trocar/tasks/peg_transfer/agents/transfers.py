@@ -12,7 +12,7 @@ import trio
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
 from trocar.perception.image import RgbdImage
-from trocar.tasks.kit.together import Pending, with_helpers
+from trocar.robots.concurrency import Pending, with_helpers
 from trocar.tasks.peg_transfer.agents.motions import Approach, Carriage, end_of
 from trocar.tasks.peg_transfer.agents.pace import Pace
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm

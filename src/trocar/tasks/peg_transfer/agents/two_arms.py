@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Sequence
 
 from trocar.errors import TrocarError
-from trocar.tasks.kit import Brief
+from trocar.eval import AgentContext
 from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.start import begin, finish, withdraw
@@ -23,13 +23,13 @@ class TwoArms(ABC):
         table: board and blocks, as both know them.
     """
 
-    def __init__(self, brief: Brief):
-        if len(brief.arms) != 2:
-            raise TrocarError(f"this variant of peg-transfer needs two arms, and was given {', '.join(brief.arms)}")
-        self.cell, self.settings, self.goals = brief.cell, brief.settings, brief.goals
-        self.table = Table(brief)
-        self.traffic = Traffic(brief.cell, brief.known.block, brief.settings)
-        arms = [PegArm(brief, name, self.table, self.traffic) for name in brief.arms]
+    def __init__(self, context: AgentContext):
+        if len(context.arms) != 2:
+            raise TrocarError(f"this variant of peg-transfer needs two arms, and was given {', '.join(context.arms)}")
+        self.cell, self.settings, self.goals = context.cell, context.settings, context.goals
+        self.table = Table(context)
+        self.traffic = Traffic(context.cell, context.nominal.block, context.settings)
+        arms = [PegArm(context, name, self.table, self.traffic) for name in context.arms]
         self.left, self.right = sorted(arms, key=lambda arm: float(arm.motions.T_base_board.inverse().translation_m[0]))
         self._gone = 0
 

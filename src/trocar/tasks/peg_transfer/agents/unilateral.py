@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trocar.tasks.kit import Brief
+from trocar.eval import AgentContext
 from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.settings import Settings
@@ -17,10 +17,10 @@ __all__ = ["Settings", "Unilateral"]
 class Unilateral(OneArm):
     """One arm, one block after the other."""
 
-    def __init__(self, brief: Brief):
-        table = Table(brief)
-        traffic = Traffic(brief.cell, brief.known.block, brief.settings)
-        super().__init__(PegArm(brief, brief.arms[0], table, traffic), brief.goals)
+    def __init__(self, context: AgentContext):
+        table = Table(context)
+        traffic = Traffic(context.cell, context.nominal.block, context.settings)
+        super().__init__(PegArm(context, context.arms[0], table, traffic), context.goals)
 
     async def run(self) -> None:
         """Do the transfers one after the other, and look once more at the end."""

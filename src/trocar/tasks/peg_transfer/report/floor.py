@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from trocar.report.parts import parts_of
 
 if TYPE_CHECKING:
-    from trocar.trials.trial import Trial
+    from trocar.eval.trial import Trial
 
 MOTION = "motion"
 

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.eval import PaperCount, PaperRow, TaskReport, in_words
+from trocar.eval.statistics import session_interval
 from trocar.geometry import SE3
 from trocar.replay import Viewpoint
-from trocar.report.statistics import session_interval
 from trocar.report.turns import NEARLY_S, turns_of
-from trocar.tasks.kit import PaperCount, PaperRow, TaskReport, in_words
 from trocar.tasks.peg_transfer.goals import PegSet, TransferOutcome
 from trocar.tasks.peg_transfer.report.floor import floor_sentence, motion_floor_s
 from trocar.tasks.peg_transfer.report.paths import draw_paths
 
 if TYPE_CHECKING:
-    from trocar.trials.trial import Trial
+    from trocar.eval.trial import Trial
 
 PAPER: dict[str, tuple[PaperRow, ...]] = {
     "unilateral": (

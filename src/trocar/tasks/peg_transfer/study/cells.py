@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from trocar.tasks.kit import methods_of
+from trocar.eval import methods_of
+from trocar.eval.conditions import Cell, cell_of, chosen, compensated_alone
+from trocar.eval.config import RunConfig
 from trocar.tasks.peg_transfer.task import VARIANTS, PegTransfer
-from trocar.trials.cells import Cell, cell_of, chosen, compensated_alone
-from trocar.trials.config import RunConfig
 
 
 def cells_of(  # noqa: D417 (the rest as in RunConfig)

@@ -42,10 +42,10 @@ def peg_transfer(
     Each condition is an ordinary run in DIR/VARIANT-METHOD. Trials are kept as they end; the same command continues
     where it stopped, whatever happened to it or its workers.
     """
-    from trocar.tasks.peg_transfer.study.cells import cells_of  # noqa: PLC0415 (the simulator is heavy)
-    from trocar.tasks.peg_transfer.study.report import write_study  # noqa: PLC0415
-    from trocar.tasks.peg_transfer.study.results import results_of  # noqa: PLC0415
-    from trocar.tasks.peg_transfer.study.row import read_row  # noqa: PLC0415
+    from trocar.tasks.peg_transfer.study.cells import cells_of  # the simulator is heavy
+    from trocar.tasks.peg_transfer.study.report import write_study
+    from trocar.tasks.peg_transfer.study.results import results_of
+    from trocar.tasks.peg_transfer.study.row import read_row
 
     plugins = options.loaded(plugin)
     workers = options.workers_of(backend, jobs, scheduler)
@@ -83,8 +83,8 @@ def peg_transfer(
 
 
 def _show(summary: dict[str, Any], found: list[Any], notes: list[str], files: list[Path]) -> None:
-    from trocar.tasks.peg_transfer.study.hypotheses import NOTES  # noqa: PLC0415
-    from trocar.tasks.peg_transfer.study.tables import hypothesis_table, variant_table  # noqa: PLC0415
+    from trocar.tasks.peg_transfer.study.hypotheses import NOTES
+    from trocar.tasks.peg_transfer.study.tables import hypothesis_table, variant_table
 
     console = details()
     for variant in dict.fromkeys(cell["variant"] for cell in summary["cells"]):

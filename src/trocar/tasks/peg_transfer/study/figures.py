@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from trocar.eval.trial import Trial, trial_file
 from trocar.geometry import SE3
 from trocar.report import style
 from trocar.tasks.peg_transfer.goals import PegSet
 from trocar.tasks.peg_transfer.study.published import COLLISIONS, COMPLETION_S
 from trocar.tasks.peg_transfer.study.results import Result
 from trocar.tasks.peg_transfer.study.row import KINDS, Row
-from trocar.trials.trial import Trial, trial_file
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
 PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}

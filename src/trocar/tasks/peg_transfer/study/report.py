@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from trocar.output import write_json
+from trocar.files.output import write_json
 from trocar.tasks.peg_transfer.study.figures import draw_motion, draw_paths, draw_performance
 from trocar.tasks.peg_transfer.study.hypotheses import NOTES, Finding, findings
 from trocar.tasks.peg_transfer.study.page import write_page

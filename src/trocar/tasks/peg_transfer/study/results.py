@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from trocar.eval.conditions import Cell
+from trocar.eval.statistics import session_interval
 from trocar.report.cells import CellRows, rows_of_cells
 from trocar.report.comparison import session_estimate
-from trocar.report.statistics import session_interval
 from trocar.tasks.peg_transfer.study.row import Row, read_row
-from trocar.trials.cells import Cell
 
 
 class Result(CellRows[Row]):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from trocar.eval.rows import kept_row
+from trocar.eval.trial import Trial
 from trocar.motion.analysis import JointAnalysis, analyse_joints
-from trocar.trials.rows import kept_row
-from trocar.trials.trial import Trial
 
 VERSION = 1
 KINDS = ("velocity", "acceleration", "jerk")

@@ -8,7 +8,7 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from trocar.report.statistics import wilson_interval
+from trocar.eval.statistics import wilson_interval
 from trocar.report.tables import figure
 from trocar.tasks.peg_transfer.report.peg_report import PAPER
 from trocar.tasks.peg_transfer.study.hypotheses import Finding

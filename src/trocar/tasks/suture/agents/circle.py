@@ -12,11 +12,12 @@ from scipy.interpolate import CubicSpline
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.errors import TrocarError
-from trocar.sutures import SutureSetup
-from trocar.sutures.drive import Segment, Suture, cut_short, drive, ranges, way_out
-from trocar.tasks.kit import ArmScript, Brief
+from trocar.eval import AgentContext
+from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.watch import ENOUGH_M, RUN_UP_M, Aim, NeedleWatch, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.planning import SutureSetup
+from trocar.tasks.suture.planning.drive import Segment, Suture, cut_short, drive, ranges, way_out
 from trocar.trajectory import Trajectory
 
 KNOT_S = 0.020
@@ -100,12 +101,12 @@ class _End(NamedTuple):
 class CircleSuturing:
     """One arm drives one suture after the other; a person loads the needle before each."""
 
-    def __init__(self, brief: Brief):
-        cell, settings = brief.cell, brief.settings
-        self.hand = ArmScript(cell, brief.arms[0], settings.limits, settings.settle_s)
+    def __init__(self, context: AgentContext):
+        cell, settings = context.cell, context.settings
+        self.hand = ArmScript(cell, context.arms[0], settings.limits, settings.settle_s)
         if LOAD not in cell.assistants:
             raise TrocarError("nobody in this cell loads the needle; give the cell an assistant for 'load needle'")
-        self.cell, self.settings, self.load, self.sutures = cell, settings, cell.assistants[LOAD], brief.goals
+        self.cell, self.settings, self.load, self.sutures = cell, settings, cell.assistants[LOAD], context.goals
         self.arm, self.name = self.hand.model, self.hand.name
         self.home = self.hand.q
         self.watch = (
@@ -116,7 +117,7 @@ class CircleSuturing:
 
     async def run(self) -> None:
         """Drive the sutures one after the other; if the plan itself leaves a joint's range, stop there for good."""
-        await self.hand.wake()
+        await self.hand.exercise_wrist()
         await self.hand.zero_jaw(self.settings.jaw_closed_rad)
         for number, suture in enumerate(self.sutures):
             start_s = self.cell.clock.now_s()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from trocar.geometry import SE3, SO3
-from trocar.perception.needle import NeedleSighting
+from trocar.tasks.suture.perception import NeedleSighting
 
 ALWAYS, NOW, GRIP = slice(0, 6), slice(6, 12), slice(12, 18)
 """Parts of the state: the tip's lasting error, its changing error, and how the needle lies in the jaws."""
@@ -45,7 +45,7 @@ UNLIKELY = float(chi2.ppf(0.999, 6))
 
 
 @dataclass(frozen=True, eq=False)
-class Believed:
+class NeedleEstimate:
     """A pose with its uncertainty.
 
     Attributes:
@@ -56,11 +56,11 @@ class Believed:
     T_base_needle: SE3
     covariance: NDArray[np.float64]
 
-    def doubted(self) -> Believed:
+    def doubted(self) -> NeedleEstimate:
         """Return the same with more uncertainty, because something was seen that does not fit it."""
-        return Believed(self.T_base_needle, DOUBT * self.covariance)
+        return NeedleEstimate(self.T_base_needle, DOUBT * self.covariance)
 
-    def after(self, T_base_camera: SE3, seen: NeedleSighting) -> Believed | None:
+    def after(self, T_base_camera: SE3, seen: NeedleSighting) -> NeedleEstimate | None:
         """Return the estimate after a sighting that was fitted from here.
 
         None: the sighting lies further off than chance explains.
@@ -71,10 +71,10 @@ class Believed:
         if away @ known @ away > UNLIKELY:
             return None
         registered = seen.information @ np.linalg.inv(np.eye(6) + CAMERA @ seen.information)
-        return Believed(T_base_needle, np.asarray(np.linalg.inv(known + registered), dtype=np.float64))
+        return NeedleEstimate(T_base_needle, np.asarray(np.linalg.inv(known + registered), dtype=np.float64))
 
 
-class NeedleBelief:
+class NeedleEstimator:
     """A normal distribution of three twists, small enough to add up.
 
     The tip's error is a shift and a rotation about the tip, both in the base's axes; one part of it lasts for the whole
@@ -114,7 +114,7 @@ class NeedleBelief:
         """Account for a correction of the arm by less than a millimetre: sightings still hold, but less certainly."""
         self._covariance[NOW, NOW] += STIRS * np.diag(NOW_SD**2)
 
-    def regrasped(self, needle: Believed, T_base_tip: SE3, T_tip_needle: SE3) -> None:
+    def regrasped(self, needle: NeedleEstimate, T_base_tip: SE3, T_tip_needle: SE3) -> None:
         """Account for the jaws closing elsewhere on a needle that the tissue held meanwhile.
 
         Args:
@@ -133,11 +133,11 @@ class NeedleBelief:
         self._covariance[GRIP, GRIP] += needle.covariance
         self._closed(STIRRED)
 
-    def needle(self, T_base_tip: SE3) -> Believed:
+    def needle(self, T_base_tip: SE3) -> NeedleEstimate:
         """Return where the needle is if the tip is asked to be here."""
         T_base_needle = self.tip(T_base_tip) @ self._T_tip_needle @ SE3.exp(self._mean[GRIP])
         of_needle = self._of_needle(T_base_tip)
-        return Believed(T_base_needle, of_needle @ self._covariance @ of_needle.T)
+        return NeedleEstimate(T_base_needle, of_needle @ self._covariance @ of_needle.T)
 
     def tip(self, T_base_tip: SE3) -> SE3:
         """Return where the tip is if it is asked to be here; poses of any batch."""

@@ -11,20 +11,20 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import Unreachable, fk, ik_unbounded, reach_with_still_wrist
-from trocar.arms.still_wrist import OUTER
+from trocar.arms import Unreachable, fk, ik_unbounded, ik_with_fixed_wrist
+from trocar.arms.fixed_wrist import OUTER
 from trocar.cell import Cell
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, RgbdImage, Window
 from trocar.perception.instrument.solids import InstrumentSolids
-from trocar.perception.needle import NeedleArc, NeedleSighting, search_starts, sight_needle
-from trocar.sutures import SutureSetup
-from trocar.sutures.drive import Segment
-from trocar.sutures.primitive import driven_steps, grasp_pose
-from trocar.tasks.kit import ArmScript
-from trocar.tasks.suture.agents.needle_belief import Believed, NeedleBelief
+from trocar.robots.arm_script import ArmScript
+from trocar.tasks.suture.agents.needle_belief import NeedleEstimate, NeedleEstimator
+from trocar.tasks.suture.perception import NeedleArc, NeedleSighting, search_starts, sight_needle
+from trocar.tasks.suture.planning import SutureSetup
+from trocar.tasks.suture.planning.drive import Segment
+from trocar.tasks.suture.planning.primitive import driven_steps, grasp_pose
 
 BEFORE_ENTRY_M = 2e-3
 """Distance of the last look before the tissue, along the needle's path."""
@@ -169,8 +169,8 @@ class NeedleWatch:
         self._camera, self._lens = cell.cameras[nearest], seeing[nearest]
         base = cell.T_world_base_registered[hand.name]
         self._T_base_camera = base.inverse() @ T_world_camera[nearest]
-        self._belief = NeedleBelief()
-        self._held: Believed | None = None
+        self._belief = NeedleEstimator()
+        self._held: NeedleEstimate | None = None
 
     def loaded(self, setup: SutureSetup) -> None:
         """Note that a person has loaded the needle for a suture of this setup."""
@@ -183,7 +183,7 @@ class NeedleWatch:
 
     def forget(self) -> None:
         """Discard everything seen so far."""
-        self._belief = NeedleBelief()
+        self._belief = NeedleEstimator()
 
     @property
     def well_loaded(self) -> bool:
@@ -257,7 +257,7 @@ class NeedleWatch:
             R = self._fk(q).rotation
             held_m = (R.inverse() @ SO3.exp(self._off[3:]) @ R).apply(self._in_jaws.apply(p_needle_tip))
             places = zip(q, wanted_m, held_m, strict=True)
-            q = np.array([reach_with_still_wrist(self._hand.model, *place) for place in places])
+            q = np.array([ik_with_fixed_wrist(self._hand.model, *place) for place in places])
         return q
 
     def _asked(self, T_base_tip: SE3) -> SE3:
@@ -289,11 +289,11 @@ class NeedleWatch:
         )
         return seen is not None and not accepted
 
-    def _tip_in_circle(self, needle: Believed) -> NDArray[np.float64]:
+    def _tip_in_circle(self, needle: NeedleEstimate) -> NDArray[np.float64]:
         """Return where (3,) the tip of a needle is estimated to be in the circle's frame, m."""
         return (self.setup.T_base_circle.inverse() @ needle.T_base_needle).apply(self._arc.point_m(np.zeros(1))[0])
 
-    def _window(self, expected: Believed) -> Window:
+    def _window(self, expected: NeedleEstimate) -> Window:
         """Return the rectangle of pixels round the needle."""
         wire = self._arc.point_m(np.linspace(0.0, self._arc.arc_rad, 40))
         seen = project(self._lens, (self._T_base_camera.inverse() @ expected.T_base_needle).apply(wire))
@@ -302,7 +302,7 @@ class NeedleWatch:
         return Window((int(lower[0]), int(lower[1])), (int(upper[0] - lower[0] + 1), int(upper[1] - lower[1] + 1)))
 
     @property
-    def _needle(self) -> Believed:
+    def _needle(self) -> NeedleEstimate:
         """Return where the needle is estimated to be."""
         return self._held or self._belief.needle(self._T_base_tip)
 
@@ -320,7 +320,7 @@ class NeedleWatch:
         now, then = (self._belief.needle(T).T_base_needle.apply(tip) for T in (self._T_base_tip, self._fk(q)))
         return float(np.linalg.norm(then - now))
 
-    def _find(self, images: Sequence[RgbdImage], expected: Believed) -> NeedleSighting | None:
+    def _find(self, images: Sequence[RgbdImage], expected: NeedleEstimate) -> NeedleSighting | None:
         T_camera_base, asked = self._T_base_camera.inverse(), self._T_base_tip
         solids = InstrumentSolids.of(self._hand.model, self._hand.q, self._hand.jaw_rad)
         to_solids = asked @ self._belief.tip(asked).inverse() @ self._T_base_camera

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
-from trocar.sutures import PRESETS, SutureSetup
-from trocar.sutures.drive import Suture
-from trocar.sutures.plan_file import setup_from
-from trocar.trials.trial import Trial
+from trocar.eval.trial import Trial
+from trocar.tasks.suture.planning import PRESETS, SutureSetup
+from trocar.tasks.suture.planning.drive import Suture
+from trocar.tasks.suture.planning.plan_file import setup_from
 
 
 def setup_of(trial: Trial) -> SutureSetup:

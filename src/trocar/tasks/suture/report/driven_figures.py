@@ -8,20 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from trocar.eval import in_words
+from trocar.eval.trial import Trial
 from trocar.geometry import SE3, TURN
 from trocar.report import style
 from trocar.report.tables import figure as figures
-from trocar.tasks.kit import in_words
-from trocar.tasks.suture.report.driven import (
-    arm_of,
-    joint_errors,
-    limits_shown,
-    rms_max,
-    setup_of,
-    steps_of,
-    suture_of,
-)
-from trocar.trials.trial import Trial
+from trocar.tasks.suture.report.driven import arm_of, joint_errors, limits_shown, rms_max, setup_of, steps_of, suture_of
 
 NEAR = 0.15
 """A limit is drawn if the joint comes closer to it than this share of its range."""

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from trocar.eval import TaskReport, in_words, stopped
 from trocar.geometry import SE3, TURN
 from trocar.replay import Viewpoint
 from trocar.report.tables import figure
-from trocar.tasks.kit import TaskReport, in_words, stopped
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.report.driven import driven_summary, setup_of, steps_of
 from trocar.tasks.suture.report.driven_figures import draw_joints, draw_needle
 
 if TYPE_CHECKING:
-    from trocar.trials.trial import Trial
+    from trocar.eval.trial import Trial
 
 UNSHOWN = ("lower", "withdraw", "rise")
 """Steps of a suture without a picture."""

@@ -1,0 +1,274 @@
+"""The configuration of a run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from trocar.calibration.excitation import WIDE_ROWS
+from trocar.calibration.fleet import load_prior
+from trocar.calibration.fleet.prior import BUILT_IN
+from trocar.calibration.models import MODELS
+from trocar.collect.motion import why_no_images
+from trocar.errors import TrocarError
+from trocar.eval.method import Method, pick_method, pick_perception
+from trocar.eval.task import TASKS, Task
+from trocar.lab import Station, load_station
+from trocar.lab.flaws import DEFAULT, Difficulty
+from trocar.lab.toml import station_digest
+from trocar.motion import PLANNERS
+from trocar.registry import load_plugin
+
+PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headless", "piqp")
+"""Packages on which a trial's numbers depend."""
+
+NO_PRIOR = "none"
+USUAL_MODEL = "play"
+IMAGES, JOINTS = "images", "joints"
+"""Sources of a calibration recording: spheres seen by the station's camera, or joints with drawn noise."""
+FITTED_ON = "cable models are fitted on"
+"""Key of this source in a summary."""
+
+FOLLOWS = ("options", "variant", "goal_noun", "station_digest", "arms", "flaws", "versions")
+"""Properties of a run that follow from its other options."""
+
+MAX_TRIALS = 100_000
+"""Maximum number of trials of a run: weeks of work on all cores of a large machine."""
+
+SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
+"""Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunConfig:
+    """The configuration of a run; the same configuration writes the same trials.
+
+    Attributes:
+        task: the task, with its options.
+        station: name of a built-in station or path of a TOML file; empty: the task's default station.
+        method: name of the method; empty: the task's first.
+        model: cable model of methods that compensate; empty: 'play'.
+        calibration: for methods that compensate: 'images' or 'joints'; empty: images, if they are possible for all
+            arms.
+        prior: for methods that compensate: 'none', or 'fleet' or a file, from which cable models start; they are then
+            fitted on a minute of wide swings, not on a long recording.
+        planner: of the motions; empty: the method's.
+        perception: what agents see with; empty: the method's.
+        sessions: how many days are drawn, each registered and calibrated separately.
+        trials: in each session.
+        seed: of everything random.
+        new_session: mount the instruments again between calibration and trials.
+        refit_offsets: refit the model's offsets from 30 samples before the trials.
+        flawless_camera: switch the sensors' flaws off.
+        difficulty: how far the laboratory departs from what is known about it: 'mild', 'recorded' or 'harsh'.
+        flaws: those that are given their own size, as ``registration=1.0mm``.
+        plugins: files that were loaded for this run.
+    """
+
+    task: Task
+    station: str = ""
+    method: str = ""
+    model: str = ""
+    calibration: str = ""
+    prior: str = NO_PRIOR
+    planner: str = ""
+    perception: str = ""
+    sessions: int = 1
+    trials: int = 1
+    seed: int = 0
+    new_session: bool = False
+    refit_offsets: bool = False
+    flawless_camera: bool = False
+    difficulty: str = DEFAULT
+    flaws: tuple[str, ...] = ()
+    plugins: tuple[str, ...] = ()
+    _built: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        kind = type(self.task)
+        method = pick_method(kind, self.method)
+        usual = {
+            "station": kind.station,
+            "method": self.method or next(iter(kind.methods)),
+            "planner": method.planner,
+            "perception": method.perception,
+        }
+        for name, value in usual.items():
+            if not getattr(self, name):
+                object.__setattr__(self, name, value)
+        for name in ("sessions", "trials"):
+            if getattr(self, name) < 1:
+                raise TrocarError(f"the number of {name} is {getattr(self, name)}; give 1 or more with --{name}")
+        if self.sessions * self.trials > MAX_TRIALS:
+            raise TrocarError(
+                f"{self.sessions} sessions of {self.trials} trials are more than {MAX_TRIALS} trials; give fewer with "
+                "--sessions or --trials"
+            )
+        if self.seed < 0:
+            raise TrocarError(f"the seed is {self.seed}; give 0 or more with --seed")
+        self._choose_model(method)
+        PLANNERS.pick(self.planner)
+        if self.perception:
+            pick_perception(kind, self.perception)
+        difficulty = Difficulty.of(self.difficulty, self.flaws)
+        station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).with_relevant_flaws()
+        arms = self.task.working_arms(station)
+        if self.calibration not in ("", IMAGES, JOINTS):
+            raise TrocarError(f"calibration {self.calibration!r} is unknown; choose one of {IMAGES}, {JOINTS}")
+        if method.calibrated:  # if calibration is impossible, the error comes before anything is written
+            missing = [why for arm in arms if (why := why_no_images(station, arm, self.task.calibration(station, arm)))]
+            if missing and self.calibration == IMAGES:
+                raise TrocarError(f"{missing[0]}; or give --calibration {JOINTS}")
+            object.__setattr__(self, "calibration", self.calibration or (JOINTS if missing else IMAGES))
+        self._start_from_prior(method)
+        self._built.update(method=method, station=station, arms=arms)
+
+    def _choose_model(self, method: Method) -> None:
+        """Choose the cable model if there is one to fit; otherwise refuse options that would have no effect."""
+        if self.model:
+            MODELS.pick(self.model)
+        if not method.calibrated:
+            useless = {"calibration": self.calibration, "model": "" if method.learns else self.model}
+            for name, value in useless.items():
+                if value:
+                    raise TrocarError(
+                        f"--{name} {value} has no effect with --method {self.method}, which makes no calibration; "
+                        f"drop --{name}"
+                    )
+            if self.new_session:
+                raise TrocarError(
+                    f"--new-session mounts the instruments again after a calibration, and --method {self.method} makes "
+                    "none; drop --new-session"
+                )
+            if self.refit_offsets:
+                raise TrocarError(f"there is no model to refit with --method {self.method}; drop --refit-offsets")
+        if method.calibrated or method.learns:
+            object.__setattr__(self, "model", self.model or USUAL_MODEL)
+
+    def _start_from_prior(self, method: Method) -> None:
+        """Choose the built-in prior for a method that learns; check that a prior has an effect and can be read."""
+        if method.learns and self.model != "play":
+            raise TrocarError(f"--method {self.method} learns model 'play', not {self.model!r}; drop --model")
+        if method.learns and self.prior == NO_PRIOR:
+            object.__setattr__(self, "prior", BUILT_IN)
+        if self.prior == NO_PRIOR:
+            return
+        if not (method.calibrated or method.learns) or self.model != "play":
+            raise TrocarError(f"there is no play model that could start from prior {self.prior!r}; drop --prior")
+        load_prior(self.prior)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what recreates this configuration in another process, after loading the same plugins."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("task", "_built")}
+        options = {f.name: getattr(self.task, f.name) for f in fields(self.task)}  # type: ignore[arg-type]
+        return _made_again, (self.task.name, options, values)
+
+    @property
+    def chosen_method(self) -> Method:
+        """Return the method."""
+        return self._built["method"]
+
+    @property
+    def laboratory(self) -> Station:
+        """Return the station as the task needs it."""
+        return self._built["station"]
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Return the names of the arms that work."""
+        return self._built["arms"]
+
+    def about(self) -> dict[str, Any]:
+        """Return as JSON what distinguishes this run from others: all but the numbers of sessions and trials."""
+        return {
+            "task": self.task.name,
+            "variant": self.task.variant,
+            "options": self.task.options(),
+            "goal_noun": self.task.goal_noun,
+            "station": self.laboratory.name,
+            "station_digest": station_digest(self.station),
+            "arms": list(self.arms),
+            "method": self.method,
+            "model": self.model if self.chosen_method.calibrated else None,
+            "calibration": self.calibration if self.chosen_method.calibrated else None,
+            "prior": self.prior if self.chosen_method.calibrated or self.chosen_method.learns else None,
+            "planner": self.planner,
+            "perception": self.perception,
+            "seed": self.seed,
+            "new_session": self.new_session,
+            "refit_offsets": self.refit_offsets,
+            "flawless_camera": self.flawless_camera,
+            "difficulty": self.how_difficult,
+            "plugins": [load_plugin(path) for path in self.plugins],
+            "flaws": self._flaws(),
+            "versions": versions(),
+        }
+
+    @property
+    def how_difficult(self) -> list[str]:
+        """Return the laboratory's difficulty and the flaws that were given their own size."""
+        return [self.difficulty, *self.laboratory.difficulty.named]
+
+    def _flaws(self) -> dict[str, str]:
+        flaws = self.laboratory.flaws(self.flawless_camera)
+        if self.chosen_method.calibrated:
+            how = "spheres seen in images" if self.calibration == IMAGES else "joints with drawn noise"
+            flaws[FITTED_ON] = how
+            if self.prior != NO_PRIOR:
+                minute = f"{how}, {WIDE_ROWS} samples; they start from prior {self.prior!r}, from which recordings of "
+                flaws[FITTED_ON] = minute + "the instrument itself are left out"
+        if self.chosen_method.learns:
+            seen = f"what the camera sees of the wrist in each trial; they start from prior {self.prior!r}, from which "
+            flaws[FITTED_ON] = seen + "recordings of the instrument itself are left out"
+        return flaws
+
+    @property
+    def unusual(self) -> dict[str, Any]:
+        """Return the options that differ from the defaults of its task, method and seed."""
+        kind = type(self.task)
+        required = {f.name: getattr(self.task, f.name) for f in fields(kind) if f.default is MISSING}  # type: ignore[arg-type]
+        usual = RunConfig(kind(**required), station=self.station, method=self.method, seed=self.seed)
+        found = {**self._chosen(), "station": self.station, "plugins": self.plugins}
+        ordinary = {**usual._chosen(), "station": kind.station, "plugins": ()} | dict.fromkeys(required)
+        return {name: value for name, value in found.items() if value != ordinary[name]}
+
+    def _chosen(self) -> dict[str, Any]:
+        """Return the chosen options, without what follows from them."""
+        return {name: value for name, value in self.about().items() if name not in FOLLOWS} | self.task.options()
+
+    @property
+    def fingerprint(self) -> str:
+        """Return the digest of :meth:`about`, which every file of this run carries."""
+        return fingerprint(self.about())
+
+    def rng(self, session: int, *stream: int) -> np.random.Generator:
+        """Return the generator of one of a session's streams."""
+        return np.random.default_rng(self.seeds(session, *stream))
+
+    def seeds(self, session: int, *stream: int) -> np.random.SeedSequence:
+        """Return the seeds of one of a session's streams."""
+        return np.random.SeedSequence([self.seed, session, *stream])
+
+
+def _made_again(task: str, options: dict[str, Any], values: dict[str, Any]) -> RunConfig:
+    for plugin in values["plugins"]:
+        load_plugin(plugin)
+    return RunConfig(task=TASKS.pick(task)(**options), **values)
+
+
+def fingerprint(about: dict[str, Any]) -> str:
+    """Return the digest of what distinguishes a run from others."""
+    text = json.dumps(about, sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return the versions of the packages on which a trial's numbers depend."""
+    return {name: version(name) for name in PACKAGES}

@@ -1,0 +1,199 @@
+"""The scene of a trial's cell as plain values: enough to draw it again without simulator, task or arm model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, FingerMarks, Instrument, Joint, fk, frames
+from trocar.errors import TrocarError
+from trocar.geometry import SE3, SO3
+from trocar.replay import CameraImage, Contact, Replay, Solid, ToolPath
+
+if TYPE_CHECKING:
+    from trocar.eval.trial import Trial
+
+
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """Solids, arms and fixed bodies.
+
+    Attributes:
+        solids: everything visible.
+        T_world_body: poses of the bodies that never move.
+        arms: model of each arm by name.
+        T_world_base: where each arm truly stood.
+        T_world_base_registered: where registration found it.
+        cameras: name to the names of its images' blobs and their times: ``[[time_s, blob], ...]``.
+        tick_s: time between two rows of a trial's arrays.
+    """
+
+    solids: tuple[Solid, ...]
+    T_world_body: Mapping[str, SE3]
+    arms: Mapping[str, ArmModel]
+    T_world_base: Mapping[str, SE3]
+    T_world_base_registered: Mapping[str, SE3]
+    cameras: Mapping[str, list[tuple[float, str]]]
+    tick_s: float
+
+    def __repr__(self) -> str:
+        return f"<Scenery of {len(self.solids)} solids, arms {', '.join(self.arms)}>"
+
+    def values(self) -> dict[str, Any]:
+        """Return all of it as JSON values."""
+        return {
+            "solids": [_solid_values(solid) for solid in self.solids],
+            "T_world_body": _pose_values(self.T_world_body),
+            "arms": {name: arm_values(arm) for name, arm in self.arms.items()},
+            "T_world_base": _pose_values(self.T_world_base),
+            "T_world_base_registered": _pose_values(self.T_world_base_registered),
+            "cameras": {name: [list(image) for image in images] for name, images in self.cameras.items()},
+            "tick_s": self.tick_s,
+        }
+
+    @staticmethod
+    def of(values: Mapping[str, Any]) -> Scenery:
+        """Return the scenery from the result of :meth:`values`."""
+        return Scenery(
+            solids=tuple(_solid_of(solid) for solid in values["solids"]),
+            T_world_body=_poses_of(values["T_world_body"]),
+            arms={name: arm_of(arm) for name, arm in values["arms"].items()},
+            T_world_base=_poses_of(values["T_world_base"]),
+            T_world_base_registered=_poses_of(values["T_world_base_registered"]),
+            cameras={
+                name: [(float(time_s), str(blob)) for time_s, blob in images]
+                for name, images in values["cameras"].items()
+            },
+            tick_s=float(values["tick_s"]),
+        )
+
+    def replay(self, trial: Trial) -> Replay:
+        """Return a trial with this scenery as a replay."""
+        about, arrays = trial.about, trial.arrays
+        bodies: dict[str, SE3] = dict(self.T_world_body)
+        tools: dict[str, ToolPath] = {}
+        for name, arm in self.arms.items():
+            true = arrays[f"true_{name}"].astype(np.float64)
+            bodies |= link_poses(name, arm, self.T_world_base[name], true)
+            asked = arrays.get(f"asked_{name}", true).astype(np.float64)
+            tools[name] = ToolPath(
+                (self.T_world_base_registered[name] @ fk(arm, asked[:, :6])).translation_m,
+                (self.T_world_base[name] @ fk(arm, true[:, :6])).translation_m,
+            )
+        for key, rows in arrays.items():
+            if key.startswith("body_"):
+                rows = rows.astype(np.float64)  # noqa: PLW2901
+                bodies[key.removeprefix("body_")] = SE3.from_parts(SO3.from_quaternion(rows[:, 3:]), rows[:, :3])
+        kinds = ("asked", "commanded", "measured", "true")
+        return Replay(
+            title=" ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key)),
+            times_s=trial.times_s,
+            solids=self.solids,
+            T_world_body=bodies,
+            tools=tools,
+            contacts=tuple(
+                Contact(
+                    c["time_s"],
+                    c["end_s"],
+                    (f"{c['arm']}: {c['what']}" if c["what"] != "arm" else c["arm"], c["against"]),
+                    tuple(c["p_world_m"]),
+                    c["force_n"],
+                )
+                for c in trial.collisions
+            ),
+            spans=tuple((s.arm, s.name, s.start_s, s.end_s) for s in trial.spans),
+            events=tuple(trial.events),
+            joints={
+                name: {kind: arrays[f"{kind}_{name}"] for kind in kinds if f"{kind}_{name}" in arrays}
+                for name in self.arms
+            },
+            joint_names={name: (*(j.name for j in arm.joints), "jaw") for name, arm in self.arms.items()},
+            images=tuple(
+                CameraImage(time_s, camera, trial.images[blob])
+                for camera, images in self.cameras.items()
+                for time_s, blob in images
+                if blob in trial.images
+            ),
+        )
+
+
+def link_poses(name: str, arm: ArmModel, T_world_base: SE3, joints: NDArray[np.float64]) -> dict[str, SE3]:
+    """Return the poses (n,) of the bodies of an arm, named as in the simulator, from joints and jaw (n, 7)."""
+    poses = T_world_base @ frames(arm, joints[:, :6])
+    found = {f"{name}_link{k}": poses[:, k] for k in range(1, 7)}
+    for finger, side in (("left", 0.5), ("right", -0.5)):
+        turn = SO3.axis("z", np.pi / 2 + side * joints[:, 6])  # the jaws point along y of frame 6
+        found[f"{name}_finger_{finger}"] = poses[:, 6] @ SE3.from_parts(turn)
+    return found
+
+
+def arm_values(arm: ArmModel) -> dict[str, Any]:
+    """Return an arm's model as JSON values."""
+    return asdict(arm)
+
+
+def arm_of(values: Mapping[str, Any]) -> ArmModel:
+    """Return the arm's model from the result of :func:`arm_values`.
+
+    Raises:
+        TrocarError: it is not one.
+    """
+    known = {f.name for f in fields(ArmModel)}
+    if set(values) != known:
+        raise TrocarError(f"an arm has {sorted(set(values) ^ known)} too many or too few; the file is damaged")
+    coupling = values["coupling"]
+    parts = dict(values) | {
+        "joints": tuple(Joint(**joint) for joint in values["joints"]),
+        "jaw": Joint(**values["jaw"]),
+        "instrument": _instrument_of(values["instrument"]),
+        "twists_rad": tuple(values["twists_rad"]),
+        "offsets": tuple(values["offsets"]),
+        "coupling": None if coupling is None else tuple(map(tuple, coupling)),
+    }
+    return ArmModel(**parts)
+
+
+def _instrument_of(values: Mapping[str, Any]) -> Instrument:
+    instrument = Instrument(**values)
+    if values["marks"] is None:
+        return instrument
+    return replace(instrument, marks=FingerMarks(**{name: _tuples(value) for name, value in values["marks"].items()}))
+
+
+def _tuples(value: Any) -> Any:
+    """Return a JSON value with its lists as tuples."""
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
+
+
+def _solid_values(solid: Solid) -> dict[str, Any]:
+    return {
+        "body": solid.body,
+        "shape": solid.shape,
+        "size_m": list(solid.size_m),
+        "T_body_solid": solid.T_body_solid.matrix.tolist(),
+        "rgba": list(solid.rgba),
+        "vertices_m": np.round(solid.vertices_m, 9).tolist(),
+    }
+
+
+def _solid_of(values: Mapping[str, Any]) -> Solid:
+    return Solid(
+        str(values["body"]),
+        str(values["shape"]),
+        tuple(values["size_m"]),
+        SE3(np.array(values["T_body_solid"], dtype=np.float64)),
+        tuple(values["rgba"]),
+        np.array(values["vertices_m"], dtype=np.float64).reshape(-1, 3),
+    )
+
+
+def _pose_values(poses: Mapping[str, SE3]) -> dict[str, Any]:
+    return {name: T.matrix.tolist() for name, T in poses.items()}
+
+
+def _poses_of(values: Mapping[str, Any]) -> dict[str, SE3]:
+    return {name: SE3(np.array(matrix, dtype=np.float64)) for name, matrix in values.items()}

@@ -1,0 +1,183 @@
+"""The definition of a task: a scene, what counts as done, and the methods."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from trocar.calibration.excitation import MotionBox
+from trocar.errors import TrocarError
+from trocar.lab import Station
+from trocar.registry import Lazy, Registry
+
+if TYPE_CHECKING:
+    from trocar.eval.method import Method
+    from trocar.eval.task_report import TaskReport
+    from trocar.sim.task_world import TaskWorld
+
+
+def option(default: Any, help: str, *, flag: str = "", metavar: str = "", choices: Sequence[str] = ()) -> Any:
+    """Return the dataclass field of a task's option, which the command line offers as described here.
+
+    Args:
+        default: if the option is not given; its type is the option's, and the field's annotation.
+        help: one line.
+        flag: on the command line, if not the field's name with dashes.
+        metavar: placeholder for the value in the help.
+        choices: the values that it may have; none: any.
+    """
+    return field(default=default, metadata={"help": help, "flag": flag, "metavar": metavar, "choices": tuple(choices)})
+
+
+@dataclass(frozen=True)
+class Score:
+    """The outcome of one goal, as the referee saw it.
+
+    Attributes:
+        attempted: counts in the denominator: whatever the task set out to do.
+        succeeded: it was done.
+        failure: name of what went wrong, empty after a success.
+        reason: a sentence, if there is one.
+        start_s: on the trial's clock.
+        end_s: likewise.
+    """
+
+    attempted: bool
+    succeeded: bool
+    failure: str
+    reason: str
+    start_s: float
+    end_s: float
+
+    def __repr__(self) -> str:
+        result = "done" if self.succeeded else self.failure or ("failed" if self.attempted else "not attempted")
+        why = f": {self.reason}" if self.reason else ""
+        return f"<Score {result}, {self.start_s:.1f} to {self.end_s:.1f} s{why}>"
+
+
+class Task:
+    """What is to be done, independent of how it is done. A task is a frozen dataclass whose fields are its options.
+
+    Class attributes:
+        name: on the command line.
+        about: one line.
+        goal_noun: what one goal is called: ``transfer``, ``suture``. Scripts note the end of each as an event of that
+            name.
+        station: name of the station where it is done if none is given.
+        methods: how it can be done, by name, the default first.
+        perceptions: by name; whatever its agents expect of them.
+        report: its own pictures, tables and figures.
+    """
+
+    name: ClassVar[str]
+    about: ClassVar[str]
+    goal_noun: ClassVar[str] = "goal"
+    station: ClassVar[str]
+    methods: ClassVar[Mapping[str, Method | Lazy]]
+    perceptions: ClassVar[Mapping[str, Any]] = {}
+    report: ClassVar[TaskReport | Lazy | None] = None
+
+    budget_s: float
+    """A trial that takes longer on the cell's clock is stopped."""
+    variant: str = ""
+    """Which variant of the task this is, if there are several."""
+
+    def options(self) -> dict[str, Any]:
+        """Return the options as JSON values: what distinguishes one run of this task from another."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    def at(self, station: Station) -> Station:
+        """Return the station as this task needs it.
+
+        Raises:
+            TrocarError: it cannot be done there.
+        """
+        return station
+
+    def working_arms(self, station: Station) -> tuple[str, ...]:
+        """Return the names of the arms that work; the others stay parked. By default the first."""
+        return (next(iter(station.arms)),)
+
+    def goals(self) -> Sequence[Any]:
+        """Return what is to be done, in order: the same for every agent, and the score's denominator."""
+        raise TrocarError(f"task {self.name!r} has no goals; give its class a method goals()")
+
+    def nominal(self) -> Any:
+        """Return what is known about the scene beforehand, such as shapes; agents are given it."""
+        return None
+
+    def scene(self, rng: np.random.Generator, station: Station) -> Any:
+        """Return what truly lies on the table in one trial."""
+        raise TrocarError(f"task {self.name!r} has no scene; give its class a method scene(rng, station)")
+
+    def world(self, scene: Any) -> TaskWorld:
+        """Return the simulator's side of a scene: bodies and referee."""
+        raise TrocarError(f"task {self.name!r} has no world; give its class a method world(scene)")
+
+    def score(self, truth: Any, events: Sequence[Mapping[str, Any]]) -> Sequence[Score]:
+        """Return one score for each goal, in order, from what really happened.
+
+        Args:
+            truth: what the task's world made of the record.
+            events: what the script noted. They may explain a failure; they decide nothing.
+        """
+        raise TrocarError(f"task {self.name!r} has no score; give its class a method score(truth, events)")
+
+    def calibration(self, station: Station, arm: str) -> MotionBox:
+        """Return where the motion of a calibration recording should go: as the station says, by default."""
+        box = station.arm(arm).calibration
+        if box is None:
+            raise TrocarError(
+                f"station {station.name!r} does not define where arm {arm!r} moves during calibration; add "
+                "'calibration' to that arm, or choose a method that needs none"
+            )
+        return box
+
+
+def told(noted: Mapping[str, Any] | None, events: Sequence[Mapping[str, Any]]) -> tuple[str, str] | None:
+    """Return what a script itself noted about a goal that was not reached, outcome and reason; None if nothing.
+
+    Args:
+        noted: the event with which it noted the goal's end, if it did. That it said ``DONE`` explains nothing.
+        events: all that it noted.
+    """
+    if noted is None:
+        given_up = stopped(events)
+        return given_up if given_up[0] else None
+    outcome = str(noted.get("outcome", ""))
+    return None if outcome in ("", "DONE") else (outcome, str(noted.get("reason", "")))
+
+
+def check_budget(budget_s: float) -> None:
+    """Raise unless a trial's budget is a time."""
+    if not 0 < budget_s < math.inf:
+        raise TrocarError(f"the budget of a trial is {budget_s} s; give a finite time above 0 with --budget")
+
+
+def check_task(task: Any) -> None:
+    """Raise unless a class has what a run needs from a task before it begins.
+
+    Raises:
+        TrocarError: it is not a dataclass derived from ``Task``, or lacks one of the attributes that every task has.
+    """
+    if not (isinstance(task, type) and issubclass(task, Task) and is_dataclass(task)):
+        raise TrocarError(f"{task!r} is not a task; register a frozen dataclass derived from trocar.eval.Task")
+    named = [name for name in ("name", "about", "station", "methods") if not getattr(task, name, None)]
+    if "budget_s" not in {f.name for f in fields(task)}:
+        named.append("budget_s")
+    if named:
+        raise TrocarError(f"task {task.__name__} has no {', '.join(named)}; give its class these attributes")
+
+
+def stopped(events: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Return outcome and reason with which a whole script was abandoned; empty if it was not."""
+    last = next((e for e in reversed(events) if e["name"] == "stopped"), None)
+    return (str(last["outcome"]), str(last.get("reason", ""))) if last else ("", "")
+
+
+TASKS: Registry[type[Task]] = Registry("task", "trocar.tasks")
+"""Every task by its name on the command line."""

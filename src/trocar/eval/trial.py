@@ -1,0 +1,255 @@
+"""One trial as it is saved: what was done, what the referee saw, and everything that a replay needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.eval.scenery import Scenery
+from trocar.files.archive import Archive, read_archive, read_header
+from trocar.files.output import write_json
+from trocar.files.reading import read_json
+from trocar.log import Computation, Span
+from trocar.notebook import table
+from trocar.replay import Replay
+
+FORMAT = "trocar trial"
+VERSION = 2
+
+Notes = list[dict[str, Any]]
+
+NUMBER = (int, float)
+ABOUT = {
+    **dict.fromkeys(("task", "variant", "goal_noun", "station", "station_digest", "method", "planner"), str),
+    **dict.fromkeys(("perception", "fingerprint"), str),
+    **dict.fromkeys(("seed", "session", "index"), int),
+    **dict.fromkeys(("model", "calibration", "prior"), (str, type(None))),
+    **dict.fromkeys(("new_session", "refit_offsets", "flawless_camera"), bool),
+    **{"arms": list, "options": dict, "difficulty": list, "plugins": list, "flaws": dict, "versions": dict},
+}
+"""What every trial records about itself, with its type."""
+SCORE = {"attempted": bool, "succeeded": bool, "failure": str, "reason": str, "start_s": NUMBER, "end_s": NUMBER}
+EVENT = {"name": str, "time_s": NUMBER}
+COLLISION = {
+    **dict.fromkeys(("time_s", "end_s", "force_n"), NUMBER),
+    **{"arm": str, "what": str, "against": str, "p_world_m": list},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A finished trial.
+
+    The file holds nothing that depends on the machine's speed, so the same seed writes the same bytes. The real times
+    of computations lie beside it, in ``.timing.json``.
+
+    Attributes:
+        about: what distinguishes its run from others, its number, settings, versions; ``fingerprint`` sums that up.
+        scores: one dict per goal (the task's ``Score``).
+        spans: of the scripts.
+        events: of the scripts.
+        collisions: dicts (``trocar.sim.contacts.Collision``).
+        ended: ``done``, or what stopped the script: ``OUT_OF_TIME``, ``FAULT``.
+        reason: why, in a sentence; empty when done.
+        duration_s: on the trial's clock.
+        command_limit_use: largest share of the velocity and acceleration limits in each arm's commands.
+        arrays: (n, 7) ``asked_ARM``, ``commanded_ARM``, ``measured_ARM``, ``true_ARM`` (six joints and the jaw) and
+            ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on, and the task's own.
+        scenery: solids, arms and where they stand.
+        images: as the cameras took them, and when.
+        computations: real times; not in the file.
+        wall_s: real time of the whole trial; not in the file.
+    """
+
+    about: dict[str, Any]
+    scores: Notes
+    spans: list[Span]
+    events: Notes
+    collisions: Notes
+    ended: str
+    reason: str
+    duration_s: float
+    command_limit_use: dict[str, tuple[float, float]]
+    arrays: dict[str, NDArray]
+    scenery: Scenery
+    images: Mapping[str, bytes] = field(default_factory=dict)
+    computations: list[Computation] = field(default_factory=list)
+    wall_s: float = 0.0
+
+    def __repr__(self) -> str:
+        about, done = self.about, sum(bool(score["succeeded"]) for score in self.scores)
+        what = " ".join(str(about[key]) for key in ("task", "variant", "method") if about[key])
+        where = f"session {about['session']}, trial {about['index']} of seed {about['seed']}"
+        ended = "" if self.finished else f", ended by {self.ended}"
+        return (
+            f"<Trial {what}, {where}: {done} of {len(self.scores)} {self.goal_noun}s in {self.duration_s:.1f} s"
+            f"{ended}, {len(self.collisions)} collisions>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = (
+            (
+                f"{self.goal_noun} {number + 1}",
+                "done" if score["succeeded"] else score["failure"] or "not attempted",
+                f"{score['start_s']:.1f}",
+                f"{score['end_s']:.1f}",
+                score["reason"],
+            )
+            for number, score in enumerate(self.scores)
+        )
+        return table(self, (self.goal_noun, "result", "from, s", "to, s", "reason"), rows)
+
+    @property
+    def finished(self) -> bool:
+        """Return whether the script came to its end within its budget."""
+        return self.ended == "done"
+
+    @property
+    def goal_noun(self) -> str:
+        """Return what one of its goals is called."""
+        return str(self.about["goal_noun"])
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Return the names of its arms, those that worked first."""
+        working = list(self.about["arms"])
+        return (*working, *(name for name in self.scenery.arms if name not in working))
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """Return the times (n,) of the rows of its arrays: 100 Hz from 0 s on."""
+        rows = max((len(array) for name, array in self.arrays.items() if name.startswith("true_")), default=0)
+        return self.scenery.tick_s * np.arange(rows, dtype=np.float64)
+
+    def noted(self) -> Trial:
+        """Return the trial without arrays, images and scenery, for summaries of many trials."""
+        return replace(self, arrays={}, images={}, scenery=replace(self.scenery, solids=(), T_world_body={}, arms={}))
+
+    def replay(self) -> Replay:
+        """Return everything that is needed to watch it."""
+        return self.scenery.replay(self)
+
+    def save(self, path: str | Path) -> Path:
+        """Write ``path`` and, beside it, the real times; an interrupted write leaves nothing half-done."""
+        path = Path(path)
+        header = {
+            "format": FORMAT,
+            "version": VERSION,
+            "about": self.about,
+            "scores": self.scores,
+            "spans": [asdict(span) for span in self.spans],
+            "events": self.events,
+            "collisions": self.collisions,
+            "ended": self.ended,
+            "reason": self.reason,
+            "duration_s": self.duration_s,
+            "command_limit_use": self.command_limit_use,
+            "scenery": self.scenery.values(),
+        }
+        timing = {"wall_s": self.wall_s, "computations": [asdict(c) for c in self.computations]}
+        write_json(timing_file(path), timing, "record of real times")
+        return Archive(header, self.arrays, self.images).save(path)
+
+    @staticmethod
+    def load(path: str | Path) -> Trial:
+        """Return the trial in a file that :meth:`save` wrote.
+
+        Raises:
+            TrocarError: there is no such file, or it is not a trial of this version.
+        """
+        path = Path(path)
+        archive = read_archive(path, FORMAT, VERSION)
+        computations, wall_s = _timing(timing_file(path))
+        try:
+            log = archive.header
+            trial = Trial(
+                about=_note(log["about"], ABOUT),
+                scores=_notes(log["scores"], SCORE),
+                spans=[Span(**span) for span in log["spans"]],
+                events=_notes(log["events"], EVENT),
+                collisions=_notes(log["collisions"], COLLISION),
+                ended=str(log["ended"]),
+                reason=str(log["reason"]),
+                duration_s=float(log["duration_s"]),
+                command_limit_use={arm: (float(v), float(a)) for arm, (v, a) in log["command_limit_use"].items()},
+                arrays=dict(archive.arrays),
+                scenery=Scenery.of(log["scenery"]),
+                images=archive.blobs,
+                computations=computations,
+                wall_s=wall_s,
+            )
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise TrocarError(f"{str(path)!r} is not a readable {FORMAT}; run that trial again") from None
+        _check(trial, path)
+        return trial
+
+
+def trial_about(path: str | Path) -> dict[str, Any]:
+    """Return what a trial's file records about itself, without reading its arrays."""
+    try:
+        return _note(read_header(path, FORMAT, VERSION).get("about"), ABOUT)
+    except TypeError:
+        raise TrocarError(f"{str(path)!r} is not a readable {FORMAT}; run that trial again") from None
+
+
+def timing_file(path: str | Path) -> Path:
+    """Return the path of a trial's real times."""
+    return Path(path).with_suffix(".timing.json")
+
+
+def trial_file(folder: str | Path, session: int, index: int) -> Path:
+    """Return the path of a trial in a session of a run."""
+    return session_folder(folder, session) / f"trial_{index:03d}.npz"
+
+
+def session_folder(folder: str | Path, session: int) -> Path:
+    """Return the folder of one session of a run."""
+    return Path(folder) / f"session_{session:02d}"
+
+
+def trial_files(folder: str | Path) -> list[Path]:
+    """Return the trials in a run's folder, in order."""
+    return sorted(Path(folder).glob("session_*/trial_*.npz"))
+
+
+def _timing(path: Path) -> tuple[list[Computation], float]:
+    """Return the real times beside a trial; empty if they are lost, since the trial does not need them."""
+    try:
+        timing = read_json(path)
+        return [Computation(**c) for c in timing["computations"]], float(timing["wall_s"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return [], 0.0
+
+
+def _note(value: Any, kinds: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a dict of a header if it has these keys, with values of these types; raise TypeError otherwise."""
+    if not isinstance(value, dict) or not all(isinstance(value.get(key, ...), kind) for key, kind in kinds.items()):
+        raise TypeError
+    return value
+
+
+def _notes(values: Any, kinds: Mapping[str, Any]) -> Notes:
+    """Return a list of such dicts."""
+    if not isinstance(values, list):
+        raise TypeError
+    return [_note(value, kinds) for value in values]
+
+
+def _check(trial: Trial, path: Path) -> None:
+    """Raise a sentence if the arrays of a trial cannot be what their names say."""
+    for arm in trial.scenery.arms:
+        if f"true_{arm}" not in trial.arrays:
+            raise TrocarError(f"{str(path)!r} is damaged: it lacks 'true_{arm}'")
+    rows = len(trial.times_s)
+    for name, array in trial.arrays.items():
+        sampled = name.startswith(("asked_", "commanded_", "measured_", "true_", "body_"))
+        if sampled and array.shape != (rows, 7):
+            raise TrocarError(f"{str(path)!r} is damaged: {name!r} has shape {array.shape}, not ({rows}, 7)")
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise TrocarError(f"{str(path)!r} is damaged: {name!r} is not finite")

@@ -1,0 +1,205 @@
+"""Work on all cores or on a cluster: results as they come, nothing lost when a worker dies."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from typing import Any, Protocol, TypeVar
+
+from trocar.errors import TrocarError
+from trocar.extras import how_to_install
+from trocar.registry import Lazy, Registry
+
+Unit = TypeVar("Unit")
+Result = TypeVar("Result")
+
+UNITS_A_PROCESS = 10
+"""After this many units a process is replaced by a new one, which frees the memory that its libraries keep."""
+MAX_DEATHS = 3
+"""The work is given up after this many deaths of workers in a row, with nothing finished in between."""
+
+
+class Workers(Protocol):
+    """Workers that run units of work."""
+
+    @property
+    def died(self) -> tuple[type[BaseException], ...]:
+        """Return the exception that a unit's future raises if its worker died; the unit is then handed out again."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """Return how many units run at once."""
+        ...
+
+    def open(self) -> AbstractContextManager[Executor]:
+        """Return an executor; after workers died, a new one."""
+        ...
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Processes of this machine.
+
+    They are forked from a process that has loaded the simulator once; where there is no such thing (on Windows), each
+    loads it. A fork of this process would copy the progress bar's threads and their locks.
+
+    Attributes:
+        count: how many.
+        loads: modules that are loaded once for all.
+    """
+
+    count: int
+    loads: Sequence[str] = ("trocar.eval.jobs",)
+    died: tuple[type[BaseException], ...] = field(default=(BrokenProcessPool,), init=False)
+
+    @contextmanager
+    def open(self) -> Iterator[Executor]:
+        """Return a pool; a killed worker breaks it, and another pool is opened.
+
+        After Ctrl-C it waits for the units that are running; a second Ctrl-C kills the workers.
+        """
+        forked = "forkserver" in multiprocessing.get_all_start_methods()
+        context = multiprocessing.get_context("forkserver" if forked else "spawn")
+        if forked:
+            context.set_forkserver_preload(list(self.loads))
+        pool = ProcessPoolExecutor(
+            self.count, mp_context=context, initializer=_left_alone, max_tasks_per_child=UNITS_A_PROCESS
+        )
+        try:
+            yield pool
+        finally:
+            try:
+                pool.shutdown(wait=True, cancel_futures=True)
+            except KeyboardInterrupt:
+                for worker in multiprocessing.active_children():
+                    worker.kill()
+                raise
+
+
+def _left_alone() -> None:
+    """Leave Ctrl-C to the process that hands out the work: a running trial is finished and kept."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _ctrl_c_held() -> Iterator[None]:
+    """Block Ctrl-C for a moment; a process started meanwhile blocks it until it ignores it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def run_all(
+    function: Callable[[Unit], Result], units: Sequence[Unit], workers: Workers
+) -> Iterator[tuple[Unit, Result]]:
+    """Yield each unit of work with its result, in the order in which they end.
+
+    A unit whose worker died, by a signal or for lack of memory, is handed out again. So ``function`` must save its
+    result (a trial's file), and return at once if it exists.
+
+    Args:
+        function: defined in a module, so that other processes find it.
+        units: to be handed out in order; they must pickle.
+        workers: do the work.
+
+    Raises:
+        TrocarError: workers died several times in a row.
+    """
+    left = list(range(len(units)))
+    deaths = 0
+    while left:
+        broken = ""
+        with workers.open() as executor:
+            for place, result in _handed_out(executor, function, units, left, workers):
+                if isinstance(result, BaseException):
+                    broken = str(result)
+                    continue
+                deaths = 0
+                left.remove(place)
+                yield units[place], result
+        if not left:
+            return
+        deaths += 1
+        if deaths >= MAX_DEATHS:
+            raise TrocarError(
+                f"workers died {deaths} times in a row without finishing anything ({broken[:200]}); if memory is "
+                "short, give fewer with --jobs; run the same command to continue"
+            )
+        time.sleep(0.2)
+
+
+def _handed_out(
+    executor: Executor, function: Callable[[Unit], Result], units: Sequence[Unit], left: Sequence[int], workers: Workers
+) -> Iterator[tuple[int, Result | BaseException]]:
+    """Yield indices of units with their results, or with what killed their worker; few wait in the queue at a time."""
+    waiting: dict[Future[Any], int] = {}
+    queue = iter(list(left))
+
+    def hand_out() -> None:
+        for place in queue:
+            with _ctrl_c_held():
+                waiting[executor.submit(function, units[place])] = place
+            if len(waiting) >= 2 * workers.count:
+                return
+
+    try:
+        hand_out()
+        while waiting:
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                place = waiting.pop(future)
+                try:
+                    result = future.result()
+                except workers.died as error:
+                    yield place, error
+                    continue
+                yield place, result
+            hand_out()
+    except workers.died as error:  # the executor accepts nothing any more
+        for future, place in list(waiting.items()):
+            if future.done() and not future.cancelled() and future.exception() is None:
+                yield place, future.result()
+        yield -1, error
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def processes(jobs: int, scheduler: str = "") -> Workers:
+    """Return processes of this machine."""
+    if scheduler:
+        raise TrocarError(f"--scheduler {scheduler!r} is of a dask cluster; add --backend dask, or drop it")
+    return Processes(jobs)
+
+
+BACKENDS: Registry[Callable[..., Workers]] = Registry(
+    "backend",
+    "trocar.workers",
+    {"processes": processes, "dask": Lazy("trocar.eval.dask_workers:dask_workers")},
+)
+"""Where studies and runs do their work: a function of the number of jobs and the scheduler's address."""
+
+
+def pick_workers(backend: str, jobs: int, scheduler: str = "") -> Workers:
+    """Return workers of a backend.
+
+    Raises:
+        TrocarError: there is no such backend, it is not installed, or the number of jobs is not valid.
+    """
+    if jobs < 1:
+        raise TrocarError(f"--jobs is {jobs}; give 1 or more")
+    if backend == "dask" and find_spec("distributed") is None:
+        raise TrocarError(f"--backend dask needs distributed; {how_to_install('dask')}")
+    return BACKENDS.pick(backend)(jobs, scheduler)

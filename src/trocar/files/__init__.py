@@ -1,0 +1,1 @@
+"""Files: archives of arrays, checked reading, writing in one step, CSV."""

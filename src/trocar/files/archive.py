@@ -1,0 +1,155 @@
+"""Files that hold a header, arrays and images: one zip, whose header can be read alone, with everything checked."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.files.output import mark_zip, writing
+from trocar.files.reading import MAX_BYTES, UNREADABLE, array_of, parsed_json, require_short_list
+
+HEADER = "header.json"
+BLOBS = "files/"
+DATE = (1980, 1, 1, 0, 0, 0)
+"""Date of every member, fixed so that the same content gives the same bytes."""
+MAX_HEADER_BYTES = 32 << 20
+KINDS = "biuf"
+"""Kinds of numbers that an array may hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Archive:
+    """The content of such a file.
+
+    Attributes:
+        header: JSON values; ``format`` and ``version`` tell what it is.
+        arrays: by name.
+        blobs: bytes of other files in it, such as images, by name.
+    """
+
+    header: dict[str, Any]
+    arrays: Mapping[str, NDArray] = field(default_factory=dict)
+    blobs: Mapping[str, bytes] = field(default_factory=dict)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the file and return its path; the same content gives the same bytes.
+
+        Raises:
+            TrocarError: there is already something else there.
+            MachineError: it cannot be written.
+        """
+        path, kind = Path(path), str(self.header["format"])
+        with writing(path, kind) as draft:
+            with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
+                text = json.dumps(self.header, sort_keys=True, allow_nan=False).encode()
+                file.writestr(_member(HEADER), text)
+                for name, array in sorted(self.arrays.items()):
+                    buffer = BytesIO()
+                    # column by column: constant columns then compress to almost nothing
+                    np.save(buffer, np.asarray(array, order="F"), allow_pickle=False)
+                    file.writestr(_member(f"{name}.npy"), buffer.getvalue())
+                for name, blob in sorted(self.blobs.items()):
+                    file.writestr(_member(BLOBS + name, zipfile.ZIP_STORED), blob)
+            mark_zip(draft, kind)
+        return path
+
+
+def read_header(path: str | Path, kind: str, version: int) -> dict[str, Any]:
+    """Return an archive's header, without its arrays.
+
+    Raises:
+        TrocarError: there is no such file, or it is not of this kind and version.
+    """
+    with _opened(path, kind) as file:
+        return _header(file, path, kind, version)
+
+
+def read_archive(path: str | Path, kind: str, version: int) -> Archive:
+    """Return the whole content of an archive.
+
+    Raises:
+        TrocarError: there is no such file, it is not of this kind and version, or it is damaged.
+    """
+    with _opened(path, kind) as file:
+        header = _header(file, path, kind, version)
+        if sum(member.file_size for member in file.infolist()) > MAX_BYTES:
+            raise TrocarError(f"{str(path)!r} claims to unpack to more than {MAX_BYTES >> 20} MB; it is not a {kind}")
+        arrays: dict[str, NDArray] = {}
+        blobs: dict[str, bytes] = {}
+        for member in file.infolist():
+            name = member.filename
+            try:
+                if name.startswith(BLOBS):
+                    blobs[name.removeprefix(BLOBS)] = file.read(member)
+                elif name.endswith(".npy"):
+                    arrays[name.removesuffix(".npy")] = _numbers(file.read(member))
+            except UNREADABLE:
+                raise TrocarError(f"{str(path)!r} is damaged at {name!r}; make it again") from None
+    return Archive(header, arrays, blobs)
+
+
+class _opened:
+    """An opened zip; raises a sentence if it cannot be opened."""
+
+    def __init__(self, path: str | Path, kind: str):
+        self._path, self._kind = Path(path), kind
+
+    def __enter__(self) -> zipfile.ZipFile:
+        if self._path.is_dir():
+            raise TrocarError(f"{str(self._path)!r} is a folder; give a file, a {self._kind}")
+        if not self._path.is_file():
+            raise TrocarError(f"{self._kind} {str(self._path)!r} does not exist; give another")
+        require_short_list(self._path)
+        try:
+            self._file = zipfile.ZipFile(self._path)
+        except UNREADABLE:
+            raise TrocarError(
+                f"{str(self._path)!r} is not a readable {self._kind}; move it away and make it again"
+            ) from None
+        return self._file
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+
+def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) -> dict[str, Any]:
+    if HEADER not in file.namelist():
+        held = ", ".join(repr(name.removesuffix(".npy"))[1:-1] for name in file.namelist()[:8]) or "nothing"
+        raise TrocarError(f"{str(path)!r} is not a {kind}, it holds {held}; give another file")
+    try:
+        if file.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
+            raise ValueError
+        header = parsed_json(file.read(HEADER))
+        found = header["format"], header["version"]
+    except UNREADABLE:
+        raise TrocarError(f"{str(path)!r} is not a readable {kind}; move it away and make it again") from None
+    if found != (kind, version):
+        raise TrocarError(
+            f"{str(path)!r} is a {str(found[0])[:40]!r} of version {str(found[1])[:10]}, not a {kind!r} of version "
+            f"{version}; give another file"
+        )
+    return header
+
+
+def _numbers(data: bytes) -> NDArray:
+    """Return the array of numbers in the bytes of an .npy."""
+    array = array_of(data)
+    if array.dtype.kind not in KINDS:
+        raise ValueError("an .npy that holds no numbers")
+    return array
+
+
+def _member(name: str, compression: int = zipfile.ZIP_DEFLATED) -> zipfile.ZipInfo:
+    info = zipfile.ZipInfo(name, DATE)
+    info.compress_type = compression
+    info.external_attr = 0o644 << 16
+    return info

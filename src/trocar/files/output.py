@@ -1,0 +1,204 @@
+"""The only module that writes files: completely or not at all, and never over other people's files.
+
+Every file that Trocar writes carries a mark, ``made by Trocar: KIND``. A file is replaced only by one of the same kind;
+any other file of that name stays, and the user is told.
+"""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import os
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import StringIO
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from trocar.errors import MachineError, TrocarError
+from trocar.files.atomic import drafted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MADE_BY = "made_by"
+"""Key of the mark in JSON files."""
+
+PICTURE = "picture"
+PICTURES = (".png", ".svg", ".pdf")
+
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL)
+"""Error codes of names that no file can have: too long, a loop of links, or forbidden characters."""
+
+SEARCHED_BYTES = 64 << 10
+"""A mark is searched for in this many bytes at a file's beginning and at its end."""
+
+COMMENTS: dict[str, Callable[[str], str]] = {
+    ".html": "<!-- {} -->\n".format,
+    ".toml": "# {}\n".format,
+    ".urdf": "<!-- {} -->\n".format,
+    ".xml": "<!-- {} -->\n".format,
+}
+"""The mark of a text file, in a comment at its end."""
+
+
+def mark_of(kind: str) -> str:
+    """Return the mark of a kind of files, such as ``plan of sutures``."""
+    return f"made by Trocar: {kind}"
+
+
+def blame(error: OSError) -> type[TrocarError]:
+    """Return the error for a file that cannot be opened: of the input, if the name is invalid, or of the machine."""
+    named_none = isinstance(error, FileNotFoundError | NotADirectoryError | IsADirectoryError)
+    return TrocarError if named_none or error.errno in NO_NAME else MachineError
+
+
+def make_folder(path: str | Path) -> Path:
+    """Make a folder, and its parents if they do not exist, and return its path.
+
+    Raises:
+        TrocarError: there is a file in its place, or in that of a parent.
+        MachineError: it cannot be made.
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise TrocarError(f"{str(path)!r} is a file where a folder is to be; give another") from None
+    except OSError as error:
+        raise blame(error)(f"folder {str(path)!r} cannot be made ({error.strerror}); give another") from None
+    return Path(path)
+
+
+def bears(path: str | Path, mark: str) -> bool:
+    """Return whether a file carries a mark; an empty file, as a full disk leaves it, counts as carrying any."""
+    with Path(path).open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        begin = file.read(SEARCHED_BYTES)
+        file.seek(max(0, size - SEARCHED_BYTES))
+        return size == 0 or any(mark.encode() in part for part in (begin, file.read()))
+
+
+def require_place(path: str | Path, kind: str, inputs: Sequence[str | Path] = (), mark: str = "") -> Path:
+    """Return a path to which a file may be written; check this before a long computation.
+
+    Args:
+        path: of the file; its folder need not exist yet.
+        kind: of the file.
+        inputs: files that are read; they are never written to, whatever their kind.
+        mark: of its kind, if not ``mark_of(kind)``.
+
+    Raises:
+        TrocarError: something else is already there.
+        MachineError: this cannot be determined.
+    """
+    path = Path(path)
+    try:
+        if any(Path(other).exists() and path.exists() and path.samefile(other) for other in inputs):
+            raise TrocarError(f"{str(path)!r} is read, and what is written would replace it; give another name")
+        if path.is_dir():
+            raise TrocarError(f"{str(path)!r} is a folder where a file is to be; give another name or folder")
+        if path.exists() and not bears(path, mark or mark_of(kind)):
+            raise TrocarError(
+                f"{str(path)!r} already exists and is not a {kind} that Trocar wrote, so it is not replaced; "
+                "give another name or folder, or move it away"
+            )
+    except OSError as error:
+        raise blame(error)(f"cannot look at {str(path)!r} ({error.strerror}); give another name or folder") from None
+    return path
+
+
+@contextmanager
+def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
+    """Yield a draft to write to, and move it to a file's place when the block ends without an error.
+
+    Whatever goes wrong, the existing file stays as it was, and no draft is left behind; the draft of a killed process
+    is removed by the next one that writes into the folder.
+
+    Args:
+        path: of the file.
+        kind: of the file.
+        mark: of its kind, if not ``mark_of(kind)``; the caller writes it into the draft.
+
+    Raises:
+        TrocarError: there is something else already.
+        MachineError: it cannot be written.
+    """
+    path = require_place(path, kind, mark=mark)
+    try:
+        with drafted(path) as draft:
+            yield draft
+            draft.replace(path)
+    except OSError as error:
+        raise blame(error)(f"cannot write {str(path)!r} ({error.strerror or error}); choose another folder") from None
+
+
+def write_text(path: str | Path, text: str, kind: str) -> Path:
+    """Write an HTML, XML or TOML file, its mark in a comment, and return its path; raises as ``writing`` does."""
+    path = Path(path)
+    with writing(path, kind) as draft:
+        draft.write_text(text + COMMENTS[path.suffix](mark_of(kind)), encoding="utf-8")
+    return path
+
+
+def write_json(path: str | Path, values: Mapping[str, Any], kind: str) -> Path:
+    """Write a JSON file, its mark under ``made_by``, and return its path; raises as ``writing`` does."""
+    path = Path(path)
+    text = json.dumps({MADE_BY: mark_of(kind), **values}, indent=1, allow_nan=False)
+    with writing(path, kind) as draft:
+        draft.write_text(text + "\n", encoding="utf-8")
+    return path
+
+
+def write_table(path: str | Path, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Path:
+    """Write a CSV file, cells quoted where they must be, and return its path; raises as ``writing`` does.
+
+    A CSV file has no place for a mark: one with the same columns counts as the same kind.
+    """
+    path, head = Path(path), StringIO()
+    csv.writer(head, lineterminator="\n").writerow(columns)
+    with (
+        writing(path, "table with these columns", mark=head.getvalue()) as draft,
+        draft.open("w", newline="", encoding="utf-8") as file,
+    ):
+        csv.writer(file, lineterminator="\n").writerows(chain([columns], rows))
+    return path
+
+
+def require_picture(path: str | Path) -> Path:
+    """Return a path to which a picture may be written; check this before a long computation.
+
+    Raises:
+        TrocarError: it is not the name of a picture, or something else is already there.
+        MachineError: this cannot be determined.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in PICTURES:
+        raise TrocarError(f"picture {str(path)!r} must end in {', '.join(PICTURES)}; choose another name")
+    if not path.parent.is_dir():
+        raise TrocarError(f"cannot write {str(path)!r} (No such file or directory); choose another folder")
+    return require_place(path, PICTURE)
+
+
+def write_figure(path: str | Path, figure: Figure, **options: Any) -> Path:
+    """Write a Matplotlib figure as a picture and return its path; raises as ``writing`` does.
+
+    Args:
+        path: ends in ``.png``, ``.svg`` or ``.pdf``.
+        figure: to be drawn.
+        options: of ``Figure.savefig``.
+    """
+    path = require_picture(path)
+    key = "Software" if path.suffix.lower() == ".png" else "Creator"
+    with writing(path, PICTURE) as draft:
+        figure.savefig(draft, metadata={key: mark_of(PICTURE)}, **options)
+    return path
+
+
+def mark_zip(path: str | Path, kind: str) -> None:
+    """Put the mark into a zip's comment."""
+    with zipfile.ZipFile(path, "a") as file:
+        file.comment = mark_of(kind).encode()

@@ -1,0 +1,215 @@
+"""One laboratory as data: its arms, cameras, what is fixed on the table, and how well all of it is registered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, MotionLimits, ik, wrist_depth_m
+from trocar.calibration.excitation import MotionBox
+from trocar.checks import require_numbers
+from trocar.errors import TrocarError
+from trocar.geometry import SE3
+from trocar.lab.flaws import DEFAULT, FLAWS, Difficulty
+from trocar.lab.registration import CheckerboardRegistration, Registration
+from trocar.lab.sensor_flaws import SensorFlaws
+from trocar.lab.transmission import Transmission
+from trocar.notebook import table
+from trocar.perception.image import CameraModel, Intrinsics, StereoRig
+
+ABOVE_SAFE_DEPTH_M = 1e-3
+"""In an arm that is parked in the middle of its ranges, the wrist is this much deeper than the safe depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class StationArm:
+    """One arm of a laboratory.
+
+    Attributes:
+        model: robot type, with its instrument.
+        transmission: what lies between its encoders and its joints.
+        transmission_name: its name in ``TRANSMISSIONS``.
+        limits: of velocity and acceleration that its guard keeps.
+        T_world_base: where it was put.
+        park: where it rests before a script: a tip (3,) m in the world with the tool along the base's z, joints (6,),
+            or None: in the middle of its ranges, high in its port.
+        park_jaw_rad: opening of its jaws there.
+        workspace_m: (2, 3) corners in the world of the box that its tip may not leave; None: no box.
+        calibration: range of the motion of a calibration recording; None: defined by the task.
+        T_world_base_registered: where a registration found the base; None: each session finds it again.
+    """
+
+    model: ArmModel
+    transmission: Transmission
+    transmission_name: str
+    limits: MotionLimits
+    T_world_base: SE3
+    park: NDArray[np.float64] | None = None
+    park_jaw_rad: float = 0.1
+    workspace_m: NDArray[np.float64] | None = None
+    calibration: MotionBox | None = None
+    T_world_base_registered: SE3 | None = None
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
+
+    def __repr__(self) -> str:
+        return f"<StationArm {self.model.name}, transmission {self.transmission_name!r}, base at {self.T_world_base!r}>"
+
+    def park_q(self) -> NDArray[np.float64]:
+        """Return the joints (6,) in which it rests before a script.
+
+        Raises:
+            TrocarError: the place is out of its reach.
+        """
+        if self.park is None:
+            q = self.model.middle.copy()
+            short_m = self.model.safe_depth_m + ABOVE_SAFE_DEPTH_M - float(wrist_depth_m(self.model, q))
+            q[2] += -self.model.wrist_sign * short_m
+            return q
+        if len(self.park) == len(self.model.joints):
+            return self.park.copy()
+        p_base_tip = self.T_world_base.inverse().apply(self.park)
+        return ik(self.model, SE3.from_parts(translation_m=p_base_tip))
+
+
+@dataclass(frozen=True, eq=False)
+class StationCamera:
+    """One camera of a laboratory.
+
+    Attributes:
+        model: lens of an RGBD camera, or the two of a stereo pair.
+        T_world_camera: where it was put (of a pair: the left one).
+        exposure_s: of one image.
+        lamp_m: (3,) projector or lamp in the camera's frame.
+        flaws: of the sensor.
+        gain: of the exposure: objects near the lamp need less.
+        ambient: room light from all directions, as a share of the lamp's at .6 m.
+        T_world_camera_registered: where a registration found it; None: each session finds it again.
+        rig_registered: the lenses of a pair as a calibration found them; None: as they are.
+    """
+
+    model: CameraModel
+    T_world_camera: SE3
+    exposure_s: float
+    lamp_m: tuple[float, float, float]
+    flaws: SensorFlaws = field(default_factory=SensorFlaws)
+    gain: float = 1.2
+    ambient: float = 0.06
+    T_world_camera_registered: SE3 | None = None
+    rig_registered: StereoRig | None = None
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
+
+    def __repr__(self) -> str:
+        kind = "stereo pair" if isinstance(self.model, StereoRig) else "RGBD camera"
+        return f"<StationCamera: {kind}, at {self.T_world_camera!r}>"
+
+    @property
+    def model_registered(self) -> CameraModel:
+        """Return the lens or lenses as known to the user of the camera."""
+        return self.rig_registered or self.model
+
+
+@dataclass(frozen=True, eq=False)
+class Station:
+    """A laboratory.
+
+    Attributes:
+        name: as ``--station`` takes it.
+        about: one line.
+        arms: by name, in order; the first works where one is enough.
+        cameras: by name.
+        T_world_fixture: nominal poses of what is fixed on the table, by name.
+        registration: how the arms' bases are found.
+        min_distance_m: distance to keep between the instruments of two arms; 0: not checked.
+        difficulty: how far it departs from what is described here.
+    """
+
+    name: str
+    about: str
+    arms: Mapping[str, StationArm]
+    cameras: Mapping[str, StationCamera]
+    T_world_fixture: Mapping[str, SE3] = field(default_factory=dict)
+    registration: Registration | CheckerboardRegistration = field(default_factory=Registration)
+    min_distance_m: float = 0.0
+    difficulty: Difficulty = field(default_factory=lambda: Difficulty.of(DEFAULT))
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
+        if not self.arms:
+            raise TrocarError(f"station {self.name!r} has no arm; give one or more under [arms.NAME]")
+
+    def __repr__(self) -> str:
+        arms = ", ".join(f"{name} ({arm.model.name})" for name, arm in self.arms.items())
+        seen = f"; cameras {', '.join(self.cameras)}" if self.cameras else ""
+        return f"<Station {self.name!r}: arms {arms}{seen}; flaws {self.difficulty.level}>"
+
+    def _repr_html_(self) -> str:
+        arms = (("arm", name, arm.model.name, arm.T_world_base) for name, arm in self.arms.items())
+        kinds = {True: "stereo pair", False: "RGBD camera"}
+        cameras = (
+            ("camera", name, kinds[isinstance(camera.model, StereoRig)], camera.T_world_camera)
+            for name, camera in self.cameras.items()
+        )
+        fixtures = (("fixture", name, "", T) for name, T in self.T_world_fixture.items())
+        caption = f"{self!r} {self.about}"
+        return table(caption, ("what", "name", "kind", "pose in the world"), (*arms, *cameras, *fixtures))
+
+    def arm(self, name: str) -> StationArm:
+        """Return the arm of this name."""
+        if name not in self.arms:
+            raise TrocarError(f"station {self.name!r} has no arm {name!r}; it has {', '.join(self.arms)}")
+        return self.arms[name]
+
+    @property
+    def models(self) -> dict[str, ArmModel]:
+        """Return the arms' models by name."""
+        return {name: arm.model for name, arm in self.arms.items()}
+
+    def flaws(self, flawless_camera: bool = False) -> dict[str, str]:
+        """Return in words what is imperfect here, for the summary of a run."""
+        found = {"difficulty": ", ".join([self.difficulty.level, *self.difficulty.named])}
+        found |= {f"transmission of {name}": arm.transmission.source for name, arm in self.arms.items()}
+        found["registration of bases"] = self.registration.about
+        kept = [name for name, arm in self.arms.items() if arm.T_world_base_registered is not None]
+        kept += [name for name, camera in self.cameras.items() if camera.T_world_camera_registered is not None]
+        if kept:
+            found[f"registration of {', '.join(kept)}"] = "as the station file has it"
+        cameras = "switched off" if flawless_camera else "switched on, as large as the station's file says"
+        found |= {f"flaws of camera {name}": cameras for name in self.cameras}
+        sizes = self.difficulty.sizes()
+        return found | {f"{name}: {FLAWS[name].about}": sizes[name] for name in self.relevant_flaws}
+
+    def with_relevant_flaws(self) -> Station:
+        """Return this station, if each flaw that was given its own size has an effect here.
+
+        Raises:
+            TrocarError: one has none, so a summary that names it would be misleading.
+        """
+        named = [text.partition("=")[0] for text in self.difficulty.named]
+        for name in named:
+            if name not in self.relevant_flaws:
+                raise TrocarError(
+                    f"flaw {name!r} has no effect with what is done at station {self.name!r}; "
+                    f"choose one of {', '.join(self.relevant_flaws)}"
+                )
+        return self
+
+    @property
+    def relevant_flaws(self) -> list[str]:
+        """Return the names of the flaws that have an effect here."""
+        felt = {"jaw", "tool"}.union(*(arm.transmission.flaws for arm in self.arms.values()))
+        if isinstance(self.registration, Registration):
+            felt.add("registration")
+        if any(isinstance(camera.model, Intrinsics) for camera in self.cameras.values()):
+            felt.add("depth")
+        if "circle" in self.T_world_fixture:
+            felt.add("needle")
+        if "board" in self.T_world_fixture:
+            felt.add("print")
+        return [name for name in FLAWS if name in felt]

@@ -1,0 +1,92 @@
+"""What lies between an encoder and its joint, and a running instance of it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.lab.flaws import Difficulty
+
+CORRELATION_TIME_S = 1.0
+"""Correlation time of the unrepeatable part of the joints' error (assumed; the recordings sample every .8 s)."""
+
+CREEP_TIME_S = 300.0
+"""Correlation time of creep (assumed: it is seen after 80 s in recordings of a quarter of an hour)."""
+
+
+class Transmission(Protocol):
+    """What an instrument's drive does to the joints; drawn anew for every session."""
+
+    @property
+    def source(self) -> str:
+        """Return the source of its numbers."""
+        ...
+
+    @property
+    def flaws(self) -> tuple[str, ...]:
+        """Return the names of the flaws in ``FLAWS`` that have an effect on it."""
+        ...
+
+    @property
+    def unrepeatable_sd(self) -> NDArray[np.float64]:
+        """Return the SD (6,) of the joints' error that no model can reproduce, rad and m."""
+        ...
+
+    @property
+    def measurement_sd(self) -> NDArray[np.float64]:
+        """Return the SD (6,) of one measurement of the joints by fiducials, rad and m."""
+        ...
+
+    @property
+    def creep_sd(self) -> NDArray[np.float64]:
+        """Return the SD (6,) of the part that wanders over minutes, rad and m."""
+        ...
+
+    def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Self:
+        """Return the same instrument in another session."""
+        ...
+
+    def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> Any:
+        """Return the state of an arm that rests at this command (6,) with unknown slack."""
+        ...
+
+    def step(self, memory: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
+        """Return the joints (6,) after the command (6,), without the unrepeatable part, and the new state."""
+        ...
+
+
+class DriveTrain:
+    """The running transmission of one arm: its repeatable part, plus errors that do not repeat.
+
+    These change within a second (an Ornstein-Uhlenbeck process through a low pass of the same time) or, for creep, over
+    minutes. Hysteresis does not depend on speed: the recordings are quasi-static.
+    """
+
+    def __init__(self, transmission: Transmission, q_start: NDArray[np.float64], rng: np.random.Generator):
+        self.transmission = transmission
+        self._memory = transmission.start(q_start, rng)
+        self._rng = rng
+        self._sd = transmission.unrepeatable_sd
+        self._push = np.sqrt(2.0) * self._sd * rng.standard_normal(6)
+        self._drift = self._sd * rng.standard_normal(6)
+        self._creep_sd = transmission.creep_sd
+        self._creep_rng = rng.spawn(1)[0]
+        self._creep = self._creep_sd * self._creep_rng.standard_normal(6)
+
+    def advance(self, dt_s: float) -> None:
+        """Advance the unrepeatable part by ``dt_s``."""
+        keep = np.exp(-dt_s / CORRELATION_TIME_S)
+        kick = self._sd * np.sqrt(2.0 * (1.0 - keep * keep))
+        self._push = keep * self._push + kick * self._rng.standard_normal(6)
+        self._drift += (self._push - self._drift) * (1.0 - keep)
+        if self._creep_sd.any():
+            keep = np.exp(-dt_s / CREEP_TIME_S)
+            kick = self._creep_sd * np.sqrt(1.0 - keep * keep)
+            self._creep = keep * self._creep + kick * self._creep_rng.standard_normal(6)
+
+    def joints(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where the joints (6,) are held after the command (6,); to be called along the path."""
+        q, self._memory = self.transmission.step(self._memory, q_cmd)
+        return q + self._drift + self._creep

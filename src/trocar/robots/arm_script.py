@@ -1,0 +1,102 @@
+"""One arm as used by a script; its actions are noted in the cell's log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, MotionLimits
+from trocar.calibration.excitation import EXERCISE_RAD
+from trocar.cell import Cell, MotionResult, Result
+from trocar.errors import TrocarError
+from trocar.motion import rest_to_rest
+from trocar.trajectory import Trajectory
+
+MOST_ZERO_RAD = 0.15
+"""Larger encoder readings of closed jaws are rejected (assumed)."""
+
+
+@dataclass(eq=False)
+class ArmScript:
+    """One arm of a cell.
+
+    Attributes:
+        cell: the laboratory.
+        name: of the arm.
+        limits: of velocity and acceleration if only start and end of a motion are given.
+        settle_s: rest after a motion before the jaws act.
+        jaw_zero_rad: the encoder reading of closed jaws; see :meth:`zero_jaw`.
+    """
+
+    cell: Cell
+    name: str
+    limits: MotionLimits
+    settle_s: float
+    jaw_zero_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.name not in self.cell.arms:
+            raise TrocarError(f"arm {self.name!r} is not in this cell; choose one of {', '.join(self.cell.arms)}")
+
+    @property
+    def model(self) -> ArmModel:
+        """Return the arm's model."""
+        return self.cell.arms[self.name]
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """Return the joints (6,) that the arm is commanded to now: where a motion starts."""
+        return self.cell.robot.setpoint(self.name).q
+
+    @property
+    def jaw_rad(self) -> float:
+        """Return the jaws' opening as their encoder reads it now, relative to its reading when they are closed."""
+        return self.cell.robot.read(self.name).jaw_rad - self.jaw_zero_rad
+
+    async def exercise_wrist(self) -> None:
+        """Turn the wrist back and forth, so that the slack in the cables is known, whatever it was before."""
+        home, swing = self.q, np.array([0.0, 0.0, 0.0, *EXERCISE_RAD])
+        for q in (home + swing, home - swing, home):
+            await self.go(q)
+
+    async def go(self, q: NDArray[np.float64]) -> MotionResult:
+        """Move from rest to rest at these joints (6,)."""
+        return await self.move(rest_to_rest(self.q, q, self.limits))
+
+    async def move(self, trajectory: Trajectory) -> MotionResult:
+        """Run a trajectory."""
+        with self.cell.log.span(self.name, "motion"):
+            return (await self.cell.robot.move({self.name: trajectory}))[self.name]
+
+    async def jaw(self, angle_rad: float) -> MotionResult:
+        """Drive the jaws to an opening."""
+        with self.cell.log.span(self.name, "jaw"):
+            return await self.drive_jaw(angle_rad)
+
+    async def drive_jaw(self, angle_rad: float) -> MotionResult:
+        """Drive the jaws to an opening while the arm does something else."""
+        return await self.cell.robot.jaw(self.name, angle_rad + self.jaw_zero_rad)
+
+    async def zero_jaw(self, closed_rad: float) -> None:
+        """Close the jaws on nothing, and take their encoder reading then as closed.
+
+        Jaws that read wide open are held open by something; their zero then stays as it was.
+
+        Args:
+            closed_rad: target that lets the drive press.
+        """
+        await self.jaw(closed_rad)
+        if abs(self.jaw_rad) < MOST_ZERO_RAD:
+            self.jaw_zero_rad += self.jaw_rad
+
+    async def settle(self) -> None:
+        """Wait at rest, so that the jaws act while everything is still."""
+        with self.cell.log.span(self.name, "settling"):
+            await self.cell.clock.sleep(self.settle_s)
+
+    async def compute(self, what: str, budget_s: float, function: Callable[[], Result]) -> Result:
+        """Compute; in simulation the clock counts the declared budget, and the real time is noted beside it."""
+        return await self.cell.compute(self.name, what, function, budget_s)

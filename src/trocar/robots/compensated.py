@@ -1,0 +1,318 @@
+"""A robot whose cables are compensated."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, MotionLimits
+from trocar.calibration.command_path import CommandPath, command_paths
+from trocar.calibration.command_request import CommandRequest
+from trocar.calibration.hysteresis import HysteresisState
+from trocar.calibration.models import CableModel
+from trocar.cell import Clock, JointReading, Log, MotionEnd, MotionResult, Robot, SetPoint
+from trocar.errors import TrocarError
+from trocar.robots.guarded import START_TOLERANCE
+from trocar.trajectory import Trajectory
+
+CLIPPED = 5e-3
+"""A correction may fall short by this much (rad, m) at the end of a joint's range before the range counts as left."""
+RANGE_GUARD = 5e-3
+"""Corrected commands keep this far (rad, m) inside the joints' ranges."""
+MISSED = 1e-3
+"""If the model expects the joints further (rad, m) from the end of their motion than this, its estimate is used."""
+ENDED_S = 1e-6
+"""A motion whose time is this close to its end has ended."""
+BUDGET_S = 0.05
+"""Time declared for finding the commands of a motion that was not prepared."""
+SAME = 1e-9
+"""Commands this close (rad, m) are the same: the end of a motion as predicted and as reached."""
+SLOWED = 1.001
+"""A motion that is slowed down by more than this factor is noted as slowed down."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where the commands of a motion begin.
+
+    Attributes:
+        q_cmd: (6,) command there.
+        velocity: (6,) of the command.
+        after: what was sent before; None: nothing yet.
+        then: the motion starts when that has ended; False: it starts now.
+    """
+
+    q_cmd: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    after: CommandPath | None
+    then: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """Commands that were found before they are needed.
+
+    Attributes:
+        motions: those that they are for.
+        starts: where they begin, by arm: at rest.
+        paths: by arm.
+    """
+
+    motions: Mapping[str, Trajectory]
+    starts: Mapping[str, _Start]
+    paths: Mapping[str, CommandPath]
+
+    def suits(self, motions: Mapping[str, Trajectory], starts: Mapping[str, _Start]) -> bool:
+        """Return whether these are the motions, and the arms are where they were expected to be."""
+        return (
+            motions.keys() == self.motions.keys()
+            and all(motions[name] is self.motions[name] for name in motions)
+            and all(
+                start.after is starts[name].after
+                and np.abs(start.q_cmd - starts[name].q_cmd).max() <= SAME
+                and not starts[name].velocity.any()
+                for name, start in self.starts.items()
+            )
+        )
+
+
+class Calibrated:
+    """A robot whose cables are compensated: scripts work in true joints, the robot gets commands.
+
+    All commands of a motion are found before it starts, within the limits, so that a cable's slack is crossed in time
+    (``trocar.calibration.command_path``). The model's memory is that of the commands that were really sent: a
+    motion may be stopped half-way, or replaced while it runs.
+
+    Args:
+        robot: what it wraps; its innermost wrapper should be ``Guarded``, which then sees the commands.
+        arms: models by name.
+        models: cable models of the arms that are compensated.
+        limits: of velocity and acceleration of the commands, by arm.
+        clock: of the cell.
+        log: of the cell; real times of computing, and motions that were slowed down, are noted there.
+        stop_at_limits: refuse a motion whose correction would leave a joint's range, instead of leaving it uncorrected.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        arms: Mapping[str, ArmModel],
+        models: Mapping[str, CableModel],
+        limits: Mapping[str, MotionLimits],
+        clock: Clock,
+        log: Log,
+        *,
+        stop_at_limits: bool = False,
+    ):
+        self._robot, self._arms, self._limits = robot, dict(arms), dict(limits)
+        self._clock, self._log, self._stop_at_limits = clock, log, stop_at_limits
+        self._rested = {arm: HysteresisState.at_rest(model, robot.setpoint(arm).q) for arm, model in models.items()}
+        self._paths: dict[str, CommandPath] = {}
+        self._prepared: dict[frozenset[str], _Prepared] = {}
+        self._computing: dict[str, str | None] = {}  # arms whose commands are being found: why they were held meanwhile
+        self._resting: dict[str, tuple[CommandPath | None, NDArray[np.float64], NDArray[np.float64]]] = {}
+
+    def read(self, arm: str) -> JointReading:
+        """Return the encoders' state with the joints as the model estimates them."""
+        reading = self._robot.read(arm)
+        if arm not in self._rested:
+            return reading
+        return JointReading(reading.time_s, self._estimated(arm, self._robot.setpoint(arm)), reading.jaw_rad)
+
+    def setpoint(self, arm: str) -> SetPoint:
+        """Return what the true joints are commanded to now.
+
+        For an arm that was stopped on its way, this is where the model estimates the joints: the arm rests there, and
+        if a cable's slack was being crossed, that may be some way from where the joints were asked to be.
+        """
+        sent = self._robot.setpoint(arm)
+        if arm not in self._rested:
+            return sent
+        path = self._paths.get(arm)
+        ended = path is not None and sent.path_s >= path.desired.duration_s - ENDED_S
+        if path is None or not sent.on_path or (not sent.moving and (not ended or path.missing.max() > MISSED)):
+            q, velocity = self._estimated(arm, sent), np.zeros(6)
+        else:
+            q, velocity = path.desired(sent.path_s), sent.path_rate * path.desired(sent.path_s, 1)
+        return SetPoint(sent.time_s, q, velocity, sent.moving, sent.path_s, sent.path_rate, sent.on_path)
+
+    def expected(self, arm: str) -> Trajectory | None:
+        """Return the motion of a compensated arm's joints while it plays its commands, on their time; None: unknown."""
+        path = self._paths.get(arm)
+        return None if path is None else path.desired
+
+    def _estimated(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
+        """Return where (6,) the model estimates the joints to be; evaluated only once while the arm is at rest."""
+        known = self._resting.get(arm)
+        if known is not None and known[0] is self._paths.get(arm) and np.array_equal(known[1], sent.q):
+            return known[2]
+        joints = self._memory(arm, sent).joints(sent.q)
+        if not sent.moving:
+            self._resting[arm] = self._paths.get(arm), sent.q, joints
+        return joints
+
+    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
+        """Run trajectories of the true joints, from rest.
+
+        Raises:
+            TrocarError: it has to stop at limits, and more than ``CLIPPED`` would stay uncorrected; or as the robot.
+        """
+        starts = {arm: self._now(arm) for arm in motions if arm in self._rested}
+        prepared = self._prepared.pop(frozenset(motions), None)
+        if not starts:
+            return await self._robot.move(motions)
+        if prepared is not None and prepared.suits(motions, starts):
+            paths: Mapping[str, CommandPath] = prepared.paths
+        else:
+            self._computing |= dict.fromkeys(motions)
+            try:
+                paths, seconds = await self._clock.compute(lambda: self._found(motions, starts), BUDGET_S)
+            finally:
+                held = [self._computing.pop(arm) for arm in motions]
+            self._log.compute("compensation", seconds, BUDGET_S)
+            reasons = [reason for reason in held if reason is not None]
+            if reasons:
+                return {arm: _not_started(reasons[0]) for arm in motions}
+        return await self._sent(self._robot.move, motions, paths)
+
+    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
+        """Let trajectories of the true joints take over from what the arms are doing now."""
+        begin = time.perf_counter()
+        paths = self._found(motions, {arm: self._now(arm) for arm in motions if arm in self._rested})
+        if paths:
+            self._log.compute("compensation", time.perf_counter() - begin, BUDGET_S)
+        return await self._sent(self._robot.replace, motions, paths)
+
+    def prepare(self, motions: Mapping[str, Trajectory]) -> None:
+        """Find the commands of motions that come next, so that ``move`` starts them at once.
+
+        For a moving arm they are found for where its motion will have ended.
+
+        Raises:
+            TrocarError: as ``move``.
+        """
+        starts = {arm: self._next(arm) for arm in motions if arm in self._rested}
+        if starts:
+            self._prepared[frozenset(motions)] = _Prepared(dict(motions), starts, self._found(motions, starts))
+
+    async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
+        """Drive the jaws, whose cables are not compensated."""
+        return await self._robot.jaw(arm, angle_rad)
+
+    def hold(self, *arms: str, reason: str = "") -> None:
+        """Bring these arms, or all, to rest; a motion whose commands are still being found does not start."""
+        for arm in arms or tuple(self._computing):
+            if arm in self._computing:
+                self._computing[arm] = reason or MotionEnd.HELD.value
+        self._robot.hold(*arms, reason=reason)
+
+    async def rest(self, *arms: str) -> None:
+        """Return when these arms, or all, are at rest."""
+        await self._robot.rest(*arms)
+
+    def _memory(self, arm: str, sent: SetPoint) -> HysteresisState:
+        """Return the cable memory of an arm after the commands up to now."""
+        path = self._paths.get(arm)
+        if path is None:
+            return self._rested[arm]
+        memory = path.memory_at(sent.path_s)
+        if sent.on_path:
+            return memory
+        left = path.commands(min(sent.path_s, path.commands.duration_s))
+        if not np.any(left != sent.q):
+            return memory
+        aside = Trajectory.hermite([0.0, 1.0], [left, sent.q], np.tile(sent.q - left, (2, 1)))
+        return memory.after(aside, 1.0)
+
+    def _now(self, arm: str) -> _Start:
+        """Return where a motion that starts now begins, for a compensated arm."""
+        sent = self._robot.setpoint(arm)
+        return _Start(sent.q, sent.velocity, self._paths.get(arm))
+
+    def _next(self, arm: str) -> _Start:
+        """Return where a motion that follows the arm's current one begins."""
+        path = self._paths.get(arm)
+        if path is None or not self._robot.setpoint(arm).moving:
+            return self._now(arm)
+        return _Start(path.commands(path.commands.times_s[-1]), np.zeros(6), path, then=True)
+
+    def _joints(self, arm: str, start: _Start) -> tuple[NDArray[np.float64], HysteresisState]:
+        """Return where (6,) the true joints are commanded to be at a start, and the cable memory."""
+        if not start.then or start.after is None:
+            return self.setpoint(arm).q, self._memory(arm, self._robot.setpoint(arm))
+        path, memory = start.after, start.after.memory_at(start.after.commands.duration_s)
+        missed = path.missing.max() > MISSED
+        return memory.joints(start.q_cmd) if missed else path.desired(path.desired.times_s[-1]), memory
+
+    def _found(self, motions: Mapping[str, Trajectory], starts: Mapping[str, _Start]) -> dict[str, CommandPath]:
+        """Return the commands of the compensated arms among these."""
+        requests = {arm: self._request(arm, motions[arm], start) for arm, start in starts.items()}
+        paths = command_paths(requests)
+        if self._stop_at_limits:
+            for arm, path in paths.items():
+                _require_inside(self._arms[arm], path)
+        return paths
+
+    def _request(self, arm: str, desired: Trajectory, start: _Start) -> CommandRequest:
+        model = self._arms[arm]
+        joints, memory = self._joints(arm, start)
+        jump = float(np.max(np.abs(desired(desired.times_s[0]) - joints)))
+        if jump > START_TOLERANCE:
+            raise TrocarError(
+                f"the motion of arm {arm!r} starts {jump:.6f} rad (or m) away from its set-point; start it there"
+            )
+        return CommandRequest(
+            memory=memory,
+            desired=desired,
+            q_start=start.q_cmd,
+            velocity_start=start.velocity,
+            limits=self._limits[arm],
+            lower=model.lower + RANGE_GUARD,
+            upper=model.upper - RANGE_GUARD,
+        )
+
+    async def _sent(
+        self,
+        verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, MotionResult]]],
+        motions: Mapping[str, Trajectory],
+        paths: Mapping[str, CommandPath],
+    ) -> Mapping[str, MotionResult]:
+        """Send commands in place of the motions, all on one time scale."""
+        stretch = max((path.stretch for path in paths.values()), default=1.0)
+        if stretch > SLOWED:
+            self._log.event("compensation", arms=sorted(paths), stretch=round(stretch, 4))
+        commands = {
+            arm: paths[arm].commands if arm in paths else motion.stretched(stretch) for arm, motion in motions.items()
+        }
+        before = {arm: self._paths.get(arm) for arm in paths}
+        self._paths.update(paths)  # the robot starts the motions before it first waits
+        try:
+            return await verb(commands)
+        except TrocarError:  # refused: nothing has moved, or the current motion goes on
+            for arm, path in before.items():
+                if path is None:
+                    del self._paths[arm]
+                else:
+                    self._paths[arm] = path
+            raise
+
+
+def _not_started(reason: str) -> MotionResult:
+    """Return the result of a motion that was held before it began."""
+    return MotionResult(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), MotionEnd.HELD, reason)
+
+
+def _require_inside(arm: ArmModel, path: CommandPath) -> None:
+    """Raise a sentence if commands would have to leave a joint's range to compensate for its cables."""
+    index = int(np.argmax(path.lacking))
+    if path.lacking[index] <= CLIPPED:
+        return
+    joint = arm.joints[index]
+    raise TrocarError(
+        f"joint {joint.name!r} would need the command {joint.shown(float(path.farthest[index]))} to make up for its "
+        f"cables, outside [{joint.shown(joint.lower)}, {joint.shown(joint.upper)}]"
+    )

@@ -1,0 +1,152 @@
+"""Pictures of a trial for people, from its replay; no agent gets them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from xml.etree.ElementTree import Element, tostring
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.lab import SensorFlaws
+from trocar.replay import Replay, Solid, Viewpoint
+from trocar.sim.camera import RayCamera
+from trocar.sim.elements import add, placed, text
+from trocar.sim.framing import framed
+from trocar.sim.sensor import Light
+
+AMBIENT = 0.42
+LAMP_M = (0.12, 0.0, 0.0)
+TABLE_RGB = (0.30, 0.33, 0.36)
+BELOW_M = 2e-3
+"""The table is this far below the lowest fixed solid."""
+FAR = 3.2
+"""Without a view defined by the task, the eye is this many times as far away as the motion is wide."""
+ROOM_M = 0.02
+"""Least half-width of a picture; less would show only a tip."""
+
+
+class OffscreenCamera:
+    """Draws a replay at any of its times by ray casting, with light and shadow, without OpenGL.
+
+    Args:
+        replay: to be drawn.
+        view: viewpoint; None: from the front and above.
+        colours: of bodies, in place of their own, by the beginning of their names.
+        scale: of the picture's width of 640 pixels.
+        frame_m: (n, 3) points in the world that fill the picture; None: what moves.
+    """
+
+    def __init__(
+        self,
+        replay: Replay,
+        view: Viewpoint | None = None,
+        colours: Mapping[str, tuple[float, float, float]] | None = None,
+        scale: float = 1.0,
+        frame_m: NDArray[np.float64] | None = None,
+    ):
+        frame_m = handled(replay) if frame_m is None else frame_m
+        view = view or overview(frame_m)
+        self._replay = replay
+        self._model = mujoco.MjModel.from_xml_string(_mjcf(replay, colours or {}))
+        self._data = mujoco.MjData(self._model)
+        self._moving = [body for body, T in replay.T_world_body.items() if T.matrix.ndim == 3]
+        framing = framed(np.array(view.eye_m), frame_m, scale)
+        light = Light(ambient=AMBIENT, gain=view.gain)
+        flaws = replace(SensorFlaws.none(), shadow=True)
+        self._camera = RayCamera(self._model, framing.lens, framing.T_world_camera, LAMP_M, flaws, light)
+
+    def picture(self, time_s: float) -> NDArray[np.uint8]:
+        """Return a colour picture (height, width, 3) of this time."""
+        row = int(np.argmin(np.abs(self._replay.times_s - time_s)))
+        for number, body in enumerate(self._moving):
+            T = self._replay.T_world_body[body][row]
+            self._data.qpos[7 * number : 7 * number + 3] = T.translation_m
+            self._data.qpos[7 * number + 3 : 7 * number + 7] = T.rotation.as_quaternion()
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._camera.render(self._data, np.random.default_rng(0)).color
+
+
+def handled(replay: Replay) -> NDArray[np.float64]:
+    """Return the positions (n, 3) in the world of free bodies and moving tips; if there are none, of everything."""
+    bodies = replay.T_world_body
+    paths = [tool.p_world_driven_m for tool in replay.tools.values()]
+    moved = [path for path in paths if np.ptp(path, axis=0).max() > ROOM_M]
+    loose = [
+        T.translation_m for name, T in bodies.items() if T.matrix.ndim == 3 and not name.startswith((*replay.tools,))
+    ]
+    points = np.concatenate([*moved, *loose] or paths or [T.matrix[None, :3, 3] for T in bodies.values()])
+    middle = (points.max(axis=0) + points.min(axis=0)) / 2
+    return np.concatenate([points, middle + ROOM_M * np.array([[-1, -1, -1], [1, 1, 1]])])
+
+
+def overview(points_m: NDArray[np.float64]) -> Viewpoint:
+    """Return a viewpoint in front of and above these points (n, 3)."""
+    low, high = points_m.min(axis=0), points_m.max(axis=0)
+    wide = max(0.06, float(np.linalg.norm(high - low)))
+    eye = (low + high) / 2 + FAR * wide * np.array([0.25, -0.8, 0.55])
+    return Viewpoint(tuple(eye.tolist()))  # type: ignore[arg-type]
+
+
+def _mjcf(replay: Replay, colours: Mapping[str, tuple[float, float, float]]) -> str:
+    """Return the replay's solids as MJCF: what moves as free bodies, the rest fixed, on a table."""
+    root = Element("mujoco", model="replay")
+    add(root, "compiler", angle="radian")
+    assets, world = add(root, "asset"), add(root, "worldbody")
+    hulls: dict[bytes, str] = {}
+    bodies: dict[str, Element] = {}
+    for name, T in replay.T_world_body.items():
+        if T.matrix.ndim == 3:
+            bodies[name] = add(world, "body", name=f"moving {name}")
+            add(bodies[name], "freejoint")
+            add(bodies[name], "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
+        else:
+            bodies[name] = add(world, "body", name=f"fixed {name}", **placed(T))
+    for solid in replay.solids:
+        if solid.body in bodies:
+            rgb = next((rgb for prefix, rgb in colours.items() if solid.body.startswith(prefix)), solid.rgba[:3])
+            _add_solid(bodies[solid.body], assets, solid, rgb, hulls)
+    add(
+        world,
+        "geom",
+        type="plane",
+        size="2 2 0.01",
+        pos=text((0, 0, _floor_m(replay) - BELOW_M)),
+        rgba=text((*TABLE_RGB, 1)),
+    )
+    return tostring(root, encoding="unicode")
+
+
+def _add_solid(body: Element, assets: Element, solid: Solid, rgb: tuple[float, ...], hulls: dict[bytes, str]) -> None:
+    look = {"rgba": text((*rgb, solid.rgba[3])), "contype": "0", "conaffinity": "0"}
+    if solid.shape != "hull":
+        add(body, "geom", type=solid.shape, size=text(solid.size_m), **placed(solid.T_body_solid), **look)
+        return
+    # MuJoCo itself shifts a mesh to its centre of mass, so the corners are given in the body's frame
+    corners = solid.T_body_solid.apply(solid.vertices_m)
+    key = np.round(corners, 9).tobytes()
+    if key not in hulls:
+        hulls[key] = f"hull{len(hulls)}"
+        add(assets, "mesh", name=hulls[key], vertex=text(corners))
+    add(body, "geom", type="mesh", mesh=hulls[key], **look)
+
+
+def _floor_m(replay: Replay) -> float:
+    """Return the height of the lowest fixed solid; if there is none, of the lowest tip."""
+    lowest = [
+        float((replay.T_world_body[s.body] @ s.T_body_solid).translation_m[2]) - max(s.size_m, default=0.0)
+        if s.shape in ("sphere", "capsule", "cylinder")
+        else _lowest_corner_m(replay, s)
+        for s in replay.solids
+        if s.body in replay.T_world_body and replay.T_world_body[s.body].matrix.ndim == 2
+    ]
+    tips = [float(tool.p_world_driven_m[:, 2].min()) for tool in replay.tools.values()]
+    return min(lowest or tips or [0.0])
+
+
+def _lowest_corner_m(replay: Replay, solid: Solid) -> float:
+    signs = np.array([[(i >> k & 1) * 2 - 1 for k in range(3)] for i in range(8)])
+    corners = solid.vertices_m if solid.shape == "hull" else signs * np.array(solid.size_m)
+    return float((replay.T_world_body[solid.body] @ solid.T_body_solid).apply(corners)[:, 2].min())

@@ -1,0 +1,1 @@
+"""Commands of the suture task: ``plan suture``, ``plan setup``, ``study suture``."""

@@ -1,0 +1,49 @@
+"""Where to place stay sutures round a circle, and in which direction to drive each (Thananjeyan et al. 2019)."""
+
+from trocar.tasks.suture.planning.continuous import plan_continuous
+from trocar.tasks.suture.planning.enclosure import DexterityEnclosure, interpolated_bounds
+from trocar.tasks.suture.planning.even import plan_even, plan_exhaustive
+from trocar.tasks.suture.planning.gaps import plan_gaps
+from trocar.tasks.suture.planning.joints import SutureJoints, suture_joints
+from trocar.tasks.suture.planning.plan import Spacing, SuturePlan
+from trocar.tasks.suture.planning.presets import PRESETS, Preset
+from trocar.tasks.suture.planning.rewards import MARGINS, DexterityMap, Reward, dexterity
+from trocar.tasks.suture.planning.setup import (
+    CLOCKWISE,
+    COUNTERCLOCKWISE,
+    DIRECTIONS,
+    Circle,
+    Insertion,
+    Needle,
+    NeedleGrasp,
+    SutureSetup,
+    base_beside,
+)
+
+__all__ = [
+    "CLOCKWISE",
+    "COUNTERCLOCKWISE",
+    "DIRECTIONS",
+    "MARGINS",
+    "PRESETS",
+    "Circle",
+    "DexterityEnclosure",
+    "DexterityMap",
+    "Insertion",
+    "Needle",
+    "NeedleGrasp",
+    "Preset",
+    "Reward",
+    "Spacing",
+    "SutureJoints",
+    "SuturePlan",
+    "SutureSetup",
+    "base_beside",
+    "dexterity",
+    "interpolated_bounds",
+    "plan_continuous",
+    "plan_even",
+    "plan_exhaustive",
+    "plan_gaps",
+    "suture_joints",
+]

@@ -1,0 +1,207 @@
+"""The needle primitive: poses of needle and jaws while a suture is driven (paper, Fig. 2 and section IV-A1).
+
+In the circle's frame a suture at theta heads along ``h`` (clockwise: minus the tangent); ``n`` is the tissue's normal.
+The needle's tip first enters straight along ``t = cos(entry) h - sin(entry) n``, then rotates about the needle's
+centre, which lies at the needle's radius along ``u = sin(entry) h + cos(entry) n``. The jaws then move back along the
+wire and push it on, as often as the insertion says. A suture at theta is the one at 0 rotated about the circle's axis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.geometry import SE3, SO3
+from trocar.tasks.suture.planning.setup import DIRECTIONS, SutureSetup
+
+BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
+"""An arm that drives the needle does not release it within these rotations before and after its tip comes out."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One movement of the primitive: start and end values of three coordinates.
+
+    Attributes:
+        name: penetrate, rotate, regrasp 1, push 1, ...
+        advance_m: travel along the straight penetration.
+        jaws_rad: rotation of the jaws about the needle's centre.
+        needle_rad: rotation of the needle about its centre.
+    """
+
+    name: str
+    advance_m: tuple[float, float]
+    jaws_rad: tuple[float, float]
+    needle_rad: tuple[float, float]
+
+    @property
+    def back_rad(self) -> float:
+        """Return how far back along the wire the jaws hold it, relative to the first grip."""
+        return self.needle_rad[0] - self.jaws_rad[0]
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the jaws hold the needle, so that both move together."""
+        return not self.name.startswith("regrasp")
+
+
+def steps(setup: SutureSetup) -> tuple[Step, ...]:
+    """Return the movements of the primitive in order."""
+    return _steps(setup, _holds_rad(setup))
+
+
+def driven_steps(setup: SutureSetup) -> tuple[Step, ...]:
+    """Return the movements as an arm makes them: it holds the needle while its tip comes out of the tissue.
+
+    If the primitive released the needle between ``BEFORE_EXIT_RAD`` before and ``PAST_EXIT_RAD`` after that point, the
+    opening and closing of the jaws would decide where the tip comes out. So the needle is released later, if the jaws
+    can go back far enough before that, or else earlier. The jaws' poses are among those of :func:`steps`, whose
+    rotation starts at 0.
+    """
+    insertion, exit_rad = setup.insertion, exit_turn_rad(setup)
+    ends = _holds_rad(setup)
+    for k, end in enumerate(ends[:-1]):
+        if exit_rad - BEFORE_EXIT_RAD < end < exit_rad + PAST_EXIT_RAD:
+            start = ends[k - 1] if k else 0.0
+            later, earlier = exit_rad + PAST_EXIT_RAD, exit_rad - BEFORE_EXIT_RAD
+            if later - start <= insertion.rotation_rad and later < ends[k + 1]:
+                ends[k] = later
+            elif earlier > start and ends[k + 1] - earlier <= insertion.rotation_rad:
+                ends[k] = earlier
+    return _steps(setup, ends)
+
+
+def _holds_rad(setup: SutureSetup) -> list[float]:
+    """Return the needle's rotation at the end of each time that the jaws turn it."""
+    insertion = setup.insertion
+    return [insertion.rotation_rad + k * insertion.regrasp_rad for k in range(insertion.pushes + 1)]
+
+
+def _steps(setup: SutureSetup, ends: Sequence[float]) -> tuple[Step, ...]:
+    """Return the movements in which the jaws hold the needle up to these rotations of it, one after the other."""
+    straight = setup.insertion.straight_m
+    still, top, turned = (straight, straight), setup.insertion.rotation_rad, ends[0]
+    found = [
+        Step("penetrate", (0.0, straight), (0.0, 0.0), (0.0, 0.0)),
+        Step("rotate", still, (0.0, turned), (0.0, turned)),
+    ]
+    jaws = turned
+    for number, (needle, end) in enumerate(pairwise(ends), 1):
+        again = top - (end - needle)
+        found.append(Step(f"regrasp {number}", still, (jaws, again), (needle, needle)))
+        found.append(Step(f"push {number}", still, (again, top), (needle, end)))
+        jaws = top
+    return tuple(found)
+
+
+def exit_turn_rad(setup: SutureSetup) -> float:
+    """Return the needle's rotation at which its tip leaves the tissue's surface again; NaN if it never would."""
+    return setup.insertion.exit_turn_rad(setup.needle.radius_m)
+
+
+def comes_out(setup: SutureSetup) -> bool:
+    """Return whether the needle is rotated far enough for its tip to come out of the tissue."""
+    return setup.insertion.turn_rad >= exit_turn_rad(setup) - 1e-9
+
+
+def bite_m(setup: SutureSetup) -> float:
+    """Return the distance along the surface from entry to exit; NaN if the tip never comes out."""
+    return _along_m(setup, exit_turn_rad(setup))
+
+
+def tip_end_m(setup: SutureSetup) -> float:
+    """Return how far from its entry, seen from above, the tip comes out, or stops in the tissue if it never does."""
+    return bite_m(setup) if comes_out(setup) else _along_m(setup, setup.insertion.turn_rad)
+
+
+def tip_farthest_m(setup: SutureSetup) -> float:
+    """Return how far from its entry, seen from above, the tip gets on its way through the tissue."""
+    turn = exit_turn_rad(setup) if comes_out(setup) else setup.insertion.turn_rad
+    return _along_m(setup, min(turn, setup.insertion.entry_angle_rad + math.pi / 2))
+
+
+def _along_m(setup: SutureSetup, turn_rad: float) -> float:
+    """Return how far the tip is from its entry, along the surface, after the straight path and this rotation."""
+    down = setup.insertion.entry_angle_rad
+    arc = setup.needle.radius_m * (math.sin(turn_rad - down) + math.sin(down))
+    return setup.insertion.straight_m * math.cos(down) + arc
+
+
+def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) -> SE3:
+    """Return the needle's poses (2, k) in the circle's frame at theta = 0, one row per direction of ``DIRECTIONS``.
+
+    The needle's frame has its origin at the centre of curvature, x along the motion of the tip, y from the tip to the
+    centre, and z normal to its plane.
+
+    Args:
+        setup: needle, circle, insertion.
+        advance_m: (k,) travel along the straight penetration.
+        turn_rad: (k,) rotation about the needle's centre after it.
+    """
+    advance, turn = np.broadcast_arrays(np.asarray(advance_m, float), np.asarray(turn_rad, float))
+    down = setup.insertion.entry_angle_rad
+    back = bite_m(setup) / 2 if setup.insertion.theta_is == "middle" else 0.0
+    rows = []
+    for direction in DIRECTIONS:
+        heading, normal = np.array([0.0, -direction, 0.0]), np.array([0.0, 0.0, 1.0])
+        t = math.cos(down) * heading - math.sin(down) * normal
+        u = math.sin(down) * heading + math.cos(down) * normal
+        entry = np.array([setup.circle.radius_m, 0.0, 0.0]) - back * heading
+        centers = entry + setup.needle.radius_m * u + advance[:, None] * t
+        attitude = SO3.unchecked(np.column_stack([t, u, np.cross(t, u)])) @ SO3.axis("z", turn)
+        rows.append(SE3.from_parts(attitude, centers).matrix)
+    return SE3.unchecked(np.stack(rows))
+
+
+def grasp_pose(setup: SutureSetup) -> SE3:
+    """Return the pose of the arm's tip in the needle's frame, before any regrasp."""
+    at_point = SO3.axis("z", -setup.grasp.behind_tip_rad)
+    point = at_point.apply([0.0, -setup.needle.radius_m, 0.0])
+    return SE3.from_parts(at_point @ setup.grasp.rotation, point)
+
+
+def tip_poses(setup: SutureSetup, advance_m: ArrayLike, jaws_rad: ArrayLike) -> SE3:
+    """Return the poses (2, k) of the arm's tip in the circle's frame at theta = 0; arguments as ``needle_poses``."""
+    return needle_poses(setup, advance_m, jaws_rad) @ grasp_pose(setup)
+
+
+def turned_to(T_circle: SE3, thetas_rad: ArrayLike) -> SE3:
+    """Return poses (2, k) given at theta = 0 for every theta (n,): (2, n, k)."""
+    turn = SE3.from_parts(SO3.axis("z", np.asarray(thetas_rad, float)))
+    return SE3.unchecked(turn.matrix[:, None] @ T_circle.matrix[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Sampled places along the path of the jaws, each once, ordered so that neighbours are close.
+
+    Attributes:
+        advance_m: (k,) travel along the straight penetration.
+        jaws_rad: (k,) rotation of the jaws about the needle's centre.
+        station: (k,) whether a movement starts or ends here; the paper's margin is evaluated at these places.
+    """
+
+    advance_m: NDArray[np.float64]
+    jaws_rad: NDArray[np.float64]
+    station: NDArray[np.bool_]
+
+
+def places(setup: SutureSetup, straight: int = 3, turning: int = 8) -> Places:
+    """Return places along the primitive: ``straight`` on the straight path, at least ``turning`` on the rotation."""
+    insertion = setup.insertion
+    top = insertion.rotation_rad
+    again = top - insertion.regrasp_rad if insertion.pushes else top
+    turn = np.union1d(np.linspace(min(0.0, again), top, turning), again)
+    turn = turn[np.abs(turn) > 1e-12]  # the end of the straight path is already there
+    advance = np.linspace(0.0, insertion.straight_m, straight)
+    station = np.isin(turn, (top, again))
+    return Places(
+        np.append(advance, np.full(len(turn), insertion.straight_m)),
+        np.append(np.zeros(straight), turn),
+        np.append(np.isin(advance, (0.0, insertion.straight_m)), station),
+    )

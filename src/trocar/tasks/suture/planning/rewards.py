@@ -1,0 +1,250 @@
+"""The reward of a suture, its dexterity: weighted joint margin plus manipulability (paper, III-D)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.arms import ArmModel, manipulability
+from trocar.errors import TrocarError
+from trocar.geometry import TURN
+from trocar.tasks.suture.planning.joints import SutureJoints, suture_joints
+from trocar.tasks.suture.planning.setup import DIRECTIONS, SutureSetup
+
+SURROGATE = "surrogate: the needle primitive itself, both directions; no demonstrations were given"
+
+NO_SOLUTION = -1e3
+"""The margin of a suture that no configuration of the arm can make."""
+
+JOINTS = {"wrist": slice(3, 6), "all": slice(0, 6)}
+"""The joints that a margin considers, by name; the paper considers those of the wrist (III-C3)."""
+
+Margin = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+
+
+def paper_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``|| |q_max| - q_limit ||^2`` in square degrees, as printed; it also rewards angles beyond a limit."""
+    return (np.degrees(limit - largest) ** 2).sum(-1)
+
+
+def clipped_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the paper's margin with negative differences counted as zero."""
+    return (np.degrees(np.maximum(limit - largest, 0.0)) ** 2).sum(-1)
+
+
+def normalised_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sum of squared clipped differences, each divided by its limit."""
+    return (np.maximum(1.0 - largest / limit, 0.0) ** 2).sum(-1)
+
+
+def smallest_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the smallest of the differences, each divided by its limit; negative outside the limits."""
+    return (1.0 - largest / limit).min(-1)
+
+
+MARGINS: dict[str, Margin] = {
+    "smallest": smallest_margin,
+    "normalised": normalised_margin,
+    "clipped": clipped_margin,
+    "paper": paper_margin,
+}
+"""Margin formulas by name; arguments are the joints' limits (j,) and largest distances from the middle (..., j)."""
+
+
+Scaling = Callable[[NDArray[np.float64]], tuple[float, float]]
+
+
+def by_max(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the offset (0) to subtract and the unit to divide by, so that the largest value becomes 1."""
+    largest = float(values.max())
+    return 0.0, largest if largest > 0 else 1.0
+
+
+def by_range(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the offset to subtract and the unit to divide by, so that the values span 0 to 1."""
+    low, high = float(values.min()), float(values.max())
+    return low, high - low if high > low else 1.0
+
+
+SCALINGS: dict[str, Scaling] = {"max": by_max, "range": by_range}
+"""Ways to make margin and manipulability "occupy the same range" (paper, III-D3), by name."""
+
+Scales = tuple[tuple[float, float], tuple[float, float]]
+ManipulabilityAt = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Reward:
+    """How sutures are scored; the paper leaves the formula's units, clipping and scaling open.
+
+    Attributes:
+        margin: name in ``MARGINS``.
+        weight: lambda, the weight of the margin; manipulability has the rest (paper: .75).
+        scaling: name in ``SCALINGS``.
+        joints: name in ``JOINTS``; the insertion has no degrees, so ``all`` needs a normalised margin.
+        at: where the margin is evaluated: ``stations``, at the start and end of movements, as in the paper, or
+            ``path``, in between as well.
+        feasible_first: whether an infeasible direction is chosen only where both are infeasible.
+    """
+
+    margin: str = "smallest"
+    weight: float = 0.75
+    scaling: str = "max"
+    joints: str = "wrist"
+    at: str = "path"
+    feasible_first: bool = True
+
+    def __post_init__(self) -> None:
+        for what, value, choices in (
+            ("margin", self.margin, MARGINS),
+            ("scaling", self.scaling, SCALINGS),
+            ("set of joints", self.joints, JOINTS),
+            ("place of the margin", self.at, ("stations", "path")),
+        ):
+            if value not in choices:
+                raise TrocarError(f"the {what} {value!r} is unknown; choose one of {', '.join(choices)}")
+        if self.joints == "all" and self.margin not in ("smallest", "normalised"):
+            raise TrocarError(
+                f"the margin {self.margin!r} is in degrees, which the insertion does not have; with all joints choose "
+                "smallest or normalised"
+            )
+        if not (math.isfinite(self.weight) and 0.0 <= self.weight <= 1.0):
+            raise TrocarError(f"the weight lambda is {self.weight:g}; give 0 to 1")
+
+
+@dataclass(frozen=True, eq=False)
+class DexterityMap:
+    """Dexterity of sutures all round the circle, in both directions.
+
+    Attributes:
+        setup: the geometry.
+        reward: how sutures are scored.
+        joints: configurations along the sutures.
+        margin: (2, n) joint margin Q before scaling, one row per direction of ``DIRECTIONS``.
+        manipulability: (n,) mean squared manipulability M before scaling; it does not depend on the direction.
+        source: where M comes from, in words.
+        values: (2, n) dexterity D of each direction.
+        choice: (n,) row of the better direction.
+        scales: (offset, unit) of the margin, then of manipulability: each is scaled as (x - offset) / unit.
+        manipulability_at: returns M at positions (n,) rad; None for the surrogate.
+    """
+
+    setup: SutureSetup
+    reward: Reward
+    joints: SutureJoints
+    margin: NDArray[np.float64]
+    manipulability: NDArray[np.float64]
+    source: str
+    values: NDArray[np.float64]
+    choice: NDArray[np.intp]
+    scales: Scales
+    manipulability_at: ManipulabilityAt | None = None
+
+    def __repr__(self) -> str:
+        low, high = float(self.values.min()), float(self.values.max())
+        feasible = int(self.joints.feasible.any(axis=0).sum())
+        return (
+            f"<DexterityMap of {len(self.thetas_rad)} positions: dexterity {low:.3f} to {high:.3f}, "
+            f"{feasible} positions within the limits>"
+        )
+
+    def at(self, thetas_rad: ArrayLike) -> DexterityMap:
+        """Return the dexterity of sutures at other positions (n,), scaled like this map."""
+        joints = suture_joints(self.setup, thetas_rad)
+        return scored(self.setup, self.reward, joints, self.manipulability_at, self.source, self.scales)
+
+    @property
+    def thetas_rad(self) -> NDArray[np.float64]:
+        """Return the positions (n,)."""
+        return self.joints.thetas_rad
+
+    @property
+    def best(self) -> NDArray[np.float64]:
+        """Return the dexterity (n,) in the better direction."""
+        return np.take_along_axis(self.values, self.choice[None], 0)[0]
+
+    @property
+    def directions(self) -> NDArray[np.intp]:
+        """Return the better direction (n,), each one of ``DIRECTIONS``."""
+        return np.array(DIRECTIONS)[self.choice]
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Return whether the suture (n,) in the better direction is feasible."""
+        return np.take_along_axis(self.joints.feasible, self.choice[None], 0)[0]
+
+    def span(self, rewards: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the smallest and largest of rewards (k,) and of all feasible sutures, in either direction."""
+        seen = np.append(rewards, self.values[self.joints.feasible])
+        return float(seen.min()), float(seen.max())
+
+    @property
+    def switches_rad(self) -> NDArray[np.float64]:
+        """Return the positions at which the better direction differs from that of the position before."""
+        return self.thetas_rad[self.choice != np.roll(self.choice, 1)]
+
+
+def joint_margin(arm: ArmModel, joints: SutureJoints, reward: Reward) -> NDArray[np.float64]:
+    """Return Q (2, n) of both directions before scaling; ``NO_SOLUTION`` where the arm has none."""
+    which = JOINTS[reward.joints]
+    limit = ((arm.upper - arm.lower) / 2)[which]
+    q = joints.q[:, :, joints.station] if reward.at == "stations" else joints.q
+    largest = np.maximum(q.max(2) - arm.middle, arm.middle - q.min(2))[..., which]
+    return np.nan_to_num(MARGINS[reward.margin](limit, largest), nan=NO_SOLUTION)
+
+
+def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
+    """Return the mean squared manipulability (n,) over the primitive in both directions, in place of demonstrations.
+
+    ``|J J^T|`` of the paper is the square of Yoshikawa's measure.
+    """
+    known = np.isfinite(joints.q)
+    q = joints.q if known.all() else np.where(known, joints.q, 0.0)
+    return (manipulability(joints.arm, q) ** 2).mean((0, 2))
+
+
+def dexterity(
+    setup: SutureSetup,
+    reward: Reward | None = None,
+    positions: int = 360,
+    manipulability_at: ManipulabilityAt | None = None,
+    source: str = "",
+) -> DexterityMap:
+    """Return the dexterity of sutures at evenly spaced positions, in both directions.
+
+    Args:
+        setup: the geometry.
+        reward: how sutures are scored; default: smallest normalised margin, lambda .75.
+        positions: number of positions, the first at theta = 0.
+        manipulability_at: returns M at positions (n,) rad, from demonstrations; default: the surrogate.
+        source: where that M comes from, in words.
+    """
+    reward = reward or Reward()
+    if not 4 <= positions <= 100_000:
+        raise TrocarError(f"the number of positions is {positions}; give 4 to 100000")
+    thetas = np.arange(positions, dtype=np.float64) * (TURN / positions)
+    return scored(setup, reward, suture_joints(setup, thetas), manipulability_at, source)
+
+
+def scored(
+    setup: SutureSetup,
+    reward: Reward,
+    joints: SutureJoints,
+    manipulability_at: ManipulabilityAt | None = None,
+    source: str = "",
+    scales: Scales | None = None,
+) -> DexterityMap:
+    """Return the dexterity of sutures with these joints, scaled by their own range unless ``scales`` are given."""
+    margin = joint_margin(setup.arm, joints, reward)
+    given = manipulability_at(joints.thetas_rad) if manipulability_at else surrogate_manipulability(joints)
+    source = source if manipulability_at else SURROGATE
+    choice = np.argmax(margin - 1e9 * ~joints.feasible if reward.feasible_first else margin, axis=0)
+    scale = SCALINGS[reward.scaling]
+    scales = scales or (scale(np.take_along_axis(margin, choice[None], 0)[0]), scale(given))
+    (q_offset, q_unit), (m_offset, m_unit) = scales
+    values = reward.weight * (margin - q_offset) / q_unit + (1.0 - reward.weight) * (given - m_offset) / m_unit
+    return DexterityMap(setup, reward, joints, margin, given, source, values, choice, scales, manipulability_at)

@@ -1,0 +1,1 @@
+"""A suture plan in the browser."""

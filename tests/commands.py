@@ -1,0 +1,52 @@
+import sys
+
+import pytest
+
+from synthetic import synthetic_trial
+from trocar.cli import main
+from trocar.eval import run as trials_run
+from trocar.eval.run import Prepared
+from trocar.report import files
+
+
+@pytest.fixture
+def trocar(monkeypatch, capsys):
+    """Run a command in this process; return exit code, stdout and stderr."""
+
+    def command(*words):
+        monkeypatch.setattr(sys, "argv", ["trocar", *map(str, words)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out = capsys.readouterr()
+        return stop.value.code or 0, out.out, out.err
+
+    return command
+
+
+@pytest.fixture
+def unpictured(monkeypatch):
+    """Draw no pictures of runs, and make no replay."""
+    monkeypatch.setattr(files, "_pictures", lambda *rest: ([], None))
+    monkeypatch.setattr(files, "can_photograph", lambda: False)
+    monkeypatch.setattr(files, "find_spec", lambda module: None)
+
+
+@pytest.fixture
+def played(monkeypatch, unpictured):
+    """Replace trials by synthetic ones without pictures; return the list of those that were played."""
+    done = []
+
+    def run_trial(config, prepared, index, listener=None):
+        done.append((prepared.number, index))
+        trial = synthetic_trial(config, index, session=prepared.number)
+        for event in trial.events:
+            listener(event)
+        return trial
+
+    def prepare(config, number, folder, **_):
+        (folder / f"session_{number:02d}").mkdir(exist_ok=True)
+        return Prepared(number, None, {})
+
+    monkeypatch.setattr(trials_run, "prepare", prepare)
+    monkeypatch.setattr(trials_run, "run_trial", run_trial)
+    return done

@@ -1,0 +1,382 @@
+"""The parts of tasks: options, methods and perceptions by name, the actions of a script."""
+
+import sys
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from simulated import ideal_laboratory, standing
+from trocar.arms import MOTION_LIMITS
+from trocar.calibration.excitation import EXERCISE_RAD, PSM1_BOX
+from trocar.cli.task_group import task_command
+from trocar.errors import TrocarError
+from trocar.eval import (
+    METHODS,
+    PERCEPTIONS,
+    Method,
+    Task,
+    methods_of,
+    option,
+    perceptions_of,
+    pick_method,
+    pick_perception,
+    stopped,
+    told,
+)
+from trocar.lab import load_station
+from trocar.registry import Lazy, load_plugin
+from trocar.robots.arm_script import ArmScript
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How knitting is done."""
+
+    speed_m_s: float = 0.01
+
+
+class Knitter:
+    """An agent that keeps its context."""
+
+    def __init__(self, context):
+        self.context = context
+
+    async def run(self):
+        """Do nothing."""
+
+
+class Eyes:
+    """A perception."""
+
+
+HERE = Settings.__module__
+BY_HAND = Method("slowly", Knitter, Settings)
+WITH_A_MACHINE = Method("fast", Lazy(f"{HERE}:Knitter"), Lazy(f"{HERE}:Settings"), calibrated=False, perception="eyes")
+
+
+@dataclass(frozen=True)
+class Knitting(Task):
+    """A task of the tester's own."""
+
+    rows: int | None = option(None, "How many rows (default: all).", metavar="N")
+    pattern: str = option("plain", "What it looks like.", choices=("plain", "purl"))
+    needle: Path | None = option(None, "A file of needles.", flag="needle-file", metavar="FILE")
+    tight: bool = option(False, "Pull at the wool.")
+    budget_s: float = option(60.0, "When it is stopped.", flag="budget", metavar="S")
+
+    name = "knitting"
+    about = "rows of stitches"
+    goal_noun = "row"
+    station = "peg-transfer"
+    methods: ClassVar = {"by-hand": BY_HAND, "machine": WITH_A_MACHINE}
+    perceptions: ClassVar = {"eyes": Eyes, "far": Lazy(f"{HERE}:Eyes")}
+
+
+@pytest.fixture(autouse=True)
+def findable(monkeypatch):
+    """Let what is lazy here be imported by its name, as pytest's own imports are not."""
+    monkeypatch.setitem(sys.modules, HERE, sys.modules.get(HERE) or SimpleNamespace())
+    for thing in (Knitter, Settings, Eyes):
+        monkeypatch.setattr(sys.modules[HERE], thing.__name__, thing, raising=False)
+
+
+@pytest.fixture
+def from_outside():
+    """Register methods and perceptions as other packages do, and clear up."""
+    names = []
+
+    def register(registry, name, thing):
+        names.append((registry, name))
+        return registry.register(name, thing)
+
+    yield register
+    for registry, name in names:
+        registry.forget(name)
+
+
+# Options.
+
+
+def test_options_are_fields_with_what_a_command_line_needs():
+    found = {field.name: field for field in fields(Knitting)}
+    assert list(found) == ["rows", "pattern", "needle", "tight", "budget_s"]
+    assert found["needle"].metadata == {
+        "help": "A file of needles.",
+        "flag": "needle-file",
+        "metavar": "FILE",
+        "choices": (),
+    }
+    assert found["pattern"].metadata["choices"] == ("plain", "purl") and found["pattern"].default == "plain"
+    assert Knitting(rows=3).options() == {
+        "rows": 3,
+        "pattern": "plain",
+        "needle": None,
+        "tight": False,
+        "budget_s": 60.0,
+    }
+
+
+def run_command(task, *args):
+    """Return what the body of a task's command was called with."""
+    seen = {}
+
+    def body(*, task, options, seed: int = 0):
+        seen.update(task=task, options=options, seed=seed)
+
+    task_command(task, body, "Told.", "trocar run {task}").main(list(args), standalone_mode=False)
+    return seen
+
+
+def test_a_command_line_makes_a_task_of_them_with_their_types():
+    line = ("--rows", "7", "--pattern", "purl", "--needle-file", "n.toml", "--tight", "--budget", "5", "--seed", "3")
+    seen = run_command(Knitting, *line)
+    assert (seen["task"], seen["seed"]) == (Knitting, 3)
+    options = {"rows": 7, "pattern": "purl", "needle": Path("n.toml"), "tight": True, "budget_s": 5.0}
+    assert seen["options"] == options and Knitting(**seen["options"]) == Knitting(**options)
+    assert Knitting(**run_command(Knitting)["options"]) == Knitting()
+
+
+def test_the_help_of_a_task_is_made_of_its_options_and_methods(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    run_command(Knitting, "--help")
+    text = " ".join(capsys.readouterr().out.split())
+    for words in ("Rows of stitches.", "by-hand: slowly; machine: fast", "One of plain, purl.", "--needle-file FILE"):
+        assert words in text
+
+
+def test_an_option_that_every_run_has_is_refused():
+    @dataclass(frozen=True)
+    class Seeded(Knitting):
+        seed: int = option(0, "Mine.")
+
+    with pytest.raises(TrocarError, match="option 'seed' of task 'knitting' is already an option of every run"):
+        run_command(Seeded)
+
+
+# Methods and perceptions.
+
+
+def test_a_tasks_own_methods_come_first_and_the_first_is_the_default():
+    assert list(methods_of(Knitting)) == ["by-hand", "machine"]
+    assert pick_method(Knitting, "") is BY_HAND
+    assert pick_method(Knitting, "machine") is WITH_A_MACHINE
+
+
+def test_what_is_lazy_is_loaded_when_it_is_needed():
+    context = SimpleNamespace()
+    agent = WITH_A_MACHINE.made(context)
+    assert type(agent) is Knitter and agent.context is context
+    assert WITH_A_MACHINE.default_settings() == Settings()
+    never = Method("broken", Lazy("no.such.module:Agent"), Lazy("no.such.module:Settings"))
+    with pytest.raises(ModuleNotFoundError, match="no"):
+        never.made(context)
+
+
+def test_a_method_that_is_lazy_itself_is_loaded_when_it_is_picked(monkeypatch):
+    monkeypatch.setattr(sys.modules[HERE], "BY_HAND", BY_HAND, raising=False)
+    monkeypatch.setattr(Knitting, "methods", {"later": Lazy(f"{HERE}:BY_HAND")})
+    assert isinstance(methods_of(Knitting)["later"], Lazy)
+    assert pick_method(Knitting, "later") is BY_HAND
+
+
+def test_methods_from_outside_are_their_tasks_alone(from_outside):
+    mine = from_outside(METHODS, "knitting/mine", Method("mine", Knitter, Settings))
+    from_outside(METHODS, "weaving/mine", Method("of another task", Knitter, Settings))
+    from_outside(METHODS, "knitting-fast/other", Method("of yet another", Knitter, Settings))
+    assert list(methods_of(Knitting)) == ["by-hand", "machine", "mine"]
+    assert pick_method(Knitting, "mine") is mine
+    assert pick_method(Knitting, "") is BY_HAND
+
+
+def test_perceptions_are_made_anew_whenever_they_are_picked(from_outside):
+    class Fingers:
+        pass
+
+    from_outside(PERCEPTIONS, "knitting/fingers", Fingers)
+    from_outside(PERCEPTIONS, "weaving/ears", Fingers)
+    assert perceptions_of(Knitting) == ("eyes", "far", "fingers")
+    for name, kind in (("eyes", Eyes), ("far", Eyes), ("fingers", Fingers)):
+        assert type(pick_perception(Knitting, name)) is kind
+        assert pick_perception(Knitting, name) is not pick_perception(Knitting, name)
+
+
+@pytest.mark.parametrize(
+    ("pick", "name", "words"),
+    [
+        (pick_method, "magic", "method 'magic' of knitting is unknown; choose one of by-hand, machine$"),
+        (pick_perception, "nose", "perception 'nose' of knitting is unknown; choose one of eyes, far$"),
+        (pick_perception, "", "perception '' of knitting is unknown; choose one of eyes, far$"),
+    ],
+)
+def test_what_there_is_not_is_said_with_what_there_is(pick, name, words):
+    with pytest.raises(TrocarError, match=words):
+        pick(Knitting, name)
+
+
+def test_a_task_without_perceptions_says_none():
+    class Blind(Knitting):
+        perceptions: ClassVar = {}
+
+    with pytest.raises(TrocarError, match=r"perception 'eyes' of knitting is unknown; choose one of none$"):
+        pick_perception(Blind, "eyes")
+
+
+def test_a_file_of_ones_own_adds_methods_and_perceptions(tmp_path):
+    plugin = tmp_path / "looms.py"
+    plugin.write_text(
+        "from trocar.eval import METHODS, PERCEPTIONS, Method\n"
+        "class Loom:\n    def __init__(self, context): self.context = context\n"
+        "METHODS.register('knitting/loom', Method('with a loom', Loom, dict, perception='touch'))\n"
+        "class Touch: pass\n"
+        "PERCEPTIONS.register('knitting/touch', Touch)\n"
+    )
+    digest = load_plugin(plugin)
+    try:
+        assert load_plugin(plugin) == digest  # a second time changes nothing
+        method = pick_method(Knitting, "loom")
+        assert method.about == "with a loom" and type(method.made(SimpleNamespace())).__name__ == "Loom"
+        assert type(pick_perception(Knitting, method.perception)).__name__ == "Touch"
+    finally:
+        METHODS.forget("knitting/loom")
+        PERCEPTIONS.forget("knitting/touch")
+
+
+# The task itself.
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda task: task.goals(), r"task 'knitting' has no goals; give its class a method goals\(\)"),
+        (lambda task: task.scene(np.random.default_rng(0), None), r"has no scene; .* scene\(rng, station\)"),
+        (lambda task: task.world(None), r"has no world; .* world\(scene\)"),
+        (lambda task: task.score(None, []), r"has no score; .* score\(truth, events\)"),
+    ],
+)
+def test_what_a_task_must_bring_along_is_said_where_it_is_missing(call, words):
+    with pytest.raises(TrocarError, match=words):
+        call(Knitting())
+
+
+def test_by_default_the_first_arm_works_where_the_station_is_and_as_it_says():
+    task, station = Knitting(), load_station("peg-transfer")
+    assert task.at(station) is station and task.nominal() is None
+    assert task.working_arms(station) == ("psm1",)
+    assert task.calibration(station, "psm1") is PSM1_BOX
+    with pytest.raises(
+        TrocarError, match="does not define where arm 'left' moves during calibration; add 'calibration'"
+    ):
+        task.calibration(load_station("raven-pair"), "left")
+
+
+def test_the_last_word_on_why_a_script_was_given_up_stands():
+    assert stopped([]) == ("", "")
+    events = [
+        {"name": "stopped", "outcome": "A", "reason": "first"},
+        {"name": "x"},
+        {"name": "stopped", "outcome": "B"},
+    ]
+    assert stopped(events) == ("B", "")
+    assert stopped(events[:2]) == ("A", "first")
+
+
+def test_a_script_explains_a_goal_by_its_own_word_or_by_why_it_was_given_up():
+    given_up = [{"name": "stopped", "outcome": "FAULT", "reason": "silence"}]
+    assert told(None, given_up) == ("FAULT", "silence")
+    assert told({"outcome": "DROPPED", "reason": "slick"}, given_up) == ("DROPPED", "slick")
+    for nothing in ({"outcome": "DONE"}, {}):  # it said that all went well: the truth has to tell
+        assert told(nothing, given_up) is None
+    assert told(None, []) is None
+
+
+# One arm as a script uses it.
+
+
+def test_a_script_waits_moves_and_computes_and_all_of_it_is_noted():
+    lab = ideal_laboratory(standing(0))
+    limits = MOTION_LIMITS["paper"]
+    seen = {}
+
+    async def script(cell):
+        hand = ArmScript(cell, "psm1", limits, settle_s=0.07)
+        home = hand.q
+        assert np.array_equal(home, cell.robot.setpoint("psm1").q) and hand.model is cell.arms["psm1"]
+        execution = await hand.go(home + 0.05)
+        seen["went"] = np.abs(hand.q - home - 0.05).max(), execution.done
+        await hand.jaw(0.5)
+        seen["jaw"] = hand.jaw_rad
+        await hand.settle()
+        seen["found"] = await hand.compute("planning", 0.1, lambda: 42)
+
+    assert lab.run(script, 30.0)
+    assert seen["went"][0] < 1e-9 and seen["went"][1]
+    assert seen["jaw"] == pytest.approx(0.5, abs=0.02) and seen["found"] == 42
+    assert [(span.arm, span.name) for span in lab.log.spans] == [
+        ("psm1", name) for name in ("motion", "jaw", "settling", "planning")
+    ]
+    lengths = [span.end_s - span.start_s for span in lab.log.spans]
+    assert lengths[2:] == [pytest.approx(0.07, abs=0.011), pytest.approx(0.1, abs=0.011)]
+    assert lab.log.computations[0].name == "planning"
+    assert max(lab.driver.limit_use("psm1")) <= 1.0 + 1e-3
+
+
+def test_waking_swings_the_wrist_both_ways_and_ends_where_it_began():
+    lab = ideal_laboratory(standing(0))
+
+    async def script(cell):
+        await ArmScript(cell, "psm1", MOTION_LIMITS["paper"], settle_s=0.0).exercise_wrist()
+
+    assert lab.run(script, 30.0)
+    q = lab.recorder.joints("commanded")["psm1"][:, :6]
+    assert np.abs(q[-1] - q[0]).max() < 1e-9
+    assert np.abs(q[:, :3] - q[0, :3]).max() < 1e-12
+    for joint, swing in zip((3, 4, 5), EXERCISE_RAD, strict=True):
+        off = q[:, joint] - q[0, joint]
+        assert (off.max(), off.min()) == (pytest.approx(swing, abs=1e-3), pytest.approx(-swing, abs=1e-3))
+
+
+class OffRobot:
+    """A robot whose jaws' encoders are off, and may be stuck at an opening."""
+
+    def __init__(self, inner, off_rad, stuck_rad=None):
+        self.inner, self.off_rad, self.stuck_rad = inner, off_rad, stuck_rad
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+    def read(self, arm):
+        reading = self.inner.read(arm)
+        return replace(reading, jaw_rad=reading.jaw_rad + self.off_rad)
+
+    async def jaw(self, arm, angle_rad):
+        return await self.inner.jaw(arm, (angle_rad if self.stuck_rad is None else self.stuck_rad) - self.off_rad)
+
+
+@pytest.mark.parametrize(
+    ("off_rad", "stuck_rad", "zero_rad"), [(0.06, None, 0.06), (-0.04, None, -0.04), (0.0, 0.4, 0.0)]
+)
+def test_jaws_are_counted_from_where_they_are_closed(off_rad, stuck_rad, zero_rad):
+    lab, seen = ideal_laboratory(standing(0)), {}
+
+    async def script(cell):
+        robot = OffRobot(cell.robot, off_rad, stuck_rad)
+        hand = ArmScript(replace(cell, robot=robot), "psm1", MOTION_LIMITS["paper"], settle_s=0.0)
+        await hand.zero_jaw(-0.17)
+        seen["zero"] = hand.jaw_zero_rad
+        robot.stuck_rad = None
+        await hand.jaw(0.5)
+        seen["told"], seen["true"] = hand.jaw_rad, lab.world.jaw_rad("psm1")
+
+    assert lab.run(script, 30.0)
+    assert seen["zero"] == pytest.approx(zero_rad, abs=1e-3), "jaws that are held open have no zero"
+    assert seen["told"] == pytest.approx(0.5, abs=0.02) and seen["true"] == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_script_for_an_arm_that_is_not_there_is_refused():
+    lab = ideal_laboratory(standing(0))
+    with pytest.raises(TrocarError, match="arm 'psm9' is not in this cell; choose one of psm1, psm2"):
+        ArmScript(lab.cell, "psm9", MOTION_LIMITS["paper"], 0.0)

@@ -1,0 +1,100 @@
+"""Rates and their intervals."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from trocar.errors import TrocarError
+from trocar.eval import statistics
+from trocar.eval.statistics import Spread, session_interval, wilson_interval
+
+
+@pytest.mark.parametrize(
+    ("succeeded", "attempted", "low", "high"),
+    [(120, 120, 0.9690, 1.0), (26, 75, 0.2488, 0.4595), (0, 40, 0.0, 0.0876), (40, 40, 0.9124, 1.0)],
+)
+def test_wilsons_interval_is_the_published_one(succeeded, attempted, low, high):
+    assert wilson_interval(succeeded, attempted) == pytest.approx((low, high), abs=1e-4)
+
+
+def test_of_nothing_everything_is_possible():
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+    assert session_interval([], []) == (0.0, 1.0)
+    assert session_interval([0, 0], [0, 0]) == (0.0, 1.0)
+
+
+def test_more_successes_than_attempts_are_refused():
+    with pytest.raises(TrocarError, match="3 successes of 2"):
+        wilson_interval(3, 2)
+    with pytest.raises(TrocarError, match="successes of"):
+        session_interval([3], [2])
+
+
+def test_the_interval_counts_sessions_and_not_attempts():
+    """Ten times as many attempts in the same sessions say hardly more; ten times as many sessions do."""
+    few = session_interval([12] * 10, [12] * 10)
+    attempts = session_interval([120] * 10, [120] * 10)
+    sessions = session_interval([12] * 100, [12] * 100)
+    assert few[1] == attempts[1] == sessions[1] == 1.0
+    assert attempts[0] - few[0] < 0.03
+    assert sessions[0] > 0.95
+    assert few[0] < wilson_interval(120, 120)[0]
+
+
+def test_one_session_says_little():
+    low, high = session_interval([12], [12])
+    assert low < 0.5 and high == 1.0
+
+
+def test_sessions_that_differ_widen_the_interval():
+    alike = session_interval([6] * 10, [12] * 10)
+    differ = session_interval([0] * 5 + [12] * 5, [12] * 10)
+    assert differ[1] - differ[0] > 1.5 * (alike[1] - alike[0])
+    for low, high in (alike, differ):
+        assert low < 0.5 < high
+
+
+@pytest.fixture(scope="module")
+def interval_of():
+    """Return what gives the interval of these successes in sessions of 12 attempts, each sum over the grid done once.
+
+    Sessions stand in no order; the few likelihoods that 12 attempts have are most of the work of 1440 intervals.
+    """
+    betaln, kept = statistics.betaln, {}
+
+    def betaln_of(a, b):
+        key = a.tobytes(), b.tobytes()
+        return kept[key] if key in kept else kept.setdefault(key, betaln(a, b))
+
+    @cache
+    def of(succeeded):
+        return session_interval(succeeded, [12] * len(succeeded))
+
+    statistics.betaln = betaln_of
+    yield lambda succeeded: of(tuple(sorted(succeeded)))
+    statistics.betaln = betaln
+
+
+@pytest.mark.parametrize(
+    ("mean", "icc"), [(0.99, 0.02), (0.97, 0.05), (0.9, 0.3), (0.5, 0.1), (0.25, 0.02), (0.9, 0.6)]
+)
+@pytest.mark.parametrize("sessions", [4, 10])
+def test_it_holds_the_truth_about_as_often_as_it_says(mean, icc, sessions, interval_of):
+    """Sessions drawn from a beta distribution: at least 89 % of 95 % intervals hold the mean (120 draws)."""
+    rng = np.random.default_rng(7)
+    precision = 1 / icc - 1
+    held = 0
+    for _ in range(120):
+        rates = rng.beta(mean * precision, (1 - mean) * precision, sessions)
+        low, high = interval_of(rng.binomial(12, rates).tolist())
+        held += low <= mean <= high
+    assert held >= 107
+
+
+def test_a_spread_of_few_numbers_says_what_it_cannot():
+    assert Spread.of([]).count == 0 and math.isnan(Spread.of([]).mean)
+    one = Spread.of([2.0])
+    assert one.mean == 2.0 and math.isnan(one.sd)
+    assert Spread.of([1.0, 3.0]).sd == pytest.approx(math.sqrt(2))

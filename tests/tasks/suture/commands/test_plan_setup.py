@@ -1,0 +1,128 @@
+import json
+import re
+
+import numpy as np
+import pytest
+
+from trocar.tasks.suture.commands.suture_options import changed_setup, written
+from trocar.tasks.suture.planning import PRESETS
+from trocar.tasks.suture.planning.parameters import with_parameters
+
+
+@pytest.fixture
+def trocar(trocar):
+    return lambda line: trocar(*line.split())
+
+
+def test_the_search_is_never_worse_than_the_preset_and_says_that_it_proves_nothing(trocar):
+    code, out, _ = trocar("plan setup --free port --evaluations 100 --json")
+    found = json.loads(out)
+    assert code == 0
+    assert found["reward"] >= found["start_reward"]
+    assert "heuristic" in found["certified"]
+    for number in found["free"]:
+        assert number["low"] <= number["to"] <= number["high"]
+        assert number["name"].startswith("base_")
+
+
+def test_a_base_is_found_for_an_arm_that_does_not_reach_from_the_presets(trocar):
+    code, out, _ = trocar("plan setup --arm raven2-left --free port --evaluations 500 --json")
+    found = json.loads(out)
+    assert (code, found["start_feasible"], found["feasible"], found["crossing_deg"]) == (0, False, True, [])
+    code, out, _ = trocar(found["command"].removeprefix("trocar ") + " --json")
+    again = json.loads(out)
+    assert (code, again["arm"], again["feasible"]) == (0, "raven2-left", True)
+
+
+def test_the_printed_command_keeps_the_gaps_that_were_asked_for(trocar):
+    line = "plan setup --free center_x_mm --evaluations 96 --min-gap-deg 80 --max-gap-deg 100 --json"
+    assert "--min-gap-deg 80" in json.loads(trocar(line)[1])["command"]
+
+
+def test_the_printed_command_plans_in_the_setup_that_was_found(trocar, tmp_path):
+    _, out, _ = trocar(f"plan setup --free circle --free grasp --evaluations 100 --seed 5 --out {tmp_path}/new --json")
+    found = json.loads(out)
+    assert (tmp_path / "new" / "plan.png").stat().st_size > 10_000
+    code, again, _ = trocar(found["command"].removeprefix("trocar ") + " --json")
+    assert code == 0, "feasible there too; the reward is scaled anew, so the plan may be another"
+    assert json.loads(again)["jaws_can_hold_needle"] is True
+
+
+def test_every_number_of_a_setup_is_written_as_an_option_that_reads_back():
+    preset = PRESETS["default"]
+    values = {"center_x_m": 0.004, "circle_radius_m": 0.035, "base_azimuth_rad": 1.0, "base_sideways_m": 0.07}
+    values |= {"base_up_m": 0.12, "base_tilt_rad": -0.3, "base_spin_rad": 2.0, "needle_radius_m": 0.007}
+    values |= {"grasp_behind_tip_rad": 1.9, "grasp_approach_rad": 0.4, "grasp_lean_rad": 0.6, "grasp_skew_rad": 3.1}
+    wanted = with_parameters(preset.setup, values)
+    given = dict(text.split(maxsplit=1) for text in written(wanted, preset.setup))
+    center = [float(part) for part in given.pop("--center-mm").split()]
+
+    def rad(name):
+        return np.radians(float(given.pop(name)))
+
+    def metre(name):
+        return float(given.pop(name)) / 1e3
+
+    made = changed_setup(
+        preset,
+        center_mm=center,
+        circle={"radius_m": metre("--circle-radius-mm")},
+        base={
+            "azimuth_rad": rad("--base-azimuth-deg"),
+            "sideways_m": metre("--base-sideways-mm"),
+            "up_m": metre("--base-up-mm"),
+            "tilt_rad": rad("--base-tilt-deg"),
+            "spin_rad": rad("--base-spin-deg"),
+        },
+        needle={"radius_m": metre("--needle-radius-mm")},
+        grasp={
+            "behind_tip_rad": rad("--grasp-behind-tip-deg"),
+            "approach_rad": rad("--grasp-approach-deg"),
+            "lean_rad": rad("--grasp-lean-deg"),
+            "skew_rad": rad("--grasp-skew-deg"),
+        },
+        insertion={},
+    )
+    assert not given
+    np.testing.assert_allclose(made.T_base_circle.matrix, wanted.T_base_circle.matrix, atol=1e-7)
+    np.testing.assert_allclose(made.grasp.rotation.matrix, wanted.grasp.rotation.matrix, atol=1e-7)
+    assert made.needle.radius_m == pytest.approx(wanted.needle.radius_m)
+
+
+def test_a_proven_search_prints_a_bound_that_holds_for_the_circles_tried(trocar):
+    line = "plan setup --proven --free center_x_mm --bound center_x_mm=-4:4 --gap 0.02 --json"
+    found = json.loads(trocar(line)[1])
+    assert found["reward"] <= found["bound"] <= found["reward"] + 0.0201
+    assert re.search("certified", found["certified"])
+    (number,) = found["free"]
+    assert (number["low"], number["high"]) == (-4, 4)
+
+
+@pytest.mark.parametrize(
+    "line, words",
+    [
+        ("--free foo", "center_x_mm"),
+        ("--bound circle_radius_mm=25", "NAME=LOW:HIGH"),
+        ("--free circle --bound base_up_mm=80:90", "not free"),
+        ("--free circle --bound circle_radius_mm=30:20", "lower first"),
+        ("--evaluations 3", "is 3; give at least"),
+        ("--bound circle_radius_mm=-5:20", "circle radius is -5 mm"),
+        ("--bound circle_radius_m:30", "NAME=LOW:HIGH"),
+        ("--bound base_up_mm=90:80", "base_up_mm is bounded by 90 and 80"),
+        ("--bound base_tilt_deg=0:nan", "base_tilt_deg is bounded by 0 and nan"),
+        ("--bound center_x_mm=-600:0", "-600 mm"),
+        ("--proven --seed 1", "leave out --seed"),
+        ("--proven --arm psm-si", "--arm"),
+        ("--gap 0.1", "add --proven"),
+        ("--arm hand", "raven2-left"),
+        ("--out /dev/null/x", "cannot be made"),
+        ("--proven --free base_tilt_deg", "free only"),
+        ("--preset paper-demo --free circle", "flat jaws cannot hold"),
+        ("--seed -1", "seed -1"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_code_2(trocar, line, words):
+    code, out, err = trocar(f"plan setup {line}")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert words in err
