@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from trocar.arms import Unreachable, capsules, ik
+from trocar.arms import capsules, ik
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.lab import load_station
@@ -48,7 +49,7 @@ def joints(rng, arm, jaw_rad):
     T_world_tip = pose(rng)
     try:
         q = ik(arm.model, arm.T_world_base.inverse() @ T_world_tip)
-    except Unreachable:
+    except OutOfReach:
         return None
     solids = capsules(arm.model, q, jaw_rad).moved(arm.T_world_base)
     low_m = (solids.ends_m[..., 2].min(axis=-1) - solids.radii_m).min()

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from trocar.arms import Unreachable, capsules, ik
+from trocar.arms import capsules, ik
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.lab import load_station
@@ -37,7 +38,7 @@ def random_waypoints(rng, jaw_rad=1.2):
             both = [
                 joints(name, down(tip, rng.uniform(-0.4, 0.4), lean)) for name, tip in zip(NAMES, tips, strict=True)
             ]
-        except Unreachable:
+        except OutOfReach:
             continue
         arms = [STATION.arms[name] for name in NAMES]
         solids = [capsules(a.model, q, jaw_rad).moved(a.T_world_base) for a, q in zip(arms, both, strict=True)]

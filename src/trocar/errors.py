@@ -1,15 +1,265 @@
-"""Errors whose cause is outside Trocar: bad input, and trouble with the machine."""
+"""Errors whose cause is outside Trocar: bad input, motions that a robot refuses, trouble with the machine.
+
+Programs decide by the type of an error and by its fields; the sentence for people is made from them. The command line
+prints the sentence and ends with the error's exit code, so a traceback always is a bug of ours.
+
+    TrocarError
+    |-- InvalidInput            what was given cannot be used
+    |   |-- InvalidValue        one value is outside of what is allowed
+    |   |-- UnknownName         a name is not among the choices
+    |   |-- BadFile             a file or folder cannot be used
+    |   `-- NotInstalled        an optional dependency is missing
+    |-- MotionRefused           a motion that cannot be planned, or that a robot does not start or go on with
+    |   |-- OutOfReach          a pose or a command outside of a joint's range
+    |   |-- OutsideWorkspace    a tip outside of its box
+    |   |-- LimitExceeded       a velocity, acceleration or jerk above its limit
+    |   |-- TooNear             two bodies closer than allowed
+    |   |-- StartMismatch       a motion that does not start where its arm is
+    |   |-- ArmMoving           an arm that is needed at rest
+    |   |-- AlreadyThere        a motion between two places that coincide
+    |   |-- StaleReading        an arm whose encoders were not read
+    |   `-- NoPlan              a planner found nothing, for another reason
+    |-- ArmStopped              an arm that did not reach the end of its motion
+    `-- MachineError            a full disk, a folder without permission, too little memory
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, ClassVar
+
+from trocar.extras import how_to_install
 
 
 class TrocarError(ValueError):
-    """Bad input: one sentence that names the item, its value, the bounds or choices, and the remedy.
+    """Bad input or a refusal, in one sentence that says what, which value, which bounds or choices, and the remedy."""
 
-    The command line prints the sentence and exits with code 2; a traceback is a bug of ours.
+    exit_code: ClassVar[int] = 2
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what recreates the error in another process, with its fields."""
+        return _recreated, (type(self), self.args, vars(self))
+
+
+def _recreated(kind: type[TrocarError], args: tuple[Any, ...], fields: dict[str, Any]) -> TrocarError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    vars(error).update(fields)
+    return error
+
+
+class InvalidInput(TrocarError):
+    """What was given cannot be used.
+
+    Attributes:
+        item: what was given.
+        problem: what is wrong with it, with its value.
+        remedy: what to do; empty if the problem says so.
     """
+
+    def __init__(self, item: str, problem: str, remedy: str = ""):
+        self.item, self.problem, self.remedy = item, problem, remedy
+        super().__init__(_sentence(f"{item} {problem}", remedy))
+
+
+class InvalidValue(InvalidInput):
+    """One value is outside of what is allowed.
+
+    Attributes:
+        value: that was given.
+    """
+
+    def __init__(self, item: str, value: object, remedy: str):
+        self.value = value
+        super().__init__(item, f"is {value}", remedy)
+
+
+class UnknownName(InvalidInput):
+    """A name is not among the choices; the sentence lists them and the one that was probably meant.
+
+    Attributes:
+        name: that was given.
+        choices: names that exist.
+    """
+
+    def __init__(self, kind: str, name: str, choices: Iterable[str], *, remedy: str = ""):
+        self.name, self.choices = name, tuple(choices)
+        meant = get_close_matches(str(name), self.choices, n=1)
+        known = f"choose one of {', '.join(self.choices)}" if self.choices else "there are none"
+        hint = f"did you mean {meant[0]!r}? " if meant else ""
+        super().__init__(f"{kind} {name!r}", "is unknown", f"{hint}{remedy or known}")
+
+
+class BadFile(InvalidInput):
+    """A file or folder cannot be used.
+
+    Attributes:
+        path: of the file.
+    """
+
+    def __init__(self, path: str | Path, problem: str, remedy: str = "", *, kind: str = ""):
+        self.path = Path(path)
+        super().__init__(f"{kind} {str(path)!r}".strip(), problem, remedy)
+
+
+class NotInstalled(InvalidInput):
+    """An optional dependency is missing.
+
+    Attributes:
+        extra: of the package, which installs it.
+    """
+
+    def __init__(self, item: str, needs: str, extra: str):
+        self.extra = extra
+        super().__init__(item, f"needs {needs}", how_to_install(extra))
+
+
+class MotionRefused(TrocarError):
+    """A motion that cannot be planned, or that a robot does not start or go on with."""
+
+
+class OutOfReach(MotionRefused):
+    """A pose or a command that is outside of a joint's range.
+
+    Attributes:
+        arm: name of the arm or its model; empty if the caller knows it.
+        joint: name of the joint; empty if no joint alone is to blame.
+        by: how far outside, rad, or m for a prismatic joint; NaN if unknown.
+    """
+
+    def __init__(self, sentence: str, *, arm: str = "", joint: str = "", by: float = float("nan")):
+        self.arm, self.joint, self.by = arm, joint, by
+        super().__init__(sentence)
+
+
+class OutsideWorkspace(MotionRefused):
+    """A motion takes a tip out of the box that it may not leave.
+
+    Attributes:
+        arm: name of the arm.
+        place: where, in words.
+    """
+
+    def __init__(self, arm: str, place: str, bounds: str):
+        self.arm, self.place = arm, place
+        super().__init__(
+            f"the motion of arm {arm!r} takes its tip to {place}, outside {bounds} of its workspace; plan it inside"
+        )
+
+
+class LimitExceeded(MotionRefused):
+    """A motion is faster, or changes faster, than its limits allow.
+
+    Attributes:
+        arm: name of the arm; empty if the caller knows it.
+        ratio: of the motion to its limit.
+    """
+
+    def __init__(self, sentence: str, *, arm: str = "", ratio: float = float("nan")):
+        self.arm, self.ratio = arm, ratio
+        super().__init__(sentence)
+
+
+class TooNear(MotionRefused):
+    """Two bodies come closer than allowed.
+
+    Attributes:
+        first: one body, as "psm1 left finger".
+        second: the other.
+        distance_m: between them.
+        required_m: to be kept.
+        at_start: whether they are too near already before anything moves.
+        arms: the arms that the bodies belong to.
+    """
+
+    def __init__(
+        self,
+        sentence: str,
+        *,
+        first: str,
+        second: str,
+        distance_m: float,
+        required_m: float,
+        arms: Sequence[str] = (),
+        at_start: bool = False,
+    ):
+        self.first, self.second, self.arms = first, second, tuple(arms)
+        self.distance_m, self.required_m, self.at_start = distance_m, required_m, at_start
+        super().__init__(sentence)
+
+
+class StartMismatch(MotionRefused):
+    """A motion does not start where, or as fast as, its arm is.
+
+    Attributes:
+        arm: name of the arm.
+    """
+
+    def __init__(self, arm: str, problem: str, remedy: str):
+        self.arm = arm
+        super().__init__(_sentence(f"the motion of arm {arm!r} {problem}", remedy))
+
+
+class ArmMoving(MotionRefused):
+    """An arm moves that is needed at rest.
+
+    Attributes:
+        arm: name of the arm.
+    """
+
+    def __init__(self, arm: str, remedy: str = "await its motion, or replace it"):
+        self.arm = arm
+        super().__init__(f"arm {arm!r} is already moving; {remedy}")
+
+
+class AlreadyThere(MotionRefused):
+    """Two places between which a motion is asked for coincide."""
+
+
+class StaleReading(MotionRefused):
+    """An arm's encoders were not read for too long.
+
+    Attributes:
+        arm: name of the arm.
+        age_s: of the last reading.
+    """
+
+    def __init__(self, arm: str, age_s: float, max_age_s: float):
+        self.arm, self.age_s = arm, age_s
+        super().__init__(f"arm {arm!r} has not been read for {age_s:.2f} s, more than {max_age_s:.2f} s")
+
+
+class NoPlan(MotionRefused):
+    """A planner found no motion.
+
+    Attributes:
+        planner: its name; empty if the caller knows it.
+    """
+
+    def __init__(self, reason: str, *, planner: str = ""):
+        self.planner = planner
+        super().__init__(reason)
+
+
+class ArmStopped(TrocarError):
+    """An arm did not reach the end of its motion, and is not used again.
+
+    Attributes:
+        arm: name of the arm.
+    """
+
+    def __init__(self, arm: str, reason: str):
+        self.arm = arm
+        super().__init__(reason)
 
 
 class MachineError(TrocarError):
-    """The machine's trouble, not the input's: a full disk, a folder that may not be written into, too little memory.
+    """The machine's trouble, not the input's: a full disk, a folder that may not be written into, too little memory."""
 
-    The command line prints the sentence and exits with code 3.
-    """
+    exit_code = 3
+
+
+def _sentence(problem: str, remedy: str) -> str:
+    return f"{problem}; {remedy}" if remedy else problem

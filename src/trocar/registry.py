@@ -14,7 +14,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from trocar.errors import TrocarError
+from trocar.errors import TrocarError, UnknownName
 
 T = TypeVar("T")
 
@@ -73,7 +73,7 @@ class Registry(Mapping[str, T], Generic[T]):
             TrocarError: there is none; the message lists the available names.
         """
         if name not in self:
-            raise TrocarError(f"{self.what} {name!r} is unknown; choose one of {', '.join(self)}")
+            raise UnknownName(self.what, name, self)
         return self[name]
 
     def register(self, name: str, thing: T) -> T:

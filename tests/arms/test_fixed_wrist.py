@@ -3,8 +3,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from trocar.arms import ARMS, PSM_CLASSIC, Unreachable, fk, ik_with_fixed_wrist, wrist_depth_m
-from trocar.errors import TrocarError
+from trocar.arms import ARMS, PSM_CLASSIC, fk, ik_with_fixed_wrist, wrist_depth_m
+from trocar.errors import OutOfReach, TrocarError
 
 arms = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
 
@@ -30,7 +30,7 @@ def test_a_place_beyond_a_joints_range_is_refused_by_the_joints_name():
     q = PSM_CLASSIC.middle.copy()
     q[2] = PSM_CLASSIC.upper[2] - 1e-3
     deeper_m = fk(PSM_CLASSIC, q).translation_m * 1.05
-    with pytest.raises(Unreachable, match="insertion"):
+    with pytest.raises(OutOfReach, match="insertion"):
         ik_with_fixed_wrist(PSM_CLASSIC, q, deeper_m)
 
 

@@ -12,7 +12,6 @@ from trocar.arms import (
     PSM_CLASSIC,
     PSM_SI,
     RAVEN2_LEFT,
-    Unreachable,
     fk,
     ik,
     ik_branches,
@@ -21,7 +20,7 @@ from trocar.arms import (
     ik_unbounded,
     limit_violations,
 )
-from trocar.errors import TrocarError
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3
 
 arms = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
@@ -125,7 +124,7 @@ def test_what_is_unreal_or_out_of_range_is_told_apart_where_bounds_do_not_count(
     np.testing.assert_allclose(ik_near(arm, T, turned), turned, atol=1e-8)
     np.testing.assert_allclose(ik_unbounded(arm, T[None]), q[None], atol=1e-8)
     assert np.isnan(ik_unbounded(arm, above)).any()
-    with pytest.raises(Unreachable, match="choose another pose"):
+    with pytest.raises(OutOfReach, match="choose another pose"):
         ik_near(arm, SE3.unchecked(np.stack([T[0].matrix, above.matrix])), q[:2])
 
 
@@ -225,7 +224,7 @@ def test_on_the_remote_centre_the_pose_comes_back_or_is_refused(arm):
         T = fk(arm, configuration)
         try:
             found = ik(arm, T)
-        except Unreachable:
+        except OutOfReach:
             continue
         np.testing.assert_allclose(fk(arm, found).matrix, T.matrix, rtol=0, atol=1e-12)
 
@@ -233,7 +232,7 @@ def test_on_the_remote_centre_the_pose_comes_back_or_is_refused(arm):
 def test_a_wrist_exactly_on_the_remote_centre_is_named():
     jaw_axis = SE3.from_parts(translation_m=[0.0, 0.0, -PSM_CLASSIC.tip_length_m])
     for T in (jaw_axis, jaw_axis[None]):
-        with pytest.raises(Unreachable, match="remote centre and turns freely"):
+        with pytest.raises(OutOfReach, match="remote centre and turns freely"):
             ik(PSM_CLASSIC, T)
 
 
@@ -290,17 +289,17 @@ def test_beyond_a_limit_the_joint_and_the_excess_are_named(arm, seed):
     q[i] = arm.upper[i] + excess
     if arm.name == "psm-si" and i == 0:
         excess = 0.1  # 170 + 6 deg, still short of -170
-    with pytest.raises(Unreachable, match=rf"'{arm.joints[i].name}' would be .*{excess:.4f} outside") as one:
+    with pytest.raises(OutOfReach, match=rf"'{arm.joints[i].name}' would be .*{excess:.4f} outside") as one:
         ik(arm, fk(arm, q))
     assert "\n" not in str(one.value)
-    with pytest.raises(Unreachable, match="pose 1 at"):
+    with pytest.raises(OutOfReach, match="pose 1 at"):
         ik(arm, fk(arm, np.array([arm.middle, q])))
 
 
 def test_outside_the_cone_no_pitch_points_there():
     arm = ARMS["raven2-left"]  # its instrument stays within 53 to 157 deg of axis 1
     T = SE3.from_parts(translation_m=[0, 0, 0.1])
-    with pytest.raises(Unreachable):
+    with pytest.raises(OutOfReach):
         ik(arm, T)
 
 
@@ -366,7 +365,7 @@ def test_poses_out_of_reach_are_marked_and_cost_the_others_nothing(arm):
     assert np.isnan(found).all(axis=1).tolist() == [False, True, False, True, False]
     np.testing.assert_array_equal(found[::2], ik(arm, T[::2], q[::2]))
     assert np.isnan(ik(arm, T[1], unreachable="nan")).all()
-    with pytest.raises(Unreachable, match="pose 1"):
+    with pytest.raises(OutOfReach, match="pose 1"):
         ik(arm, T, q)
 
 

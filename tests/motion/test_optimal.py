@@ -8,7 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from trocar.arms import ARMS, Unreachable, fk, ik, ik_with_fixed_wrist
+from trocar.arms import ARMS, fk, ik, ik_with_fixed_wrist
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.motion import (
     ArmMotion,
@@ -101,7 +102,7 @@ def test_random_transfers_of_every_arm_are_straight_and_never_sag(name, seed):
     for matrix, place in zip(turns, tips_m, strict=True):
         try:
             waypoints.append(ik(model, SE3.from_parts(SO3(matrix), place), waypoints[-1]))
-        except Unreachable:
+        except OutOfReach:
             assume(False)
     arm = ArmMotion(model, np.array(waypoints[1:]), model.motion_limits, up=up, straight=(True, False, True))
     plan = plan_motion(MotionProblem({name: arm}, straight_tolerance_m=5e-6, range_slack=0.2), "optimal")

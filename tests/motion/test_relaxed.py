@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from trocar.arms import ARMS, MotionLimits, Unreachable, fk, ik
-from trocar.errors import TrocarError
+from trocar.arms import ARMS, MotionLimits, fk, ik
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.motion import ArmMotion, MotionProblem, TimedPath, duration_bound_s, plan_motion, rest_to_rest
 from trocar.motion import relaxed as module
@@ -109,7 +109,7 @@ def test_random_transfers_of_every_arm_keep_the_clearance(name, seed):
     for matrix, place in zip([tip.rotation.matrix] * 2 + [turn] * 2, tips_m, strict=True):
         try:
             points.append(ik(model, SE3.from_parts(SO3(matrix), place), points[-1]))
-        except Unreachable:
+        except OutOfReach:
             assume(False)
     problem = asking(np.array(points[1:]), model.motion_limits, model=model, range_slack=0.2)
     plan, exact = plan_motion(problem, "relaxed"), plan_motion(problem, "optimal")

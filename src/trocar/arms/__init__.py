@@ -5,12 +5,13 @@ from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
 from trocar.arms.fixed_wrist import ik_with_fixed_wrist
 from trocar.arms.forward import fk, frames
 from trocar.arms.instrument import LARGE_NEEDLE_DRIVER, RAVEN_GRIPPER, FingerMarks, Instrument
-from trocar.arms.inverse import Unreachable, ik, ik_branches, ik_floats, ik_near, ik_unbounded
+from trocar.arms.inverse import ik, ik_branches, ik_floats, ik_near, ik_unbounded
 from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability, wrist_depth_m
 from trocar.arms.model import ArmModel, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
 from trocar.arms.solids import SOLIDS, capsules
+from trocar.errors import OutOfReach
 from trocar.registry import Registry
 
 ARMS: Registry[ArmModel] = Registry(
@@ -35,7 +36,7 @@ __all__ = [
     "Instrument",
     "Joint",
     "MotionLimits",
-    "Unreachable",
+    "OutOfReach",
     "actuators_from_joints",
     "capsules",
     "fk",

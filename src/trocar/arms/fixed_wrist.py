@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.forward import fk
-from trocar.arms.inverse import Unreachable
 from trocar.arms.jacobian import jacobian, limit_violations
 from trocar.arms.model import ArmModel
-from trocar.errors import TrocarError
+from trocar.errors import OutOfReach, TrocarError
 
 OUTER = 3
 """Joints before the wrist."""
@@ -30,7 +29,7 @@ def ik_with_fixed_wrist(
     move, so the effects of friction and play stay as they were.
 
     Raises:
-        Unreachable: the place cannot be reached this way within the joints' ranges.
+        OutOfReach: the place cannot be reached this way within the joints' ranges.
         TrocarError: joints or place have another shape, or are not finite.
     """
     goal, held, found = _place(arm, p_base_m), _place(arm, p_tip_m), arm.configurations(q).copy()
@@ -44,12 +43,12 @@ def ik_with_fixed_wrist(
             of_point = shifts + np.cross(turns.T, T_base_tip.rotation.apply(held)).T
             step = np.linalg.solve(of_point, missing_m)
         except np.linalg.LinAlgError:
-            raise Unreachable(f"{arm.name} is singular on the way; turn its wrist") from None
+            raise OutOfReach(f"{arm.name} is singular on the way; turn its wrist") from None
         found[:OUTER] += np.clip(step, -MAX_STEP, MAX_STEP)
     else:
-        raise Unreachable(f"{arm.name} does not reach {np.round(1e3 * goal, 1).tolist()} mm with its wrist as it is")
+        raise OutOfReach(f"{arm.name} does not reach {np.round(1e3 * goal, 1).tolist()} mm with its wrist as it is")
     if outside := limit_violations(arm, found):
-        raise Unreachable(outside[0])
+        raise OutOfReach(outside[0])
     return found
 
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.branch import BRANCHES, SolverConstants
 from trocar.arms.model import ArmModel
-from trocar.errors import TrocarError
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3, TURN
 
 LIMIT_TOLERANCE = 1e-9
@@ -31,10 +31,6 @@ CHUNK = 8192
 """Number of poses solved at a time, so that the intermediate arrays stay in the cache."""
 SMALL_CHUNK = 2048
 """The same for a few thousand poses: arrays this small are reused by the allocator, not returned to the system."""
-
-
-class Unreachable(TrocarError):
-    """No configuration within the joint limits reaches a pose."""
 
 
 def ik(
@@ -58,7 +54,7 @@ def ik(
             does not spoil the others.
 
     Raises:
-        Unreachable: a pose has no solution within the limits; names the joint and by how much it is outside, on the
+        OutOfReach: a pose has no solution within the limits; names the joint and by how much it is outside, on the
             branch with the smallest violation. Not with ``unreachable="nan"``.
         TrocarError: a pose or the reference is not finite, a matrix is not a pose, or the reference has the wrong
             shape.
@@ -79,7 +75,7 @@ def ik(
     if matrix.ndim == 2 and (one := _six_floats(arm, reference)):
         try:
             return np.array(_solve_one(arm, matrix.tolist(), one))
-        except Unreachable:
+        except OutOfReach:
             if unreachable == "raise":
                 raise
             return np.full(6, np.nan)
@@ -95,7 +91,7 @@ def ik(
     for k in np.flatnonzero(~good):
         try:
             q[k] = _search(arm, poses[k], near[k], f"pose {k}")
-        except Unreachable:
+        except OutOfReach:
             if unreachable == "raise":
                 raise
             q[k] = np.nan
@@ -106,7 +102,7 @@ def ik_floats(arm: ArmModel, matrix: list[list[float]], reference: ArrayLike | N
     """Return ``ik`` of one pose as floats, from the four rows of its matrix.
 
     Raises:
-        Unreachable: as ``ik``.
+        OutOfReach: as ``ik``.
         TrocarError: as ``ik``.
     """
     near = _six_floats(arm, reference)
@@ -159,11 +155,11 @@ def ik_near(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64]) -> NDArra
     """Return the same for poses that all have joints.
 
     Raises:
-        Unreachable: one of them has none.
+        OutOfReach: one of them has none.
     """
     q = ik_unbounded(arm, T_base_tip, near)
     if not np.isfinite(q).all():
-        raise Unreachable(
+        raise OutOfReach(
             f"no joints of {arm.name} have this pose of the tip, in their ranges or not; choose another pose"
         )
     return q
@@ -235,12 +231,12 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     place = "({:.4f}, {:.4f}, {:.4f}) m".format(*T.translation_m)
     q, real = ik_branches(arm, T)
     if not np.isfinite(q).all(-1).any():
-        raise Unreachable(
+        raise OutOfReach(
             f"arm '{arm.name}' has no definite joint values for {name} at {place}: the wrist lies on the remote centre "
             f"and turns freely; keep it {arm.safe_depth_m} m away"
         )
     if not real.any():
-        raise Unreachable(
+        raise OutOfReach(
             f"arm '{arm.name}' cannot reach {name} at {place}: no pitch points the instrument that way; "
             "turn or move the target"
         )
@@ -256,7 +252,7 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     best = np.argmin(excess.max(-1))
     i = int(np.argmax(excess[best]))
     joint = arm.joints[i]
-    raise Unreachable(
+    raise OutOfReach(
         f"arm '{arm.name}' cannot reach {name} at {place}: joint '{joint.name}' would be {q[best, i]:.4f} "
         f"{joint.unit}, {excess[best, i]:.4f} outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}; "
         "move or turn the target"

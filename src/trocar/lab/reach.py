@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import Unreachable, ik
+from trocar.arms import ik
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3, TURN
 from trocar.lab.station import StationArm
 
@@ -35,6 +36,6 @@ def reaches(arm: StationArm, p_world_m: NDArray[np.float64], turns: Sequence[SO3
 def _reaches(arm: StationArm, T_base_tip: SE3) -> bool:
     try:
         ik(arm.model, T_base_tip)
-    except Unreachable:
+    except OutOfReach:
         return False
     return True

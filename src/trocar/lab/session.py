@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, Unreachable, fk, ik
+from trocar.arms import ArmModel, fk, ik
 from trocar.counting import counted
-from trocar.errors import TrocarError
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3
 from trocar.geometry.rigid_fit import fit_rigid
 from trocar.lab.flaws import FLAWS, Difficulty
@@ -141,7 +141,7 @@ def points_of_registration(
         p = p_base[number]
         try:
             q = ik(arm.model, SE3.from_parts(translation_m=p), reference=q_park)
-        except Unreachable:
+        except OutOfReach:
             continue
         q_true, memory = transmission.step(memory, q)
         there = fk(arm.model, np.concatenate([q_true[:3], q[3:]])).translation_m

@@ -8,8 +8,8 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, MotionLimits, Unreachable, ik
-from trocar.errors import TrocarError
+from trocar.arms import ArmModel, MotionLimits, ik
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3, direction
 from trocar.geometry.arrays import finite, numbers
 from trocar.geometry.se3 import one_pose
@@ -118,7 +118,7 @@ class ArmMotion:
         """Return the same with its goals as waypoints.
 
         Raises:
-            Unreachable: a goal is out of reach.
+            OutOfReach: a goal is out of reach.
         """
         if self.T_base_goals is None:
             return self
@@ -126,8 +126,8 @@ class ArmMotion:
         for index in range(_count(self.T_base_goals)):
             try:
                 points.append(ik(self.model, self.T_base_goals[index], points[-1]))
-            except Unreachable as error:
-                raise Unreachable(f"goal {index}: {error}") from None
+            except OutOfReach as error:
+                raise OutOfReach(f"goal {index}: {error}") from None
         return replace(self, waypoints=np.array(points), T_base_goals=None)
 
     def require_ranges(self, slack: float) -> None:

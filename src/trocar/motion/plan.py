@@ -10,8 +10,8 @@ from math import inf, nan
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms import ArmModel, MotionLimits, Unreachable
-from trocar.errors import TrocarError
+from trocar.arms import ArmModel, MotionLimits
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry.arrays import finite, numbers
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.bound import duration_bound_s
@@ -130,7 +130,7 @@ def plan_motion(problem: MotionProblem, planner: str | Planner = "spline") -> Mo
     begin = time.perf_counter()
     try:
         problem = problem.resolved()
-    except Unreachable as error:
+    except OutOfReach as error:
         return MotionPlan(name, {}, nan, _ms_since(begin), reason=str(error))
     bound_s = max(
         duration_bound_s(arm.waypoints, arm.limits, arm.start_velocity, joint_strays(arm, problem))

@@ -8,8 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from trocar.arms import Unreachable
-from trocar.errors import TrocarError
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import shown
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.moving_arm import MovingArm
@@ -103,12 +102,12 @@ class MotionProblem:
         """Return the same with all goals as waypoints, as planners get it.
 
         Raises:
-            Unreachable: a goal is out of reach; names the arm.
+            OutOfReach: a goal is out of reach; names the arm.
         """
         arms = {}
         for name, arm in self.arms.items():
             try:
                 arms[name] = arm.resolved()
-            except Unreachable as error:
-                raise Unreachable(f"arm '{name}', {error}") from None
+            except OutOfReach as error:
+                raise OutOfReach(f"arm '{name}', {error}") from None
         return replace(self, arms=arms)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from trocar.arms import Unreachable, ik
+from trocar.arms import ik
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.lab.session import draw_session
@@ -37,7 +38,7 @@ def reaches(session, arm, x, y):
         upright = SO3.axis("z", turn) @ SO3.axis("x", TILT_RAD)
         try:
             ways = [commanded(session, arm, SE3.from_parts(upright, [x, y, z])) for z in (AT_M, ABOVE_M)]
-        except Unreachable:
+        except OutOfReach:
             continue
         if all(((model.lower + room < q) & (q < model.upper - room)).all() for q in ways):
             return True

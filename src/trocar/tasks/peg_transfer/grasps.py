@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, Instrument, Unreachable, ik
-from trocar.errors import TrocarError
+from trocar.arms import ArmModel, Instrument, ik
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3, SO3, shown
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.pegboard import Pegboard
@@ -149,7 +149,7 @@ def choose_grasp(
         for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):
             try:
                 q = ik(arm, T_base_board @ pose, reference)
-            except Unreachable:
+            except OutOfReach:
                 blocked.append(f"{candidate}: out of reach")
                 continue
             if not _comfortable(arm, q, max_roll_rad, margin_rad):

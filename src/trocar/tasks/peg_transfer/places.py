@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, Unreachable, ik
+from trocar.arms import ArmModel, ik
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.pegboard import Pegboard
@@ -92,7 +93,7 @@ def choose_place(
         pose = SE3.from_parts(upright, [x, y, foot[2] + height])
         try:
             q = ik(arm, T_base_board @ pose)
-        except Unreachable:
+        except OutOfReach:
             continue
         wrist = zip(arm.joints[4:], q[4:], strict=True)
         if abs(q[3]) > max_roll_rad or any(not j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in wrist):

@@ -7,8 +7,9 @@ import pytest
 import trio
 import trio.testing
 
-from trocar.arms import MotionLimits, Unreachable, fk
+from trocar.arms import MotionLimits, fk
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.motion import rest_to_rest
@@ -171,6 +172,6 @@ def test_an_estimator_that_does_not_foresee_is_not_asked_what_is_within_reach():
     far[2] = ARM.upper[2] - 0.01
     believed = wrapped.read("left").q
     assert wrapped.reaches("left", LEFT.T_world_base @ fk(ARM, np.append(far[:3], believed[3:])))
-    with pytest.raises(Unreachable):
+    with pytest.raises(OutOfReach):
         command_for(ARM, fk(ARM, np.append(far[:3], believed[3:])), wrapped._estimators["left"].settled, START)
     del robot

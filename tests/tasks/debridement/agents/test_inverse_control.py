@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from trocar.arms import MotionLimits, Unreachable, fk, ik_unbounded
+from trocar.arms import MotionLimits, fk, ik_unbounded
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.motion import rest_to_rest
@@ -99,7 +100,7 @@ def test_an_arm_that_no_command_would_bring_where_it_is_believed_to_be_still_lea
     np.testing.assert_allclose(found(times[0]), edge, atol=1e-12)
     reached = astray(fk(ARM, found(times[-1]))).translation_m
     np.testing.assert_allclose(reached, fk(ARM, inwards).translation_m, atol=2e-4)
-    with pytest.raises(Unreachable, match="shoulder"):  # but it cannot go where no command leads
+    with pytest.raises(OutOfReach, match="shoulder"):  # but it cannot go where no command leads
         commands_for(ARM, rest_to_rest(inwards, edge, LIMITS), astray, q_start=inwards, velocity=np.zeros(6))
 
 
@@ -141,7 +142,7 @@ def test_commands_up_to_a_stop_stay_at_the_end_of_a_joints_range_where_others_ar
     desired = rest_to_rest(START, edge, LIMITS)
     settled = off_by(np.zeros(3), 0.0, (0.0, -0.25, 0.25))
     rest = {"q_start": START, "velocity": np.zeros(6)}
-    with pytest.raises(Unreachable, match="would leave the range of joint"):
+    with pytest.raises(OutOfReach, match="would leave the range of joint"):
         commands_for(ARM, desired, settled, **rest)
     found = commands_for(ARM, desired, settled, **rest, until_s=np.inf)
     q = found(np.linspace(desired.times_s[0], desired.times_s[-1], 200))

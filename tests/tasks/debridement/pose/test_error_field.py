@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from trocar.arms import RAVEN2_LEFT, Unreachable, fk
-from trocar.errors import TrocarError
+from trocar.arms import RAVEN2_LEFT, fk
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.lab.flaws import MILD, Difficulty
@@ -93,5 +93,5 @@ def test_time_runs_forwards_and_poses_need_joints():
     field.update(1.0, fk(ARM, START), fk(ARM, START))
     with pytest.raises(TrocarError, match=r"at 0\.5 s came after one at 1\.0 s"):
         field.estimate(0.5, fk(ARM, START))
-    with pytest.raises(Unreachable, match="no joints of raven2-left"):
+    with pytest.raises(OutOfReach, match="no joints of raven2-left"):
         field.settled(SE3.identity())

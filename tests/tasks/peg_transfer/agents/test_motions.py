@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simulated import ideal_laboratory, standing
-from trocar.arms import Unreachable
+from trocar.errors import OutOfReach
 from trocar.eval import AgentContext
 from trocar.geometry import SE3, SO3
 from trocar.motion import PLANNERS
@@ -58,7 +58,7 @@ def test_a_wrist_that_cannot_keep_still_turns(monkeypatch):
     q, _ = grasped(arm, motions)
 
     def unreachable(*_):
-        raise Unreachable("joint 'insertion' = 0.2402 m is outside")
+        raise OutOfReach("joint 'insertion' = 0.2402 m is outside")
 
     monkeypatch.setattr(module, "ik_with_fixed_wrist", unreachable)
     before, after = motions.tip(q), motions.tip(motions.above(q, HEIGHT_M))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simulated import STATION, T_WORLD_BASE, coarse, ideal_laboratory, standing
-from trocar.arms import PSM_CLASSIC, Unreachable, fk
-from trocar.errors import TrocarError
+from trocar.arms import PSM_CLASSIC, fk
+from trocar.errors import OutOfReach, TrocarError
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.motion import PLANNERS
@@ -258,7 +258,7 @@ def test_a_block_that_hangs_otherwise_than_believed_is_placed_well_if_it_is_look
 
 def test_a_block_that_cannot_be_lowered_as_it_was_seen_is_lowered_as_it_was_planned(monkeypatch):
     def out_of_reach(motions, q, T_tip_block, target):
-        raise Unreachable("wrist_yaw would be at 90 deg; go elsewhere")
+        raise OutOfReach("wrist_yaw would be at 90 deg; go elsewhere")
 
     monkeypatch.setattr(Motions, "lowering", out_of_reach)
     _, _, (score,) = play([FIRST], [standing(FIRST.source)], settings=replace(SETTINGS, looks_before_placing=True))

@@ -10,9 +10,9 @@ import numpy as np
 import trio
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, Unreachable, fk, ik
+from trocar.arms import ArmModel, fk, ik
 from trocar.cell import Cell, JointReading, MotionEnd, MotionResult, SetPoint
-from trocar.errors import TrocarError
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3
 from trocar.tasks.debridement.agents.courses import Course, Successor
 from trocar.tasks.debridement.agents.inverse_control import command_for, commands_for, corrected
@@ -103,7 +103,7 @@ class Adjusted:
             reached = [ik(model, T_base_tip, reference=sent + self._off[arm])]
             if self._estimators[arm].foresees:
                 reached.append(command_for(model, T_base_tip, self._estimators[arm].settled, reference=sent))
-        except Unreachable:
+        except OutOfReach:
             return False
         slack = INSIDE * (model.upper - model.lower)
         return all(((model.lower + slack < q) & (q < model.upper - slack)).all() for q in reached)
@@ -210,7 +210,7 @@ class Adjusted:
     def _learn_offset(self, arm: str) -> None:
         """Update the difference between the estimated and the commanded joints where the arm is now."""
         model, sent = self._arms[arm], self._robot.setpoint(arm)
-        with suppress(Unreachable):  # out of a joint's range by less than the uncertainty: keep the last offset
+        with suppress(OutOfReach):  # out of a joint's range by less than the uncertainty: keep the last offset
             T_base_tip = self._estimators[arm].settled(fk(model, sent.q))
             self._off[arm] = ik(model, T_base_tip, reference=sent.q + self._off[arm]) - sent.q
         course = self._courses.get(arm)

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from trocar.arms import ArmModel, MotionLimits, Unreachable, fk, ik_near
+from trocar.arms import ArmModel, MotionLimits, fk, ik_near
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.trajectory import Trajectory
 
@@ -53,7 +54,7 @@ def commands_for(
             that would leave a joint's range stay at its end, since such estimates are off by centimetres.
 
     Raises:
-        Unreachable: a command would leave a joint's range.
+        OutOfReach: a command would leave a joint's range.
     """
     times = _moments(desired)
     commands = _followed(arm, desired, times, settled, q_start, until_s)
@@ -87,7 +88,7 @@ def corrected(
         until_s: as for ``commands_for``.
 
     Raises:
-        Unreachable: a command would leave a joint's range.
+        OutOfReach: a command would leave a joint's range.
     """
     times = _moments(desired)
     followed = _followed(arm, desired, times, settled, sent(times[0]), until_s)
@@ -147,7 +148,7 @@ def _followed(
     near = max(2, int(np.searchsorted(times, until_s, side="right")))
     try:
         commands = _commands(arm, q[:near], settled, q_sent)
-    except Unreachable:  # the present correction is still added
+    except OutOfReach:  # the present correction is still added
         return q + (q_sent - q[0])
     if near >= len(times):
         return commands
@@ -197,14 +198,14 @@ def _inside(arm: ArmModel, q: NDArray[np.float64], clamps: bool = False) -> NDAr
     """Return commands (..., 6) kept inside the joints' range.
 
     Raises:
-        Unreachable: they leave it by more than a small tolerance, and are not clamped.
+        OutOfReach: they leave it by more than a small tolerance, and are not clamped.
     """
     short = SHORT * (arm.upper - arm.lower)
     kept = np.clip(q, arm.lower + short, arm.upper - short)
     beyond = np.abs(q - kept) - short - LITTLE
     if (beyond > 0).any() and not clamps:
         joint = int(np.argmax(np.max(np.atleast_2d(beyond), axis=0)))
-        raise Unreachable(
+        raise OutOfReach(
             f"a command would leave the range of joint {arm.joints[joint].name!r}, "
             f"{arm.lower[joint]:.3f} to {arm.upper[joint]:.3f}; choose another place, or turn the gripper differently"
         )
@@ -223,7 +224,7 @@ def command_for(
     """Return the joints (6,) to be commanded so that the tip comes to rest at one pose in the base.
 
     Raises:
-        Unreachable: they would leave a joint's range.
+        OutOfReach: they would leave a joint's range.
     """
     q_wanted = ik_near(arm, T_wanted, reference)
     guess = reference - ik_near(arm, settled(fk(arm, reference)), reference)

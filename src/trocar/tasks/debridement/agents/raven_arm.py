@@ -8,7 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from trocar.arms import ArmModel, Unreachable, ik
+from trocar.arms import ArmModel, ik
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.motion import rest_to_rest
 from trocar.robots.concurrency import together
@@ -177,7 +178,7 @@ class RavenArm:
                 )
                 motion = rest_to_rest(self.robot.setpoint(self.name).q, goal_q, self.model.motion_limits)
                 return await run(self.cell, self.robot, self.name, motion, None)
-            except (NoWay, Unreachable):
+            except (NoWay, OutOfReach):
                 continue
 
     @property

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import chi2
 
-from trocar.arms import ArmModel, Unreachable, fk, ik_near
+from trocar.arms import ArmModel, fk, ik_near
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.tasks.debridement.pose.estimator import check_order
 
@@ -64,7 +65,7 @@ class ErrorField:
             self._way += float(np.linalg.norm(place - self._last))
         self._t_s, self._last = t_s, place
         if T_base_detected is not None:
-            with suppress(Unreachable):  # not a reachable pose of this arm's gripper
+            with suppress(OutOfReach):  # not a reachable pose of this arm's gripper
                 self._learn(place, (ik_near(self._arm, T_base_detected, q) - q) / FIELD_SD)
 
     def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
@@ -76,7 +77,7 @@ class ErrorField:
         """Return the same, since the model has no lag.
 
         Raises:
-            Unreachable: no joints have this kinematic pose.
+            OutOfReach: no joints have this kinematic pose.
         """
         if self._factor is None:
             return T_base_kinematic

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, Unreachable, capsules, ik
+from trocar.arms import ArmModel, capsules, ik
+from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.tasks.peg_transfer.block import Block
@@ -149,7 +150,7 @@ def joints_at(partner: Partner, T_world_board: SE3, T_board_tip: SE3) -> NDArray
     """Return the joints (6,) that hold a tip at a pose with the wrist well within its ranges, or None."""
     try:
         q = ik(partner.model, partner.T_world_base.inverse() @ T_world_board @ T_board_tip)
-    except Unreachable:
+    except OutOfReach:
         return None
     wrist = zip(partner.model.joints[4:], q[4:], strict=True)
     inside = all(j.lower + WRIST_MARGIN_RAD <= v <= j.upper - WRIST_MARGIN_RAD for j, v in wrist)

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import Unreachable, fk, ik, ik_with_fixed_wrist
+from trocar.arms import fk, ik, ik_with_fixed_wrist
+from trocar.errors import OutOfReach
 from trocar.eval import AgentContext
 from trocar.geometry import SE3, SO3
 from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
@@ -154,7 +155,7 @@ class Motions:
     def _moved(self, q: Joints, T_board_tip: SE3) -> Joints:
         """Return joints that put the tip at the position of a pose, with the wrist still or turned as in the pose."""
         if self._settings.fixed_wrist:
-            with suppress(Unreachable):
+            with suppress(OutOfReach):
                 return ik_with_fixed_wrist(self._model, q, self.T_base_board.apply(T_board_tip.translation_m))
         return self.ik(T_board_tip)
 

@@ -11,10 +11,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import Unreachable, fk, ik_unbounded, ik_with_fixed_wrist
+from trocar.arms import fk, ik_unbounded, ik_with_fixed_wrist
 from trocar.arms.fixed_wrist import OUTER
 from trocar.cell import Cell
-from trocar.errors import TrocarError
+from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, RgbdImage, Window
@@ -235,7 +235,7 @@ class NeedleWatch:
             return segment
         T_base_tip = fk(self._hand.model, segment.q)
         if self._held is None and self._wrist_still:
-            with suppress(Unreachable):
+            with suppress(OutOfReach):
                 return replace(segment, q=self._with_still_wrist(segment.q))
         if self._held is None:
             wanted = T_base_tip @ self._grasp(self._grips) @ self._in_jaws.inverse()
