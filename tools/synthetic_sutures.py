@@ -1,12 +1,11 @@
-"""A small synthetic set of demonstrations, and the program that made it; it was not recorded on any robot.
+"""Make the synthetic set of suture demonstrations that ships with the package; it was not recorded on any robot.
 
-``python -m trocar.tasks.suture.demonstrations.synthetic FOLDER`` generates it again.
+Run: .venv/bin/python tools/synthetic_sutures.py src/trocar/tasks/suture/demonstrations/synthetic_set
 """
 
 from __future__ import annotations
 
 import sys
-from importlib.resources import as_file, files
 from math import degrees, radians
 from pathlib import Path
 
@@ -16,10 +15,9 @@ from numpy.typing import NDArray
 from trocar.arms import ik_unbounded
 from trocar.files.output import make_folder, write_table, write_text
 from trocar.geometry import SE3, SO3, TURN
-from trocar.tasks.suture.demonstrations.demonstrations import Demonstrations
-from trocar.tasks.suture.demonstrations.manifest import NAME, load_demonstrations
+from trocar.tasks.suture.demonstrations.manifest import NAME
 from trocar.tasks.suture.planning.presets import PRESETS
-from trocar.tasks.suture.planning.primitive import exit_turn_rad, needle_poses, steps, tip_poses, turned_to
+from trocar.tasks.suture.planning.primitive import needle_poses, steps, tip_poses, turned_to
 from trocar.tasks.suture.planning.rewards import dexterity
 from trocar.tasks.suture.planning.setup import DIRECTIONS, base_beside
 
@@ -34,12 +32,6 @@ SECOND_BASE = base_beside(radians(315.0), 0.070, 0.130, tilt_rad=radians(40.0), 
 
 WANDER_M, WANDER_RAD = 0.003, radians(8.0)
 HOVER_M, PULL_M = 0.020, 0.045
-
-
-def synthetic_demonstrations() -> Demonstrations:
-    """Return the synthetic set that ships with the package; its ``source`` says that it is synthetic."""
-    with as_file(files("trocar.tasks.suture.demonstrations") / "synthetic_set") as folder:
-        return load_demonstrations(folder)
 
 
 def synthetic_suture(theta_rad: float, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -99,7 +91,7 @@ def _driving(theta_rad: float, row: int, hover_m: float, pull_m: float) -> SE3:
 
 def _pulling(theta_rad: float, row: int, sign: int, hover_m: float, pull_m: float) -> SE3:
     """Return poses (rows,) of the second arm's tip in the circle's frame, in the orientation of its base."""
-    straight, turn = SETUP.insertion.straight_m, exit_turn_rad(SETUP)
+    straight, turn = SETUP.insertion.straight_m, SETUP.exit_turn_rad
     needle = turned_to(needle_poses(SETUP, [straight], [turn]), [theta_rad])[row, 0, 0]
     way_out = needle.apply([0.0, -SETUP.needle.radius_m, 0.0])
     heading = SO3.axis("z", theta_rad).apply([0.0, -float(sign), 0.0])

@@ -1,18 +1,19 @@
-"""Signed distances to a needle: a wire bent to an arc of a circle, round at both ends."""
+"""A suture needle: a wire bent to an arc of a circle, round at both ends, and signed distances to it."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
-from trocar.geometry import TURN
+from trocar.errors import InvalidValue
+from trocar.geometry import TURN, shown, shown_scale
 
 
 @dataclass(frozen=True)
-class NeedleArc:
+class Needle:
     """A needle's shape; its frame has the origin at the centre of curvature, the tip at -y, the wire in the x-y plane.
 
     The wire runs clockwise about z from the tip to the tail, so that a needle turned by +z about its centre moves its
@@ -20,20 +21,23 @@ class NeedleArc:
 
     Attributes:
         radius_m: of the wire's middle line.
-        arc_rad: from tip to tail.
+        arc_rad: from tip to tail; 225 degrees is the 5/8 circle, which leaves room for two regrasps.
         wire_m: thickness of the wire.
     """
 
-    radius_m: float
-    arc_rad: float
-    wire_m: float
+    radius_m: float = 0.0083
+    arc_rad: float = math.radians(225.0)
+    wire_m: float = 0.9e-3
 
     def __post_init__(self) -> None:
-        if not (0.0 < self.wire_m < self.radius_m and 0.0 < self.arc_rad <= TURN):
-            raise TrocarError(
-                f"a needle of radius {self.radius_m!r} m, arc {self.arc_rad!r} rad and wire {self.wire_m!r} m has no "
-                "shape; give a wire thinner than the radius and an arc of at most a turn"
-            )
+        check_range("needle radius", self.radius_m, 0.002, 0.05)
+        check_range("needle arc", self.arc_rad, math.radians(60), math.radians(300), "rad")
+        check_range("needle wire", self.wire_m, 0.1e-3, 2e-3)
+
+    @property
+    def p_tip_m(self) -> NDArray[np.float64]:
+        """Return the needle's tip (3,) in its frame."""
+        return np.array([0.0, -self.radius_m, 0.0])
 
     def behind_tip_rad(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far (n,) behind the tip the points of the wire lie that are nearest to points (n, 3)."""
@@ -43,7 +47,7 @@ class NeedleArc:
         return np.clip(angle, 0.0, self.arc_rad)
 
     def point_m(self, behind_tip_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (n, 3) of the wire's middle line at these arc lengths (n,) behind the tip."""
+        """Return points (n, 3) of the wire's middle line at these angles (n,) behind the tip."""
         angle = np.asarray(behind_tip_rad, dtype=np.float64)
         return self.radius_m * np.stack([-np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=-1)
 
@@ -67,3 +71,10 @@ class NeedleArc:
         normal = away / np.maximum(length, 1e-12)[:, None]
         by = np.concatenate([-normal, -np.cross(p, normal)], axis=1)
         return length - 0.5 * self.wire_m, np.asarray(by, dtype=np.float64)
+
+
+def check_range(what: str, value: float, low: float, high: float, unit: str = "m") -> None:
+    """Raise InvalidValue if a value is not finite or out of bounds; shown in mm or degrees as on the command line."""
+    if not (math.isfinite(value) and low - 1e-12 <= value <= high + 1e-12):
+        scale, _ = shown_scale(unit)
+        raise InvalidValue(f"the {what}", shown(value, unit, "g"), f"give {scale * low:g} to {shown(high, unit, 'g')}")

@@ -1,4 +1,4 @@
-"""What depth images show of a needle that is about somewhere: points on its wire, and rays that meet or pass it."""
+"""What depth images show of a needle whose pose is roughly known: points on its wire, rays that meet or pass it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from trocar.geometry import SE3
 from trocar.perception.depth import Patch, patch_around
 from trocar.perception.image import RgbdImage
-from trocar.tasks.suture.perception.arc import NeedleArc
+from trocar.tasks.suture.needle import Needle
 
 MARGIN_M = 2.5e-3
 """At least so much about the needle is read: the floor's colour is taken from there."""
@@ -42,12 +42,12 @@ FEWEST, DEEP = 12, 0.4
 """Minimum number of pixels on the wire for it to count as seen, and the share of them that must have depth in each
 image."""
 
-Elsewhere = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Distances = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Signed distances (n,) of points (n, 3) in the camera's frame from other known objects."""
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class NeedleEvidence:
     """The evidence of images, in the camera's frame.
 
     Attributes:
@@ -63,20 +63,20 @@ class Evidence:
     pixel_m: float
 
 
-def gather(
+def gather_evidence(
     images: Sequence[RgbdImage],
     T_camera_needle: SE3,
-    arc: NeedleArc,
+    needle: Needle,
     near_m: float,
     T_camera_floor: SE3,
-    elsewhere: Elsewhere | None,
+    occluders: Distances | None,
     every: int,
-) -> Evidence | None:
+) -> NeedleEvidence | None:
     """Return what images show of a needle near this pose; None if it is too little.
 
     Colours are taken from the first image, since the others have the same. One in ``every`` rows and columns is read.
     """
-    half = np.array([arc.radius_m, arc.radius_m, 0.0]) + 0.5 * arc.wire_m + max(near_m, MARGIN_M)
+    half = np.array([needle.radius_m, needle.radius_m, 0.0]) + 0.5 * needle.wire_m + max(near_m, MARGIN_M)
     patches = [
         patch.thinned(every)
         for image in images
@@ -86,49 +86,49 @@ def gather(
         return None
     T_needle, T_floor = T_camera_needle.inverse(), T_camera_floor.inverse()
     rays = patches[0].rays.reshape(-1, 3)
-    z_near, beside = along_rays(rays, T_camera_needle, arc, near_m)
+    z_near, beside = along_rays(rays, T_camera_needle, needle, near_m)
     ours = beside < near_m
     ours[ours] = T_floor.apply(rays[ours] * z_near[ours, None])[:, 2] > OVER_FLOOR_M
     depth = np.array([patch.depth_m.ravel() for patch in patches])
     ours &= np.nan_to_num(depth, nan=np.inf).min(axis=0) >= z_near - near_m - IN_FRONT_M
-    if elsewhere is not None:
-        ours[ours] = clear(elsewhere, rays[ours], z_near[ours])
+    if occluders is not None:
+        ours[ours] = clear(occluders, rays[ours], z_near[ours])
     shows_floor, shows_steel = colors(patches[0], T_floor)
     through = ours & shows_steel
     if through.sum() < FEWEST:
         return None
     points = (rays * depth[..., None])[:, through].reshape(-1, 3)
     points = points[np.isfinite(points[:, 2])]
-    on = (arc.distance_m(T_needle.apply(points)) < near_m) & (T_floor.apply(points)[:, 2] > OVER_FLOOR_M)
+    on = (needle.distance_m(T_needle.apply(points)) < near_m) & (T_floor.apply(points)[:, 2] > OVER_FLOOR_M)
     if on.sum() < FEWEST * DEEP:
         return None
     past = ours & ~shows_steel & (shows_floor | (depth[0] > z_near + BEHIND_M))
     places = rays[:, None] * (z_near[:, None] + np.arange(-4, 5) * SPACING_M)[..., None]
     pixel_m = every * float(T_camera_needle.translation_m[2]) / images[0].intrinsics.fx
-    return Evidence(points[on], places[through], places[past], pixel_m)
+    return NeedleEvidence(points[on], places[through], places[past], pixel_m)
 
 
 def along_rays(
-    rays: NDArray[np.float64], T_camera_needle: SE3, arc: NeedleArc, near_m: float
+    rays: NDArray[np.float64], T_camera_needle: SE3, needle: Needle, near_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the depth (n,) of the wire where rays (n, 3) are nearest to it, and their least distances (n,) from it.
 
     Rays that pass it further away than ``near_m`` have an infinite distance.
     """
-    count = 2 + int(arc.radius_m * arc.arc_rad / WIRE_SPACING_M)
-    wire = T_camera_needle.apply(arc.point_m(np.linspace(0.0, arc.arc_rad, count)))
-    farthest = (near_m + 0.5 * arc.wire_m) / wire[:, 2].min()
+    count = 2 + int(needle.radius_m * needle.arc_rad / WIRE_SPACING_M)
+    wire = T_camera_needle.apply(needle.point_m(np.linspace(0.0, needle.arc_rad, count)))
+    farthest = (near_m + 0.5 * needle.wire_m) / wire[:, 2].min()
     apart, place = KDTree(wire[:, :2] / wire[:, 2:]).query(rays[:, :2], distance_upper_bound=farthest)
     depth = wire[np.minimum(place, count - 1), 2]
-    return depth, depth * apart - 0.5 * arc.wire_m
+    return depth, depth * apart - 0.5 * needle.wire_m
 
 
-def clear(elsewhere: Elsewhere, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
+def clear(occluders: Distances, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which rays (n, 3) reach these depths (n,) and a little further without meeting another object."""
 
     def least(which: NDArray[np.intp], before_m: NDArray[np.float64]) -> NDArray[np.float64]:
         along = rays[which, None] * (z_near[which, None] + before_m)[..., None]
-        return elsewhere(along.reshape(-1, 3)).reshape(along.shape[:2]).min(axis=1)
+        return occluders(along.reshape(-1, 3)).reshape(along.shape[:2]).min(axis=1)
 
     roughly = least(np.arange(len(rays)), BEFORE_M[::COARSE])
     clear = roughly > APART_M

@@ -1,4 +1,4 @@
-"""The errors of the arm and of the needle in its jaws relative to where they should be, with uncertainty."""
+"""A Kalman filter of the errors of the arm's tip and of the needle in its jaws."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from scipy.stats import chi2
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.perception import NeedleSighting
 
-ALWAYS, NOW, GRIP = slice(0, 6), slice(6, 12), slice(12, 18)
-"""Parts of the state: the tip's lasting error, its changing error, and how the needle lies in the jaws."""
-ALWAYS_SD = np.repeat([0.25e-3, 0.010], 3)
-NOW_SD = np.repeat([0.40e-3, 0.020], 3)
+LASTING, FADING, GRIP = slice(0, 6), slice(6, 12), slice(12, 18)
+"""Parts of the state: the tip's lasting error, its fading error, and how the needle lies in the jaws."""
+LASTING_SD = np.repeat([0.25e-3, 0.010], 3)
+FADING_SD = np.repeat([0.40e-3, 0.020], 3)
 """SDs of the tip's error, m and rad: what registration and fitted cables leave at difficulty `recorded`."""
 FADES_M = 6e-3
-"""Distance travelled by the jaws over which the changing error falls to 1/e."""
+"""Distance travelled by the jaws over which the fading error falls to 1/e."""
 LOADED = np.diag(np.array([0.6e-3, 0.6e-3, 0.6e-3, 0.08, 0.09, 0.08]) ** 2)
 """How accurately a person loads a needle: covariance in the grasp's axes, which are the jaws' closing direction, along
 the wire, and across both; shift, m, and rotation, rad."""
@@ -26,14 +26,14 @@ PIVOT_M = 15e-3
 ASIDE_SD_M = 0.35e-3
 """SD of how far they push it."""
 _ASIDE = ASIDE_SD_M * np.array([1.0, 0.0, 0.0, 0.0, -1.0 / PIVOT_M, 0.0])
-STIRRED = np.outer(_ASIDE, _ASIDE) + np.diag(np.array([0.0, 0.1e-3, 0.1e-3, 0.005, 0.008, 0.045]) ** 2)
+CLOSING = np.outer(_ASIDE, _ASIDE) + np.diag(np.array([0.0, 0.1e-3, 0.1e-3, 0.005, 0.008, 0.045]) ** 2)
 """Covariance of what closing jaws do to a needle that the tissue holds."""
 FLAT = np.array([0, 5])
 FLAT_SD = np.array([0.15e-3, 0.027])
 """SDs with which flat jaws constrain the wire, m and rad: its shift along their closing direction, and its rotation
 about the normal of wire and closing direction."""
-STIRS = 0.5
-"""A small correction adds this share of the variance of the changing error, because it reverses cables."""
+ADJUSTING = 0.5
+"""A small correction adds this share of the variance of the fading error, because it reverses cables."""
 CAMERA = np.diag(np.repeat([0.1e-3, 0.0], 3) ** 2)
 """Covariance of a camera's place in the arm's base, m: all sightings share this error."""
 DOUBT = 4.0
@@ -60,7 +60,7 @@ class NeedleEstimate:
         """Return the same with more uncertainty, because something was seen that does not fit it."""
         return NeedleEstimate(self.T_base_needle, DOUBT * self.covariance)
 
-    def after(self, T_base_camera: SE3, seen: NeedleSighting) -> NeedleEstimate | None:
+    def updated(self, T_base_camera: SE3, seen: NeedleSighting) -> NeedleEstimate | None:
         """Return the estimate after a sighting that was fitted from here.
 
         None: the sighting lies further off than chance explains.
@@ -82,37 +82,37 @@ class NeedleEstimator:
     """
 
     def __init__(self) -> None:
-        self._T_tip_needle = SE3.identity()
+        self._T_tip_needle_planned = SE3.identity()
         self._begin()
 
     def _begin(self) -> None:
         """Start knowing only how large errors are."""
         self._doubts = 0
         self._mean = np.zeros(18)
-        self._covariance = np.diag(np.concatenate([ALWAYS_SD, NOW_SD, np.zeros(6)]) ** 2)
+        self._covariance = np.diag(np.concatenate([LASTING_SD, FADING_SD, np.zeros(6)]) ** 2)
 
     @property
-    def tip_off(self) -> NDArray[np.float64]:
+    def tip_error(self) -> NDArray[np.float64]:
         """Return the expected error (6,) of the tip: shift, m, and rotation, rad, in the base's axes."""
-        return np.asarray(self._mean[ALWAYS] + self._mean[NOW])
+        return np.asarray(self._mean[LASTING] + self._mean[FADING])
 
     def loaded(self, T_tip_needle: SE3) -> None:
         """Start again: a person has put the needle into the jaws near this pose."""
-        self._T_tip_needle = T_tip_needle
+        self._T_tip_needle_planned = T_tip_needle
         self._forget(GRIP)
         self._closed(LOADED)
 
     def moved(self, way_m: float) -> None:
         """Account for a movement of the jaws by this distance, with or without the needle."""
         keeps = float(np.exp(-way_m / FADES_M))
-        self._mean[NOW] *= keeps
-        self._covariance[NOW] *= keeps
-        self._covariance[:, NOW] *= keeps
-        self._covariance[NOW, NOW] += (1.0 - keeps**2) * np.diag(NOW_SD**2)
+        self._mean[FADING] *= keeps
+        self._covariance[FADING] *= keeps
+        self._covariance[:, FADING] *= keeps
+        self._covariance[FADING, FADING] += (1.0 - keeps**2) * np.diag(FADING_SD**2)
 
-    def stirred(self) -> None:
+    def adjusted(self) -> None:
         """Account for a correction of the arm by less than a millimetre: sightings still hold, but less certainly."""
-        self._covariance[NOW, NOW] += STIRS * np.diag(NOW_SD**2)
+        self._covariance[FADING, FADING] += ADJUSTING * np.diag(FADING_SD**2)
 
     def regrasped(self, needle: NeedleEstimate, T_base_tip: SE3, T_tip_needle: SE3) -> None:
         """Account for the jaws closing elsewhere on a needle that the tissue held meanwhile.
@@ -122,7 +122,7 @@ class NeedleEstimator:
             T_base_tip: where the tip is asked to be now.
             T_tip_needle: where the needle should lie in the jaws now.
         """
-        self._T_tip_needle = T_tip_needle
+        self._T_tip_needle_planned = T_tip_needle
         self._forget(GRIP)
         tip = self._of_tip(T_base_tip)
         offset = ((T_base_tip @ T_tip_needle).inverse() @ needle.T_base_needle).log()
@@ -131,24 +131,25 @@ class NeedleEstimator:
         mix[GRIP] = -tip
         self._covariance = mix @ self._covariance @ mix.T
         self._covariance[GRIP, GRIP] += needle.covariance
-        self._closed(STIRRED)
+        self._closed(CLOSING)
 
     def needle(self, T_base_tip: SE3) -> NeedleEstimate:
         """Return where the needle is if the tip is asked to be here."""
-        T_base_needle = self.tip(T_base_tip) @ self._T_tip_needle @ SE3.exp(self._mean[GRIP])
+        T_base_needle = self.tip(T_base_tip) @ self._T_tip_needle_planned @ SE3.exp(self._mean[GRIP])
         of_needle = self._of_needle(T_base_tip)
         return NeedleEstimate(T_base_needle, of_needle @ self._covariance @ of_needle.T)
 
     def tip(self, T_base_tip: SE3) -> SE3:
         """Return where the tip is if it is asked to be here; poses of any batch."""
-        off = self.tip_off
+        off = self.tip_error
         return SE3.from_parts(SO3.exp(off[3:]) @ T_base_tip.rotation, T_base_tip.translation_m + off[:3])
 
-    def in_jaws(self) -> SE3:
+    @property
+    def T_tip_needle(self) -> SE3:
         """Return how the needle lies in the jaws."""
-        return self._T_tip_needle @ SE3.exp(self._mean[GRIP])
+        return self._T_tip_needle_planned @ SE3.exp(self._mean[GRIP])
 
-    def saw(self, T_base_tip: SE3, T_base_camera: SE3, seen: NeedleSighting) -> bool:
+    def update(self, T_base_tip: SE3, T_base_camera: SE3, seen: NeedleSighting) -> bool:
         """Update with what images show of the needle, fitted from where :meth:`needle` predicts it.
 
         Args:
@@ -160,7 +161,7 @@ class NeedleEstimator:
             whether it was accepted; it is not if it lies further off than chance explains.
         """
         before = self.needle(T_base_tip)
-        after = before.after(T_base_camera, seen)
+        after = before.updated(T_base_camera, seen)
         if after is None:
             self._covariance *= DOUBT
             self._doubts += 1
@@ -178,7 +179,7 @@ class NeedleEstimator:
     def _of_tip(self, T_base_tip: SE3) -> NDArray[np.float64]:
         """Return the effect (6, 18) of the tip's parts of the state on the needle, as a twist in its frame."""
         to_tip = np.kron(np.eye(2), T_base_tip.rotation.matrix.T)
-        of_tip = self._T_tip_needle.inverse().adjoint() @ to_tip
+        of_tip = self._T_tip_needle_planned.inverse().adjoint() @ to_tip
         return np.concatenate([of_tip, of_tip, np.zeros((6, 6))], axis=1)
 
     def _of_needle(self, T_base_tip: SE3) -> NDArray[np.float64]:
@@ -192,10 +193,10 @@ class NeedleEstimator:
         self._covariance[part] = 0.0
         self._covariance[:, part] = 0.0
 
-    def _closed(self, stirred: NDArray[np.float64]) -> None:
+    def _closed(self, covariance: NDArray[np.float64]) -> None:
         """Account for the jaws closing: this moved the needle by some amount, and put its wire into their plane."""
         of_grasp = self._T_needle_grasp().adjoint()
-        self._covariance[GRIP, GRIP] += of_grasp @ stirred @ of_grasp.T
+        self._covariance[GRIP, GRIP] += of_grasp @ covariance @ of_grasp.T
         flat = np.zeros((2, 18))
         flat[:, GRIP] = np.linalg.inv(of_grasp)[FLAT]
         gain = self._covariance @ flat.T @ np.linalg.inv(flat @ self._covariance @ flat.T + np.diag(FLAT_SD**2))
@@ -204,7 +205,7 @@ class NeedleEstimator:
 
     def _T_needle_grasp(self) -> SE3:
         """Return the grasp's frame in the needle's: at the jaws' tip, x along their closing axis, y along the wire."""
-        T_needle_tip = self._T_tip_needle.inverse()
+        T_needle_tip = self._T_tip_needle_planned.inverse()
         closing, (x, y, _) = T_needle_tip.rotation.matrix[:, 0], T_needle_tip.translation_m
         along = np.array([y, -x, 0.0])
         along -= closing * (closing @ along)
