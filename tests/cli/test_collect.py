@@ -12,7 +12,7 @@ import pytest
 from synthetic import unmarked
 from trocar.calibration.recording import load_recording
 from trocar.lab import load_station, station_text
-from trocar.perception.fiducials.measure import GOOD, NOTHING
+from trocar.perception.fiducial_joints import GOOD, NOTHING
 
 COMMAND = "from trocar.cli import main; main()"
 FILES = ("calibration_psm1.png", "cables_psm1.npz", "loops_psm1.png", "recording_psm1.npz", "report.json")

@@ -125,7 +125,7 @@ def _record(asked: ArmMotion, plan: MotionPlan) -> dict[str, Any]:
         "max_acceleration_ratio": None,
         "vertical_deviation_m": None,
         "range_excess": {},
-        "violations": list(plan.violations),
+        "violations": [str(violation) for violation in plan.violations],
     }
     for name, path in plan.paths.items():
         use = plan.use[name]

@@ -17,7 +17,7 @@ from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, RgbdImage, Window
-from trocar.perception.instrument.solids import InstrumentSolids
+from trocar.perception.instrument_solids import InstrumentSolids
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate, NeedleEstimator
 from trocar.tasks.suture.agents.stretches import Aim, Stretch
