@@ -2,7 +2,7 @@
 
 A set of demonstrations is a folder with a ``demonstrations.toml`` that gives the position of each recorded suture on
 the circle, the arms that were recorded, and units and columns (``manifest``). Recordings are tables of joint states
-(.npy, .npz or .csv) or JIGSAWS text.
+(.csv) or JIGSAWS text.
 """
 
 from importlib.resources import as_file, files

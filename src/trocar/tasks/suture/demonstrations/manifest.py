@@ -34,7 +34,7 @@ from trocar.errors import BadFile, InvalidInput, InvalidValue
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.demonstrations.demonstrations import Demonstrations, demonstrations_from_joints
 from trocar.tasks.suture.demonstrations.jigsaws import joints_from_poses, read_jigsaws
-from trocar.tasks.suture.demonstrations.recordings import TABLES, Convention, read_table
+from trocar.tasks.suture.demonstrations.recordings import TABLE, Convention, read_table
 
 NAME = "demonstrations.toml"
 KIND = "manifest of demonstrations"
@@ -102,8 +102,8 @@ def read_recording(suture: RecordedSuture, convention: Convention) -> NDArray[np
         BadFile: the file is missing, empty or broken, or its extension or content is unknown.
     """
     path = suture.file
-    if path.suffix not in (*TABLES, JIGSAWS):
-        raise BadFile(path, f"ends in {path.suffix!r}", f"recordings end in one of {', '.join((*TABLES, JIGSAWS))}")
+    if path.suffix not in (TABLE, JIGSAWS):
+        raise BadFile(path, f"ends in {path.suffix!r}", f"recordings end in {TABLE} or {JIGSAWS}")
     if not path.is_file() or path.stat().st_size == 0:
         problem = "is empty" if path.is_file() else "does not exist"
         raise BadFile(path, problem, "correct its name in the manifest, or copy it again", kind="recording")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,15 +12,12 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
 from trocar.errors import BadFile, InvalidInput, UnknownName
-from trocar.files.reading import read_arrays
 from trocar.geometry import SE3, SO3, shown
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}
 LENGTHS = {"m": 1.0, "mm": 1e-3}
 
-TABLES = (".npy", ".npz", ".csv")
-ARRAYS = ("q", "joints")
-"""Names of the array of joint states in an .npz, unless it is the only one."""
+TABLE = ".csv"
 
 BEYOND = 0.1
 """Share of its range by which a recorded joint may leave it: encoders drift, but wrong units exceed it by far."""
@@ -131,53 +127,19 @@ def _wrong_unit(path: Path, found: str, what: str, unit: str) -> BadFile:
 def read_table(path: Path, convention: Convention) -> NDArray[np.float64]:
     """Return the joint values (n, 6 arms) of a table, as recorded.
 
-    An .npy, or ``q``, ``joints`` or the only array of an .npz, holds the joints' columns alone, unless the manifest
-    numbers them. A .csv has a header, which calls them ``q1`` to ``q6`` or by the arm's joint names (``yaw``, ...),
-    with a prefix per arm if there are several (``psm1_yaw``), unless the manifest names or numbers them; other columns,
-    such as times, are ignored.
+    Its header calls them ``q1`` to ``q6`` or by the arm's joint names (``yaw``, ...), with a prefix per arm if there
+    are several (``psm1_yaw``), unless the manifest names or numbers them; other columns, such as times, are ignored.
 
     Raises:
         BadFile: the file is not such a table.
     """
-    return _read_csv(path, convention) if path.suffix == ".csv" else _read_array(path, convention)
-
-
-def _read_array(path: Path, convention: Convention) -> NDArray[np.float64]:
-    try:
-        arrays = read_arrays(path)
-    except (OSError, ValueError):
-        raise BadFile(path, "is not a readable .npy or .npz of numbers", "save it again") from None
-    names = [name for name in ARRAYS if name in arrays] or list(arrays)
-    if not names or (len(arrays) > 1 and names[0] not in ARRAYS):
-        raise BadFile(path, f"holds {', '.join(arrays) or 'nothing'}", "name the joint states 'q'")
-    values = arrays[names[0]]
-    if values.ndim != 2 or values.dtype.kind not in "fiu":
-        raise BadFile(path, f"has shape {values.shape} of {values.dtype}", "it needs numbers (n, joints)")
-    columns, have = convention.columns, values.shape[1]
-    if columns is None:
-        if have != convention.width:
-            raise BadFile(
-                path,
-                f"has {have} columns, but {len(convention.arms)} arm(s) have {convention.width} joints",
-                "correct the arms in the manifest, or number the joints' columns there",
-            )
-        columns = tuple(range(have))
-    where = [column for column in columns if isinstance(column, int) and 0 <= column < have]
-    if len(where) != len(columns):
-        wrong = next(column for column in columns if column not in where)
-        raise BadFile(path, f"has columns 0 to {have - 1}, not {wrong!r}", "correct the columns of the manifest")
-    return values[:, where].astype(np.float64)
-
-
-def _read_csv(path: Path, convention: Convention) -> NDArray[np.float64]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]
     except (OSError, UnicodeDecodeError, csv.Error):
         raise BadFile(path, "is not a readable CSV", "export it again as UTF-8 text") from None
     header = [name.strip() for name in rows[0]] if rows else []
-    with suppress(ValueError):
-        [float(name) for name in header]
+    if not any(name.strip("+-.eE0123456789") for name in header):
         raise BadFile(path, "has no header", "write the joints' names, or q1 to q6, into its first row")
     where = _columns(header, convention, path)
     values = np.empty((len(rows) - 1, len(where)))

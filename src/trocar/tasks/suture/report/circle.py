@@ -55,7 +55,7 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
         title: title; default: number of sutures and reward.
     """
     setup, norm = map.setup, Normalize(*map.span(np.empty(0) if plan is None else plan.rewards))
-    outer = _ring_radii_mm(setup).max()
+    outer = ring_radii_mm(setup).max()
     figure.set_size_inches(*SIZE_IN)
     axes = figure.add_subplot()
     axes.set_aspect("equal")
@@ -78,7 +78,7 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
 
 def texture(map: DexterityMap, plan: SuturePlan) -> tuple[NDArray[np.uint8], float]:
     """Return rings and arrows alone as a picture (k, k, 4), rows along y and columns along x, and its side in m."""
-    norm, half_mm = Normalize(*map.span(plan.rewards)), SPAN * float(_ring_radii_mm(map.setup).max())
+    norm, half_mm = Normalize(*map.span(plan.rewards)), SPAN * float(ring_radii_mm(map.setup).max())
     with mpl.rc_context({**style.RC, "hatch.linewidth": 0.0}):
         figure = Figure(figsize=(5.0, 5.0))
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -97,7 +97,7 @@ def _title(plan: SuturePlan) -> str:
     return title if plan.feasible else f"{title}, out of reach"
 
 
-def _ring_radii_mm(setup: SutureSetup) -> NDArray[np.float64]:
+def ring_radii_mm(setup: SutureSetup) -> NDArray[np.float64]:
     """Return inner and outer radius (2, 2) of the rings, clockwise first; they enclose all arrows."""
     inner = 1.1e3 * float(np.linalg.norm(Suture(setup, 0.0, CLOCKWISE).ends_m, axis=1).max())
     return inner * np.array([[1 + RING + GAP, 1 + 2 * RING + GAP], [1.0, 1 + RING]])
@@ -117,7 +117,7 @@ def _draw_rings(axes: Axes, map: DexterityMap, norm: Normalize) -> None:
     """Draw both rings, with a cell centred at each position, and hatch what is out of reach."""
     n = len(map.thetas_rad)
     edges = (np.arange(n + 1) - 0.5) * (TURN / n)
-    for row, (low, high) in enumerate(_ring_radii_mm(map.setup)):
+    for row, (low, high) in enumerate(ring_radii_mm(map.setup)):
         radii, feasible = np.array([low, high])[:, None], map.joints.feasible[row]
         shown = np.ma.masked_array(map.values[row], ~feasible)[None]
         x, y = radii * np.cos(edges), radii * np.sin(edges)
@@ -176,7 +176,7 @@ def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
 def _draw_arrows(axes: Axes, map: DexterityMap, plan: SuturePlan, norm: Normalize) -> None:
     """Draw the sutures as arrows to where the tip ends, red-edged if out of reach, and mark them in their ring."""
     feasible = map.at(plan.positions_rad).joints.feasible
-    colours, rings = mpl.colormaps[style.PATHS], _ring_radii_mm(map.setup).mean(1)
+    colours, rings = mpl.colormaps[style.PATHS], ring_radii_mm(map.setup).mean(1)
     for i, suture in enumerate(sutures_at(map.setup, plan.positions_rad, plan.directions)):
         can = bool(feasible[suture.row, i])
         start, end = 1e3 * suture.ends_m

@@ -5,19 +5,32 @@ import time
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
+from matplotlib.colors import Normalize
 from numpy.testing import assert_allclose
+from triangles import edges_cancel, volume_m3
 
 from trocar.arms import RAVEN2_LEFT, fk
-from trocar.errors import TrocarError
+from trocar.errors import InvalidValue, OutOfReach, TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.tasks.suture.planning import PRESETS, Circle, SutureSetup, base_beside, dexterity, plan_even, suture_joints
-from trocar.tasks.suture.planning.drive import Suture
+from trocar.report.style import PATHS
+from trocar.tasks.suture.planning import (
+    PRESETS,
+    Circle,
+    Needle,
+    Suture,
+    SutureSetup,
+    base_beside,
+    dexterity,
+    plan_even,
+    suture_joints,
+    sutures_at,
+)
 from trocar.tasks.suture.planning.primitive import grasp_pose, needle_poses, tip_poses, turned_to
-from trocar.tasks.suture.view.motion import suture_motion
-from trocar.tasks.suture.view.painting import ring_radii_m
+from trocar.tasks.suture.report.circle import ring_radii_mm, texture
 
 pytest.importorskip("viser")
-from trocar.tasks.suture.view.suture import SutureView, show_plan
+from trocar.tasks.suture.view import PlanView, needle_mesh, suture_motion
 
 PLAIN = PRESETS["default"].setup
 MOVED = SE3.from_parts(SO3.exp([0.2, -0.3, 0.4]), [0.02, -0.05, 0.3])
@@ -30,7 +43,7 @@ PORT = 8765
 @pytest.fixture(params=[PLAIN, LEANING], ids=["level", "leaning"], scope="module")
 def view(request):
     map = dexterity(request.param, positions=72)
-    view = show_plan(request.param, plan_even(map), map, port=PORT, block=False)
+    view = PlanView(map, plan_even(map), PORT)
     yield view
     view.close()
 
@@ -109,51 +122,47 @@ def test_an_open_finger_turns_to_its_own_side(view):
         assert np.sign(tip[0]) == np.sign(inner[0])  # its body, at its own +x, lies outside the gap
 
 
+def pixel(rgba, side_m, x_m, y_m):
+    """Return what a picture (k, k, 4) shows at a point of the circle's plane."""
+    column, row = (int((value / side_m + 0.5) * len(rgba)) for value in (x_m, y_m))
+    return rgba[row, column].astype(int)
+
+
 def test_colours_run_over_both_directions_as_in_the_picture_of_the_plan():
-    setup = PRESETS["default"].setup
-    map = dexterity(setup, positions=72)
+    map = dexterity(PLAIN, positions=72)
     plan = plan_even(map)
-    view = show_plan(setup, plan, map, port=PORT + 1, block=False)
-    view.close()
+    rgba, side_m = texture(map, plan)
     can = map.joints.feasible
-    assert (view.scale.low, view.scale.high) == (map.values[can].min(), map.values[can].max())
-    assert view.scale.colour(view.scale.low) == (68, 1, 84)  # the ends of viridis
-    assert view.scale.colour(view.scale.high) == (253, 231, 36)
-    arrows = np.array([view._arrow_m(suture) for suture in view._planned])
-    rings = ring_radii_m(arrows)
+    assert map.span(plan.rewards) == (map.values[can].min(), map.values[can].max())
+    shade = Normalize(*map.span(plan.rewards))
+    planned = sutures_at(PLAIN, plan.positions_rad, plan.directions)
+    beside = np.abs(np.angle(np.exp(1j * (plan.positions_rad[:, None] - map.thetas_rad)))).min(0) > 0.1
+    rings = 1e-3 * ring_radii_mm(PLAIN)
     assert (rings[0] > rings[1].max()).all(), "clockwise sutures are in the outer ring"
     for row, radius in enumerate(rings.mean(1)):
-        for i, theta in enumerate(map.thetas_rad):
-            expected = view.scale.colour(map.values[row, i]) if can[row, i] else (205, 205, 205)
-            shown = view.painting.at(radius * np.cos(theta), radius * np.sin(theta))
-            assert_allclose(shown, [*expected, 255], atol=1)
-    for (start, end), reward in zip(arrows, plan.rewards, strict=True):
-        assert_allclose(view.painting.at(*(start + end) / 2), [*view.scale.colour(reward), 255], atol=1)
-    assert view.painting.at(0.0, 0.0)[3] == 0, "the mesh within stays visible"
+        for k in np.flatnonzero(beside):
+            if can[row, k]:
+                shown = pixel(rgba, side_m, radius * np.cos(map.thetas_rad[k]), radius * np.sin(map.thetas_rad[k]))
+                assert_allclose(shown, 255 * np.array(colormaps[PATHS](shade(map.values[row, k]))), atol=2)
+    for suture, reward in zip(planned, plan.rewards, strict=True):
+        shown = pixel(rgba, side_m, *suture.ends_m.mean(0))
+        assert_allclose(shown, 255 * np.array(colormaps[PATHS](shade(reward))), atol=2)
+    assert pixel(rgba, side_m, 0.0, 0.0)[3] == 0, "the mesh within stays visible"
 
 
-def test_an_arrow_points_from_entry_to_exit_and_its_number_stands_beside_it(view):
-    for i, (theta, direction) in enumerate(zip(view.plan.positions_rad, view.plan.directions, strict=True)):
-        start, end = arrow = view._arrow_m(view._planned[i])
-        assert_allclose(end, view._planned[i].exit_m[:2], atol=1e-12)
-        assert_allclose(start, view.setup.circle.radius_m * np.array([np.cos(theta), np.sin(theta)]), atol=1e-12)
-        assert np.sign(start[0] * end[1] - start[1] * end[0]) == -direction, "clockwise turns to the right"
-        label = view.server.scene._handle_from_node_name[f"/circle/label_{i + 1}"]
-        assert np.hypot(*(label.position[:2] - arrow.mean(0))) == pytest.approx(0.004)
-        tail = start + 0.1 * (end - start)
-        across = np.array([start[1] - end[1], end[0] - start[0]]) / np.hypot(*(end - start))
-        painted = [view.painting.at(*(place + 0.002 * across))[3] for place in (tail, end - 0.2 * (end - start))]
-        assert painted == [0, 255], "wide at its head alone"
+def test_a_number_stands_beside_the_middle_of_each_arrow(view):
+    for number, suture in enumerate(sutures_at(view.setup, view.plan.positions_rad, view.plan.directions), start=1):
+        label = view.server.scene._handle_from_node_name[f"/circle/label_{number}"]
+        assert np.hypot(*(label.position[:2] - suture.ends_m.mean(0))) == pytest.approx(0.004)
 
 
-def test_without_a_map_there_are_arrows_alone():
-    setup = PRESETS["default"].setup
-    plan = plan_even(dexterity(setup, positions=72))
-    view = show_plan(setup, plan, port=PORT + 2, block=False)
-    view.close()
-    assert (view.scale.low, view.scale.high) == (plan.rewards.min(), plan.rewards.max())
-    radius = ring_radii_m(np.array([view._arrow_m(suture) for suture in view._planned])).mean(1)[0]
-    assert view.painting.at(radius, 0.0)[3] == 0
+@pytest.mark.parametrize("needle", [Needle(), Needle(0.012, np.radians(120))], ids=str)
+def test_the_needle_is_drawn_closed_along_its_wire(needle):
+    mesh = needle_mesh(needle)
+    assert edges_cancel(mesh) and volume_m3(mesh) > 0
+    off = np.abs(needle.distance_m(mesh.vertices_m.astype(float)))
+    assert off.max() < 0.5 * needle.wire_m and np.median(off) < 0.02e-3
+    assert np.linalg.norm(mesh.vertices_m - needle.p_tip_m, axis=1).min() < 0.1e-3
 
 
 def eventually(true):
@@ -191,15 +200,15 @@ def test_the_table_of_joints_says_what_is_outside():
     assert table[2 + 2] == "| insertion | 250.0 mm | 0 to 240 | **-10 outside** |"
 
 
-@pytest.mark.parametrize(("number", "place", "what"), [(4, 0, "suture 4"), (-1, 0, "suture -1"), (0, 96, "frame 96")])
-def test_what_is_not_there_cannot_be_shown(view, number, place, what):
-    with pytest.raises(TrocarError, match=f"no {what}"):
-        view.show(number, place)
+@pytest.mark.parametrize(("at", "what"), [((4, 0), "suture is 4"), ((-1, 0), "suture is -1"), ((0, 96), "frame is 96")])
+def test_what_is_not_there_cannot_be_shown(view, at, what):
+    with pytest.raises(InvalidValue, match=f"number of the {what}"):
+        view.show(*at)
 
 
 def test_a_port_out_of_range(view):
     with pytest.raises(TrocarError, match="port is 70000"):
-        SutureView(view.setup, view.plan, port=70000)
+        PlanView(view.map, view.plan, port=70000)
 
 
 def test_a_suture_without_solution_is_told():
@@ -207,11 +216,11 @@ def test_a_suture_without_solution_is_told():
     setup = SutureSetup(arm=arm, T_world_base=base_beside(0.0, 0.0, 0.1), grasp=PLAIN.grasp)
     gone = ~np.isfinite(suture_joints(setup, np.arange(0, 6.3, 0.1)).q).all((2, 3))
     row, k = np.argwhere(gone)[0]
-    with pytest.raises(TrocarError, match="cannot point its instrument there"):
+    with pytest.raises(OutOfReach, match="cannot point its instrument there"):
         suture_motion(Suture(setup, 0.1 * k, (1, -1)[row]))
 
 
 def test_without_viser_the_extra_is_named(view, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(TrocarError, match=r"pip install '\.\[view\]'"):
-        SutureView(view.setup, view.plan)
+        PlanView(view.map, view.plan)

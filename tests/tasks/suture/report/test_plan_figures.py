@@ -11,12 +11,11 @@ from trocar.geometry import SE3
 from trocar.report import style
 from trocar.tasks.suture.planning import PRESETS, Circle, dexterity
 from trocar.tasks.suture.planning.even import plan_even
-from trocar.tasks.suture.planning.primitive import bite_m
 from trocar.tasks.suture.planning.study import study
-from trocar.tasks.suture.report.plan.circle import apart, draw_plan
-from trocar.tasks.suture.report.plan.panels import draw_reasons, draw_study, manipulability
-from trocar.tasks.suture.report.plan.summary import finite, plan_summary
-from trocar.tasks.suture.report.plan.tables import plan_table
+from trocar.tasks.suture.report.circle import apart, draw_plan
+from trocar.tasks.suture.report.panels import draw_reasons, draw_study, manipulability
+from trocar.tasks.suture.report.plan_summary import finite, plan_summary
+from trocar.tasks.suture.report.plan_tables import plan_table
 
 DEFAULT = PRESETS["default"]
 
@@ -63,7 +62,7 @@ def test_the_base_is_told_as_seen_from_the_circles_centre(tmp_path, monkeypatch)
 
 def test_twelve_sutures_without_an_exit_are_drawn_too(tmp_path):
     setup = replace(DEFAULT.setup, insertion=replace(DEFAULT.setup.insertion, straight_m=0.05))
-    assert np.isnan(bite_m(setup))
+    assert np.isnan(setup.bite_m)
     found = dexterity(setup)
     assert drawn(draw_plan(found, plan_even(found, 12), tmp_path / "plan.png")).std() > 0.05
 
@@ -74,7 +73,7 @@ def test_reasons_and_the_papers_figures_are_written_with_both_directions(tmp_pat
     assert share(reasons, style.BLUE) > 0.001
     assert share(reasons, style.ORANGE) > 0.001
     demo = PRESETS["paper-demo"]
-    files = draw_study(study(demo.setup, demo.reward, 180), tmp_path / "study")
+    files = draw_study(study(dexterity(demo.setup, demo.reward, 180)), tmp_path / "study")
     assert len(files) == 7
     bars = drawn(tmp_path / "study" / "figure_3.png")
     assert share(bars, style.BLUE) / share(bars, style.ORANGE) == pytest.approx(159 / 201, rel=0.1), "67 to 228 deg"
@@ -83,7 +82,7 @@ def test_reasons_and_the_papers_figures_are_written_with_both_directions(tmp_pat
 def test_manipulability_is_in_metres_to_the_fourth(tmp_path):
     found = dexterity(DEFAULT.setup)
     axes = Figure().add_subplot()
-    manipulability(axes, found, found.manipulability[None], ("arm",))
+    manipulability(axes, found, found.manipulability[None], "M")
     assert axes.get_ylabel().endswith(" m⁴"), "the determinant has three rows in m/s and one column per m/s"
 
 

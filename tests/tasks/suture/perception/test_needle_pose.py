@@ -9,8 +9,8 @@ import made_up_needle
 from made_up_needle import ARC, HALF_LENS, T_CAMERA_FLOOR, over_floor
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.tasks.suture.perception import search_starts, sight_needle, sighting
-from trocar.tasks.suture.perception.residuals import normal_equations
+from trocar.tasks.suture.perception import needle_pose, search_starts, sight_needle
+from trocar.tasks.suture.perception.needle_pose import normal_equations
 
 SD = np.repeat([0.6e-3, 0.06], 3)
 
@@ -31,7 +31,7 @@ def test_a_needle_is_found_from_where_it_is_expected_and_it_is_said_how_surely()
         off = SD * rng.standard_normal(6)
         expected = true @ SE3.exp(off)
         found = looked([picture(true, rng), picture(true, rng)], expected)
-        assert found is not None and found.left_m < 0.4e-3
+        assert found is not None and found.depth_sd_m < 0.4e-3
         error = (true.inverse() @ found.T_camera_needle).log()
         before.append(off)
         after.append(error)
@@ -93,7 +93,7 @@ def test_a_needle_hidden_by_what_holds_it_is_not_seen():
 
 
 def test_no_image_is_one_sentence():
-    with pytest.raises(TrocarError, match="looked for in 0 images; give one or more"):
+    with pytest.raises(TrocarError, match="number of images of a needle is 0; give one or more"):
         looked([], T_CAMERA_FLOOR)
 
 
@@ -148,7 +148,7 @@ def test_what_is_found_says_how_many_pixels_show_it_and_how_they_scatter():
     assert found is not None
     steel = (image.color == made_up_needle.STEEL_RGB).all(axis=2).sum()
     assert 0.9 * steel < found.pixels <= steel
-    assert 0.1e-3 < found.left_m < 0.25e-3, "of depth across the wire"
+    assert 0.1e-3 < found.depth_sd_m < 0.25e-3, "of depth across the wire"
 
 
 def test_what_scatters_far_more_than_the_camera_is_no_needle():
@@ -165,7 +165,7 @@ def test_what_scatters_far_more_than_the_camera_is_no_needle():
 def test_a_needle_is_found_from_two_millimetres_or_a_sixth_of_a_radian_away(axis, monkeypatch):
     """Some SDs away, in steps of .5 mm and .1 rad at most; its turn about its centre shows at its ends alone."""
     tried = []
-    monkeypatch.setattr(sighting, "normal_equations", lambda *at: tried.append(at[1]) or normal_equations(*at))
+    monkeypatch.setattr(needle_pose, "normal_equations", lambda *at: tried.append(at[1]) or normal_equations(*at))
     rng = np.random.default_rng(5)
     true = over_floor(rng)
     image = picture(true, rng)

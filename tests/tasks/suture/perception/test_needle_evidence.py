@@ -8,15 +8,15 @@ import pytest
 from made_up_needle import ARC, FLOOR_RGB, LENS, STEEL_RGB, T_CAMERA_FLOOR, over_floor, picture
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import Patch, pixel_rays
-from trocar.tasks.suture.perception.evidence import along_rays, clear, colors, gather
+from trocar.tasks.suture.perception.needle_evidence import along_rays, clear, colors, gather_evidence
 
 NEAR_M = 1.3e-3
 TRUE = over_floor(np.random.default_rng(0))
 IMAGE = picture(TRUE, np.random.default_rng(0), 0.0)
 
 
-def seen(images=(IMAGE,), at=TRUE, near_m=NEAR_M, elsewhere=None, every=1):
-    return gather(images, at, ARC, near_m, T_CAMERA_FLOOR, elsewhere, every)
+def seen(images=(IMAGE,), at=TRUE, near_m=NEAR_M, occluders=None, every=1):
+    return gather_evidence(images, at, ARC, near_m, T_CAMERA_FLOOR, occluders, every)
 
 
 def passing(rays, T_camera_needle=TRUE):
@@ -175,7 +175,7 @@ def test_what_lies_far_enough_behind_the_wire_was_seen_past_it_whatever_its_colo
 
 
 def test_points_on_something_else_say_nothing():
-    found = seen(elsewhere=lambda points: np.linalg.norm(points - TRUE.apply(ARC.point_m(np.ones(1))), axis=1) - 2e-3)
+    found = seen(occluders=lambda points: np.linalg.norm(points - TRUE.apply(ARC.point_m(np.ones(1))), axis=1) - 2e-3)
     everything = seen()
     assert found is not None and everything is not None
     for some, all_ in ((found.through, everything.through), (found.past, everything.past)):

@@ -5,36 +5,34 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trocar.errors import TrocarError
-from trocar.tasks.suture.planning import PRESETS, Circle
-from trocar.tasks.suture.planning.crossing import crossing_sutures, tip_paths_m
-from trocar.tasks.suture.planning.primitive import bite_m, comes_out, needle_poses, steps, tip_end_m
+from trocar.errors import InvalidInput
+from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, Circle, Suture, sutures_at
+from trocar.tasks.suture.planning.tissue import crossing_sutures
 
 SETUP = PRESETS["default"].setup
-CW, CCW = 1, -1
+CW, CCW = CLOCKWISE, COUNTERCLOCKWISE
 
 
 def crossing(setup, degrees, directions):
-    return crossing_sutures(setup, np.radians(degrees), np.array(directions))
+    return crossing_sutures(sutures_at(setup, np.radians(degrees), directions))
 
 
 def changed(**fields):
     return replace(SETUP, insertion=replace(SETUP.insertion, **fields))
 
 
-@pytest.mark.parametrize("theta_is", ["entry", "middle"])
-def test_paths_are_where_the_needles_tip_goes(theta_is):
-    setup = changed(theta_is=theta_is)
-    last = steps(setup)[-1]
-    turns = np.linspace(0, last.needle_rad[1], 2001)
-    poses = needle_poses(setup, np.full(turns.shape, setup.insertion.straight_m), turns)
-    tips = poses.apply([0.0, -setup.needle.radius_m, 0.0])
-    for row, direction in enumerate((CW, CCW)):
-        inside = tips[row][tips[row][:, 2] < 1e-9]
-        far = inside[np.argmax(np.abs(inside[:, 1] - tips[row][0, 1]))]
-        start, end = tip_paths_m(setup, [0.0], [direction])[0]
-        np.testing.assert_allclose(end, far[:2], atol=2e-5)
-        assert np.linalg.norm(end - start) == pytest.approx(bite_m(setup))
+@pytest.mark.parametrize("direction", [CW, CCW])
+@pytest.mark.parametrize("fields", [{}, {"theta_is": "middle"}, {"pushes": 0}, {"rotation_rad": 0.2, "pushes": 0}])
+def test_path_ends_are_the_entry_and_the_point_in_the_tissue_farthest_from_it(fields, direction):
+    suture = Suture(changed(**fields), 0.4, direction)
+    path = suture.needle_path_m
+    inside = path[path[:, 2] < 1e-9]
+    off = np.linalg.norm(inside[:, :2] - suture.entry_m[:2], axis=1)
+    start, end = suture.path_ends_m
+    np.testing.assert_allclose(start, suture.entry_m[:2], atol=1e-12)
+    np.testing.assert_allclose(end, inside[np.argmax(off), :2], atol=3e-5)
+    last = path[-1] if suture.exit_m is None else suture.exit_m
+    np.testing.assert_allclose(suture.ends_m, [suture.entry_m[:2], last[:2]], atol=1e-9)
 
 
 def test_sutures_that_head_for_each_other_cross_and_others_do_not():
@@ -64,18 +62,13 @@ def test_turning_or_mirroring_the_plan_changes_no_pair(turn, degrees, bits):
 
 
 @pytest.mark.parametrize(
-    "fields, out", [({}, True), ({"pushes": 1}, True), ({"pushes": 0}, False), ({"straight_m": 0.05}, False)]
+    ("fields", "out"), [({}, True), ({"pushes": 1}, True), ({"pushes": 0}, False), ({"straight_m": 0.05}, False)]
 )
-def test_the_tip_comes_out_if_it_is_above_the_tissue_at_the_end(fields, out):
+def test_the_needle_comes_out_if_its_tip_is_above_the_tissue_at_the_end(fields, out):
     setup = changed(**fields)
-    last = steps(setup)[-1]
-    pose = needle_poses(setup, [setup.insertion.straight_m], [last.needle_rad[1]])
-    tip = pose.apply([0.0, -setup.needle.radius_m, 0.0])[0, 0]
-    assert bool(tip[2] >= 0) is out is comes_out(setup)
-    if not out:
-        assert tip_end_m(setup) == pytest.approx(-tip[1])
+    assert bool(Suture(setup, 0.0, CW).needle_path_m[-1, 2] >= 0) is out is setup.comes_out
 
 
 def test_a_suture_that_never_comes_out_has_no_middle():
-    with pytest.raises(TrocarError, match="has no middle"):
+    with pytest.raises(InvalidInput, match="has no middle"):
         changed(theta_is="middle", straight_m=0.05)

@@ -14,9 +14,9 @@ from trocar.lab import load_station
 from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.suture.agents.circle import CircleSuturing, Settings, blind
-from trocar.tasks.suture.agents.watch import Aim, stretches
-from trocar.tasks.suture.planning.drive import drive
+from trocar.tasks.suture.agents.stretches import Aim, stretches
 from trocar.tasks.suture.planning.primitive import grasp_pose
+from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.score import score_sutures
 from trocar.tasks.suture.task import CircleSutures
 
@@ -25,7 +25,7 @@ GOALS = TASK.goals()[:1]
 STATION = coarse(TASK.at(load_station("suture")))
 QUICK = {"driving_speed_m_s": 0.016, "travel_speed_m_s": 0.05}
 """Twice as fast as the defaults, so that the tests are too."""
-AWRY = SE3.exp([0.3e-3, 0.4e-3, -0.3e-3, 0.06, -0.05, 0.04])
+MISLOADED = SE3.exp([0.3e-3, 0.4e-3, -0.3e-3, 0.06, -0.05, 0.04])
 """How a person loads the needle, against what was agreed."""
 
 
@@ -37,7 +37,7 @@ def agent_in(lab, settings):
 
 def laboratory():
     scene, arm = TASK.scene(np.random.default_rng(0), STATION)
-    world = TASK.world((replace(scene, T_needle_loaded=(AWRY,)), arm))
+    world = TASK.world((replace(scene, T_needle_loaded=(MISLOADED,)), arm))
     return SimLaboratory(ideal_session(STATION), world, np.random.default_rng(0))
 
 
@@ -60,7 +60,7 @@ def test_a_needle_that_was_loaded_awry_goes_in_and_out_where_it_should():
 
 
 def test_the_way_is_cut_where_the_needle_is_looked_at_and_stays_the_same():
-    segments = drive(GOALS[0])
+    segments = suture_segments(GOALS[0])
     found = stretches(segments, TASK.setup)
     assert [stretch.segment.name for stretch in found if stretch.first] == [segment.name for segment in segments]
     whole, cut = (
@@ -72,12 +72,12 @@ def test_the_way_is_cut_where_the_needle_is_looked_at_and_stays_the_same():
 
 
 def test_after_the_last_looks_the_needle_goes_through_the_surface_without_a_stop():
-    setup, segments = TASK.setup, drive(GOALS[0])
+    setup, segments = TASK.setup, suture_segments(GOALS[0])
     tips = [stretch for stretch in stretches(segments, setup) if stretch.aim is Aim.TIP]
     assert [stretch.segment.name for stretch in tips] == ["penetrate", "penetrate", "push 1", "push 1"]
     assert [stretch.looks for stretch in tips] == [4, 0, 1, 3]
     entry, further, before, leaving = tips
-    assert [stretch.rests for stretch in tips] == [True, False, False, False]
+    assert [stretch.fixed_wrist for stretch in tips] == [True, False, False, False]
     assert entry.segment.length_m == pytest.approx(2e-3 + 2.5e-3, abs=0.5e-3)  # the tip goes in on the way
     assert entry.segment.length_m + further.segment.length_m == pytest.approx(
         setup.insertion.straight_m + 2e-3, abs=3e-4
@@ -89,7 +89,7 @@ def test_after_the_last_looks_the_needle_goes_through_the_surface_without_a_stop
 
 def test_the_camera_nearest_to_the_circle_is_used_and_a_cell_without_one_is_refused():
     lab = laboratory()
-    used = agent_in(lab, Settings()).watch._camera
+    used = agent_in(lab, Settings()).tracker._camera
     assert used is lab.cell.cameras["close"]
     lab.cell = replace(lab.cell, cameras={})
     with pytest.raises(TrocarError, match="no camera of this cell shows depth, to look at the needle; choose --method"):
@@ -98,21 +98,21 @@ def test_the_camera_nearest_to_the_circle_is_used_and_a_cell_without_one_is_refu
 
 def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_arm_and_grip():
     agent = agent_in(laboratory(), Settings())
-    watch, arm = agent.watch, TASK.setup.arm
-    watch.loaded(TASK.setup)
-    entry = next(stretch for stretch in stretches(drive(GOALS[0]), TASK.setup) if stretch.aim is Aim.TIP)
-    watch._belief._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 3)
-    watch.aim(entry)
-    corrected = watch.corrected(entry.segment).q
+    tracker, arm = agent.tracker, TASK.setup.arm
+    tracker.loaded()
+    entry = next(stretch for stretch in stretches(suture_segments(GOALS[0]), TASK.setup) if stretch.aim is Aim.TIP)
+    tracker._estimator._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 3)
+    tracker.aim(entry)
+    corrected = tracker.corrected(entry.segment).q
     tip = [0.0, -TASK.setup.needle.radius_m, 0.0]
     for place in (0, -1):
-        there = watch._belief.needle(fk(arm, corrected[place])).T_base_needle
+        there = tracker._estimator.needle(fk(arm, corrected[place])).T_base_needle
         planned = fk(arm, entry.segment.q[place]) @ grasp_pose(TASK.setup).inverse()
         np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=1e-6)
     np.testing.assert_array_equal(corrected[:, 3:], np.broadcast_to(agent.hand.q[3:], (len(corrected), 3)))
-    turning = replace(entry, rests=False)
-    watch.aim(turning)
-    wrist = watch.corrected(turning.segment).q[:, 3:]
+    turning = replace(entry, fixed_wrist=False)
+    tracker.aim(turning)
+    wrist = tracker.corrected(turning.segment).q[:, 3:]
     np.testing.assert_allclose(wrist[-1] - wrist[0], (entry.segment.q[-1] - entry.segment.q[0])[3:])
     assert np.abs(wrist[-1] - wrist[0]).max() > 1e-3
 
@@ -127,16 +127,16 @@ def test_a_needle_that_is_not_seen_in_the_jaws_is_loaded_anew(seen, anew):
         loadings.append(1)
         return True
 
-    async def look(stretch, watch):
-        watch._seen = seen
+    async def look(stretch, tracker):
+        tracker._seen = seen
 
     agent._load, agent._look = load, look
-    agent.watch.loaded(TASK.setup)
-    approach = next(s for s in stretches(drive(GOALS[0]), TASK.setup) if s.segment.name == "approach")
+    agent.tracker.loaded()
+    approach = next(s for s in stretches(suture_segments(GOALS[0]), TASK.setup) if s.segment.name == "approach")
 
     async def script(cell):
-        await agent._look(approach, agent.watch)
-        await agent._reload(approach, agent.watch)
+        await agent._look(approach, agent.tracker)
+        await agent._reload(approach, agent.tracker)
 
     lab.run(script, 10.0)
     assert len(loadings) == anew
@@ -145,9 +145,9 @@ def test_a_needle_that_is_not_seen_in_the_jaws_is_loaded_anew(seen, anew):
 def test_without_a_look_the_way_is_the_planned_one():
     """Nothing is corrected before anything was seen."""
     agent = agent_in(laboratory(), Settings())
-    agent.watch.loaded(TASK.setup)
-    for stretch in stretches(drive(GOALS[0]), TASK.setup)[:1]:
-        way = agent.watch.way(stretch)
+    agent.tracker.loaded()
+    for stretch in stretches(suture_segments(GOALS[0]), TASK.setup)[:1]:
+        way = agent.tracker.path(stretch)
         np.testing.assert_allclose(
             fk(TASK.setup.arm, way.q).matrix, fk(TASK.setup.arm, stretch.segment.q).matrix, atol=1e-9
         )
