@@ -1,4 +1,4 @@
-"""How often the better direction of a suture changes twice round the circle, in random setups, by formula of the margin.
+"""How often the better direction of a suture changes twice round the circle in random setups, by formula of the margin.
 
 Run: .venv/bin/python benchmarks/bench_suture_setups.py [SEED]
 """
