@@ -17,9 +17,6 @@ from trocar.cli.grouped import GroupedCommand
 from trocar.cli.quiet import quiet_option
 from trocar.registry import Lazy, Registry
 
-COMMANDS: Registry[typer.Typer] = Registry("command", "trocar.commands")
-"""Commands from elsewhere as ``GROUP.NAME``: Typer apps of one command each. Tasks add their own commands this way."""
-
 
 @dataclass(frozen=True)
 class Known:
@@ -36,6 +33,10 @@ class Known:
     where: str = ""
     example: str = ""
     members: Mapping[str, Known] = field(default_factory=dict)
+
+
+COMMANDS: Registry[typer.Typer | Known] = Registry("command", "trocar.commands")
+"""Commands from elsewhere as ``GROUP.NAME``: what is known of one, or a Typer app of it. Tasks add theirs this way."""
 
 
 class Deferred(TyperCommand):
@@ -86,17 +87,15 @@ class OpenGroup(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command: a group, a placeholder for a known command, or an imported one from another package."""
-        if cmd_name in self.members:
-            known = self.members[cmd_name]
-            if not known.members:
-                return Deferred(
-                    cmd_name, known.about, lambda: command_of(cmd_name, Lazy(known.where).load(), known.example)
-                )
+        name = f"{self.name}.{cmd_name}"
+        known = self.members.get(cmd_name) or (COMMANDS[name] if name in COMMANDS else None)
+        if not isinstance(known, Known):
+            return known and command_of(cmd_name, known)
+        if known.members:
             return OpenGroup(
                 name=cmd_name, members=known.members, help=known.about, no_args_is_help=True, rich_markup_mode=None
             )
-        name = f"{self.name}.{cmd_name}"
-        return command_of(cmd_name, COMMANDS[name]) if name in COMMANDS else None
+        return Deferred(cmd_name, known.about, lambda: command_of(cmd_name, Lazy(known.where).load(), known.example))
 
 
 def command_of(name: str, found: Callable[..., None] | typer.Typer, example: str = "") -> Any:

@@ -14,7 +14,6 @@ import numpy as np
 import typer
 
 from trocar.arms import ARMS
-from trocar.cli.grouped import GroupedCommand
 from trocar.errors import InvalidValue, UnknownName
 from trocar.geometry import SE3, SO3, TURN, direction
 from trocar.geometry.arrays import finite
@@ -33,13 +32,6 @@ MAX_CENTER_MM = 500.0
 def option(group: str, help: str, metavar: str | None = None, name: str | None = None) -> Any:
     """Return a documented option of a group."""
     return typer.Option(*([name] if name else []), help=help, metavar=metavar, rich_help_panel=group)
-
-
-def command(example: str, function: Callable[..., None]) -> typer.Typer:
-    """Return an app of one command."""
-    app = typer.Typer(rich_markup_mode=None, add_completion=False)
-    app.command(cls=GroupedCommand, epilog=f"Example: {example}")(function)
-    return app
 
 
 PresetName = Annotated[str, typer.Option("--preset", help=f"Initial setup and reward: {', '.join(PRESETS)}.")]

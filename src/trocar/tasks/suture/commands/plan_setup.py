@@ -155,6 +155,3 @@ def _print(summary: dict[str, Any]) -> None:
     console.print(f"to plan there (with its own scale): {summary['command']}", soft_wrap=True)
     if "files" in summary:
         console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)
-
-
-app = options.command("trocar plan setup --free circle --free port --evaluations 1000", setup)

@@ -170,6 +170,3 @@ def _print(summary: dict[str, Any]) -> None:
         console.print("Table I identifies neither the formula nor the setup: the preset was fitted to it")
     if "files" in summary:
         console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)
-
-
-app = options.command("trocar plan suture --preset paper-demo --out out/plan", suture)

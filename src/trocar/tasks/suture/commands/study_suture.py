@@ -83,6 +83,3 @@ def _swept(summary: dict[str, Any]) -> str:
         f"at lambda {summary['weight']:g} the best plan starts at {summary['best_theta_deg']:.4g} deg (paper "
         f"{min(start, end):.4g} to {max(start, end):.4g})"
     )
-
-
-app = options.command("trocar study suture --out out/study", suture)
