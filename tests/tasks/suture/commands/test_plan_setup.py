@@ -77,7 +77,7 @@ def test_every_number_of_a_setup_is_written_as_an_option_that_reads_back():
         ("--arm hand", "raven2-left"),
         ("--out /dev/null/x", "cannot be made"),
         ("--preset paper-demo --free circle", "flat jaws cannot hold"),
-        ("--seed -1", "seed is -1"),
+        ("--seed -1", "--seed is '-1'"),
     ],
 )
 def test_bad_input_is_one_sentence_and_code_2(trocar, line, words):

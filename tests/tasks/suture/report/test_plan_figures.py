@@ -14,8 +14,7 @@ from trocar.tasks.suture.planning.even import plan_even
 from trocar.tasks.suture.planning.study import study
 from trocar.tasks.suture.report.circle import apart, draw_plan
 from trocar.tasks.suture.report.panels import draw_reasons, draw_study, manipulability
-from trocar.tasks.suture.report.plan_summary import finite, plan_summary
-from trocar.tasks.suture.report.plan_tables import plan_table
+from trocar.tasks.suture.report.plan_summary import finite, plan_summary, plan_table
 
 DEFAULT = PRESETS["default"]
 

@@ -1,6 +1,6 @@
 """Commands of the suture task, with one line each for the help, so that listing them imports nothing heavy."""
 
-from trocar.cli.open_group import Known
+from trocar.cli.group import Known
 
 PLAN_SUTURE = Known(
     "Plan where to place sutures round a circle, and in which direction to drive each.",

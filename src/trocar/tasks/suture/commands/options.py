@@ -36,7 +36,6 @@ def option(group: str, help: str, metavar: str | None = None, name: str | None =
 
 PresetName = Annotated[str, typer.Option("--preset", help=f"Initial setup and reward: {', '.join(PRESETS)}.")]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Save results and pictures here.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 ArmName = Annotated[str | None, option(GIVEN, f"Arm that sutures: {', '.join(ARMS)}.", name="--arm")]
 MinGap = Annotated[float | None, option(SPACING, "Smallest gap of neighbours; default: even.", "DEG", "--min-gap-deg")]
 MaxGap = Annotated[float | None, option(SPACING, "Largest gap of neighbours; default: even.", "DEG", "--max-gap-deg")]
@@ -221,3 +220,8 @@ def _arc(text: str) -> tuple[float, float]:
             "the forbidden arc", repr(text), "give two angles in deg as FROM:TO, such as 10:40"
         ) from None
     return start, end
+
+
+def files_line(summary: Mapping[str, Any]) -> list[str]:
+    """Return a line that names the files that were written, if any were."""
+    return ["files: " + ", ".join(summary["files"])] if "files" in summary else []

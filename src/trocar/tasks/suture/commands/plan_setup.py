@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
+from trocar.cli.group import Result
+from trocar.cli.options import Seed
 from trocar.cli.out_folder import check_out_folder
 from trocar.cli.progress import progress
-from trocar.cli.terminal import results
 from trocar.counting import counted
 from trocar.errors import InvalidValue, UnknownName
 from trocar.files.output import PICTURE, write_json
@@ -40,7 +40,7 @@ def setup(
         typer.Option(metavar="NAME=LOW:HIGH", help="Bounds of a parameter, such as circle_radius_mm=25:35."),
     ] = None,
     evaluations: Annotated[int, typer.Option(help="Approximate number of setups to evaluate.")] = 2000,
-    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
+    seed: Seed = 0,
     any_grasp: Annotated[
         bool, typer.Option("--any-grasp", help="Also allow grasps in which flat jaws could not hold the needle.")
     ] = False,
@@ -49,8 +49,7 @@ def setup(
     min_gap_deg: options.MinGap = None,
     max_gap_deg: options.MaxGap = None,
     out: options.Out = None,
-    as_json: options.Json = False,
-) -> None:
+) -> Result:
     """Search for the circle, port and grasp whose best plan of sutures scores highest.
 
     For each setup the plan is the best on its grid; over setups the search is heuristic. Rewards are scaled as for the
@@ -61,8 +60,6 @@ def setup(
 
     chosen = options.pick(PRESETS, preset, "preset")
     check_out_folder(out, FILES)
-    if seed < 0:
-        raise InvalidValue("the seed", seed, "give 0 or more")
     names = [name for entry in free or GROUPS for name in GROUPS.get(entry) or (_si_name(entry, (*GROUPS,)),)]
     planner = options.planner_of(count, options.spacing_of(count, POSITIONS, min_gap_deg, max_gap_deg))
     with progress() as tick:
@@ -105,13 +102,7 @@ def setup(
 
         summary["files"] = [str(out / "setup.json"), str(draw_plan(found.best, found.plan, out / "plan.png"))]
         write_json(out / "setup.json", summary, KIND)
-    if as_json:
-        typer.echo(json.dumps(summary))
-    else:
-        _print(summary)
-    if not found.plan.feasible:
-        typer.echo("trocar: no feasible plan was found; widen the bounds or free more parameters", err=True)
-        raise typer.Exit(1)
+    return Result(summary, _lines(summary), succeeded=found.plan.feasible)
 
 
 def _si_name(name: str, groups: tuple[str, ...] = ()) -> str:
@@ -139,19 +130,17 @@ def _in_mm_and_deg(name: str, values: dict[str, float]) -> dict[str, Any]:
     return {"name": said, **{key: scale * value for key, value in values.items()}}
 
 
-def _print(summary: dict[str, Any]) -> None:
-    """Print the setup found and the command that plans with it."""
-    from trocar.tasks.suture.report.plan_summary import tissue_warnings
-    from trocar.tasks.suture.report.plan_tables import setup_table
+def _lines(summary: dict[str, Any]) -> list[Any]:
+    """Return the setup found and the command that plans with it, to be printed."""
+    from trocar.tasks.suture.report.plan_summary import setup_table, tissue_warnings
 
-    console = results()
-    console.print(setup_table(summary["free"]))
     was = f"{summary['start_reward']:.4f}" if summary["start_feasible"] else "no feasible plan"
-    console.print(f"worst suture {summary['reward']:.4f}, with the preset {was}, at the same scale")
-    console.print(f"{summary['certified']}; {counted(summary['evaluations'], 'setup')} evaluated")
-    console.print(f"manipulability: {summary['manipulability_source']}")
-    for warning in tissue_warnings(summary):
-        console.print(warning)
-    console.print(f"to plan there (with its own scale): {summary['command']}", soft_wrap=True)
-    if "files" in summary:
-        console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)
+    return [
+        setup_table(summary["free"]),
+        f"worst suture {summary['reward']:.4f}, with the preset {was}, at the same scale",
+        f"{summary['certified']}; {counted(summary['evaluations'], 'setup')} evaluated",
+        f"manipulability: {summary['manipulability_source']}",
+        *tissue_warnings(summary),
+        f"to plan there (with its own scale): {summary['command']}",
+        *options.files_line(summary),
+    ]

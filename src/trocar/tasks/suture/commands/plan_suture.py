@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -10,22 +9,14 @@ from typing import Annotated, Any
 
 import typer
 
-from trocar.cli.extras import need
+from trocar.cli.group import Result
+from trocar.cli.options import JsonFlag, need
 from trocar.cli.out_folder import check_out_folder
-from trocar.cli.terminal import results
 from trocar.errors import InvalidInput
 from trocar.files.output import PICTURE, write_json
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.commands.options import SPACING, option
-from trocar.tasks.suture.planning import (
-    PRESETS,
-    DexterityMap,
-    Spacing,
-    SuturePlan,
-    dexterity,
-    plan_exhaustive,
-    refined,
-)
+from trocar.tasks.suture.planning import PRESETS, DexterityMap, Spacing, SuturePlan, dexterity, plan_exhaustive, refined
 
 PAPER_PRESET = "paper-demo"
 KIND = "plan of sutures"
@@ -43,7 +34,6 @@ def suture(
     view: Annotated[
         bool, typer.Option("--view", help="Show arm and needle along the sutures in the browser; Ctrl-C ends.")
     ] = False,
-    as_json: options.Json = False,
     min_gap_deg: options.MinGap = None,
     max_gap_deg: options.MaxGap = None,
     forbid_deg: Annotated[
@@ -63,6 +53,7 @@ def suture(
     ] = False,
     demonstrations: options.DemonstrationsPath = None,
     arm: options.ArmName = None,
+    as_json: JsonFlag = False,
     given: dict[str, Any],
 ) -> None:
     """Plan where to place sutures round a circle, and in which direction to drive each.
@@ -94,13 +85,9 @@ def suture(
         summary["problem"] += f"; `trocar plan setup --arm {arm} --free port` searches for a base from which it reaches"
     if out is not None:
         summary["files"] = _save(out, map, plan, summary)
-    if as_json:
-        typer.echo(json.dumps(summary))
-    else:
-        _print(summary)
     if not plan.feasible:
         typer.echo(f"trocar: {summary['problem']}", err=True)
-        raise typer.Exit(1)
+    Result(summary, _lines(summary), succeeded=plan.feasible).show(as_json)
     if view:
         _view(map, plan)
 
@@ -138,35 +125,29 @@ def _view(map: DexterityMap, plan: SuturePlan) -> None:
     shown.close()
 
 
-def _print(summary: dict[str, Any]) -> None:
-    """Print the plan, the reasons for it, and the files."""
-    from trocar.tasks.suture.report.plan_summary import tissue_warnings
-    from trocar.tasks.suture.report.plan_tables import plan_table, points_table
+def _lines(summary: dict[str, Any]) -> list[Any]:
+    """Return the plan, the reasons for it, and the files, to be printed."""
+    from trocar.tasks.suture.report.plan_summary import plan_table, points_table, tissue_warnings
 
-    console = results()
-    console.print(plan_table(summary))
     uneven = f" minus {summary['tension_cost']:.4f} for uneven gaps" if summary["tension_cost"] else ""
     among = "" if summary["feasible"] or not summary["feasible_first"] else " of worst infeasible sutures"
     bound = "" if summary["bound"] is None else f"bound{among} {summary['bound']:.4f}: "
-    console.print(
-        f"worst suture {summary['reward']:.4f}{uneven}; {bound}{summary['certified']}; {summary['compute_ms']:.1f} ms"
-    )
     switches = ", ".join(f"{angle:.4g}" for angle in summary["switches_deg"])
-    console.print(
-        f"the better direction changes at {switches} deg" if switches else "one direction is better everywhere"
-    )
-    for arc in summary["unreachable_deg"] if summary["feasible"] else ():
-        console.print(f"no suture at {arc['from']:.4g} to {arc['to']:.4g} deg: {arc['reason']}")
-    console.print(f"manipulability: {summary['manipulability_source']}")
-    for warning in tissue_warnings(summary):
-        console.print(warning)
+    lines = [
+        plan_table(summary),
+        f"worst suture {summary['reward']:.4f}{uneven}; {bound}{summary['certified']}; {summary['compute_ms']:.1f} ms",
+        f"the better direction changes at {switches} deg" if switches else "one direction is better everywhere",
+    ]
+    if summary["feasible"]:
+        arcs = summary["unreachable_deg"]
+        lines += [f"no suture at {arc['from']:.4g} to {arc['to']:.4g} deg: {arc['reason']}" for arc in arcs]
+    lines += [f"manipulability: {summary['manipulability_source']}", *tissue_warnings(summary)]
     if not summary["jaws_can_hold_needle"]:
-        console.print(
+        lines.append(
             f"the wire leaves the plane of the jaws by {summary['wire_out_of_jaws_deg']:.0f} deg: "
             "flat jaws could not hold the needle in this grasp"
         )
     if "table" in summary:
-        console.print(points_table(summary["table"], summary["paper_table"]))
-        console.print("Table I identifies neither the formula nor the setup: the preset was fitted to it")
-    if "files" in summary:
-        console.print("files: " + ", ".join(summary["files"]), soft_wrap=True)
+        lines.append(points_table(summary["table"], summary["paper_table"]))
+        lines.append("Table I identifies neither the formula nor the setup: the preset was fitted to it")
+    return lines + options.files_line(summary)

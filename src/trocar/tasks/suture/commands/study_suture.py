@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any
 
 import typer
 
+from trocar.cli.group import Result
 from trocar.cli.out_folder import check_out_folder
-from trocar.cli.terminal import details, results
 from trocar.files.output import PICTURE, write_json
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.planning import PRESETS, dexterity
@@ -18,6 +17,11 @@ DRAWN = ("figures", "table_1", *(f"figure_{number}" for number in range(3, 8)))
 FILES = {"summary.json": KIND, **{f"{name}.png": PICTURE for name in DRAWN}}
 """The files that are written, with their kinds."""
 
+CAVEAT = (
+    "Table I identifies neither the setup nor the formula: other bases, needles and grasps come within 1.9 points of "
+    "each entry with each formula of the margin (docs/sutures.md)"
+)
+
 
 def suture(
     *,
@@ -25,8 +29,7 @@ def suture(
     demonstrations: options.DemonstrationsPath = None,
     positions: Annotated[int, typer.Option(help="Number of grid positions, a multiple of four.")] = 360,
     out: options.Out = None,
-    as_json: options.Json = False,
-) -> None:
+) -> Result:
     """Print Table I of the circle-suture paper beside ours, the changes of direction, and the sweep over lambda."""
     from trocar.tasks.suture.planning.study import study
     from trocar.tasks.suture.report.plan_summary import finite
@@ -40,36 +43,27 @@ def suture(
 
         summary["files"] = [str(out / "summary.json"), *map(str, draw_study(found, out))]
         write_json(out / "summary.json", summary, KIND)
-    if as_json:
-        typer.echo(json.dumps(summary))
-    else:
-        _print(summary)
+    return Result(summary, [CAVEAT, *options.files_line(summary)], _tables(summary))
 
 
-def _print(summary: dict[str, Any]) -> None:
-    """Print the tables, and which conclusions they support."""
-    from trocar.tasks.suture.report.plan_tables import gains_table, points_table, sweep_table
+def _tables(summary: dict[str, Any]) -> list[Any]:
+    """Return the tables, and which conclusions they support."""
+    from trocar.tasks.suture.report.plan_summary import gains_table, points_table, sweep_table
 
-    console, table = details(), summary["table_1"]
-    console.print(points_table(table["points"], table["paper_points"]))
-    console.print(gains_table(table["gains"], table["paper_gains"]))
+    table = summary["table_1"]
     switches, paper = (", ".join(f"{a:.4g}" for a in summary[key]) for key in ("switches_deg", "paper_switches_deg"))
-    console.print(f"the better direction changes at {switches} deg (paper {paper})")
     angles, limits = (" / ".join(f"{a:.0f}" for a in summary[key]) for key in ("largest_wrist_deg", "wrist_limits_deg"))
-    console.print(f"largest roll / wrist pitch / wrist yaw: {angles} deg, limits {limits} deg")
-    console.print(
+    return [
+        points_table(table["points"], table["paper_points"]),
+        gains_table(table["gains"], table["paper_gains"]),
+        f"the better direction changes at {switches} deg (paper {paper})",
+        f"largest roll / wrist pitch / wrist yaw: {angles} deg, limits {limits} deg",
         f"positions where the chosen direction is beyond a limit: {summary['infeasible_positions']} "
-        f"of {summary['positions']}"
-    )
-    console.print(sweep_table(summary["lambda_sweep"]))
-    console.print(_swept(summary))
-    console.print(f"manipulability, arm 1: {summary['manipulability_source']}; arm 2: {summary['assistant_source']}")
-    results().print(
-        "Table I identifies neither the setup nor the formula: other bases, needles and grasps come within 1.9 points "
-        "of each entry with each formula of the margin (docs/sutures.md)"
-    )
-    if "files" in summary:
-        results().print("files: " + ", ".join(summary["files"]), soft_wrap=True)
+        f"of {summary['positions']}",
+        sweep_table(summary["lambda_sweep"]),
+        _swept(summary),
+        f"manipulability, arm 1: {summary['manipulability_source']}; arm 2: {summary['assistant_source']}",
+    ]
 
 
 def _swept(summary: dict[str, Any]) -> str:
