@@ -31,6 +31,7 @@ from trocar.motion.moving_arm import MovingArm
 from trocar.robots.driver import TICK_S
 from trocar.trajectory import Trajectory
 
+TO_BE_GUARDED = "a guard needs what `Driver` has: `remaining`, `braking`, `widest_jaw_rad`, `fault`"
 START_TOLERANCE = 1e-6
 """A motion may start this far (rad, m) from the arm's set-point: rounding, not a jump."""
 WORKSPACE_STEP_S = 0.010
@@ -57,18 +58,19 @@ class ArmGuard:
     workspace_m: NDArray[np.float64] | None = None
 
 
+@runtime_checkable
 class GuardableRobot(Robot, Protocol):
     """A robot that a guard can watch: it tells what it is about to do, and lets the guard stop it."""
 
-    def remaining(self, arm: str) -> tuple[Trajectory, float] | None:
+    def remaining(self, arm: str, /) -> tuple[Trajectory, float] | None:
         """Return what an arm is still executing and the clock at its start; None at rest."""
         ...
 
-    def braking(self, arm: str) -> bool:
+    def braking(self, arm: str, /) -> bool:
         """Return whether an arm is coming to rest before the end of its motion."""
         ...
 
-    def widest_jaw_rad(self, arm: str) -> float:
+    def widest_jaw_rad(self, arm: str, /) -> float:
         """Return the widest opening of an arm's jaws from now until they reach their goal."""
         ...
 
@@ -119,6 +121,9 @@ class Guarded:
         stale_s: float = 0.1,
         note: Callable[..., None] = lambda name, **values: None,
     ):
+        if not isinstance(robot, GuardableRobot):
+            missing = [name for name in dir(GuardableRobot) if name[0] != "_" and not hasattr(robot, name)]
+            raise InvalidInput(f"a robot of type {type(robot).__name__}", f"has no {', '.join(missing)}", TO_BE_GUARDED)
         self._robot, self._arms = robot, dict(arms)
         self._min_distance_m, self._stale_s, self._note = min_distance_m, stale_s, note
         self.estimator: JointEstimator | None = None
@@ -219,7 +224,7 @@ class Guarded:
     def _allowed(self, motions: Mapping[str, Trajectory], replaces: bool) -> dict[str, Trajectory]:
         """Return the motions in the form in which they may be sent, on one common time scale."""
         if not motions:
-            return {}
+            raise InvalidInput("a motion", "names no arm", "give a trajectory for each arm that is to move")
         for name in motions:
             self._guard(name)
             if not replaces and self._robot.setpoint(name).moving:
