@@ -116,7 +116,7 @@ def test_an_interrupted_collection_goes_on_to_the_same_files(done, station, troc
         (("peg-transfer", "--rows", "10"), "10 rows is too small to fit on; give 30 or more"),
         (("peg-transfer", "--rows", "60", "--fraction", "0.8"), "leaves too few to fit on (60 or more)"),
         (("peg-transfer", "--fraction", "1"), "--fraction 1 of 1355 rows"),
-        (("peg-transfer", "--seed", "-1"), "seed -1 is negative"),
+        (("peg-transfer", "--seed", "-1"), "--seed is '-1'"),
         (("peg-transfer", "--model", "oracle"), "cable model 'oracle' is unknown"),
         (("peg-transfer", "--difficulty", "easy"), "difficulty 'easy' is unknown; choose one of mild, recorded, harsh"),
         (("peg-transfer", "--flaw", "creep=1m"), "creep=1m"),
