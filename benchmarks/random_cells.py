@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws, load_station
 from trocar.perception.image import Intrinsics
-from trocar.sim.camera import RayCamera
-from trocar.sim.mjcf import CellModel, build_mjcf
+from trocar.sim.ray_camera import RayCamera
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene

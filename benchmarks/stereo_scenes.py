@@ -17,9 +17,8 @@ from trocar.lab import load_station
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.sim.appearance import Appearance
-from trocar.sim.camera import RayCamera
 from trocar.sim.laboratory import EYE_GAINS, REST_S
-from trocar.sim.mjcf import CellModel
+from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
 from trocar.tasks.debridement.scene import GAP_M, lay_out
@@ -78,7 +77,7 @@ def scenes(count: int, seed: int, backdrop: str = "plain", arms: bool = True) ->
             scene = lay_out(fixtures["table"], fixtures["receptacle"], Workspace(), rng, backdrop)
             bases = {name: arm.T_world_base for name, arm in STATION.arms.items()}
             task = Awake(scene)
-            world = World(CellModel(STATION.models, bases, task))
+            world = World(STATION.models, bases, task)
             for name, arm in STATION.arms.items():
                 set_arm(world, name, arm.park_q(), arm.park_jaw_rad)
             task.start(world)

@@ -20,8 +20,8 @@ from trocar.motion import rest_to_rest, straight
 from trocar.perception.image import CameraModel, Intrinsics
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory, arrays_of
-from trocar.sim.mjcf import CellModel, Surface
 from trocar.sim.recorder import fixed_poses, solids_of
+from trocar.sim.spec import Surface
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.agents.unilateral import Settings
 from trocar.tasks.peg_transfer.block import Block
@@ -101,7 +101,7 @@ def ideal_laboratory(
 
 def world_with_arms(*T_board_blocks: SE3, surface: Surface | None = None) -> World:
     """Return a world with both arms at zero and these blocks."""
-    return World(CellModel(ARM_MODELS, T_WORLD_BASE, PegWorld(scene_of(*T_board_blocks)), surface=surface or Surface()))
+    return World(ARM_MODELS, T_WORLD_BASE, PegWorld(scene_of(*T_board_blocks)), surface=surface or Surface())
 
 
 def joints_at(arm: str, p_world_tip_m, yaw_rad: float = 0.0) -> NDArray[np.float64]:

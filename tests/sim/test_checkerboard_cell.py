@@ -9,7 +9,7 @@ from trocar.perception.checkerboard.board import Checkerboard
 from trocar.perception.checkerboard.detect import find_corners
 from trocar.perception.depth import project
 from trocar.perception.image import StereoRig
-from trocar.sim.checkerboard_cell import CheckerboardCell
+from trocar.sim.calibration_cells import CheckerboardCell
 
 BOARD = Checkerboard()
 SMALL = Checkerboard(square_m=0.003)

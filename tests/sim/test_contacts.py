@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.sim.contacts import ContactMonitor, Hit
+from trocar.sim.recorder import ContactMonitor
 
 HEAVY_KG, LIGHT_KG = 0.5, 0.001
 BALL = """<mujoco><worldbody><geom name="table" type="plane" size="1 1 .1"/>

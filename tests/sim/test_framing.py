@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trocar.perception.depth import project
-from trocar.sim.framing import FILLED, HEIGHTS, framed, look_at
+from trocar.sim.offscreen import FILLED, HEIGHTS, framed, look_at
 
 EYE_M = np.array([0.13, -0.46, 0.33])
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trio
+from trocar.sim.station_cameras import EYE_GAINS
 
 from simulated import ARM_MODELS, PAPER, STATION, ideal_laboratory, ideal_session, joints_at, standing
 from trocar.cell import MotionEnd
@@ -19,14 +20,12 @@ from trocar.log import Span
 from trocar.motion import rest_to_rest
 from trocar.perception.image import StereoImage, StereoRig, StereoWindow, Window
 from trocar.robots import TICK_S
-from trocar.sim.camera import RayCamera
 from trocar.sim.laboratory import SimLaboratory, arrays_of
-from trocar.sim.mjcf import Servo, Surface
 from trocar.sim.pace import RealTime
+from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
-from trocar.sim.station_cameras import EYE_GAINS
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import PhysicsError
+from trocar.sim.spec import Servo, Surface
+from trocar.sim.world import PhysicsError, TaskWorld
 from trocar.trajectory import Trajectory
 
 ARMS = ("psm1", "psm2")

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from trocar.sim.elements import arm_bits, placed, scene_bits, text
 
 from trocar.arms import ARMS, PSM_CLASSIC, RAVEN2_LEFT
 from trocar.geometry import SE3, SO3
-from trocar.sim.elements import arm_bits, placed, scene_bits, text
-from trocar.sim.mjcf import CellModel, Servo, Surface
+from trocar.sim.spec import Servo, Surface
 from trocar.sim.world import World
 
 PLACED = SE3.from_parts(SO3.exp([0.1, 0.2, 0.3]), [0.3, 0.0, 0.2])
@@ -15,7 +15,7 @@ PLACED = SE3.from_parts(SO3.exp([0.1, 0.2, 0.3]), [0.3, 0.0, 0.2])
 
 @pytest.fixture(scope="module")
 def world():
-    return World(CellModel({"a": PSM_CLASSIC, "b": RAVEN2_LEFT}, {"a": SE3.identity(), "b": PLACED}))
+    return World({"a": PSM_CLASSIC, "b": RAVEN2_LEFT}, {"a": SE3.identity(), "b": PLACED})
 
 
 def test_a_servos_damping_is_critical_and_its_joints_answer_within_hundredths_of_a_second():
@@ -81,7 +81,7 @@ def test_jaws_are_driven_on_one_finger_for_both_and_open_a_little_further_than_t
 
 def test_contacts_are_those_that_were_asked_for():
     surface = Surface(0.2, 0.7, (0.003, 0.0002), (0.005, 1.5), (0.9, 0.95, 0.001))
-    m = World(CellModel({"a": PSM_CLASSIC}, {"a": SE3.identity()}, surface=surface)).model
+    m = World({"a": PSM_CLASSIC}, {"a": SE3.identity()}, surface=surface).model
     assert_allclose(m.geom("a_shaft").friction, [0.2, 0.003, 0.0002])
     assert_allclose(m.geom("a_finger_left").friction, [0.7, 0.003, 0.0002])
     assert_allclose(m.geom_solref, [[0.005, 1.5]] * m.ngeom)
@@ -103,7 +103,7 @@ def test_dry_plastic_slides_before_the_jaws_let_go():
 def test_marks_are_painted_through_each_finger_in_its_own_colour(name):
     arm = ARMS[name]
     marks, shape = arm.instrument.marks, arm.instrument
-    m = World(CellModel({"x": arm}, {"x": SE3.identity()})).model
+    m = World({"x": arm}, {"x": SE3.identity()}).model
     for side, sign in (("left", 1), ("right", -1)):
         for number, center in enumerate(marks.centers_m(sign, 0.0)):
             geom = m.geom(f"x_mark_{side}{number}")

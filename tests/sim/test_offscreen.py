@@ -10,9 +10,8 @@ from simulated import ideal_laboratory, standing, trial_of
 from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws
 from trocar.replay import Replay, Solid, ToolPath, Viewpoint
-from trocar.sim.camera import RayCamera
-from trocar.sim.framing import WIDTH, framed
-from trocar.sim.offscreen import OffscreenCamera, _floor_m, handled, overview
+from trocar.sim.offscreen import WIDTH, OffscreenCamera, _floor_m, framed, handled, overview
+from trocar.sim.ray_camera import RayCamera
 
 VIEW = Viewpoint((0.13, -0.46, 0.33))
 FRAME_M = np.array([[x, y, z] for x in (-0.07, 0.07) for y in (-0.05, 0.05) for z in (0.0, 0.05)])

@@ -10,11 +10,9 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC, fk
 from trocar.geometry import SE3, SO3
-from trocar.sim.mjcf import CellModel
 from trocar.sim.record import Record
 from trocar.sim.recorder import Recorder, fixed_poses, solids_of
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import World
+from trocar.sim.world import TaskWorld, World
 
 PLACED = SE3.from_parts(SO3.exp([0.1, 0.2, 0.3]), [0.3, 0.0, 0.2])
 BODIES = {"ball": {"type": "sphere", "size": ".01"}, "bar": {"type": "capsule", "size": ".01 .02"}}
@@ -35,7 +33,7 @@ class Toys(TaskWorld):
 
 @pytest.fixture
 def world():
-    return World(CellModel({"a": PSM_CLASSIC}, {"a": PLACED}, Toys()))
+    return World({"a": PSM_CLASSIC}, {"a": PLACED}, Toys())
 
 
 def test_every_tick_has_joints_jaws_bodies_and_tips(world):

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from trocar.sim.station_cameras import EYE_GAINS, eyes_of
 
 from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws, load_station
 from trocar.perception.image import Intrinsics, StereoRig
-from trocar.sim.station_cameras import EYE_GAINS, eyes_of
 
 BARE = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom type="plane" size="1 1 .1"/></worldbody></mujoco>')
 T_WORLD_CAMERA = SE3.from_parts(SO3.exp([3.0, 0.1, 0.2]), [0.1, 0.2, 0.5])

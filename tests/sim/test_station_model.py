@@ -9,7 +9,6 @@ from trocar.eval import TASKS
 from trocar.geometry import SE3, SO3
 from trocar.lab import TRANSMISSIONS, Station, StationArm, built_in_stations, load_station
 from trocar.perception.image import StereoRig
-from trocar.sim.mjcf import CellModel
 from trocar.sim.station_model import PARK, station_mjcf
 from trocar.sim.world import World
 
@@ -177,7 +176,7 @@ def test_as_loaded_it_stands_where_its_commands_are(name):
 def test_the_jaws_are_as_stiff_and_as_strong_as_the_simulators_own():
     """Both drives, told the same opening, stop at the same with the same load on both fingers, and no sooner."""
     station = BENCHES["bench of psm-classic"]
-    ours = World(CellModel(station.models, {"only": SE3.identity()}))
+    ours = World(station.models, {"only": SE3.identity()})
     model = loaded(station)
     data, opened = parked(model), {}
     for label, m, d, drive, command in (

@@ -4,10 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.sim.contacts import Hit
-from trocar.sim.mjcf import CellModel
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import World
+from trocar.sim.world import TaskWorld, World
 
 
 class Sleepy(TaskWorld):
@@ -24,5 +21,5 @@ def test_it_is_empty_and_counts_what_it_is_asked_about():
 
 @pytest.mark.parametrize(("task", "sleeps"), [(TaskWorld(), False), (Sleepy(), True)])
 def test_bodies_that_lie_still_are_left_out_only_where_the_task_lets_them(task, sleeps):
-    model = World(CellModel({}, {}, task)).model
+    model = World({}, {}, task).model
     assert bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP) == sleeps

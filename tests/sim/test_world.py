@@ -10,9 +10,8 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC
 from trocar.geometry import SE3, SO3
-from trocar.sim.mjcf import CellModel, Servo
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import PhysicsError, World
+from trocar.sim.spec import Servo
+from trocar.sim.world import PhysicsError, TaskWorld, World
 
 PLACED = SE3.from_parts(SO3.exp([0.1, 0.2, 0.3]), [0.3, 0.0, 0.2])
 
@@ -35,7 +34,7 @@ class Balls(TaskWorld):
 
 @pytest.fixture
 def world():
-    return World(CellModel({"a": PSM_CLASSIC}, {"a": PLACED}, Balls()))
+    return World({"a": PSM_CLASSIC}, {"a": PLACED}, Balls())
 
 
 def test_free_bodies_are_known_by_name_and_where_they_are(world):
@@ -87,7 +86,7 @@ def test_an_arm_is_put_where_it_is_told_with_its_jaws_and_rests_there(world):
 
 def test_an_arm_stands_where_it_is_to_start_and_only_bodies_of_a_task_are_free():
     q = PSM_CLASSIC.middle
-    at = World(CellModel({"a": PSM_CLASSIC}, {"a": PLACED}, q_start={"a": q}))
+    at = World({"a": PSM_CLASSIC}, {"a": PLACED}, q_start={"a": q})
     assert_allclose(at.joints("a"), q)
     assert at.free_bodies == () and at.free_poses().shape == (0, 7)
     mujoco.mj_forward(at.model, at.data)

@@ -22,7 +22,7 @@ from trocar.perception.checkerboard.pose import BoardPose, board_pose
 from trocar.perception.depth import project
 from trocar.perception.image import StereoImage, StereoRig
 from trocar.perception.stereo import triangulate
-from trocar.sim.checkerboard_cell import CheckerboardCell
+from trocar.sim.calibration_cells import CheckerboardCell
 
 HAND_S, BRACKET_S = 6.0, 120.0
 """Time that a person takes for one pose by hand, and to mount a bracket, take the image and remove it (assumed)."""

@@ -23,7 +23,7 @@ from trocar.perception.fiducials.fixture import SIX_SPHERES, Fixture
 from trocar.perception.fiducials.joints import require_psm
 from trocar.perception.fiducials.measure import Measured, measure
 from trocar.perception.image import Intrinsics, RgbdImage
-from trocar.sim.fiducial_cell import FiducialCell
+from trocar.sim.calibration_cells import FiducialCell
 
 SAMPLE_S = 0.75
 """Time of one sample: a move of .1 rad, settling, an exposure of .15 s (recordings: .4 to 1.1 s; the paper: .8 s)."""

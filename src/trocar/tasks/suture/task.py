@@ -27,7 +27,7 @@ from trocar.tasks.suture.score import SutureScore, score_sutures
 from trocar.tasks.suture.truth import NeedleTruth
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
 

@@ -7,7 +7,6 @@ from stereo_scenes import CAMERA, RIG, STATION, T_WORLD_TABLE, Awake, eyes_of, s
 
 from trocar.arms import ik
 from trocar.perception.image import StereoRig
-from trocar.sim.mjcf import CellModel
 from trocar.sim.world import World
 from trocar.tasks.debridement.scene import lay_out
 from trocar.tasks.debridement.workspace import Workspace
@@ -23,7 +22,7 @@ class Stage:
         self.scene = lay_out(fixtures["table"], fixtures["receptacle"], Workspace(), rng)
         task = Awake(self.scene)
         bases = {name: arm.T_world_base for name, arm in STATION.arms.items()}
-        self.world = World(CellModel(STATION.models, bases, task))
+        self.world = World(STATION.models, bases, task)
         self.park()
         task.start(self.world)
         self.world.settle(0.5)

@@ -22,7 +22,6 @@ from simulated import (
 from trocar.arms import fk, frames
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.sim.contacts import Hit
 from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene

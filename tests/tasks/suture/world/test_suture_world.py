@@ -12,7 +12,6 @@ from trocar.lab import SensorFlaws
 from trocar.lab.flaws import Difficulty
 from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
-from trocar.sim.mjcf import CellModel, build_mjcf
 from trocar.tasks.suture.agents.circle import LOAD
 from trocar.tasks.suture.task import CircleSutures
 from trocar.tasks.suture.world.needle import Tissue
