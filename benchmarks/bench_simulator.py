@@ -24,7 +24,7 @@ import cv2
 from trocar.cell import Cell
 from trocar.eval.config import RunConfig
 from trocar.eval.run import prepare, run_trial
-from trocar.robots import Calibrated, Guarded
+from trocar.robots import Compensated, Guarded
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.recorder import ContactMonitor, Recorder
 from trocar.sim.robot import SimRobot
@@ -43,7 +43,7 @@ WATCHED: tuple[tuple[type, str, str], ...] = (
     (ContactMonitor, "observe", "collisions"),
     (Recorder, "observe", "recorder"),
     (RayCamera, "render", "rendering, sensor's flaws included"),
-    (Calibrated, "_found", "compensation"),
+    (Compensated, "_found", "compensation"),
 )
 
 

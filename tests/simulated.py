@@ -19,7 +19,7 @@ from trocar.lab.transmission import JawCable
 from trocar.motion import rest_to_rest, straight
 from trocar.perception.image import CameraModel, Intrinsics
 from trocar.robots import TICK_S
-from trocar.sim.laboratory import SimLaboratory, arrays_of
+from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.spec import Surface
 from trocar.sim.world import World
@@ -185,7 +185,7 @@ def trial_of(laboratory: SimLaboratory, **about: object) -> Trial:
         duration_s=round(laboratory.now_s(), 6),
         command_limit_use={arm: laboratory.driver.limit_use(arm) for arm in station.arms},
         arrays={
-            **{name: rows.astype(np.float32) for name, rows in arrays_of(laboratory.recorder).items()},
+            **{name: rows.astype(np.float32) for name, rows in laboratory.recorder.arrays().items()},
             **laboratory.task.arrays(record),
         },
         scenery=Scenery(

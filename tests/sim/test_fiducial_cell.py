@@ -8,7 +8,7 @@ import pytest
 from simulated import ideal_session
 from trocar.errors import TrocarError
 from trocar.lab import SensorFlaws
-from trocar.perception.fiducials.fixture import SIX_SPHERES
+from trocar.perception.fiducials import SIX_SPHERES
 from trocar.perception.image import StereoRig
 from trocar.sim.calibration_cells import EmptyTable, FiducialCell
 from trocar.sim.world import World
@@ -33,7 +33,7 @@ def test_the_table_is_black_and_below_the_work_and_stops_nothing():
 def test_its_camera_has_the_stations_flaws_or_others(flaws):
     day, rng = day_with(), np.random.default_rng(0)
     cell = FiducialCell(day, "psm1", "overhead", SIX_SPHERES, rng, flaws)
-    assert cell._camera.flaws == (flaws or day.station.cameras["overhead"].flaws)
+    assert cell._camera.lenses[0].flaws == (flaws or day.station.cameras["overhead"].flaws)
     assert cell.fixture != SIX_SPHERES, "what was printed"
     q = day.station.arms["psm1"].park_q()
     image = cell.image(q, (5, 7), (20, 30), rng)

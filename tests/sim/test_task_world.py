@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from trocar.sim.record import CollidingPair
 from trocar.sim.world import TaskWorld, World
 
 
@@ -13,8 +14,8 @@ class Sleepy(TaskWorld):
 
 def test_it_is_empty_and_counts_what_it_is_asked_about():
     task = TaskWorld()
-    assert task.counts(Hit("a", "arm", "b"), np.array([0.0, 0.0, 1.0])) is True
-    assert task.hit(0, 1) is None and task.assistants() == {}
+    assert task.counts(CollidingPair("a", "arm", "b"), np.array([0.0, 0.0, 1.0])) is True
+    assert task.collision(0, 1) is None and task.assistants() == {}
     record = object()
     assert task.truth(record) is record and task.arrays(record) == {}
 

@@ -13,9 +13,9 @@ from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3, shown
 from trocar.lab import SensorFlaws, Station
 from trocar.lab.session import Session
-from trocar.perception.checkerboard.board import Checkerboard
+from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project, rays_through
-from trocar.perception.fiducials.fixture import Fixture
+from trocar.perception.fiducials import Fixture
 from trocar.perception.image import Intrinsics, RgbdImage, StereoImage, StereoRig, Window
 from trocar.sim.cameras import CameraRenderer
 from trocar.sim.spec import INTANGIBLE, SOLID, digits

@@ -65,7 +65,7 @@ class CameraRenderer:
         Raises:
             InvalidInput: the window is for another kind of camera.
         """
-        model, windows = self._read_out(window)
+        model, windows = self.read_out(window)
         binning = window.binning if isinstance(window, StereoWindow) else 1
         if binning not in self._binned:
             self._binned[binning] = [lens.binned(binning) for lens in self.lenses]
@@ -78,8 +78,12 @@ class CameraRenderer:
             return StereoImage(left, right, model, float(data.time))
         return lenses[0].render(data, rng)
 
-    def _read_out(self, window: Window | StereoWindow | None) -> tuple[CameraModel, list[Window | None]]:
-        """Return the camera that reads out only a window, and the window of each lens."""
+    def read_out(self, window: Window | StereoWindow | None) -> tuple[CameraModel, list[Window | None]]:
+        """Return the camera that reads out only a window, and the window of each lens.
+
+        Raises:
+            InvalidInput: the window is for another kind of camera, or leaves the image.
+        """
         if window is None:
             return self.model, [None] * len(self.lenses)
         if isinstance(self.model, StereoRig) and isinstance(window, StereoWindow):
@@ -111,6 +115,7 @@ class SimCamera:
 
     async def capture(self, window: Window | StereoWindow | None = None) -> Image:
         """Expose one image; it shows the end of the exposure."""
+        self._renderer.read_out(window)  # a window that is refused takes no time
         await trio.sleep(self._exposure_s)
         image = self._renderer.image(self._world.data, self._rng, window)
         if window is None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms import ArmModel, frames
 from trocar.arms.parts import STEEL, Part, parts_of
 from trocar.geometry import SE3, SO3
-from trocar.perception.fiducials.fixture import COLORS, Fixture
+from trocar.perception.fiducials import COLORS, Fixture
 
 TIMESTEP_S = 1e-3
 

@@ -100,13 +100,14 @@ def _add_light(spec: mujoco.MjSpec, station: Station) -> None:
 
 def _add_camera(spec: mujoco.MjSpec, name: str, camera: StationCamera) -> None:
     """Add an ideal camera with the field of view of a station's: of a pair, one for each side."""
-    lenses = {name: (camera.model, camera.T_world_camera)}
     if isinstance(camera.model, StereoRig):
         right = camera.T_world_camera @ camera.model.T_left_right
         lenses = {
             f"{name}_left": (camera.model.left, camera.T_world_camera),
             f"{name}_right": (camera.model.right, right),
         }
+    else:
+        lenses = {name: (camera.model, camera.T_world_camera)}
     for label, (lens, T) in lenses.items():
         fovy = float(digits(degrees(2 * atan(0.5 * lens.height / lens.fy))))
         size = {"fovy": fovy, "resolution": (lens.width, lens.height)}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.perception.fiducials.fixture import Fixture
+from trocar.perception.fiducials import Fixture
 from trocar.sim.record import CollidingPair, Record
 from trocar.sim.spec import TIMESTEP_S, CellArms, Servo, Surface, cell_spec
 

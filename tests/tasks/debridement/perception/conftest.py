@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from stereo_scenes import CAMERA, RIG, STATION, T_WORLD_TABLE, Awake, eyes_of, set_arm, show
+from stereo_scenes import CAMERA, RIG, STATION, T_WORLD_TABLE, Awake, set_arm, show, stereo_cameras
 
 from trocar.arms import ik
 from trocar.perception.image import StereoRig
@@ -26,7 +26,7 @@ class Stage:
         self.park()
         task.start(self.world)
         self.world.settle(0.5)
-        self.eyes = eyes_of(self.world, SMALL)
+        self.eyes = stereo_cameras(self.world, SMALL)
         self.T_world_camera, self.T_world_table = CAMERA.T_world_camera, T_WORLD_TABLE
         self.rest = self.world.data.qpos.copy()
 

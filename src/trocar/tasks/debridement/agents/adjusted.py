@@ -198,7 +198,7 @@ class Adjusted:
         """Drive the jaws; they are not corrected by the camera."""
         return await self._robot.jaw(arm, angle_rad)
 
-    def hold(self, *arms: str, reason: str = "") -> None:
+    def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest."""
         self._braking.update(arms or self._arms)
         self._robot.hold(*arms, reason=reason)

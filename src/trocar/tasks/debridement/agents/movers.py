@@ -12,7 +12,7 @@ import trio
 from trocar.arms import fk
 from trocar.arms.solids import SOLIDS
 from trocar.cell import Cell, MotionEnd
-from trocar.errors import TrocarError
+from trocar.errors import AlreadyThere, NoPlan, TrocarError
 from trocar.motion import MotionPlan, plan_motion
 from trocar.motion.planners import Planner
 from trocar.tasks.debridement.agents.adjusted import STEP_ENDED, Adjusted
@@ -231,11 +231,10 @@ def names_another_arm(reason: str, arm: str, arms: Iterable[str]) -> bool:
 def planned(problems: Problems, asked: Mapping[str, Asked], delay_s: float, planner: Planner) -> MotionPlan | None:
     """Return a plan; None if an arm is already at its goal."""
     try:
-        return plan_motion(problems.of(asked, delay_s), planner)
+        plan = plan_motion(problems.of(asked, delay_s), planner)
     except TrocarError as error:
-        if "coincide" in str(error):
-            return None
-        return MotionPlan("convex", {}, float("nan"), 0.0, reason=str(error))
+        return MotionPlan("convex", {}, float("nan"), 0.0, refusal=NoPlan(str(error)))
+    return None if isinstance(plan.refusal, AlreadyThere) else plan
 
 
 async def run(cell: Cell, robot: Adjusted, arm: str, motion: Trajectory, stop_s: float | None) -> None:

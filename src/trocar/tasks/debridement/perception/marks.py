@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms.instrument import FingerMarks
-from trocar.perception.hue import HueRange
+from trocar.perception.color import HueRange
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.perception.stereo import triangulate
 

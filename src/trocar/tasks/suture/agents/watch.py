@@ -18,7 +18,7 @@ from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, RgbdImage, Window
-from trocar.perception.instrument.solids import InstrumentSolids
+from trocar.perception.instrument_solids import InstrumentSolids
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.needle_belief import NeedleEstimate, NeedleEstimator
 from trocar.tasks.suture.perception import NeedleArc, NeedleSighting, search_starts, sight_needle

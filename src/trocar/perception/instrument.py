@@ -17,7 +17,7 @@ from trocar.arms import ArmModel, fk
 from trocar.geometry import SE3
 from trocar.perception.depth import patch_around
 from trocar.perception.image import RgbdImage
-from trocar.perception.instrument.solids import InstrumentSolids
+from trocar.perception.instrument_solids import InstrumentSolids
 
 WINDOW_M = 0.030
 """Half the edge of the cube about the tip in which the instrument is searched for."""
@@ -106,9 +106,6 @@ def sight(
     return Sighting(found, x[3:], normal, home * x, len(points), left)
 
 
-Evidence = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-
 def _gather(
     image: RgbdImage,
     T_base_camera: SE3,
@@ -116,7 +113,7 @@ def _gather(
     q: NDArray[np.float64],
     jaw_rad: float,
     T_base_floor: SE3 | None,
-) -> Evidence | None:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Return points (n, 3) on the instrument, and points (m, k, 3) along rays that pass it; in the arm's base."""
     p_tip = fk(arm, q).translation_m
     T_camera_tip = T_base_camera.inverse() @ SE3.from_parts(translation_m=p_tip)

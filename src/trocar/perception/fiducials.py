@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, frames
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, UnknownName
 
 SHAFT, JAW = "shaft", "jaw"
 
@@ -65,10 +65,10 @@ class Fixture:
         for part, least in ((SHAFT, 1), (JAW, 3)):
             found = sum(sphere.part == part for sphere in self.spheres)
             if found < least:
-                raise TrocarError(f"a fixture has {found} spheres on the {part}; give {least} or more")
+                raise InvalidInput("a fixture", f"has {found} spheres on the {part}", f"give {least} or more")
         for sphere in self.spheres:
             if sphere.color not in COLORS:
-                raise TrocarError(f"a sphere's colour is {sphere.color!r}; choose one of {', '.join(COLORS)}")
+                raise UnknownName("a sphere's colour", sphere.color, COLORS)
 
     @cached_property
     def radii_m(self) -> NDArray[np.float64]:
@@ -114,11 +114,7 @@ AHEAD_MM = 20.0
 """The cross is held by the jaws, whose ends lie 10.2 mm ahead of the yaw axis (assumed)."""
 
 SIX_SPHERES = Fixture(
-    spheres=(
-        _on_shaft("red", 20.0, 15.8 + 35.0),
-        _on_shaft("yellow", 17.0, 15.8),
-        *_cross(35.0, AHEAD_MM, 16.0),
-    ),
+    spheres=(_on_shaft("red", 20.0, 15.8 + 35.0), _on_shaft("yellow", 17.0, 15.8), *_cross(35.0, AHEAD_MM, 16.0)),
     hub_m=(0.0, 1e-3 * AHEAD_MM, 0.0),
 )
-"""Two spheres on the shaft and four on the jaw (facts/peg_transfer.md, Perception; Hwang et al. 2022, IV-A)."""
+"""Two spheres on the shaft and four on the jaw (Hwang et al. 2022, IV-A)."""

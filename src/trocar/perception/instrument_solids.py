@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +17,6 @@ CARRIED = np.array([[0, 0, 0], [0, 0, 0], [1, 1, 0], [1, 1, 1], [1, 1, 1], [1, 1
 """(6, 3) 1 where q4 q5 q6 move a solid: shaft and its sleeve (which are round), clevis, knuckle, fingers."""
 FRAMES = np.array([0, 0, 1, 2, 2, 2])
 """Index of the frame (4, 5 or 6) in which each solid is fixed."""
-
-
-class Solid(Protocol):
-    """A solid in its own frame."""
-
-    def distance_m(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the signed distances (n,) of points (n, 3)."""
-        ...
-
-    def gradient(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradients (n, 3) of :meth:`distance_m`."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -98,6 +85,9 @@ class Hull:
     def gradient(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the gradients (n, 3)."""
         return self.normals[(p @ self.normals.T + self.offsets).argmax(axis=1)]
+
+
+Solid = Cylinder | Capsule | Hull
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC, RAVEN2_LEFT, frames
-from trocar.perception.instrument.solids import Capsule, Cylinder, Hull, InstrumentSolids
+from trocar.perception.instrument_solids import Capsule, Cylinder, Hull, InstrumentSolids
 
 PSM = PSM_CLASSIC, np.array([0.1, 0.2, 0.15, 0.5, 0.4, -0.3])
 RAVEN = RAVEN2_LEFT, RAVEN2_LEFT.middle + [0.0, 0.0, 0.0, 0.4, 0.3, -0.2]

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from trocar.perception import match
-from trocar.perception.match import disparity_map
+from trocar.perception import stereo
+from trocar.perception.stereo import disparity_map
 
 BOX = (60, 40, 50, 30)
 
@@ -141,7 +141,7 @@ def test_windows_have_to_be_alike(noise, share):
 
 @pytest.mark.parametrize(("off", "is_found"), [(0, True), (-1, True), (1, True), (-2, False), (2, False)])
 def test_both_pictures_agree_to_a_pixel(monkeypatch, off, is_found):
-    monkeypatch.setattr(match, "_from_right", lambda scores, best: best + off)
+    monkeypatch.setattr(stereo, "_from_right", lambda scores, best: best + off)
     left = coins(20.0)
     found = disparity_map(left, shifted(left, 6), (30, 20, 20, 12), (3, 9))
     assert np.isfinite(found).all() if is_found else not np.isfinite(found).any()
@@ -155,4 +155,4 @@ def test_the_right_picture_chooses_among_the_left_pixels_that_meet_it():
         for column in range(6):
             right = column - best[row, column]
             meet = {k: scores[k, row, right + k] for k in range(4) if 0 <= right + k < 6}
-            assert match._from_right(scores, best)[row, column] == max(meet, key=lambda k: meet[k])
+            assert stereo._from_right(scores, best)[row, column] == max(meet, key=lambda k: meet[k])

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trocar.perception.fiducials import detect
-from trocar.perception.fiducials.detect import MAX_POINTS, find_spheres
-from trocar.perception.fiducials.fixture import COLORS, JAW, SHAFT, Fixture, Sphere
-from trocar.perception.fiducials.sphere_fit import SphereFit, fit_sphere
+from trocar.perception import spheres
+from trocar.perception.fiducials import COLORS, JAW, SHAFT, Fixture, Sphere
 from trocar.perception.image import Intrinsics, RgbdImage
+from trocar.perception.spheres import MAX_POINTS, find_spheres, fit_sphere
 
 CAMERA = Intrinsics(480, 320, 900.0, 900.0, 239.5, 159.5)
 WALL_M = 0.6
@@ -29,13 +28,13 @@ PLACES_M = np.array(
 )
 
 
-def photographed(spheres, noise_m=0.0):
-    """Return an image of spheres, (colour, radius, centre) each, before a grey wall."""
+def photographed(balls, noise_m=0.0):
+    """Return an image of balls, (colour, radius, centre) each, before a grey wall."""
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
     rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], axis=-1)
     depth, color = np.full(u.shape, WALL_M), np.full((*u.shape, 3), 110, np.uint8)
     square = (rays**2).sum(axis=-1)
-    for paint, radius_m, center_m in spheres:
+    for paint, radius_m, center_m in balls:
         along = rays @ center_m
         inside = along**2 - square * (center_m @ center_m - radius_m**2)
         near = (along - np.sqrt(np.maximum(inside, 0.0))) / square
@@ -90,7 +89,7 @@ def test_without_depth_there_is_nothing():
 
 def test_paints_have_the_hues_of_their_colours():
     for name, rgb in COLORS.items():
-        assert detect._hue(name) == round(256 * colorsys.rgb_to_hsv(*rgb)[0])
+        assert spheres._hue(name) == round(256 * colorsys.rgb_to_hsv(*rgb)[0])
 
 
 NEAR = Intrinsics(120, 90, 900.0, 900.0, 59.5, 44.5)
@@ -169,32 +168,32 @@ def test_most_of_what_is_seen_has_to_lie_on_one_sphere(share, found):
     assert is_found(change=scattered(share)) == found
 
 
-def test_a_patch_has_a_few_hundred_of_its_pixels():
+def test_a_blob_has_a_few_hundred_of_its_pixels():
     image = photographed(as_worn())
     red = (image.color == np.round(255 * np.array(COLORS["red"]))).all(axis=2).astype(np.uint8)
-    patches = detect._patches(image, red, 6e-3)
-    assert len(patches) == 2
-    for patch in patches:
-        assert 0.6 * MAX_POINTS < len(patch.points_m) <= MAX_POINTS
+    blobs = spheres._blobs(image, red, 6e-3)
+    assert len(blobs) == 2
+    for blob in blobs:
+        assert 0.6 * MAX_POINTS < len(blob.points_m) <= MAX_POINTS
 
 
-def test_a_patch_that_is_no_sphere_is_none():
-    def patches(change):
+def test_a_blob_that_is_no_sphere_is_none():
+    def blobs(change):
         image = photographed([("red", 9e-3, PLACES_M[0])])
         red = (image.color == np.round(255 * np.array(COLORS["red"]))).all(axis=2)
         image.depth_m[red] = change(image.depth_m[red].astype(np.float64))
-        return detect._patches(image, red.astype(np.uint8), 9e-3)
+        return spheres._blobs(image, red.astype(np.uint8), 9e-3)
 
     rng = np.random.default_rng(0)
-    assert len(patches(lambda depth: depth)) == 1
-    assert len(patches(lambda depth: depth + 0.4e-3 * rng.standard_normal(depth.shape))) == 1
-    assert not patches(lambda depth: depth + 1.2e-3 * rng.standard_normal(depth.shape))
-    assert len(patches(scattered(0.25, 0.05))) == 1
-    assert not patches(scattered(0.45, 0.05))
-    assert not patches(lambda depth: np.full_like(depth, 0.45))
+    assert len(blobs(lambda depth: depth)) == 1
+    assert len(blobs(lambda depth: depth + 0.4e-3 * rng.standard_normal(depth.shape))) == 1
+    assert not blobs(lambda depth: depth + 1.2e-3 * rng.standard_normal(depth.shape))
+    assert len(blobs(scattered(0.25, 0.05))) == 1
+    assert not blobs(scattered(0.45, 0.05))
+    assert not blobs(lambda depth: np.full_like(depth, 0.45))
 
 
-def cap(sd_m=0.0, off_share=0.0):
+def noisy_cap(sd_m=0.0, off_share=0.0):
     rng = np.random.default_rng(0)
     away = rng.standard_normal((2000, 3))
     away /= np.linalg.norm(away, axis=1, keepdims=True)
@@ -206,30 +205,119 @@ def cap(sd_m=0.0, off_share=0.0):
 @pytest.mark.parametrize(
     ("points", "good"),
     [
-        (cap(), True),
-        (cap(off_share=0.28), True),
-        (cap(off_share=0.32), False),
-        (cap(0.4e-3), True),
-        (cap(0.7e-3), False),
+        (noisy_cap(), True),
+        (noisy_cap(off_share=0.28), True),
+        (noisy_cap(off_share=0.32), False),
+        (noisy_cap(0.4e-3), True),
+        (noisy_cap(0.7e-3), False),
     ],
 )
-def test_a_centre_is_that_of_a_sphere_of_the_known_radius_on_which_most_points_lie(points, good):
-    center = detect._center(detect._Patch(points, SphereFit(PLACE_M, 8e-3, 0.0, 1.0)), 8e-3)
-    assert center.shape == (3,)
-    assert np.linalg.norm(center - PLACE_M) < 0.2e-3 if good else np.isnan(center).all()
+def test_a_sphere_of_known_radius_is_good_if_most_points_lie_on_it(points, good):
+    fit = fit_sphere(points, 8e-3, PLACE_M)
+    assert fit is not None and fit.good == good
+    assert np.linalg.norm(fit.center_m - PLACE_M) < 0.2e-3 or not good
 
 
-def test_patches_are_assigned_by_size_the_best_pairs_first():
-    rough = fit_sphere(cap())
+def test_blobs_are_assigned_by_size_the_best_pairs_first():
+    rough = fit_sphere(noisy_cap())
     assert rough is not None
-    found = {size: detect._Patch(cap(), replace(rough, radius_m=1e-3 * size)) for size in (5.5, 6.2, 6.7, 8.9)}
+    found = {size: spheres._Blob(noisy_cap(), replace(rough, radius_m=1e-3 * size)) for size in (5.5, 6.2, 6.7, 8.9)}
 
     def sizes(wanted, *given):
-        assigned = detect._assigned([found[size] for size in given], 1e-3 * np.array(wanted))
-        return {sphere: 1e3 * patch.rough.radius_m for sphere, patch in assigned.items()}
+        assigned = spheres._assigned([found[size] for size in given], 1e-3 * np.array(wanted))
+        return {sphere: 1e3 * blob.rough.radius_m for sphere, blob in assigned.items()}
 
     assert sizes([6.0, 9.0], 8.9, 6.2) == pytest.approx({0: 6.2, 1: 8.9})
     assert sizes([6.0, 9.0], 6.2, 5.5) == pytest.approx({0: 6.2})
     assert sizes([6.0, 6.6], 6.2, 6.7) == pytest.approx({0: 6.2, 1: 6.7})
     assert sizes([6.0, 6.6], 6.7) == pytest.approx({1: 6.7})
     assert sizes([6.0], 6.7, 8.9) == {} == sizes([6.0])
+
+
+# The fit of one sphere.
+
+
+CENTER = np.array([0.03, -0.02, 0.55])
+
+
+def cap(rng, radius_m, count=400, sd_m=0.0):
+    """Return points of the half of a sphere that faces the origin."""
+    points = rng.standard_normal((4 * count, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    points = points[points @ CENTER < 0][:count]
+    return CENTER + (radius_m + sd_m * rng.standard_normal((len(points), 1))) * points
+
+
+@pytest.mark.parametrize("radius", [None, 0.008])
+def test_points_on_a_sphere_give_it_exactly(radius):
+    fit = fit_sphere(cap(np.random.default_rng(0), 0.008), radius)
+    np.testing.assert_allclose(fit.center_m, CENTER, atol=1e-8)
+    assert fit.radius_m == pytest.approx(0.008, abs=1e-8)
+    assert fit.share == 1.0 and fit.rms_m < 1e-8
+
+
+def test_points_between_the_sphere_and_what_is_behind_it_do_not_count():
+    rng = np.random.default_rng(1)
+    points = cap(rng, 0.008, sd_m=0.15e-3)
+    points[:60] += CENTER * rng.uniform(0.01, 0.2, (60, 1))
+    fit = fit_sphere(points, 0.008)
+    assert np.linalg.norm(fit.center_m - CENTER) < 0.05e-3
+    assert 0.8 < fit.share < 0.86
+    assert fit.rms_m < 0.2e-3
+
+
+def test_the_radius_tells_spheres_of_16_and_17_mm_apart():
+    rng = np.random.default_rng(2)
+    found = [fit_sphere(cap(rng, r, sd_m=0.15e-3)).radius_m for r in (0.008, 0.0085)]
+    assert np.abs(np.array(found) - [0.008, 0.0085]).max() < 0.1e-3
+
+
+@pytest.mark.parametrize("points", [np.zeros((3, 3)), np.zeros((50, 3)), np.outer(np.linspace(1, 2, 50), CENTER)])
+def test_points_that_are_no_sphere_give_none(points):
+    assert fit_sphere(points) is None
+
+
+@pytest.mark.parametrize(("radius_m", "found"), [(0.09, True), (0.12, False)])
+def test_what_is_almost_flat_is_no_sphere(radius_m, found):
+    fit = fit_sphere(cap(np.random.default_rng(0), radius_m))
+    assert (fit is not None) == found
+    if fit is not None:
+        assert fit.radius_m == pytest.approx(radius_m)
+
+
+def test_four_points_are_enough():
+    points = cap(np.random.default_rng(0), 0.008)[[0, 100, 200, 300]]
+    fit = fit_sphere(points, 0.008, CENTER + 1e-4)
+    np.testing.assert_allclose(fit.center_m, CENTER, atol=1e-8)
+    assert fit_sphere(points[:3], 0.008, CENTER + 1e-4) is None
+
+
+def out(points, **by_m):
+    """Move points k out of the sphere about ``CENTER``: ``p3=0.1e-3`` moves point 3."""
+    points = points.copy()
+    for name, off_m in by_m.items():
+        away = points[int(name[1:])] - CENTER
+        points[int(name[1:])] += off_m * away / np.linalg.norm(away)
+    return points
+
+
+def test_points_within_the_gate_count():
+    """Of exact points, those nearer than .3 mm; otherwise three SDs of the others', here 3 * 1.4826 * .1 mm."""
+    points = out(cap(np.random.default_rng(0), 0.008), p0=0.28e-3, p1=-0.28e-3, p2=0.35e-3, p3=-0.35e-3)
+    assert fit_sphere(points, 0.008, CENTER).share == pytest.approx(398 / 400)
+    off = cap(np.random.default_rng(0), 0.008)
+    off = CENTER + (off - CENTER) * (1 + np.where(np.arange(400) % 2, 1, -1) * 0.1e-3 / 0.008)[:, None]
+    off = CENTER + (off - CENTER) * np.where(np.arange(400) < 4, 0.0, 1.0)[:, None]
+    off[:4] = cap(np.random.default_rng(0), 0.008)[:4]
+    points = out(off, p0=0.41e-3, p1=-0.41e-3, p2=0.48e-3, p3=-0.48e-3)
+    assert fit_sphere(points, 0.008, CENTER).share == pytest.approx(398 / 400)
+
+
+def test_rms_is_that_of_the_points_that_count():
+    """Half of them .2 mm off, inward and outward, the others not at all."""
+    points = cap(np.random.default_rng(0), 0.008)
+    off = np.array([0.0, 0.2e-3, 0.0, -0.2e-3])[np.arange(400) % 4]
+    points = CENTER + (points - CENTER) * (1 + off / 0.008)[:, None]
+    fit = fit_sphere(points, 0.008)
+    assert fit.share == 1.0
+    assert fit.rms_m == pytest.approx(0.2e-3 / np.sqrt(2.0), rel=0.02)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from trocar.errors import TrocarError
-from trocar.perception.checkerboard.board import Checkerboard
+from trocar.errors import InvalidInput
+from trocar.perception.checkerboard import Checkerboard
 
 
 def test_corners_are_row_by_row_about_the_middle():
@@ -30,18 +30,18 @@ def test_half_a_turn_changes_the_colours():
     ("values", "says"),
     [
         ({"columns": 9, "rows": 7}, "9 x 7 inner corners looks the same after half a turn"),
-        ({"columns": 2, "rows": 7}, "columns = 2"),
-        ({"rows": 2, "columns": 9}, "rows = 2"),
-        ({"rows": 41}, "rows = 41"),
-        ({"columns": 41, "rows": 8}, "columns = 41"),
-        ({"square_m": -8e-3}, "square of -0.008 m"),
-        ({"square_m": 0.11}, "square of 0.11 m"),
-        ({"square_m": float("nan")}, "square of nan m"),
-        ({"square_m": 0.0}, "square of 0.0 m"),
+        ({"columns": 2, "rows": 7}, "number of columns is 2; give 3 to 40"),
+        ({"rows": 2, "columns": 9}, "number of rows is 2; give 3 to 40"),
+        ({"rows": 41}, "number of rows is 41; give 3 to 40"),
+        ({"columns": 41, "rows": 8}, "number of columns is 41; give 3 to 40"),
+        ({"square_m": -8e-3}, "square is -0.008 m"),
+        ({"square_m": 0.11}, "square is 0.11 m"),
+        ({"square_m": float("nan")}, "square is nan m"),
+        ({"square_m": 0.0}, "square is 0.0 m"),
     ],
 )
 def test_a_board_that_cannot_be_found_is_refused(values, says):
-    with pytest.raises(TrocarError, match=says):
+    with pytest.raises(InvalidInput, match=says):
         Checkerboard(**values)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue
 
 MIN_CORNERS, MAX_CORNERS = 3, 40
 """Least and greatest number of inner corners along one side."""
@@ -36,17 +36,16 @@ class Checkerboard:
     def __post_init__(self) -> None:
         for name, count in (("columns", self.columns), ("rows", self.rows)):
             if not MIN_CORNERS <= count <= MAX_CORNERS:
-                raise TrocarError(
-                    f"a checkerboard with {name} = {count} is not one that can be found; give {MIN_CORNERS} to "
-                    f"{MAX_CORNERS} inner corners"
-                )
+                remedy = f"give {MIN_CORNERS} to {MAX_CORNERS} inner corners"
+                raise InvalidValue(f"a checkerboard's number of {name}", count, remedy)
         if (self.columns + self.rows) % 2 == 0:
-            raise TrocarError(
-                f"a checkerboard of {self.columns} x {self.rows} inner corners looks the same after half a turn; "
-                "make one of the two numbers odd and the other even"
+            raise InvalidInput(
+                f"a checkerboard of {self.columns} x {self.rows} inner corners",
+                "looks the same after half a turn",
+                "make one of the two numbers odd and the other even",
             )
         if not 0.0 < self.square_m <= MAX_SQUARE_M:
-            raise TrocarError(f"a checkerboard's square of {self.square_m} m is not in (0, {MAX_SQUARE_M}]; change it")
+            raise InvalidValue("a checkerboard's square", f"{self.square_m} m", f"give one in (0, {MAX_SQUARE_M}] m")
 
     @property
     def corners_m(self) -> NDArray[np.float64]:

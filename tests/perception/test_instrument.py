@@ -12,9 +12,8 @@ from trocar.lab.flaws import Difficulty
 from trocar.lab.session import draw_session
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
-from trocar.perception.instrument import sight
-from trocar.perception.instrument.sighting import _gather, _normal_equations
-from trocar.perception.instrument.solids import InstrumentSolids
+from trocar.perception.instrument import _gather, _normal_equations, sight
+from trocar.perception.instrument_solids import InstrumentSolids
 from trocar.sim.calibration_cells import EmptyTable
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light

@@ -1,4 +1,4 @@
-"""The spheres that an instrument wrap_robot: where they are, and which colours tell them apart."""
+"""The spheres that an instrument wears: where they are, and which colours tell them apart."""
 
 import colorsys
 from itertools import combinations
@@ -8,7 +8,7 @@ import pytest
 
 from trocar.arms import ARMS, frames
 from trocar.errors import TrocarError
-from trocar.perception.fiducials.fixture import COLORS, JAW, SHAFT, SIX_SPHERES, Fixture, Sphere
+from trocar.perception.fiducials import COLORS, JAW, SHAFT, SIX_SPHERES, Fixture, Sphere
 
 PSM = ARMS["psm-classic"]
 JAW_SPHERES = np.flatnonzero(~SIX_SPHERES.on_shaft)
@@ -28,7 +28,10 @@ def test_the_printed_distances_are_those_of_the_paper():
     [
         ((), "0 spheres on the shaft"),
         (SIX_SPHERES.spheres[:4], "2 spheres on the jaw; give 3"),
-        ((*SIX_SPHERES.spheres, Sphere(JAW, "mauve", 0.008, (0, 0, 0))), "colour is 'mauve'; choose one of red, green"),
+        (
+            (*SIX_SPHERES.spheres, Sphere(JAW, "mauve", 0.008, (0, 0, 0))),
+            "'mauve' is unknown; choose one of red, green",
+        ),
     ],
 )
 def test_an_impossible_fixture_is_refused(spheres, words):
