@@ -43,16 +43,6 @@ CALIBRATE = {
 }
 
 PLAN = {
-    "suture": Known(
-        "Plan where to place sutures round a circle, and in which direction to drive each.",
-        "trocar.tasks.suture.commands.plan_suture:suture",
-        "trocar plan suture --preset paper-demo --out out/plan",
-    ),
-    "setup": Known(
-        "Search for the circle, port and grasp whose best plan of sutures scores highest.",
-        "trocar.tasks.suture.commands.plan_setup:setup",
-        "trocar plan setup --free circle --free port --evaluations 1000",
-    ),
     "transfer": Known(
         "Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.",
         "trocar.cli.plan:transfer",
@@ -101,11 +91,6 @@ STUDY = {
         "Print Table I of the paper and the errors of all cable models, from recordings of real arms.",
         "trocar.cli.study:calibration",
         "trocar study calibration --data data --out study --no-lstm",
-    ),
-    "suture": Known(
-        "Print Table I of the circle-suture paper beside ours, the changes of direction, and random setups.",
-        "trocar.tasks.suture.commands.study_suture:suture",
-        "trocar study suture --setups 300 --out out/study",
     ),
     "robustness": Known("What a task's success depends on, flaw by flaw.", "trocar.cli.study_robustness:app"),
 }

@@ -15,7 +15,7 @@ PURPOSE = {
     "sim": "simulator, cameras, perception",
     "learn": "training the network of `--model lstm`",
     "view": "3D in the browser",
-    "parquet": "demonstrations recorded by LeRobot, trials exported as Parquet",
+    "parquet": "trials exported as Parquet",
     "dask": "studies on a cluster",
 }
 

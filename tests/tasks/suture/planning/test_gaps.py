@@ -3,6 +3,8 @@ from math import radians
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from made_up_map import made_up_map
 from trocar.errors import TrocarError
@@ -12,6 +14,7 @@ from trocar.tasks.suture.planning.gaps import Walks
 
 CASES = 200
 TENSE_CASES = 36
+ANGLES = st.floats(-10, 10)
 
 
 def random_case(seed):
@@ -171,3 +174,36 @@ def test_walks_close_only_through_what_they_must_stand_on():
     blocked = np.ones(12, dtype=bool)
     blocked[[2, 3]] = False  # 0 to 5 takes two steps, over 2 or 3 alone
     assert walks.closing(blocked).size == 0
+
+
+@given(start=ANGLES, length=st.floats(0.01, 6.2), theta=ANGLES)
+def test_forbidden_arcs_wrap(start, length, theta):
+    into = (theta - start) % TURN
+    if min(abs(into), abs(into - length), abs(into - TURN)) < 1e-6:
+        return
+    spacing = Spacing(1, 2, ((start, start + length),))
+    assert spacing.allows([theta])[0] == (into > length)
+
+
+def test_the_ends_of_arcs_are_allowed():
+    assert Spacing(1, 2, ((6.0, 0.5),)).allows([6.0, 0.5, 6.1, 0.0, 0.4, 3.0]).tolist() == [1, 1, 0, 0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((2, 1), "114.592 deg and 57.2958 deg; give a smallest gap"),
+        ((0, 1), "above 0"),
+        ((1, np.nan), "gaps between sutures"),
+        ((1, 7), "at most 360"),
+        ((1, 2, ((1, 1),)), "must differ"),
+        ((1, 2, ((1, np.inf),)), "forbidden arc in rad"),
+        ((1, 2, ((1, 2, 3),)), "forbidden arc in rad"),
+        ((1, 2, (), ("a",)), "fixed positions in rad"),
+        ((1, 2, (), 3.0), "fixed positions in rad"),
+        ((1, 2, (), (), -1), "tension weight is -1"),
+    ],
+)
+def test_bad_spacings_are_refused(arguments, sentence):
+    with pytest.raises(TrocarError, match=sentence):
+        Spacing(*arguments)

@@ -5,11 +5,15 @@ from math import radians
 import numpy as np
 import pytest
 
-from trocar.tasks.suture.planning import PRESETS, Circle, base_beside, dexterity, suture_joints
+from trocar.tasks.suture.planning import PRESETS, Circle, base_beside, dexterity, suture_joints, sutures_at
 from trocar.tasks.suture.planning.even import plan_even
 from trocar.tasks.suture.planning.reach import circle_out_of_reach, plan_out_of_reach, unreachable_arcs
 
 DEFAULT = PRESETS["default"]
+
+
+def sutures(plan):
+    return sutures_at(DEFAULT.setup, plan.positions_rad, plan.directions)
 
 
 def wide(radius_m=0.090):
@@ -20,7 +24,7 @@ def test_a_circle_within_reach_has_no_sentence():
     joints = dexterity(DEFAULT.setup).joints
     assert unreachable_arcs(joints) == ()
     assert circle_out_of_reach(joints) == ""
-    assert plan_out_of_reach(DEFAULT.setup, plan_even(dexterity(DEFAULT.setup))) == ""
+    assert plan_out_of_reach(sutures(plan_even(dexterity(DEFAULT.setup)))) == ""
 
 
 @pytest.mark.parametrize("turn_deg", [0, 170, 300])
@@ -72,7 +76,7 @@ def test_no_configuration_at_all_is_said_so():
 def test_a_plan_names_its_own_sutures_where_another_direction_would_do():
     found = dexterity(DEFAULT.setup)
     plan = plan_even(found)
-    sentence = plan_out_of_reach(DEFAULT.setup, replace(plan, directions=-plan.directions))
+    sentence = plan_out_of_reach(sutures(replace(plan, directions=-plan.directions)))
     rows = [[1, -1].index(direction) for direction in -plan.directions]
     blocked = [
         f"at {np.degrees(theta):.4g} deg"

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.tasks.suture.planning.plan import SuturePlan, check_count, plan_on_grid, ranks
 from trocar.tasks.suture.planning.rewards import DexterityMap
 
@@ -24,7 +24,7 @@ def plan_even(map: DexterityMap, count: int = 4) -> SuturePlan:
         count: number of sutures.
 
     Raises:
-        TrocarError: the positions of the map cannot be divided by ``count``.
+        InvalidInput: the positions of the map cannot be divided by ``count``.
 
     Example:
         >>> from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
@@ -51,13 +51,14 @@ def plan_exhaustive(map: DexterityMap, count: int = 4) -> SuturePlan:
         count: number of sutures.
 
     Raises:
-        TrocarError: the positions of the map cannot be divided by ``count``, or there are too many plans.
+        InvalidInput: the positions of the map cannot be divided by ``count``, or there are too many plans.
     """
     starts = _starts(map, count)
     if starts * 2**count > MAX_PLANS:
-        raise TrocarError(
-            f"{starts} starts with directions for {count} sutures make {starts * 2**count} plans; enumerate at most "
-            f"{MAX_PLANS}, or use plan_even, which finds the same plan"
+        raise InvalidInput(
+            f"{starts} starts with directions for {count} sutures",
+            f"make {starts * 2**count} plans",
+            f"enumerate at most {MAX_PLANS}, or use plan_even, which finds the same plan",
         )
     all_ranks = ranks(map).reshape(2, count, starts)
     combinations = np.array(list(itertools.product((0, 1), repeat=count)))
@@ -74,8 +75,9 @@ def _starts(map: DexterityMap, count: int) -> int:
     check_count(count)
     positions = len(map.thetas_rad)
     if positions % count:
-        raise TrocarError(
-            f"{positions} positions cannot be divided evenly among {count} sutures; "
-            f"give a multiple, such as {count * -(-positions // count)} positions"
+        raise InvalidInput(
+            f"{positions} positions",
+            f"cannot be divided evenly among {count} sutures",
+            f"give a multiple, such as {count * -(-positions // count)} positions",
         )
     return positions // count

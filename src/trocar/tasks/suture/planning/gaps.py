@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import TURN, shown
 from trocar.tasks.suture.planning.plan import Spacing, SuturePlan, check_count, plan_on_grid, ranks
 from trocar.tasks.suture.planning.rewards import DexterityMap
@@ -160,7 +160,7 @@ def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
         spacing: constraints on their positions, and the cost of uneven gaps.
 
     Raises:
-        TrocarError: no plan can meet the spacing; names the numbers that prevent it.
+        InvalidInput: no plan can meet the spacing; names the numbers that prevent it.
 
     Example:
         >>> from math import radians
@@ -169,13 +169,14 @@ def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
         >>> round(plan.reward, 3), plan.feasible
         (0.656, True)
     """
-    walks = walks_on_grid(map, count, spacing)
+    check_spacing(count, spacing)
+    walks = walks_on_grid(len(map.thetas_rad), count, spacing)
     every = ranks(map)
     choice, rank = np.argmax(every, axis=0), every.max(0)
     rank[~spacing.allows(map.thetas_rad)] = -1
     best = tried = _best(map, walks, rank, choice, spacing.tension)
     if best is None:
-        raise TrocarError(no_way(count, spacing, f"on the grid of {len(rank)} positions"))
+        raise _no_way(count, spacing, len(rank))
     if best.feasible and map.reward.feasible_first:
         rank[~map.joints.feasible.any(0)] = -1
     # ``bound + tension_cost`` is the worst dexterity of the plan just tried. More even plans can only lose dexterity:
@@ -203,60 +204,6 @@ def _best(
     return plan_on_grid(map, where, choice[where], tension * float(uneven))
 
 
-def walks_on_grid(map: DexterityMap, count: int, spacing: Spacing) -> Walks:
-    """Return the closed walks that meet the spacing apart from its forbidden arcs, or raise TrocarError."""
-    check_closes(count, spacing)
-    positions = len(map.thetas_rad)
-    step = TURN / positions
-    min_step = max(1, math.ceil(spacing.min_gap_rad / step - ON_GRID))
-    max_step = math.floor(spacing.max_gap_rad / step + ON_GRID)
-    if not count * min_step <= positions <= count * max_step:
-        raise TrocarError(
-            f"{count} sutures with gaps of {min_step} to {max_step} of the grid's {positions} steps cannot close the "
-            "circle; give more positions or wider bounds, or plan at any angles"
-        )
-    through = np.rint(np.array(spacing.fixed_rad) / step)
-    for angle, miss in zip(spacing.fixed_rad, np.abs(through * step - spacing.fixed_rad), strict=True):
-        if miss > ON_GRID * step:
-            raise TrocarError(
-                f"the fixed position {shown(angle, 'rad', 'g')} is not on the grid of {positions} positions, every "
-                f"{shown(step, 'rad', 'g')}; give a multiple of it, another number of positions, or plan at any angles"
-            )
-    return Walks(positions, count, min_step, max_step, tuple(sorted({int(k) % positions for k in through})))
-
-
-def check_closes(count: int, spacing: Spacing) -> None:
-    """Raise TrocarError if the gaps cannot add up to a turn, or the fixed positions contradict the rest."""
-    check_count(count)
-    min_deg, max_deg = math.degrees(spacing.min_gap_rad), math.degrees(spacing.max_gap_rad)
-    if not count * min_deg <= 360 * (1 + 1e-9) or not count * max_deg >= 360 * (1 - 1e-9):
-        raise TrocarError(
-            f"{count} gaps of {min_deg:g} to {max_deg:g} deg add up to {count * min_deg:g} to {count * max_deg:g} deg, "
-            f"not to 360; give a smallest gap of at most {360 / count:g} deg and a largest gap of at least that, or "
-            "another number of sutures"
-        )
-    if len(spacing.fixed_rad) > count:
-        raise TrocarError(
-            f"{len(spacing.fixed_rad)} positions are fixed, but only {count} sutures are planned; plan at least as many"
-        )
-    for angle, allowed in zip(spacing.fixed_rad, spacing.allows(spacing.fixed_rad), strict=True):
-        if not allowed:
-            raise TrocarError(
-                f"the fixed position {shown(angle, 'rad', 'g')} lies in a forbidden arc; move one of the two"
-            )
-
-
-def no_way(count: int, spacing: Spacing, where: str) -> str:
-    """Return the error sentence for a spacing that no plan meets, although its gaps could add up to a turn."""
-    arcs = ", ".join(f"{math.degrees(a):g} to {math.degrees(b):g}" for a, b in spacing.forbidden_rad) or "none"
-    fixed = ", ".join(f"{math.degrees(angle):g}" for angle in spacing.fixed_rad) or "none"
-    return (
-        f"no {count} sutures {where} have gaps of {shown(spacing.min_gap_rad, 'rad', 'g')} to "
-        f"{shown(spacing.max_gap_rad, 'rad', 'g')}, lie outside the forbidden arcs ({arcs} deg) and cover the fixed "
-        f"positions ({fixed} deg); widen the gaps' bounds, shorten an arc or free a position"
-    )
-
-
 def highest_closing(walks: Walks, rank: NDArray[np.intp]) -> int:
     """Return the highest rank such that a walk over the positions of at least that rank closes; -1 if none does."""
     levels = np.unique(rank[rank >= 0])
@@ -265,3 +212,59 @@ def highest_closing(walks: Walks, rank: NDArray[np.intp]) -> int:
         middle = (low + high) // 2
         low, high = (middle, high) if len(walks.closing(rank >= levels[middle])) else (low, middle)
     return int(levels[low]) if low >= 0 else -1
+
+
+def walks_on_grid(positions: int, count: int, spacing: Spacing) -> Walks:
+    """Return the closed walks that meet the spacing apart from its forbidden arcs, or raise InvalidInput."""
+    step = TURN / positions
+    min_step = max(1, math.ceil(spacing.min_gap_rad / step - ON_GRID))
+    max_step = math.floor(spacing.max_gap_rad / step + ON_GRID)
+    if not count * min_step <= positions <= count * max_step:
+        raise InvalidInput(
+            f"{count} sutures with gaps of {min_step} to {max_step} of the grid's {positions} steps",
+            "cannot close the circle",
+            "give more positions or wider bounds",
+        )
+    through = np.rint(np.array(spacing.fixed_rad) / step)
+    for angle, miss in zip(spacing.fixed_rad, np.abs(through * step - spacing.fixed_rad), strict=True):
+        if miss > ON_GRID * step:
+            raise InvalidInput(
+                f"the fixed position {shown(angle, 'rad', 'g')}",
+                f"is not on the grid of {positions} positions, every {shown(step, 'rad', 'g')}",
+                "give a multiple of it, or another number of positions",
+            )
+    return Walks(positions, count, min_step, max_step, tuple(sorted({int(k) % positions for k in through})))
+
+
+def check_spacing(count: int, spacing: Spacing) -> None:
+    """Raise InvalidInput if the gaps cannot add up to a turn, or the fixed positions contradict the rest."""
+    check_count(count)
+    min_deg, max_deg = math.degrees(spacing.min_gap_rad), math.degrees(spacing.max_gap_rad)
+    if not count * min_deg <= 360 * (1 + 1e-9) or not count * max_deg >= 360 * (1 - 1e-9):
+        raise InvalidInput(
+            f"{count} gaps of {min_deg:g} to {max_deg:g} deg",
+            f"add up to {count * min_deg:g} to {count * max_deg:g} deg, not to 360",
+            f"give a smallest gap of at most {360 / count:g} deg and a largest gap of at least that, or another number "
+            "of sutures",
+        )
+    if len(spacing.fixed_rad) > count:
+        raise InvalidInput(
+            f"{len(spacing.fixed_rad)} positions", f"are fixed, but only {count} sutures are planned", "plan more"
+        )
+    for angle, allowed in zip(spacing.fixed_rad, spacing.allows(spacing.fixed_rad), strict=True):
+        if not allowed:
+            raise InvalidInput(
+                f"the fixed position {shown(angle, 'rad', 'g')}", "lies in a forbidden arc", "move one of the two"
+            )
+
+
+def _no_way(count: int, spacing: Spacing, positions: int) -> InvalidInput:
+    """Return the error for a spacing that no plan meets, although its gaps could add up to a turn."""
+    arcs = ", ".join(f"{math.degrees(a):g} to {math.degrees(b):g}" for a, b in spacing.forbidden_rad) or "none"
+    fixed = ", ".join(f"{math.degrees(angle):g}" for angle in spacing.fixed_rad) or "none"
+    return InvalidInput(
+        f"no {count} sutures on the grid of {positions} positions",
+        f"have gaps of {shown(spacing.min_gap_rad, 'rad', 'g')} to {shown(spacing.max_gap_rad, 'rad', 'g')}, lie "
+        f"outside the forbidden arcs ({arcs} deg) and cover the fixed positions ({fixed} deg)",
+        "widen the gaps' bounds, shorten an arc or free a position",
+    )

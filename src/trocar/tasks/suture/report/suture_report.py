@@ -15,8 +15,7 @@ from trocar.geometry import SE3, TURN
 from trocar.replay import Viewpoint
 from trocar.report.tables import figure
 from trocar.tasks.suture.outcomes import SutureOutcome
-from trocar.tasks.suture.report.driven import driven_summary, setup_of, steps_of
-from trocar.tasks.suture.report.driven_figures import draw_joints, draw_needle
+from trocar.tasks.suture.report.driven import draw_joints, draw_needle, driven_summary, setup_of, steps_of
 
 if TYPE_CHECKING:
     from trocar.eval.trial import Trial
@@ -107,14 +106,16 @@ class SutureReport(TaskReport):
         table.add_column("what")
         table.add_column("RMS", justify="right")
         table.add_column("largest", justify="right")
-        for joint, error in summary["joint_error_deg"].items():
-            table.add_row(f"{joint.replace('_', ' ')}, deg", figure(error["rms"]), figure(error["max"]))
-        insertion, tip = summary["insertion_error_mm"], summary["tip_error_mm"]
-        table.add_row("insertion, mm", figure(insertion["rms"]), figure(insertion["max"]))
-        table.add_row("needle's tip off its path, mm", figure(tip["rms"]), figure(tip["max"]))
-        for end in ("entry", "exit"):
-            table.add_row(f"{end} off its point, mm", "", figure(summary[f"{end}_error_mm"]["max"]))
-        table.add_row("slip in the jaws, mm", "", figure(summary["slip_mm"]["max"]))
+        rows = {f"{joint.replace('_', ' ')}, deg": error for joint, error in summary["joint_error_deg"].items()}
+        rows |= {
+            "insertion, mm": summary["insertion_error_mm"],
+            "needle's tip off its path, mm": summary["tip_error_mm"],
+            "entry off its point, mm": summary["entry_error_mm"],
+            "exit off its point, mm": summary["exit_error_mm"],
+            "slip in the jaws, mm": summary["slip_mm"],
+        }
+        for what, error in rows.items():
+            table.add_row(what, figure(error["rms"]) if "rms" in error else "", figure(error["max"]))
         return [table]
 
     def notes(self, trials: Sequence[Trial]) -> list[str]:

@@ -61,7 +61,7 @@ def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
         phantom.add_geom(name=f"mark{index}", **dash, **placed(at), **INTANGIBLE)
     needle = world.add_body(name="needle", **placed(scene.T_world_circle @ SE3.from_parts(translation_m=ASIDE_M)))
     needle.add_freejoint(name="needle")
-    wire = {"type": mjtGeom.mjGEOM_CAPSULE, "size": digits((scene.wire_m / 2, 0, 0)), "rgba": (*NEEDLE_RGB, 1)}
+    wire = {"type": mjtGeom.mjGEOM_CAPSULE, "size": digits((scene.needle.wire_m / 2, 0, 0)), "rgba": (*NEEDLE_RGB, 1)}
     for index, (start, end) in enumerate(pairwise(scene.wire_points_m)):
         needle.add_geom(name=f"needle_{index}", fromto=digits((*start, *end)), density=STEEL_KG_M3, **wire, **SOLID)
 
@@ -82,7 +82,7 @@ class HeldNeedle:
         self._body = world.model.body("needle").id
         self._qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
         self._dof = slice(joint.dofadr[0], joint.dofadr[0] + 6)
-        turning = scene.needle_radius_m**2
+        turning = scene.needle.radius_m**2
         share = np.array([1.0, 1.0, 1.0, turning, turning, turning])
         world.model.dof_armature[self._dof] = self._tissue.apparent_kg * share
         mujoco.mj_setConst(world.model, world.data)
