@@ -5,10 +5,9 @@ from trocar.tasks.suture.planning.even import plan_even, plan_exhaustive
 from trocar.tasks.suture.planning.gaps import plan_gaps
 from trocar.tasks.suture.planning.joints import SutureJoints, suture_joints
 from trocar.tasks.suture.planning.plan import Spacing, SuturePlan
-from trocar.tasks.suture.planning.presets import PRESETS, Preset
 from trocar.tasks.suture.planning.primitive import Suture, sutures_at
 from trocar.tasks.suture.planning.refine import refined
-from trocar.tasks.suture.planning.rewards import MARGINS, DexterityMap, Reward, dexterity
+from trocar.tasks.suture.planning.rewards import MARGINS, PRESETS, DexterityMap, Preset, Reward, dexterity
 from trocar.tasks.suture.planning.setup import (
     CLOCKWISE,
     COUNTERCLOCKWISE,
