@@ -19,7 +19,7 @@ from trocar.tasks.suture.planning import (
     suture_joints,
     sutures_at,
 )
-from trocar.tasks.suture.planning.even import plan_even
+from trocar.tasks.suture.planning.grid import plan_even
 from trocar.tasks.suture.planning.problems import (
     circle_out_of_reach,
     crossing_sutures,
