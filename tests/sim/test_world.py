@@ -84,3 +84,12 @@ def test_an_arm_is_put_where_it_is_told_with_its_jaws_and_rests_there(world):
 def test_only_bodies_of_a_task_are_free():
     bare = World({"a": PSM_CLASSIC}, {"a": PLACED})
     assert bare.free_bodies == () and bare.free_poses().shape == (0, 7)
+
+
+def test_a_body_without_a_name_gets_one_for_replays():
+    class Nameless(TaskWorld):
+        def add(self, spec):
+            spec.worldbody.add_body().add_geom(size=(0.01, 0, 0))
+
+    model = World({}, {}, Nameless()).model
+    assert all(model.body(b).name for b in range(model.nbody)) and model.nbody == 2

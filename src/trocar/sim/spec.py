@@ -131,6 +131,8 @@ def cell_spec(arms: CellArms, add_bodies: Callable[[mujoco.MjSpec], None], *, sl
     """
     spec = _empty_spec(arms.surface, sleeps)
     add_bodies(spec)
+    for number, body in enumerate(spec.bodies):
+        body.name = body.name or f"body {number}"  # replays know bodies by name
     for index, name in enumerate(arms.models):
         bit = SOLID["contype"] << (index + 1)
         # everything but the same instrument, whose neighbouring links overlap at their joints
