@@ -141,7 +141,9 @@ def test_positions_in_another_unit_are_refused(tmp_path, scale, unit):
 def test_two_arms_and_bases_that_can_reach_are_needed(tmp_path):
     row = np.zeros(76)
     row[38:50] = row[57:69] = np.hstack([[0.0, 0.0, 0.0], np.eye(3).ravel()])
-    np.savetxt(tmp_path / "a.txt", np.tile(row, (3, 1)))
+    rows = np.tile(row, (3, 1))
+    rows[1, 38] = 1e-3
+    np.savetxt(tmp_path / "a.txt", rows)
     says(manifest(tmp_path, 'arms = ["psm-classic"]\n' + entry("a.txt")), "two slaves", "name two")
     inside = "[[bases]]\nxyz_m = [0, 0, 0.0095]\n" * 2  # the jaw axis on the remote centre: no definite joints
     says(manifest(tmp_path, TWO + entry("a.txt") + inside), "a.txt", "cannot be reached", "bases")

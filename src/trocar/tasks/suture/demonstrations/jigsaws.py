@@ -66,7 +66,7 @@ def read_jigsaws(path: Path, convention: Convention) -> SE3:
 
 
 def _check_spread(places_m: NDArray[np.float64], convention: Convention, path: Path) -> None:
-    """Raise BadFile if positions (n, 2, 3) of the tips spread farther than an arm reaches, or too little for a suture."""
+    """Raise BadFile if positions (n, 2, 3) of the tips spread farther than an arm reaches, or hardly at all."""
     spread_m = np.linalg.norm(np.ptp(places_m, axis=0), axis=-1)
     reach_m = 2 * np.array([arm.upper[INSERTION] + arm.tip_length_m for arm in convention.arms])
     if (spread_m > reach_m).any() or spread_m.max() < MIN_SPREAD_M:
