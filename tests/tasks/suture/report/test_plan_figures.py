@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from trocar.geometry import SE3
 from trocar.report import style
 from trocar.tasks.suture.planning import PRESETS, Circle, dexterity
-from trocar.tasks.suture.planning.even import plan_even
+from trocar.tasks.suture.planning.grid import plan_even
 from trocar.tasks.suture.planning.study import study
 from trocar.tasks.suture.report.circle import apart, draw_plan
 from trocar.tasks.suture.report.panels import draw_reasons, draw_study, manipulability
