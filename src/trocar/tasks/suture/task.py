@@ -20,13 +20,13 @@ from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, S
 from trocar.tasks.suture.planning.plan import check_count
 from trocar.tasks.suture.planning.plan_file import PlannedSutures, load_plan
 from trocar.tasks.suture.planning.primitive import grasp_pose
-from trocar.tasks.suture.planning.reach import plan_out_of_reach
+from trocar.tasks.suture.planning.problems import plan_out_of_reach
 from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.scene import SutureScene
 from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
 
@@ -81,7 +81,7 @@ class CircleSutures(Task):
             "encoder readings taken at face value; no looks at the needle", calibrated=False, **_BLIND
         ),
     }
-    report = Lazy("trocar.tasks.suture.report:SutureReport")
+    report = Lazy("trocar.tasks.suture.report.driven_sutures:SutureReport")
 
     def __post_init__(self) -> None:
         if self.planned:
