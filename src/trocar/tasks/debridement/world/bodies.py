@@ -8,8 +8,7 @@ from scipy.spatial import ConvexHull
 
 from trocar.geometry import SE3, SO3
 from trocar.sim.elements import NOTHING, add, placed, scene_bits, text
-from trocar.tasks.debridement.scene import DebridementScene, Fragment
-from trocar.tasks.debridement.tissue import GROUND
+from trocar.tasks.debridement.scene import GROUND, DebridementScene, Fragment
 
 RED_FOAM = (0.62, 0.05, 0.05)
 WHITE_SURFACE = (0.75, 0.75, 0.74)
