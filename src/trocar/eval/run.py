@@ -21,7 +21,7 @@ from trocar.eval.trial import Trial
 from trocar.lab import SensorFlaws
 from trocar.motion import PLANNERS
 from trocar.robots import TICK_S, Adaptive, Compensated
-from trocar.sim.laboratory import SimLaboratory, arrays_of
+from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.world import PhysicsError
 
@@ -100,7 +100,7 @@ def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Liste
         duration_s=round(laboratory.now_s(), 6),
         command_limit_use={arm: laboratory.driver.limit_use(arm) for arm in station.arms},
         arrays={
-            **{name: rows.astype(np.float32) for name, rows in arrays_of(laboratory.recorder).items()},
+            **{name: rows.astype(np.float32) for name, rows in laboratory.recorder.arrays().items()},
             **laboratory.task.arrays(record),
         },
         scenery=Scenery(

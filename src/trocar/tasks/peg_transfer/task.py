@@ -21,7 +21,7 @@ from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
 from trocar.tasks.peg_transfer.truth import PegTruth
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 BOARD_SHIFT_M = 2e-3
 BOARD_TURN_RAD = np.radians(3.0)

@@ -26,7 +26,7 @@ from trocar.tasks.suture.scene import SutureScene
 from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
 
