@@ -14,7 +14,7 @@ from trocar.eval.trial import Trial, trial_file
 from trocar.geometry import SE3
 from trocar.log import Span
 from trocar.replay import Solid
-from trocar.tasks.debridement.report.published import MODES
+from trocar.tasks.debridement.report.table_one import MODES
 from trocar.tasks.debridement.task import Debridement
 
 TICK_S = 0.01
@@ -114,7 +114,7 @@ def _scenery(config: RunConfig) -> Scenery:
 
 
 def saved(folder: Path, sessions: int = 3, **more: object) -> list[Condition]:
-    """Return the conditions of a study whose trials are there: with two arms one of six grasps is a multiple one."""
+    """Return the cells of a study whose trials are there: with two arms one of six grasps is a multiple one."""
     cells = conditions_of(Debridement, folder, methods="paper", sessions=sessions, seed=2, **more)  # type: ignore[arg-type]
     opened(cells)
     for cell in cells:
