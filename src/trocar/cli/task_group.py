@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 from trocar.cli.group import Deferred, command_of
 from trocar.cli.options import load_given
 from trocar.errors import TrocarError
-from trocar.eval import TASKS, Task, check_task, methods_of, perceptions_of
+from trocar.eval import TASKS, Task, methods_of, perceptions_of
 from trocar.registry import PLUGIN_MODULE
 
 OWN = "Of this task"
@@ -47,7 +47,6 @@ class TaskGroup(TyperGroup):
         """Return a placeholder for the command of a task; its options are found when they are needed."""
         del ctx
         task, own = TASKS.pick(cmd_name), type(self)
-        check_task(task)
         return Deferred(cmd_name, f"{_about(task)}.", lambda: task_command(task, own.body, own.told, own.example))
 
 
@@ -60,7 +59,6 @@ def task_command(task: type[Task], body: Callable[..., None], told: str, example
         told: the description in the help.
         example: a line that calls it.
     """
-    check_task(task)
     own = {field.name: field for field in fields(task)}  # type: ignore[arg-type]
     usual = [p for p in inspect.signature(body, eval_str=True).parameters.values() if p.name not in ("task", "options")]
     taken = [name for name in own if name in {p.name for p in usual}]

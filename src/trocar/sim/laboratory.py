@@ -201,7 +201,7 @@ class SimLaboratory:
     def wrap_robot(self, wrap: Callable[[Cell], Any]) -> Cell:
         """Add another wrapper to the robot, made by ``wrap`` from the cell; return the cell with it."""
         self.cell = replace(self.cell, robot=wrap(self.cell))
-        self.recorder.asked_of = self.cell.robot
+        self.recorder.desired_of = self.cell.robot
         robot = self.cell.robot
         if isinstance(robot, JointEstimator):
             self._guard.estimator = robot
@@ -320,7 +320,7 @@ def _cause(group: BaseExceptionGroup) -> BaseException:
 def arrays_of(recorder: Recorder) -> dict[str, NDArray]:
     """Return what is saved of every cell: joints of the arms and poses of free bodies at 100 Hz."""
     arrays: dict[str, NDArray] = {}
-    for kind in ("asked", "commanded", "measured", "true"):
+    for kind in ("desired", "commanded", "measured", "true"):
         for name, rows in recorder.joints(kind).items():
             arrays[f"{kind}_{name}"] = rows
     for body, rows in recorder.free_poses().items():
