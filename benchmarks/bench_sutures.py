@@ -20,7 +20,6 @@ from trocar.tasks.suture.planning import (
     Spacing,
     dexterity,
     plan_even,
-    plan_exhaustive,
     plan_gaps,
     refined,
 )
@@ -81,13 +80,10 @@ def paper_problem(preset: Preset) -> tuple[bool, DexterityMap]:
     solve()
     median, minimum, (found, plan) = timed(solve, REPEATS)
     search, _, _ = timed(lambda: plan_even(found, COUNT), REPEATS)
-    every, _, exhaustive = timed(lambda: plan_exhaustive(found, COUNT), REPEATS)
-    assert (exhaustive.positions_rad == plan.positions_rad).all() and exhaustive.reward == plan.reward
-    assert (exhaustive.directions == plan.directions).all()
     print(
         f"  the paper's problem, {POSITIONS} positions, including IK: median {median:.2f} ms, minimum {minimum:.2f} ms"
     )
-    print(f"    the search alone {search:.2f} ms; enumeration of all 90 x 2^4 plans {every:.2f} ms, the same plan")
+    print(f"    the search alone {search:.2f} ms; worst suture {plan.reward:.4f}")
     return median <= TARGET_PAPER_MS, found
 
 

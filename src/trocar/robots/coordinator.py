@@ -46,6 +46,17 @@ class Blocked(MotionRefused):
         super().__init__(f"arm {arm!r} has no room to move, and waiting does not help")
 
 
+class _Signal:
+    """Wakes everybody who waits for something to change."""
+
+    def __init__(self) -> None:
+        self.event = trio.Event()
+
+    def notify(self) -> None:
+        event, self.event = self.event, trio.Event()
+        event.set()
+
+
 @dataclass(frozen=True)
 class Margins:
     """What the coordinator keeps between arms, and how long they wait.
@@ -153,26 +164,17 @@ class Coordinator:
         self._lanes = {name: _Lane(cell.arms[name], cell.T_world_base_registered[name]) for name in arms}
         self._spaces: dict[str, _Space] = {}
         self._requests: dict[str, _Request] = {}
-        self._changed = trio.Event()
+        self._motions, self._progress, self._asking = _Signal(), _Signal(), _Signal()
 
     @property
     def alone(self) -> bool:
         """Return whether only one arm takes part."""
         return len(self._lanes) == 1
 
-    def notify(self) -> None:
-        """Wake the scripts that wait for something to change."""
-        changed, self._changed = self._changed, trio.Event()
-        changed.set()
-
-    async def changed(self) -> None:
-        """Return when something has changed."""
-        await self._changed.wait()
-
     def carry(self, arm: str, held: Capsules | None) -> None:
         """Record what an arm has in its jaws now, in the frame of its tip; None: nothing."""
         self._lanes[arm].held = held
-        self.notify()
+        self._motions.notify()
 
     def carries(self, arm: str) -> bool:
         """Return whether an arm was recorded as having something in its jaws."""
@@ -216,7 +218,7 @@ class Coordinator:
                 else:
                     await self._wait_for_change(arm, deadline_s)
         lane.announced, lane.departure = motion, departure
-        self.notify()
+        self._motions.notify()
 
     async def run(self, arm: str, motion: Trajectory) -> MotionResult:
         """Run a motion that was admitted."""
@@ -225,7 +227,7 @@ class Coordinator:
                 return (await self._cell.robot.move({arm: motion}))[arm]
         finally:
             self._lanes[arm].announced = None
-            self.notify()
+            self._motions.notify()
 
     def try_reserve(self, arm: str, space: str) -> bool:
         """Reserve a space if it is free; return whether the arm has it."""
@@ -253,7 +255,15 @@ class Coordinator:
     def reached(self, arm: str, step: float = inf) -> None:
         """Note that an arm has reached a step of the task; by default, that it has finished."""
         self._lanes[arm].step = step
-        self.notify()
+        self.progress()
+
+    def progress(self) -> None:
+        """Wake the scripts that wait for other arms to make progress."""
+        self._progress.notify()
+
+    async def progressed(self) -> None:
+        """Return when an arm has made progress."""
+        await self._progress.event.wait()
 
     async def wait_for_others(self, arm: str, step: float, patience_s: float) -> None:
         """Wait until all other arms have reached a step, but not longer than this."""
@@ -262,12 +272,12 @@ class Coordinator:
             return
         with self._cell.log.span(arm, "waiting"), trio.move_on_after(patience_s):
             while any(other.step < step for other in others):
-                await self._changed.wait()
+                await self.progressed()
 
     def leave(self, arm: str) -> None:
         """Let the others decide without this arm, which stays where it is; until it asks again."""
         self._lanes[arm].at_work = False
-        self.notify()
+        self._asking.notify()
 
     @contextmanager
     def idle(self, arm: str) -> Iterator[None]:
@@ -289,15 +299,15 @@ class Coordinator:
             decide: returns the answers by arm; it is called once for all that have asked.
         """
         request = self._requests[arm] = _Request(asked)
-        self.notify()
+        self._asking.notify()
         with self._cell.log.span(arm, "waiting"):
             while not request.taken and not self._all_asked():
-                await first_of(self._changed, request.answered)
+                await first_of(self._asking.event, request.answered)
         if not request.taken and arm == min(self._requests):
             requests, self._requests = self._requests, {}
             for other in requests.values():
                 other.taken = True
-            self.notify()
+            self._asking.notify()
             answers = await decide({name: other.asked for name, other in requests.items()})
             for name, other in requests.items():
                 other.answer = answers[name]
@@ -322,7 +332,7 @@ class Coordinator:
             raise Blocked(arm)
         for other in standing:
             other.pressed.set()
-        changed, lane.waiting, lane.pressed = self._changed, True, trio.Event()
+        changed, lane.waiting, lane.pressed = self._motions.event, True, trio.Event()
         try:
             with trio.move_on_after(left_s):
                 await first_of(changed, lane.pressed)

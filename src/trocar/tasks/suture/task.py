@@ -20,7 +20,7 @@ from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, S
 from trocar.tasks.suture.planning.plan import check_count
 from trocar.tasks.suture.planning.plan_file import PlannedSutures, load_plan
 from trocar.tasks.suture.planning.primitive import grasp_pose
-from trocar.tasks.suture.planning.reach import plan_out_of_reach
+from trocar.tasks.suture.planning.problems import plan_out_of_reach
 from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.scene import SutureScene
 from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
@@ -81,7 +81,7 @@ class CircleSutures(Task):
         "blind": Method("cables compensated likewise; no looks at the needle", calibrated=True, **_BLIND),
         "uncalibrated": Method("encoder readings taken at face value; no looks at the needle", **_BLIND),
     }
-    report = Lazy("trocar.tasks.suture.report:SutureReport")
+    report = Lazy("trocar.tasks.suture.report.driven_sutures:SutureReport")
 
     def __post_init__(self) -> None:
         if self.planned:

@@ -49,12 +49,6 @@ def test_the_paper_demo_has_its_table_near_the_papers(answer):
     assert found["switches_deg"] == pytest.approx([67, 228], abs=5)
 
 
-def test_enumerating_every_plan_finds_the_same(answer):
-    fast, full = answer("--preset paper-demo"), answer("--preset paper-demo --exhaustive")
-    for key in ("positions_deg", "directions", "rewards"):
-        assert fast[key] == full[key]
-
-
 def test_wider_gaps_are_never_worse_and_any_angles_neither(answer):
     even, gaps = answer(), answer("--min-gap-deg 75 --max-gap-deg 105")
     anywhere = answer("--min-gap-deg 75 --max-gap-deg 105 --continuous")
@@ -151,7 +145,6 @@ def test_the_json_holds_the_setup_that_was_asked_for(answer):
         ("--center-mm nan 0 0", "centre"),
         ("--margin best", "smallest, normalised, clipped, paper"),
         ("--weight 2", "lambda"),
-        ("--exhaustive --fix-deg 90", "--exhaustive"),
         ("--demonstrations nowhere", "nowhere"),
         ("--fix-deg nan", "fixed positions"),
         ("--forbid-deg nan:3", "forbidden arc"),

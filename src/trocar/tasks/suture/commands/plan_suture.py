@@ -12,11 +12,10 @@ import typer
 from trocar.cli.group import Result
 from trocar.cli.options import JsonFlag, need
 from trocar.cli.out_folder import check_out_folder
-from trocar.errors import InvalidInput
 from trocar.files.output import PICTURE, write_json
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.commands.options import SPACING, option
-from trocar.tasks.suture.planning import PRESETS, DexterityMap, Spacing, SuturePlan, dexterity, plan_exhaustive, refined
+from trocar.tasks.suture.planning import PRESETS, DexterityMap, Spacing, SuturePlan, dexterity, refined
 
 PAPER_PRESET = "paper-demo"
 KIND = "plan of sutures"
@@ -45,9 +44,6 @@ def suture(
     tension: Annotated[
         float, option(SPACING, "Weight of uneven gaps: |gap - even| / even, at its largest, lowers the reward.")
     ] = 0.0,
-    exhaustive: Annotated[
-        bool, option(SPACING, "Enumerate all plans, as the paper does; the result is the same.", name="--exhaustive")
-    ] = False,
     continuous: Annotated[
         bool, option(SPACING, "Refine the plan to any angles, by a local search.", name="--continuous")
     ] = False,
@@ -65,18 +61,12 @@ def suture(
     reward, setup = options.reward_of(chosen, given), options.setup_of(chosen, arm, given)
     check_out_folder(out, FILES)
     spacing = options.spacing_of(count, positions, min_gap_deg, max_gap_deg, forbid_deg or (), fix_deg or (), tension)
-    if exhaustive and (continuous or spacing is not None):
-        raise InvalidInput(
-            "--exhaustive",
-            "enumerates evenly spaced plans on the grid",
-            "leave it out, or --continuous and the constraints on gaps and positions",
-        )
     if view:
         need("view", "viser")
     recorded = options.recorded(demonstrations)
     started = time.perf_counter()
     map = dexterity(setup, reward, positions, recorded)
-    plan = plan_exhaustive(map, count) if exhaustive else options.planner_of(count, spacing)(map)
+    plan = options.planner_of(count, spacing)(map)
     if continuous:
         plan = refined(map, plan, spacing or Spacing.even(count))
     compute_ms = 1e3 * (time.perf_counter() - started)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import radians
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,7 @@ from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import TURN
 from trocar.tasks.suture.demonstrations.demonstrations import Demonstrations
 from trocar.tasks.suture.planning.joints import SutureJoints, suture_joints
-from trocar.tasks.suture.planning.setup import DIRECTIONS, SutureSetup
+from trocar.tasks.suture.planning.setup import DIRECTIONS, NeedleGrasp, SutureSetup, base_beside
 
 SURROGATE = "surrogate: the needle primitive itself, both directions; no demonstrations were given"
 
@@ -247,3 +248,39 @@ def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
     known = np.isfinite(joints.q)
     q = joints.q if known.all() else np.where(known, joints.q, 0.0)
     return (manipulability(joints.arm, q) ** 2).mean((0, 2))
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A setup and the reward that scores its sutures.
+
+    Attributes:
+        setup: the geometry.
+        reward: how sutures are scored.
+    """
+
+    setup: SutureSetup
+    reward: Reward
+
+
+PRESETS: dict[str, Preset] = {
+    # Flat jaws can hold the needle, the wrist stays clear of the tissue, and every position is within reach. The base
+    # stands where the demo's does; the angles of base and grasp maximise the worst position, in steps of 5 degrees.
+    "default": Preset(
+        SutureSetup(
+            T_world_base=base_beside(radians(225.0), 0.050, 0.100, tilt_rad=radians(40.0), spin_rad=radians(-135.0)),
+            grasp=NeedleGrasp(radians(135.0), approach_rad=radians(-10.0), lean_rad=radians(30.0)),
+        ),
+        Reward(),
+    ),
+    # Five parameters (spin, tilt, approach, lean, skew) are fitted to the paper's Table I and Fig. 3: the agreement is
+    # plausible, no proof. Flat jaws could not hold the needle in this grasp.
+    "paper-demo": Preset(
+        SutureSetup(
+            T_world_base=base_beside(radians(225.0), 0.050, 0.100, tilt_rad=radians(-40.0), spin_rad=radians(-30.5)),
+            grasp=NeedleGrasp(approach_rad=radians(26.2), lean_rad=radians(51.0), skew_rad=radians(90.5)),
+        ),
+        Reward(margin="clipped", at="stations", feasible_first=False),
+    ),
+}
+"""Setups by their name on the command line."""

@@ -15,7 +15,7 @@ from scipy.optimize import differential_evolution
 
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import shown
-from trocar.tasks.suture.planning.even import plan_even
+from trocar.tasks.suture.planning.grid import plan_even
 from trocar.tasks.suture.planning.joints import suture_joints
 from trocar.tasks.suture.planning.parameters import (
     PARAMETERS,

@@ -14,10 +14,14 @@ from trocar.tasks.suture.planning.joints import suture_joints
 from trocar.tasks.suture.planning.plan import SuturePlan
 from trocar.tasks.suture.planning.plan_file import setup_values
 from trocar.tasks.suture.planning.primitive import sutures_at
-from trocar.tasks.suture.planning.reach import circle_out_of_reach, plan_out_of_reach, unreachable_arcs
+from trocar.tasks.suture.planning.problems import (
+    circle_out_of_reach,
+    crossing_sutures,
+    plan_out_of_reach,
+    unreachable_arcs,
+)
 from trocar.tasks.suture.planning.rewards import DexterityMap
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, SutureSetup
-from trocar.tasks.suture.planning.tissue import crossing_sutures
 
 PAIRS_NAMED = 3
 

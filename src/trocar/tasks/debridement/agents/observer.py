@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import trio
+from numpy.typing import NDArray
 
 from trocar.arms.solids import capsules
 from trocar.cell import Cell
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError
 from trocar.geometry import SE3
+from trocar.geometry.capsules import Capsules, segment_distances_m
 from trocar.perception.image import StereoImage, StereoRig, StereoWindow
 from trocar.robots.concurrency import with_helpers
-from trocar.tasks.debridement.agents.adjusted import STEP_ENDED, Adjusted
-from trocar.tasks.debridement.agents.memory import Memory
+from trocar.tasks.debridement.agents.adjusted import Adjusted, StepEnded
 from trocar.tasks.debridement.agents.settings import Settings
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
 
 CAMERA = "stereo"
 FROZEN = 3
@@ -34,8 +35,59 @@ SHORT_S = 0.01
 """Minimum pause between two looks at a gripper."""
 AGAIN_S = 0.2
 """Pause before another try after an image that shows nothing new, or not what is needed."""
+LYING_M = 0.012
+"""Middles of fragments on the work surface are lower than this; others are held, and not remembered."""
+ROUND_M = 0.008
+"""An arm may hide fragments this far beyond its outline: its pose is an estimate, and what it carries sticks out."""
+SHIFTED_M = 0.016
+"""Jaws that approach a fragment may shift it unseen, by half of their opening plus half its length at most."""
+FINGERS = slice(2, 4)
+"""The fingers among an arm's capsules."""
 HIDDEN_LOOKS = 8
 """Number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on."""
+
+
+class FragmentMemory:
+    """The fragments on the work surface as last seen, and which arms carry something."""
+
+    def __init__(self) -> None:
+        self._lying: list[SeenFragment] = []
+        self._carrying: set[str] = set()
+
+    def update(
+        self, seen: Sequence[SeenFragment], p_world_eyes_m: NDArray[np.float64], arms: Mapping[str, Capsules]
+    ) -> tuple[list[SeenFragment], list[SeenFragment]]:
+        """Return what a pair of images shows outside the jaws, and the fragments that arms hide in it.
+
+        A fragment that is neither seen nor hidden is gone, and is forgotten. One that appears beside a hidden one is
+        that one, shifted.
+
+        Args:
+            seen: in the images.
+            p_world_eyes_m: (2, 3) where both eyes are, the left one first.
+            arms: their solids in the world, approximately where they were in the images.
+        """
+        fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
+        shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
+        appeared = [new for new in shown if all(away_m(new, old.p_world_m) > SAME_M for old in self._lying)]
+        hidden = [
+            old
+            for old in self._lying
+            if all(away_m(old, new.p_world_m) > SAME_M for new in shown)
+            and all(away_m(old, new.p_world_m) > SHIFTED_M for new in appeared)
+            and _is_behind(old, p_world_eyes_m, arms.values())
+        ]
+        self._lying = [*(fragment for fragment in shown if fragment.height_m < LYING_M), *hidden]
+        return shown, hidden
+
+    def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
+        """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there."""
+        self._lying = [old for old in self._lying if away_m(old, p_world_m) > SHIFTED_M]
+        self._carrying.add(arm)
+
+    def let_go(self, arm: str) -> None:
+        """Record that the jaws of an arm have opened again."""
+        self._carrying.discard(arm)
 
 
 class CameraFrozen(TrocarError):
@@ -43,7 +95,7 @@ class CameraFrozen(TrocarError):
 
 
 @dataclass(frozen=True)
-class Look:
+class Observation:
     """What one pair of images showed, and what was hidden in it.
 
     Attributes:
@@ -55,7 +107,7 @@ class Look:
     hidden: Sequence[SeenFragment] = ()
 
 
-class Eyes:
+class StereoObserver:
     """The stereo camera that the arms share.
 
     Attributes:
@@ -67,9 +119,9 @@ class Eyes:
         self._camera = cell.cameras[CAMERA]
         self._T_world_camera = cell.T_world_camera_registered[CAMERA]
         self._last: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        self.memory = Memory()
+        self.memory = FragmentMemory()
 
-    async def look(self, arm: str) -> Look:
+    async def observe(self, arm: str) -> Observation:
         """Take a pair of images for an arm: find fragments, and all grippers in it.
 
         Raises:
@@ -90,14 +142,14 @@ class Eyes:
         for name, gripper in grippers.items():
             if gripper is not None:
                 self._robot.saw(name, image.time_s, kinematic[name], gripper.T_world_tip)
-        known = self._remembered(fragments, image.rig) if self._settings.remembers else Look(fragments)
+        known = self._remembered(fragments, image.rig) if self._settings.remembers else Observation(fragments)
         places = [np.round(f.p_world_m, 5).tolist() for f in (*known.fragments, *known.hidden)]
         self._cell.log.event(
             "detected", arm=arm, image_s=round(image.time_s, 6), fragments=places, remembered=len(known.hidden)
         )
         return known
 
-    def _remembered(self, seen: Sequence[SeenFragment], rig: StereoRig) -> Look:
+    def _remembered(self, seen: Sequence[SeenFragment], rig: StereoRig) -> Observation:
         """Return what is seen outside the jaws, and what arms hide at their estimated positions."""
         solids = {}
         for name, model in self._cell.arms.items():
@@ -106,18 +158,18 @@ class Eyes:
             solids[name] = expected.moved(self._cell.T_world_base_registered[name])
         T_world_right = self._T_world_camera @ rig.T_left_right
         eyes_m = np.stack([self._T_world_camera.translation_m, T_world_right.translation_m])
-        return Look(*self.memory.look(seen, eyes_m, solids))
+        return Observation(*self.memory.update(seen, eyes_m, solids))
 
-    async def glance(self, arm: str, span: bool = True) -> None:
+    async def track(self, arm: str, span: bool = True) -> None:
         """Take an image around a gripper, and learn where it is if it is seen.
 
         Args:
             arm: the arm.
             span: whether the arm waits for the image; else it continues meanwhile.
         """
-        await self._glanced(arm, span, MARGIN_M)
+        await self._tracked(arm, span, MARGIN_M)
 
-    async def _glanced(self, arm: str, span: bool, margin_m: float) -> tuple[StereoImage, SE3 | None]:
+    async def _tracked(self, arm: str, span: bool, margin_m: float) -> tuple[StereoImage, SE3 | None]:
         """Return an image with this margin round a gripper, and its tip as seen in it; None: the marks are hidden."""
         model = self._cell.arms[arm]
         rig = self._camera.model
@@ -145,48 +197,48 @@ class Eyes:
         self._robot.saw(arm, image.time_s, kinematic[arm], seen.T_world_tip)
         return image, seen.T_world_tip
 
-    async def watch(self, arm: str) -> None:
+    async def follow(self, arm: str) -> None:
         """Follow a gripper forever while it moves, correct its commands by what is seen; stop it if far off its path.
 
         Raises:
             CameraFrozen: images do not change any more.
         """
 
-        async def follow(helpers: trio.Nursery) -> None:
+        async def loop(helpers: trio.Nursery) -> None:
             while True:
                 began_s = self._cell.clock.now_s()
                 if self._robot.setpoint(arm).moving:
-                    await self.glance(arm, span=False)
+                    await self.track(arm, span=False)
                     if self._robot.astray_m(arm) > self._settings.astray_m:
-                        self._robot.hold(arm, reason=STEP_ENDED)
+                        self._robot.hold(arm, reason=StepEnded(arm))
                     else:
                         helpers.start_soon(self._robot.correct, arm)
                 await self._cell.clock.sleep(max(began_s + self._settings.watch_s - self._cell.clock.now_s(), SHORT_S))
 
-        await with_helpers(follow)
+        await with_helpers(loop)
 
     async def holds(self, arm: str) -> bool:
         """Return whether pixels show that a fragment was picked up, and note it; if inconclusive, look again."""
-        holding, sure, image_s = await self._look_in_jaws(arm)
+        holding, sure, image_s = await self._check_jaws(arm)
         for _ in range(HIDDEN_LOOKS):
             if sure:
                 break
             await self._cell.clock.sleep(AGAIN_S)
-            holding, sure, image_s = await self._look_in_jaws(arm)
+            holding, sure, image_s = await self._check_jaws(arm)
         self._cell.log.event("pickup", arm=arm, holding=holding, image_s=round(image_s, 6))
         return holding
 
     async def clings(self, arm: str) -> bool:
         """Return whether pixels show a fragment at the open jaws."""
-        return (await self._look_in_jaws(arm))[0]
+        return (await self._check_jaws(arm))[0]
 
-    async def _look_in_jaws(self, arm: str) -> tuple[bool, bool, float]:
+    async def _check_jaws(self, arm: str) -> tuple[bool, bool, float]:
         """Return whether pixels show a fragment in the jaws, whether that is certain, and when.
 
         If the marks are hidden, mostly by the other arm, the content of the jaws may be hidden too, or the jaws may be
         elsewhere; the absence of red then means nothing.
         """
-        image, T_world_seen = await self._glanced(arm, span=True, margin_m=HELD_MARGIN_M)
+        image, T_world_seen = await self._tracked(arm, span=True, margin_m=HELD_MARGIN_M)
         T_world_tip, jaw_rad = T_world_seen or self._robot.T_world_tip(arm), self._robot.read(arm).jaw_rad
         holding = await self._cell.compute(
             arm,
@@ -211,7 +263,7 @@ class Eyes:
             else:
                 image = await self._camera.capture(window)
             if not isinstance(image, StereoImage):
-                raise TrocarError(f"camera {CAMERA!r} has one eye; debridement needs two")
+                raise InvalidInput(f"camera {CAMERA!r}", "has one eye", "debridement needs two")
             kinematic = {name: self._robot.kinematic(name) for name in self._cell.arms}
             if self._is_new(f"{arm} {kind}", image, kinematic):
                 return image, kinematic
@@ -228,3 +280,15 @@ class Eyes:
                 return False
         self._last[key] = image.left, tips
         return True
+
+
+def _is_behind(fragment: SeenFragment, p_world_eyes_m: NDArray[np.float64], solids: Iterable[Capsules]) -> bool:
+    """Return whether the line of sight from one of the eyes to a fragment passes through or close to these solids."""
+    near = ROUND_M + 0.5 * float(fragment.extent_m[0])
+    for solid in solids:
+        ends = solid.ends_m
+        for eye in p_world_eyes_m:
+            away = segment_distances_m(ends[:, 0], ends[:, 1], eye, fragment.p_world_m)
+            if (away < solid.radii_m + near).any():
+                return True
+    return False

@@ -9,8 +9,8 @@ from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.report import style
 from trocar.tasks.suture.planning.primitive import needle_poses
-from trocar.tasks.suture.report import SutureReport
-from trocar.tasks.suture.report.driven import (
+from trocar.tasks.suture.report.driven_sutures import (
+    SutureReport,
     draw_joints,
     draw_needle,
     driven_summary,

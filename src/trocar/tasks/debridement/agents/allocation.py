@@ -1,4 +1,4 @@
-"""State shared by the arms: fragments, the receptacle's token, which arms are working."""
+"""Which arm takes which fragment, and what the arms know of the work surface together."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import trio
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.tasks.debridement.agents.token import Token
+from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
 from trocar.tasks.debridement.workspace import Workspace
 
@@ -52,38 +51,37 @@ class Failure:
 
 
 @dataclass
-class Fleet:
-    """The state shared by the scripts of all arms.
+class Allocation:
+    """Fragments that arms have claimed, cleared and failed at; all arms share it.
 
     Attributes:
-        known: the workspace.
+        coordinator: of the arms.
+        workspace: what is known of the work surface.
         T_world_table: the work surface.
         T_world_receptacle: where the receptacle is.
         sides: of every arm that takes part: +1 at +x, the left one; -1 the right one.
         goals: how many fragments are to be cleared.
-        token: the arm that holds it may be over the receptacle.
-        taken: position of the fragment claimed by each arm.
+        claimed: position of the fragment claimed by each arm.
         busy: arms that are not done.
         cleared: fragments that arms let go over the receptacle.
         failures: what went wrong, where and when.
     """
 
-    known: Workspace
+    coordinator: Coordinator
+    workspace: Workspace
     T_world_table: SE3
     T_world_receptacle: SE3
     sides: dict[str, int]
     goals: int
-    token: Token = field(default_factory=Token)
-    taken: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    claimed: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     busy: set[str] = field(default_factory=set)
     cleared: int = 0
     failures: list[Failure] = field(default_factory=list)
     _full: int = 0
-    _changed: trio.Event = field(default_factory=trio.Event)
 
     def loose(self, fragments: Sequence[SeenFragment]) -> list[SeenFragment]:
         """Return the fragments on the work surface outside the receptacle; of the parts of one, the largest."""
-        (x0, y0), (x1, y1) = self.known.region_m
+        (x0, y0), (x1, y1) = self.workspace.region_m
         low = np.array([min(x0, x1), min(y0, y1)]) - BESIDE_REGION_M
         high = np.array([max(x0, x1), max(y0, y1)]) + BESIDE_REGION_M
         T_receptacle_world = self.T_world_receptacle.inverse()
@@ -93,13 +91,13 @@ class Fleet:
             for f in fragments
             if np.all((low < f.p_world_m[:2]) & (f.p_world_m[:2] < high))
             and f.p_world_m[2] - table < IN_THE_AIR_M
-            and not self.known.receptacle.holds(T_receptacle_world.apply(f.p_world_m))
+            and not self.workspace.receptacle.holds(T_receptacle_world.apply(f.p_world_m))
         ]
         return [f for f in lying if not any(away_m(f, g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
 
     def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
         """Return whether the receptacle's content stands out of it; what is near a tip (3,) may be in its jaws."""
-        shape, half_m = self.known.receptacle, 0.5 * np.array(self.known.receptacle.size_m)
+        shape, half_m = self.workspace.receptacle, 0.5 * np.array(self.workspace.receptacle.size_m)
         places = [(f, self.T_world_receptacle.inverse().apply(f.p_world_m)) for f in fragments]
         high = [f for f, p in places if (np.abs(p[:2]) < half_m).all() and abs(p[2] - shape.height_m) < FULL_M]
         lying = [f for f in high if all(np.linalg.norm(f.p_world_m - tip) >= IN_JAWS_M for tip in p_world_tips)]
@@ -110,13 +108,13 @@ class Fleet:
             self._full = 0
         return False
 
-    def choice(self, arm: str, fragments: Sequence[SeenFragment], apart_m: float, now_s: float) -> list[SeenFragment]:
+    def choices(self, arm: str, fragments: Sequence[SeenFragment], apart_m: float, now_s: float) -> list[SeenFragment]:
         """Return the fragments that an arm may take, the outermost on its side first (V-C.2).
 
         Places where it failed recently come last; those to which it found no path are left to the other arm, if that is
         still working.
         """
-        others = [place for name, place in self.taken.items() if name != arm]
+        others = [place for name, place in self.claimed.items() if name != arm]
         free = [f for f in fragments if all(away_m(f, place) > apart_m for place in others)]
         side = self.sides[arm]
         free.sort(key=lambda f: -side * float(f.p_world_m[0]))
@@ -131,23 +129,14 @@ class Fleet:
         """Return the number of failures at a place."""
         return sum(float(np.linalg.norm(place[:2] - f.p_world_m[:2])) < SAME_M for f in self.failures)
 
-    def give(self, arm: str, place: NDArray[np.float64] | None) -> None:
-        """Note which place an arm works at; None: at none."""
+    def claim(self, arm: str, place: NDArray[np.float64] | None) -> None:
+        """Note which place (3,) an arm works at; None: at none."""
         if place is None:
-            self.taken.pop(arm, None)
+            self.claimed.pop(arm, None)
         else:
-            self.taken[arm] = place
-        self.change()
+            self.claimed[arm] = place
+        self.coordinator.progress()
 
     def carry(self, arm: str) -> None:
         """Note that an arm has left the work surface with its fragment."""
-        self.give(arm, self.T_world_receptacle.translation_m)
-
-    def change(self) -> None:
-        """Wake the scripts that wait for something to change."""
-        self._changed.set()
-        self._changed = trio.Event()
-
-    async def changed(self) -> None:
-        """Return when something has changed."""
-        await self._changed.wait()
+        self.claim(arm, self.T_world_receptacle.translation_m)
