@@ -309,7 +309,7 @@ def test_an_exception_of_the_agent_ends_its_trial_alone_and_is_kept(tmp_path):
 
 
 def test_a_simulation_that_breaks_down_makes_no_trial(tmp_path):
-    METHODS.register("peg-transfer/broken", broken(PhysicsError("it flew away")))
+    METHODS.register("peg-transfer/broken", broken(PhysicsError(0.2)))
     try:
         with pytest.raises(PhysicsError):
             looked(tmp_path, "broken")

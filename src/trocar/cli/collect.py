@@ -89,7 +89,7 @@ def _collections(
     from trocar.lab import load_station, require_reach
     from trocar.lab.session import draw_session
 
-    station = replace(load_station(name), difficulty=difficulty).with_relevant_flaws()
+    station = replace(load_station(name), difficulty=difficulty).require_relevant()
     require_reach(station)
     session = draw_session(station, np.random.default_rng([seed, SESSION]))
     found = {}

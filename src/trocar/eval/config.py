@@ -122,7 +122,7 @@ class RunConfig:
         if self.perception:
             pick_perception(kind, self.perception)
         difficulty = Difficulty.of(self.difficulty, self.flaws)
-        station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).with_relevant_flaws()
+        station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).require_relevant(kind.name)
         arms = self.task.working_arms(station)
         if self.calibration not in ("", IMAGES, JOINTS):
             raise UnknownName("calibration", self.calibration, (IMAGES, JOINTS))
@@ -225,7 +225,7 @@ class RunConfig:
         return [self.difficulty, *self.laboratory.difficulty.named]
 
     def _flaws(self) -> dict[str, str]:
-        flaws = self.laboratory.flaws(self.flawless_camera)
+        flaws = self.laboratory.flaws(type(self.task).name, self.flawless_camera)
         if self.chosen_method.calibrated:
             how = "spheres seen in images" if self.calibration == IMAGES else "joints with drawn noise"
             flaws[FITTED_ON] = how

@@ -28,7 +28,8 @@ from trocar.lab import SensorFlaws
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S, Adaptive, Compensated
-from trocar.sim.laboratory import SimCamera, SimLaboratory, arrays_of
+from trocar.sim.cameras import SimCamera
+from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.world import PhysicsError
 
@@ -147,7 +148,7 @@ def run_trial(
         duration_s=round(laboratory.now_s(), 6),
         command_limit_use={arm: laboratory.driver.limit_use(arm) for arm in station.arms},
         arrays={
-            **{name: rows.astype(np.float32) for name, rows in arrays_of(laboratory.recorder).items()},
+            **{name: rows.astype(np.float32) for name, rows in laboratory.recorder.arrays().items()},
             **laboratory.task.arrays(record),
         },
         scenery=Scenery(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, MotionLimits, ik, wrist_depth_m
 from trocar.calibration.excitation import MotionBox
 from trocar.checks import require_numbers
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, UnknownName
 from trocar.geometry import SE3
 from trocar.lab.flaws import DEFAULT, FLAWS, Difficulty
 from trocar.lab.registration import CheckerboardRegistration, Registration
@@ -63,7 +63,7 @@ class StationArm:
         """Return the joints (6,) in which it rests before a script.
 
         Raises:
-            TrocarError: the place is out of its reach.
+            OutOfReach: the place is.
         """
         if self.park is None:
             q = self.model.middle.copy()
@@ -142,7 +142,7 @@ class Station:
     def __post_init__(self) -> None:
         require_numbers(self)
         if not self.arms:
-            raise TrocarError(f"station {self.name!r} has no arm; give one or more under [arms.NAME]")
+            raise InvalidInput(f"station {self.name!r}", "has no arm", "give one or more under [arms.NAME]")
 
     def __repr__(self) -> str:
         arms = ", ".join(f"{name} ({arm.model.name})" for name, arm in self.arms.items())
@@ -163,7 +163,7 @@ class Station:
     def arm(self, name: str) -> StationArm:
         """Return the arm of this name."""
         if name not in self.arms:
-            raise TrocarError(f"station {self.name!r} has no arm {name!r}; it has {', '.join(self.arms)}")
+            raise UnknownName(f"station {self.name!r}: arm", name, self.arms)
         return self.arms[name]
 
     @property
@@ -171,45 +171,46 @@ class Station:
         """Return the arms' models by name."""
         return {name: arm.model for name, arm in self.arms.items()}
 
-    def flaws(self, flawless_camera: bool = False) -> dict[str, str]:
-        """Return in words what is imperfect here, for the summary of a run."""
+    def flaws(self, task: str = "", flawless_camera: bool = False) -> dict[str, str]:
+        """Return in words what is imperfect here for a task, for the summary of a run."""
         found = {"difficulty": ", ".join([self.difficulty.level, *self.difficulty.named])}
         found |= {f"transmission of {name}": arm.transmission.source for name, arm in self.arms.items()}
         found["registration of bases"] = self.registration.about
-        kept = [name for name, arm in self.arms.items() if arm.T_world_base_registered is not None]
-        kept += [name for name, camera in self.cameras.items() if camera.T_world_camera_registered is not None]
-        if kept:
-            found[f"registration of {', '.join(kept)}"] = "as the station file has it"
+        registered = {name: arm.T_world_base_registered for name, arm in self.arms.items()}
+        registered |= {name: camera.T_world_camera_registered for name, camera in self.cameras.items()}
+        if names := [name for name, T in registered.items() if T is not None]:
+            found[f"registration of {', '.join(names)}"] = "as the station file has it"
         cameras = "switched off" if flawless_camera else "switched on, as large as the station's file says"
         found |= {f"flaws of camera {name}": cameras for name in self.cameras}
-        sizes = self.difficulty.sizes()
-        return found | {f"{name}: {FLAWS[name].about}": sizes[name] for name in self.relevant_flaws}
+        return found | {
+            f"{name}: {FLAWS[name].about}": self.difficulty.shown(name) for name in self.relevant_flaws(task)
+        }
 
-    def with_relevant_flaws(self) -> Station:
-        """Return this station, if each flaw that was given its own size has an effect here.
+    def require_relevant(self, task: str = "") -> Station:
+        """Return this station, if each flaw that was given its own size has an effect on a task here.
 
         Raises:
-            TrocarError: one has none, so a summary that names it would be misleading.
+            InvalidInput: one has none, so a summary that names it would be misleading.
         """
-        named = [text.partition("=")[0] for text in self.difficulty.named]
-        for name in named:
-            if name not in self.relevant_flaws:
-                raise TrocarError(
-                    f"flaw {name!r} has no effect with what is done at station {self.name!r}; "
-                    f"choose one of {', '.join(self.relevant_flaws)}"
+        relevant = self.relevant_flaws(task)
+        for name in self.difficulty.sizes:
+            if name not in relevant:
+                doing = f"{task!r} at station" if task else "what is done at station"
+                raise InvalidInput(
+                    f"flaw {name!r}",
+                    f"has no effect on {doing} {self.name!r}",
+                    f"choose one of {', '.join(relevant)}",
                 )
         return self
 
-    @property
-    def relevant_flaws(self) -> list[str]:
-        """Return the names of the flaws that have an effect here."""
+    def relevant_flaws(self, task: str = "") -> list[str]:
+        """Return the names of the flaws that have an effect here, on a task or, if none is given, on any."""
         felt = {"jaw", "tool"}.union(*(arm.transmission.flaws for arm in self.arms.values()))
         if isinstance(self.registration, Registration):
-            felt.add("registration")
+            if any(arm.T_world_base_registered is None for arm in self.arms.values()):
+                felt.add("registration")
+            if any(camera.T_world_camera_registered is None for camera in list(self.cameras.values())[1:]):
+                felt.add("cameras")
         if any(isinstance(camera.model, Intrinsics) for camera in self.cameras.values()):
             felt.add("depth")
-        if "circle" in self.T_world_fixture:
-            felt.add("needle")
-        if "board" in self.T_world_fixture:
-            felt.add("print")
-        return [name for name in FLAWS if name in felt]
+        return [name for name, flaw in FLAWS.items() if name in felt or task in flaw.tasks]

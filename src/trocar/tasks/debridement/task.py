@@ -21,7 +21,7 @@ from trocar.tasks.debridement.truth import DebridementTruth
 from trocar.tasks.debridement.workspace import Workspace
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 MOST_FRAGMENTS = 12
 """More would not fit into the region where fragments lie."""

@@ -10,7 +10,7 @@ from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws, load_station
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics
-from trocar.sim.camera import RayCamera, _Raster
+from trocar.sim.ray_camera import RayCamera, _Raster
 
 SMALL = load_station("peg-transfer").cameras["overhead"].model.binned(4)
 LAMP_M = (0.12, 0.0, 0.0)
