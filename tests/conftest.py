@@ -45,7 +45,7 @@ LONGEST = (
     *("view/test_replay_page", "cli/test_collect", "tasks/test_every_task"),
     *("tasks/peg_transfer/agents/test_unilateral", "cli/test_plan_suture", "report/test_statistics"),
     *("report/test_figures", "motion/test_sqp", "cli/test_bad_input"),
-    *("tasks/debridement/pose/test_error_filter", "tasks/peg_transfer/study/test_results"),
+    *("tasks/debridement/pose/test_error_filter", "tasks/peg_transfer/report/test_peg_study"),
     *("motion/test_motion_plan", "cli/test_run_suture", "fuzz/test_fuzz", "report/test_page"),
     "collect/test_checkerboard",
 )

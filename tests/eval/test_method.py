@@ -12,7 +12,7 @@ import pytest
 from simulated import ideal_laboratory, standing
 from trocar.arms import MOTION_LIMITS
 from trocar.calibration.excitation import EXERCISE_RAD, PSM1_BOX
-from trocar.cli.task_group import task_command
+from trocar.cli.task_group import TaskGroup, task_command
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval import (
     METHODS,
@@ -129,7 +129,11 @@ def run_command(task, *args):
     def body(*, task, options, seed: int = 0):
         seen.update(task=task, options=options, seed=seed)
 
-    task_command(task, body, "Told.", "trocar run {task}").main(list(args), standalone_mode=False)
+    class Group(TaskGroup):
+        about, example = "Plays it.", "trocar run {task}"
+
+    Group.body = staticmethod(body)
+    task_command(task, Group).main(list(args), standalone_mode=False)
     return seen
 
 

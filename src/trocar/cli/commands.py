@@ -86,15 +86,6 @@ STATION = {
     ),
 }
 
-STUDY = {
-    "calibration": Known(
-        "Print Table I of the paper and the errors of all cable models, from recordings of real arms.",
-        "trocar.cli.study:calibration",
-        "trocar study calibration --data data --out study --no-lstm",
-    ),
-    "robustness": Known("What a task's success depends on, flaw by flaw.", "trocar.cli.study_robustness:app"),
-}
-
 COMMANDS = {
     "run": Known(
         "Run trials of a task in the simulated cell, score them, and keep files and pictures.", "trocar.cli.run:app"
@@ -124,7 +115,12 @@ COMMANDS = {
         members=REGISTER,
     ),
     "station": Known("What a laboratory is: arms, instruments, cameras, what is fixed on the table.", members=STATION),
-    "study": Known("Reproduce a paper's table beside the paper's own figures.", members=STUDY),
+    "study": Known("Reproduce a paper's table beside the paper's own figures.", "trocar.cli.study:app"),
+    "sweep": Known(
+        "Run methods against flaws of several sizes, in the sessions of several seeds: one table and one picture.",
+        "trocar.cli.study:sweep",
+        "trocar sweep examples/sweep.toml --out out/sweep",
+    ),
     "analyse": Known(
         "Estimate velocity, acceleration and jerk of joints and tool tip from measured positions (Huber losses).",
         "trocar.cli.analyse:analyse",

@@ -149,7 +149,8 @@ def run(
 
 class _Tasks(TaskGroup):
     body = staticmethod(run)
-    told = "Runs trials in the simulated cell, scores them, and keeps files and pictures."
+    kind = "task"
+    about = "Runs trials in the simulated cell, scores them, and keeps files and pictures."
     example = "trocar run {task} --trials 2 --seed 1 --out out/two"
 
 

@@ -16,6 +16,7 @@ from trocar.registry import Lazy, Registry
 
 if TYPE_CHECKING:
     from trocar.eval.method import Method
+    from trocar.eval.study import TaskStudy
     from trocar.eval.task_report import TaskReport
     from trocar.sim.world import TaskWorld
 
@@ -71,6 +72,7 @@ class Task:
         methods: how it can be done, by name, the default first.
         perceptions: by name; whatever its agents expect of them.
         report: its own pictures, tables and figures.
+        study: for ``trocar study``; None: it has none.
     """
 
     name: ClassVar[str]
@@ -80,6 +82,7 @@ class Task:
     methods: ClassVar[Mapping[str, Method | Lazy]]
     perceptions: ClassVar[Mapping[str, Any]] = {}
     report: ClassVar[TaskReport | Lazy | None] = None
+    study: ClassVar[type[TaskStudy[Any]] | Lazy | None] = None
 
     budget_s: float
     """A trial that takes longer on the cell's clock is stopped."""

@@ -90,6 +90,7 @@ class PegTransfer(Task):
     }
     perceptions: ClassVar = {"depth": Lazy("trocar.tasks.peg_transfer.perception.depth_view:DepthView")}
     report = Lazy("trocar.tasks.peg_transfer.report:PegReport")
+    study = Lazy("trocar.tasks.peg_transfer.report.study:PegStudy")
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:

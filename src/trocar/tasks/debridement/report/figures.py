@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from trocar.eval.comparison import ratio_estimate, session_estimate
 from trocar.eval.statistics import session_interval
-from trocar.report.comparison import ratio_estimate, session_estimate
 from trocar.tasks.debridement.report.published import MODES, PARTS
 from trocar.tasks.debridement.report.row import Row
 

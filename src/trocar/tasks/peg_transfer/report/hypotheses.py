@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
-from trocar.report.comparison import Difference, holm, rate_difference, session_difference
-from trocar.tasks.peg_transfer.study.results import Result, transfer_time_s
-from trocar.tasks.peg_transfer.study.row import Row
+from trocar.eval.comparison import Difference, holm, rate_difference, session_difference
+from trocar.eval.study import Results
+from trocar.tasks.peg_transfer.report.trial_row import Row, successes, transfer_time_s
 
 MARGIN = 0.05
 """Success rates that differ by less are called similar."""
@@ -44,10 +43,6 @@ class Finding:
     p: float | None
     p_adjusted: float | None
     verdict: str
-
-    def summary(self) -> dict[str, Any]:
-        """Return it as JSON values."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -91,12 +86,12 @@ NOTES = (
 )
 
 
-def findings(results: Sequence[Result]) -> list[Finding]:
+def findings(results: Sequence[Results[Row]]) -> list[Finding]:
     """Return the study's findings on H1 to H4, variant by variant."""
     found: list[Finding] = []
-    by_variant: dict[str, dict[str, Result]] = {}
+    by_variant: dict[str, dict[str, Results[Row]]] = {}
     for result in results:
-        by_variant.setdefault(result.cell.variant, {})[result.cell.method] = result
+        by_variant.setdefault(result.condition.name, {})[result.condition.method] = result
     for variant, methods in by_variant.items():
         found += [_similar(variant, methods[a], methods[b]) for a, b in SIMILAR if a in methods and b in methods]
         found += [
@@ -105,18 +100,18 @@ def findings(results: Sequence[Result]) -> list[Finding]:
     return _adjusted(sorted(found, key=lambda finding: finding.hypothesis))
 
 
-def _similar(variant: str, first: Result, second: Result) -> Finding:
-    one, two = first.successes(), second.successes()
+def _similar(variant: str, first: Results[Row], second: Results[Row]) -> Finding:
+    one, two = successes(first), successes(second)
     low, high = rate_difference(one, two, 1.0 - 2.0 * ALPHA)
     rates = [sum(done) / sum(tried) for done, tried in (one, two)]
     apart = low > MARGIN or high < -MARGIN
     verdict = HELD if low > -MARGIN and high < MARGIN else REJECTED if apart else OPEN
-    claim = f"{first.cell.method} as successful as {second.cell.method} within {100 * MARGIN:.0f} points"
+    claim = f"{first.condition.method} as successful as {second.condition.method} within {100 * MARGIN:.0f} points"
     sessions = min(len(one[0]), len(two[0]))
     return Finding("H1", variant, claim, sessions, rates[0] - rates[1], low, high, None, None, verdict)
 
 
-def _tested(variant: str, claim: _Claim, methods: Mapping[str, Result]) -> Finding:
+def _tested(variant: str, claim: _Claim, methods: Mapping[str, Results[Row]]) -> Finding:
     first, second = methods[claim.first], methods[claim.second]
     d: Difference = session_difference(first.by_session(claim.value), second.by_session(claim.value), less=claim.less)
     words = f"{claim.first} {'below' if claim.less else 'above'} {claim.second}: {claim.what}"

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from trocar.eval.study import Results
 from trocar.eval.trial import Trial, trial_file
 from trocar.geometry import SE3
 from trocar.report import style
 from trocar.tasks.peg_transfer.goals import PegSet
-from trocar.tasks.peg_transfer.study.published import COLLISIONS, COMPLETION_S
-from trocar.tasks.peg_transfer.study.results import Result
-from trocar.tasks.peg_transfer.study.row import KINDS, Row
+from trocar.tasks.peg_transfer.report.published import COLLISIONS, COMPLETION_S
+from trocar.tasks.peg_transfer.report.trial_row import KINDS, Row
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
 PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}
@@ -25,16 +26,16 @@ THINNED = 5
 """One in this many samples of a path is drawn."""
 
 
-def draw_paths(results: Sequence[Result], path: Path) -> Path:
+def draw_paths(results: Sequence[Results[Row]], path: Path) -> Path:
     """Draw the tips' paths over the board of one trial of each cell (Fig. 9), and return the path."""
     variants, methods = _axes_of(results)
     pegs = 1e3 * PegSet().board.pegs_m
     with style.figure(3.2 * len(methods), 2.5 * len(variants) + 0.4, path) as figure:
         grid = figure.subplots(len(variants), len(methods), squeeze=False, sharex=True, sharey=True)
         for result in results:
-            axes = grid[variants.index(result.cell.variant), methods.index(result.cell.method)]
+            axes = grid[variants.index(result.condition.name), methods.index(result.condition.method)]
             row = result.rows[0]
-            trial = Trial.load(trial_file(result.cell.folder, row.session, row.index))  # one at a time
+            trial = Trial.load(trial_file(result.condition.folder, row.session, row.index))  # one at a time
             T_board_world = SE3(trial.arrays["T_world_board"].astype(np.float64)).inverse()
             tools = trial.replay().tools
             for k, arm in enumerate(trial.about["arms"]):
@@ -42,14 +43,14 @@ def draw_paths(results: Sequence[Result], path: Path) -> Path:
                 axes.plot(tip[:, 0], tip[:, 1], linewidth=0.7, color=COLOURS[k], label=arm)
             axes.plot(pegs[:, 0], pegs[:, 1], "o", color=style.INK, markersize=3)
             axes.set_aspect("equal")
-            axes.set_title(f"{result.cell.variant}, {result.cell.method}: {row.path_m:.1f} m", fontsize=8)
+            axes.set_title(f"{result.condition.name}, {result.condition.method}: {row.path_m:.1f} m", fontsize=8)
         grid[0, 0].legend(fontsize=7)
         figure.supxlabel("x in the board frame, mm", fontsize=9)
         figure.supylabel("y, mm", fontsize=9)
     return path
 
 
-def draw_performance(results: Sequence[Result], path: Path) -> Path:
+def draw_performance(results: Sequence[Results[Row]], cells: Sequence[Mapping[str, Any]], path: Path) -> Path:
     """Draw success, distance, collisions and completion time (Fig. 10), and return the path."""
     panels: list[tuple[str, Callable[[Row], float]]] = [
         ("distance of the tips, m per trial", lambda row: row.path_m),
@@ -59,7 +60,7 @@ def draw_performance(results: Sequence[Result], path: Path) -> Path:
     variants, methods = _axes_of(results)
     with style.figure(11.0, 3.6, path) as figure:
         grid = figure.subplots(1, 4)
-        _success(grid[0], results, variants, methods)
+        _success(grid[0], results, cells, variants, methods)
         for axes, (name, value) in zip(grid[1:], panels, strict=True):
             _boxes(axes, results, variants, methods, value)
             axes.set_title(name)
@@ -78,7 +79,7 @@ def draw_performance(results: Sequence[Result], path: Path) -> Path:
     return path
 
 
-def draw_motion(results: Sequence[Result], path: Path) -> Path:
+def draw_motion(results: Sequence[Results[Row]], path: Path) -> Path:
     """Draw velocity, acceleration and jerk of joints and tip (Fig. 11), and return the path."""
     variants, methods = _axes_of(results)
     units = {"velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
@@ -97,23 +98,26 @@ def _value(part: str, kind: str) -> Callable[[Row], float]:
     return lambda row: getattr(row, part)[kind]
 
 
-def _axes_of(results: Sequence[Result]) -> tuple[list[str], list[str]]:
+def _axes_of(results: Sequence[Results[Row]]) -> tuple[list[str], list[str]]:
     """Return variants and methods in order of first occurrence."""
     return (
-        list(dict.fromkeys(result.cell.variant for result in results)),
-        list(dict.fromkeys(result.cell.method for result in results)),
+        list(dict.fromkeys(result.condition.name for result in results)),
+        list(dict.fromkeys(result.condition.method for result in results)),
     )
 
 
-def _place(result: Result, variants: Sequence[str], methods: Sequence[str]) -> float:
+def _place(result: Results[Row], variants: Sequence[str], methods: Sequence[str]) -> float:
     """Return where a cell stands on the axis: variants one apart, methods beside each other."""
     width = 0.8 / len(methods)
-    return variants.index(result.cell.variant) + (methods.index(result.cell.method) - (len(methods) - 1) / 2) * width
+    return (
+        variants.index(result.condition.name)
+        + (methods.index(result.condition.method) - (len(methods) - 1) / 2) * width
+    )
 
 
 def _boxes(
     axes: Axes,
-    results: Sequence[Result],
+    results: Sequence[Results[Row]],
     variants: Sequence[str],
     methods: Sequence[str],
     value: Callable[[Row], float],
@@ -123,7 +127,7 @@ def _boxes(
     With fewer than ``LEAST_OF_BOX`` trials, each is a point, since quartiles would mean nothing.
     """
     for result in results:
-        colour = COLOURS[methods.index(result.cell.method) % len(COLOURS)]
+        colour = COLOURS[methods.index(result.condition.method) % len(COLOURS)]
         if len(result.rows) < LEAST_OF_BOX:
             at = np.full(len(result.rows), _place(result, variants, methods))
             axes.plot(at, [value(row) for row in result.rows], "o", color=colour, markersize=4)
@@ -142,18 +146,23 @@ def _boxes(
     _named(axes, variants)
 
 
-def _success(axes: Axes, results: Sequence[Result], variants: Sequence[str], methods: Sequence[str]) -> None:
+def _success(
+    axes: Axes,
+    results: Sequence[Results[Row]],
+    cells: Sequence[Mapping[str, Any]],
+    variants: Sequence[str],
+    methods: Sequence[str],
+) -> None:
     """Draw success rates with their 95 % intervals over sessions."""
-    for result in results:
-        summary = result.summary()
-        rate, (low, high) = 100 * summary["success_rate"], np.multiply(100, summary["success_ci95"])
+    for result, cell in zip(results, cells, strict=True):
+        rate, (low, high) = 100 * cell["success_rate"], np.multiply(100, cell["success_ci95"])
         axes.errorbar(
             _place(result, variants, methods),
             rate,
             [[rate - low], [high - rate]],
             fmt="o",
             capsize=3,
-            color=COLOURS[methods.index(result.cell.method) % len(COLOURS)],
+            color=COLOURS[methods.index(result.condition.method) % len(COLOURS)],
         )
     axes.set_ylim(-3, 103)
     axes.set_title("success, %, 95 % interval")

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from trocar.errors import TrocarError
-from trocar.report.comparison import (
+from trocar.eval.comparison import (
     holm,
     rate_difference,
     ratio_estimate,

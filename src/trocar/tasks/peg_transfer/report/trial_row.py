@@ -1,18 +1,16 @@
-"""What the study needs from a trial: a small row, reduced from its file and stored beside it."""
+"""A trial in numbers: what the study needs from it."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from trocar.eval.rows import kept_row
+from trocar.eval.study import Results, RowKind
 from trocar.eval.trial import Trial
 from trocar.motion.analysis import JointAnalysis, analyse_joints
 
-VERSION = 1
 KINDS = ("velocity", "acceleration", "jerk")
 
 
@@ -91,10 +89,16 @@ def _rms(parts: list[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
-def read_row(trial: Path, fingerprint: str) -> Row:
-    """Return the row of a trial's file; it is made and stored if there is no valid one.
+KIND = RowKind(Row, row_of)
 
-    Raises:
-        TrocarError: the trial cannot be read.
-    """
-    return kept_row(trial, fingerprint, Row, VERSION, row_of)
+
+def successes(results: Results[Row]) -> tuple[list[int], list[int]]:
+    """Return how many transfers succeeded and how many were set, by session."""
+    done = results.by_session(lambda row: row.succeeded)
+    tried = results.by_session(lambda row: row.attempted)
+    return [int(sum(values)) for values in done.values()], [int(sum(values)) for values in tried.values()]
+
+
+def transfer_time_s(row: Row) -> float:
+    """Return the completion time over the number of transfers, as in the paper's tables."""
+    return row.duration_s / row.attempted
