@@ -11,12 +11,9 @@ from trocar.counting import counted
 from trocar.eval.comparison import ratio_of_ratios
 from trocar.eval.study import Results, RowKind, TableData, TaskStudy
 from trocar.report.tables import figure
-from trocar.tasks.debridement.report.debridement_report import ASSUMED
-from trocar.tasks.debridement.report.failures import draw_failures
-from trocar.tasks.debridement.report.figures import figures_of
-from trocar.tasks.debridement.report.published import MODES, SPEEDUP, TABLE_1
-from trocar.tasks.debridement.report.row import Row, row_of
-from trocar.tasks.debridement.report.table_one import estimated, head_of, lines_of, within
+from trocar.tasks.debridement.report import ASSUMED, draw_failures
+from trocar.tasks.debridement.report.figures import Row, figures_of, row_of
+from trocar.tasks.debridement.report.table_one import MODES, SPEEDUP, TABLE_1, estimated, head_of, lines_of, within
 from trocar.tasks.debridement.report.times import draw_times
 
 
