@@ -114,7 +114,7 @@ def _scenery(config: RunConfig) -> Scenery:
 
 
 def saved(folder: Path, sessions: int = 3, **more: object) -> list[Condition]:
-    """Return the conditions of a study whose trials are there: with two arms one of six grasps is a multiple one."""
+    """Return the cells of a study whose trials are there: with two arms one of six grasps is a multiple one."""
     cells = conditions_of(Debridement, folder, methods="paper", sessions=sessions, seed=2, **more)  # type: ignore[arg-type]
     opened(cells)
     for cell in cells:

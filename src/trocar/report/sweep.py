@@ -139,8 +139,9 @@ class Sweep:
                     words = [method, difficulty, *(f"{flaw}-{scale:g}" for _ in named), f"seed-{seed}"]
                     home = (Path(folder) / "-".join(words)).absolute()
                     found.append(conditions.setdefault(home, Condition(self.task.variant, config, home)))
-                if flaw and flaw not in found[0].config.laboratory.relevant_flaws:
-                    raise UnknownName("flaw of this station", flaw, found[0].config.laboratory.relevant_flaws)
+                relevant = found[0].config.laboratory.relevant_flaws(self.task.name)
+                if flaw and flaw not in relevant:
+                    raise UnknownName("flaw of this station", flaw, relevant)
                 points.append(Point(method, flaw, scale, tuple(found)))
         return points
 

@@ -13,7 +13,15 @@ from trocar.eval.study import Results, RowKind, TableData, TaskStudy
 from trocar.report.tables import figure
 from trocar.tasks.debridement.report import ASSUMED, draw_failures
 from trocar.tasks.debridement.report.figures import Row, figures_of, row_of
-from trocar.tasks.debridement.report.table_one import MODES, SPEEDUP, TABLE_1, estimated, head_of, lines_of, within
+from trocar.tasks.debridement.report.table_one import (
+    MODES,
+    SPEEDUP,
+    TABLE_1,
+    estimated,
+    head_of,
+    lines_of,
+    within,
+)
 from trocar.tasks.debridement.report.times import draw_times
 
 
