@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from trocar.eval.config import RunConfig
+from trocar.eval.jobs import opened
 from trocar.eval.scenery import Scenery
-from trocar.eval.study import Condition, conditions_of, opened
+from trocar.eval.study import Condition, conditions_of
 from trocar.eval.trial import Trial, trial_file
 from trocar.geometry import SE3
 from trocar.log import Span

@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from synthetic import synthetic_trial
-from trocar.eval.study import Condition, conditions_of, opened
+from trocar.eval.jobs import opened
+from trocar.eval.study import Condition, conditions_of
 from trocar.eval.trial import trial_file
 from trocar.tasks.peg_transfer.report.trial_row import KIND
 from trocar.tasks.peg_transfer.task import PegTransfer

@@ -8,7 +8,8 @@ import pytest
 
 from made_up_study import saved
 from trocar.errors import InvalidInput, UnknownName
-from trocar.eval.study import RowKind, chosen, conditions_of, opened, read_study, row_file
+from trocar.eval.jobs import opened
+from trocar.eval.study import RowKind, chosen, conditions_of, read_study, row_file
 from trocar.eval.trial import Trial, trial_file
 from trocar.report.sweep import KIND
 from trocar.tasks.debridement.task import Debridement

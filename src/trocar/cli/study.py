@@ -120,7 +120,8 @@ def _worked(
     scheduler: str,
 ) -> tuple[list[Results[Any]], list[str]]:
     """Run the missing trials, with a progress bar; return the results and a sentence for each missing trial."""
-    from trocar.eval.study import read_study, run_study  # the simulator is heavy
+    from trocar.eval.jobs import run_study  # the simulator is heavy
+    from trocar.eval.study import read_study
     from trocar.eval.workers import pick_workers
 
     workers = pick_workers(backend, jobs or os.cpu_count() or 1, scheduler)

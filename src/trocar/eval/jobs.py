@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from trocar.errors import BadFile
+from trocar.errors import BadFile, TrocarError
 from trocar.eval.config import RunConfig
-from trocar.eval.folder import RECORD, is_done, set_aside
+from trocar.eval.folder import RECORD, is_done, open_folder, set_aside
 from trocar.eval.prepare import Prepared, prepare
 from trocar.eval.run import free_memory, run_trial
+from trocar.eval.study import Condition, RowKind, Tick
 from trocar.eval.trial import trial_file
+from trocar.eval.workers import Workers, run_all
 from trocar.sim.world import PhysicsError
 
 
@@ -93,3 +97,44 @@ def _require_folder(folder: Path) -> None:
             "is not found by a worker",
             "give --out a folder on a file system that all workers see, under the same path",
         )
+
+
+def opened(conditions: Sequence[Condition]) -> tuple[list[SessionOrder], list[TrialOrder]]:
+    """Make or resume the folders of all conditions; return the sessions to calibrate and the trials to run, in order.
+
+    Trials come session by session, so that an interrupted study has whole sessions of all conditions.
+    """
+    runs = {one.folder: (one.config, one.folder) for one in conditions}
+    todo = [TrialOrder(*run, *place) for run in runs.values() for place in open_folder(*run)]
+    todo.sort(key=lambda order: order.session)
+    missing: dict[int, dict[Path, tuple[RunConfig, Path]]] = {}
+    for order in todo:
+        missing.setdefault(order.session, {})[order.folder] = runs[order.folder]
+    return [SessionOrder(tuple(found.values()), session) for session, found in missing.items()], todo
+
+
+def run_study(conditions: Sequence[Condition], kind: RowKind[Any], workers: Workers, tick: Tick) -> list[str]:
+    """Run the missing trials of a study, and make their rows; return a sentence for each trial that is void."""
+    sessions, todo = opened(conditions)
+    wanted = sum(len(one.places) for one in conditions)
+    calibrated = [order for order in sessions if any(config.chosen_method.calibrated for config, _ in order.runs)]
+    for done, _ in enumerate(run_all(calibrate, calibrated, workers), start=1):
+        tick("calibrating sessions", done, len(calibrated))
+    there = wanted - len(todo)
+    tick("running trials", there, wanted)
+    void = []
+    for done, (_, sentence) in enumerate(run_all(partial(_play_and_reduce, kind), todo, workers), start=1):
+        tick("running trials", there + done, wanted)
+        void += [sentence] if sentence else []
+    return void
+
+
+def _play_and_reduce(kind: RowKind[Any], order: TrialOrder) -> str:
+    """Run a trial, unless it exists, and store its row; return why it is void, empty if it is valid."""
+    void = play(order)
+    if not void:
+        try:
+            kind.read(order.path, order.config.fingerprint)
+        except TrocarError as error:  # the trial is saved; the report says what is wrong with it
+            return str(error)
+    return void

@@ -1,21 +1,17 @@
-"""Studies: several runs of a task in the same sessions, done by any number of workers, and reduced to rows."""
+"""Studies: several runs of a task in the same sessions, reduced to rows (``trocar.eval.jobs`` runs them)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from trocar.errors import InvalidInput, TrocarError, UnknownName
 from trocar.eval.config import RunConfig
-from trocar.eval.folder import open_folder
-from trocar.eval.jobs import SessionOrder, TrialOrder, calibrate, play
 from trocar.eval.method import methods_of, pick_method
 from trocar.eval.task import Task
 from trocar.eval.trial import Trial, trial_file
-from trocar.eval.workers import Workers, run_all
 from trocar.files.output import MADE_BY, write_json
 from trocar.files.reading import read_json
 from trocar.registry import Lazy
@@ -162,47 +158,6 @@ def by_session(rows: Sequence[AnyRow], value: Callable[[AnyRow], Value]) -> dict
     for row in rows:
         found.setdefault(row.session, []).append(value(row))
     return found
-
-
-def opened(conditions: Sequence[Condition]) -> tuple[list[SessionOrder], list[TrialOrder]]:
-    """Make or resume the folders of all conditions; return the sessions to calibrate and the trials to run, in order.
-
-    Trials come session by session, so that an interrupted study has whole sessions of all conditions.
-    """
-    runs = {one.folder: (one.config, one.folder) for one in conditions}
-    todo = [TrialOrder(*run, *place) for run in runs.values() for place in open_folder(*run)]
-    todo.sort(key=lambda order: order.session)
-    missing: dict[int, dict[Path, tuple[RunConfig, Path]]] = {}
-    for order in todo:
-        missing.setdefault(order.session, {})[order.folder] = runs[order.folder]
-    return [SessionOrder(tuple(found.values()), session) for session, found in missing.items()], todo
-
-
-def run_study(conditions: Sequence[Condition], kind: RowKind[Any], workers: Workers, tick: Tick) -> list[str]:
-    """Run the missing trials of a study, and make their rows; return a sentence for each trial that is void."""
-    sessions, todo = opened(conditions)
-    wanted = sum(len(one.places) for one in conditions)
-    calibrated = [order for order in sessions if any(config.chosen_method.calibrated for config, _ in order.runs)]
-    for done, _ in enumerate(run_all(calibrate, calibrated, workers), start=1):
-        tick("calibrating sessions", done, len(calibrated))
-    there = wanted - len(todo)
-    tick("running trials", there, wanted)
-    void = []
-    for done, (_, sentence) in enumerate(run_all(partial(_play_and_reduce, kind), todo, workers), start=1):
-        tick("running trials", there + done, wanted)
-        void += [sentence] if sentence else []
-    return void
-
-
-def _play_and_reduce(kind: RowKind[Any], order: TrialOrder) -> str:
-    """Run a trial, unless it exists, and store its row; return why it is void, empty if it is valid."""
-    void = play(order)
-    if not void:
-        try:
-            kind.read(order.path, order.config.fingerprint)
-        except TrocarError as error:  # the trial is saved; the report says what is wrong with it
-            return str(error)
-    return void
 
 
 def read_study(
