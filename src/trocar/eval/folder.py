@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 from trocar.counting import counted
 from trocar.errors import BadFile, TrocarError
 from trocar.eval.config import RunConfig
 from trocar.eval.trial import Trial, trial_about, trial_file, trial_files
+from trocar.eval.trials import Trials
 from trocar.files.output import write_json
 from trocar.files.reading import read_json
 from trocar.lab import require_reach
@@ -44,48 +44,7 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
     return [place for place in wanted if not is_done(folder, place, fingerprint)]
 
 
-class KeptTrials(Sequence[Trial]):
-    """Trials in files, each read on request: at most one is held in memory, however many there are.
-
-    Args:
-        paths: of the files, in order.
-    """
-
-    def __init__(self, paths: Sequence[str | Path]):
-        self.paths = tuple(map(Path, paths))
-        self._last: tuple[Path, Trial] | None = None
-
-    def __len__(self) -> int:
-        return len(self.paths)
-
-    @overload
-    def __getitem__(self, place: int) -> Trial: ...
-    @overload
-    def __getitem__(self, place: slice) -> KeptTrials: ...
-    def __getitem__(self, place: int | slice) -> Trial | KeptTrials:
-        """Return a trial, or some of them."""
-        if isinstance(place, slice):
-            return KeptTrials(self.paths[place])
-        path = self.paths[place]
-        if self._last is None or self._last[0] != path:
-            self._last = None  # before the next one is read
-            self._last = path, Trial.load(path)
-        return self._last[1]
-
-    def only(self, path: str | Path) -> KeptTrials:
-        """Return one of the trials alone.
-
-        Raises:
-            BadFile: its file cannot be used, or is of another run.
-        """
-        path = Path(path)
-        if path not in self.paths:
-            Trial.load(path)  # raises an error that says what is wrong with it
-            raise BadFile(path, "is not a trial of this run", "choose another with --session and --trial")
-        return KeptTrials((path,))
-
-
-def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
+def load_trials(folder: str | Path) -> tuple[Trials, list[str]]:
     """Return the finished trials of a run's folder in order, and a sentence for each that cannot be used.
 
     Every file is read once for a check; the returned sequence reads a trial again on request.
@@ -120,7 +79,7 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     if not usable:
         more = f" ({strange[0]})" if strange else ""
         raise BadFile(folder, f"holds no trial that can be read{more}", "make some with `trocar run`", kind="folder")
-    return KeptTrials(usable), strange
+    return Trials(usable), strange
 
 
 def load_trial(path: str | Path) -> Trial:
