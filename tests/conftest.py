@@ -2,6 +2,7 @@ import gc
 import os
 import signal
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 if sys.pycache_prefix is None:
     sys.pycache_prefix = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+
+# Calibrations of tests are shared by tests, and no test finds those of the user.
+os.environ["TROCAR_CACHE"] = os.environ.get("TROCAR_TEST_CACHE") or tempfile.mkdtemp(prefix="trocar-calibrations-")
+os.environ["TROCAR_TEST_CACHE"] = os.environ["TROCAR_CACHE"]  # workers of the tests inherit it
 
 # A shell that starts the tests in the background has them ignore Ctrl-C, and all that they start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -66,7 +66,7 @@ def made_up(config: RunConfig | None = None, session: int = 0, scores: list[dict
     arrays: dict[str, np.ndarray] = {"T_world_receptacle": np.eye(4)}
     for name, arm_fixed in config.laboratory.arms.items():
         q = np.append(arm_fixed.park_q(), arm_fixed.park_jaw_rad)
-        for kind in ("asked", "commanded", "measured", "true"):
+        for kind in ("desired", "commanded", "measured", "true"):
             arrays[f"{kind}_{name}"] = np.tile(q, (rows, 1)).astype(np.float32)
     arrays["body_fragment0"] = np.tile([-0.07, -0.06, -0.158, 1.0, 0.0, 0.0, 0.0], (rows, 1)).astype(np.float32)
     return Trial(

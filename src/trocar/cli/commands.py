@@ -10,6 +10,11 @@ CALIBRATE = {
         "trocar.cli.collect:collect",
         "trocar calibrate collect peg-transfer --arm psm1 --out out/cal",
     ),
+    "cache": Known(
+        "List the fitted cable models that runs share, or remove them.",
+        "trocar.cli.methods:cache",
+        "trocar calibrate cache --empty",
+    ),
     "apply": Known(
         "Write the commands that move an arm's joints along a path, for your own controller; rad, and m for q3.",
         "trocar.cli.calibrate:apply",
@@ -89,6 +94,11 @@ STATION = {
 COMMANDS = {
     "run": Known(
         "Run trials of a task in the simulated cell, score them, and keep files and pictures.", "trocar.cli.run:app"
+    ),
+    "methods": Known(
+        "Print what each method of a task is made of, what it costs before the first trial, and its settings.",
+        "trocar.cli.methods:methods",
+        "trocar methods peg-transfer",
     ),
     "report": Known(
         "Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed.",

@@ -14,7 +14,7 @@ import typer
 from trocar.cli.group import Deferred, Group, Known, command_of
 from trocar.cli.options import load_given
 from trocar.errors import BadFile, InvalidInput, UnknownName
-from trocar.eval import TASKS, Task, check_task, methods_of, perceptions_of
+from trocar.eval import TASKS, Task, methods_of, perceptions_of
 from trocar.registry import PLUGIN_MODULE
 
 OWN = "Of this task"
@@ -65,7 +65,6 @@ class TaskGroup(Group):
                 raise UnknownName(self.kind, cmd_name, self.list_commands(ctx))
             return super().get_command(ctx, cmd_name)
         task = TASKS[cmd_name]
-        check_task(task)
         return Deferred(cmd_name, f"{_about(task)}.", lambda: task_command(task, type(self), self.listed(task)))
 
 
@@ -105,7 +104,6 @@ def task_command(task: type[Task], group: type[TaskGroup], listed: str = "") -> 
         group: of the command.
         listed: a field of the task whose option takes several values with commas.
     """
-    check_task(task)
     own = {field.name: field for field in fields(task)}  # type: ignore[arg-type]
     of_body = inspect.signature(group.body, eval_str=True).parameters.values()
     usual = [p for p in of_body if p.name not in ("task", "options")]

@@ -8,11 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from trocar.calibration.models import load_model, save_model
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, TrocarError
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import RECORD, is_done, open_folder, set_aside
-from trocar.eval.prepare import Prepared, cable_file, calibration_key, prepare
+from trocar.eval.prepare import Prepared, prepare
 from trocar.eval.run import free_memory, run_trial
 from trocar.eval.study import Condition, RowKind, Tick
 from trocar.eval.trial import trial_file
@@ -25,7 +24,7 @@ class SessionOrder:
     """One session of one or more runs whose cables are to be calibrated.
 
     Attributes:
-        runs: each with its folder; those that need the same model of an arm share it.
+        runs: each with its folder; those that need the same model of an arm find it in the cache.
         session: its number.
     """
 
@@ -57,19 +56,10 @@ class TrialOrder:
 
 def calibrate(order: SessionOrder) -> None:
     """Fit the cable models of a session, each once, and store them in every run's folder."""
-    fitted: dict[str, tuple[Path, str]] = {}
     for config, folder in order.runs:
         _require_folder(folder)
-        if not config.chosen_method.calibrated:
-            continue
-        keys = {arm: calibration_key(config, arm) for arm in config.arms}
-        for arm, key in keys.items():
-            path = cable_file(folder, order.session, arm)
-            if key in fitted and not path.is_file():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                save_model(load_model(*fitted[key]), path, config.fingerprint)
-        prepare(config, order.session, folder)
-        fitted.update({key: (cable_file(folder, order.session, arm), config.fingerprint) for arm, key in keys.items()})
+        if config.chosen_method.calibrated:
+            prepare(config, order.session, folder)
 
 
 def play(order: TrialOrder) -> str:
@@ -102,9 +92,10 @@ def _prepared(order: TrialOrder) -> Prepared:
 def _require_folder(folder: Path) -> None:
     """Raise unless a worker, which may be on another machine, sees the run's folder."""
     if not (folder / RECORD).is_file():
-        raise TrocarError(
-            f"a worker does not find {str(folder / RECORD)!r}; give --out a folder on a file system that all workers "
-            "see, under the same path"
+        raise BadFile(
+            folder / RECORD,
+            "is not found by a worker",
+            "give --out a folder on a file system that all workers see, under the same path",
         )
 
 

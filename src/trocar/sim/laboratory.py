@@ -134,7 +134,7 @@ class SimLaboratory:
     def wrap_robot(self, wrap: Callable[[Cell], Any]) -> Cell:
         """Add another wrapper to the robot, made by ``wrap`` from the cell; return the cell with it."""
         self.cell = replace(self.cell, robot=wrap(self.cell))
-        self.recorder.asked_of = self.cell.robot
+        self.recorder.desired_of = self.cell.robot
         robot = self.cell.robot
         if isinstance(robot, JointEstimator):
             self._guard.estimator = robot
