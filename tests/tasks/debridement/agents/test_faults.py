@@ -10,7 +10,7 @@ from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.tasks.debridement.agents import debrider
 from trocar.tasks.debridement.agents.raven_arm import SHAKES
-from trocar.tasks.debridement.outcomes import FragmentOutcome
+from trocar.tasks.debridement.goals import FragmentOutcome
 
 RESTING = 1e-4
 """Change of a joint (rad, m) in the last tick; at the limit of acceleration the last step of braking is half of it."""

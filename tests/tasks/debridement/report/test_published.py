@@ -2,7 +2,7 @@
 
 import pytest
 
-from trocar.tasks.debridement.report.published import MODES, PARTS, PERSON, TABLE_1, clopper_pearson
+from trocar.tasks.debridement.report.table_one import MODES, PARTS, PERSON, TABLE_1, clopper_pearson
 from trocar.tasks.debridement.score import FragmentScore
 
 

@@ -7,7 +7,7 @@ import pytest
 from made_up_debridement import made_up, score
 from trocar.eval.config import RunConfig
 from trocar.log import Span
-from trocar.tasks.debridement.report.row import row_of
+from trocar.tasks.debridement.report.figures import row_of
 from trocar.tasks.debridement.task import Debridement
 
 

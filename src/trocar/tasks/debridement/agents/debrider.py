@@ -13,7 +13,7 @@ from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.observer import CameraFrozen
 from trocar.tasks.debridement.agents.places import Grasp
 from trocar.tasks.debridement.agents.raven_arm import WAYS, RavenArm
-from trocar.tasks.debridement.outcomes import FragmentOutcome
+from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.perception.seen import SeenFragment
 
 TOO_MANY = 8

@@ -10,8 +10,7 @@ from scipy.spatial import ConvexHull
 
 from trocar.geometry import SE3, SO3
 from trocar.sim.spec import INTANGIBLE, SOLID, digits, placed
-from trocar.tasks.debridement.scene import DebridementScene, Fragment
-from trocar.tasks.debridement.tissue import GROUND
+from trocar.tasks.debridement.scene import GROUND, DebridementScene, Fragment
 
 RED_FOAM = (0.62, 0.05, 0.05)
 WHITE_SURFACE = (0.75, 0.75, 0.74)
