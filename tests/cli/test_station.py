@@ -88,7 +88,7 @@ def test_findings_are_sentences_and_code_1(trocar, mine):
         (
             'model = "psm-classic"',
             'model = "psm-future"',
-            "arms.psm1.model: arm 'psm-future' is unknown; choose one of",
+            "arms.psm1.model: arm 'psm-future' is unknown; choose",
         ),
         ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_mm = [nan, 0.0, 166.0]", "is nan"),
         ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_inch = [5, 0, 7]", "unknown key 'xyz_inch'"),
