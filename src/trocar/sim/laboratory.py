@@ -179,11 +179,7 @@ class SimLaboratory:
         clock = MockClock()
         repeat_scheduling()
         try:
-            return trio.run(
-                self._run, script, budget_s, pace or Virtual(), clock,
-                clock=clock,
-                restrict_keyboard_interrupt_to_checkpoints=True,
-            )  # fmt: skip
+            return trio.run(self._run, script, budget_s, pace or Virtual(), clock, clock=clock)
         except BaseExceptionGroup as group:
             raise _cause(group) from None
 
@@ -195,13 +191,15 @@ class SimLaboratory:
         """Start another script beside the one that runs."""
         if self._nursery is None:
             raise RuntimeError("a script can be started only while the cell runs")
-        self._nursery.start_soon(script, self.cell)
+        self._nursery.start_soon(_interruptible(script), self.cell)
 
     def end(self) -> None:
         """Cancel all scripts that run; the arms come to rest."""
         if self._nursery is not None:
             self._nursery.cancel_scope.cancel()
 
+    # Ctrl-C raises at once in a script, also in one that never waits; in what brings the arms to rest it waits.
+    @trio.lowlevel.enable_ki_protection
     async def _run(self, script: Script, budget_s: float, pace: Pace, clock: MockClock) -> bool:
         ended = False
         async with trio.open_nursery() as outer:
@@ -210,7 +208,7 @@ class SimLaboratory:
                 with trio.move_on_after(budget_s):
                     async with trio.open_nursery() as scripts:
                         self._nursery = scripts
-                        await script(self.cell)
+                        await _interruptible(script)(self.cell)
                         ended = True
                         scripts.cancel_scope.cancel()
             finally:
@@ -222,6 +220,7 @@ class SimLaboratory:
                 outer.cancel_scope.cancel()
         return ended
 
+    @trio.lowlevel.enable_ki_protection
     async def _turn(self, pace: Pace, clock: MockClock) -> None:
         """Run the clock: let every script run until it waits, then advance 10 ms; forever."""
         try:
@@ -235,6 +234,15 @@ class SimLaboratory:
             self.driver.abandon(f"the simulation has ended: {error}")
             clock.autojump_threshold = 0.0
             raise
+
+
+def _interruptible(script: Script) -> Script:
+    """Return a script that Ctrl-C ends at whatever line it is."""
+
+    async def interruptible(cell: Cell) -> Any:
+        return await trio.lowlevel.disable_ki_protection(script)(cell)
+
+    return interruptible
 
 
 def _cause(group: BaseExceptionGroup) -> BaseException:
