@@ -721,3 +721,33 @@ def test_ctrl_c_ends_an_agent_that_loops_without_waiting_and_the_arms_come_to_re
         lab.run(loop, 30.0)
     assert time.perf_counter() - begin < 1.5
     assert all(lab.driver.idle(name) for name in STATION.arms)
+
+
+def test_a_shielded_script_does_not_outrun_its_budget_nor_counts_as_within_it(lab):
+    """What it awaits of an arm is simulated, what it sleeps is not."""
+    seen = []
+
+    async def shielded(cell):
+        with trio.CancelScope(shield=True):
+            await move_both(cell)
+            await cell.clock.sleep(300.0)
+        seen.append(cell.clock.now_s())
+
+    assert not lab.run(shielded, 0.5)
+    assert len(seen) == 1 and seen[0] < 5.0
+    assert_at_rest_within_limits(lab)
+
+
+def test_a_script_may_clean_up_for_a_second_after_its_budget(lab):
+    seen = []
+
+    async def tidy(cell):
+        try:
+            await cell.clock.sleep(30.0)
+        finally:
+            with trio.CancelScope(shield=True):
+                await cell.clock.sleep(0.8)
+            seen.append(cell.clock.now_s())
+
+    assert not lab.run(tidy, 0.5)
+    assert seen == [pytest.approx(1.3, abs=0.011)]

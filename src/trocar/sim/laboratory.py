@@ -27,6 +27,9 @@ from trocar.sim.world import TaskWorld, World
 
 REST_S = 0.5
 """The bodies settle for this long before the clock starts."""
+GRACE_S, HURRY_S = 1.0, 10.0
+"""A script may use this much time after its budget to clean up under a shield; then its sleeps pass at this much a
+tick."""
 
 
 class SimClock:
@@ -203,13 +206,14 @@ class SimLaboratory:
     async def _run(self, script: Script, budget_s: float, pace: Pace, clock: MockClock) -> bool:
         ended = False
         async with trio.open_nursery() as outer:
-            outer.start_soon(self._turn, pace, clock)
+            budget = trio.CancelScope(deadline=trio.current_time() + budget_s)
+            outer.start_soon(self._turn, pace, clock, budget.deadline + GRACE_S)
             try:
-                with trio.move_on_after(budget_s):
+                with budget:
                     async with trio.open_nursery() as scripts:
                         self._nursery = scripts
                         await _interruptible(script)(self.cell)
-                        ended = True
+                        ended = not budget.cancel_called
                         scripts.cancel_scope.cancel()
             finally:
                 # the physics continues until arms that scripts left moving have come to rest
@@ -221,14 +225,15 @@ class SimLaboratory:
         return ended
 
     @trio.lowlevel.enable_ki_protection
-    async def _turn(self, pace: Pace, clock: MockClock) -> None:
+    async def _turn(self, pace: Pace, clock: MockClock, latest_s: float) -> None:
         """Run the clock: let every script run until it waits, then advance 10 ms; forever."""
         try:
             while True:
                 await wait_all_tasks_blocked()
                 await pace.wait(self.now_s())
                 self.tick()
-                clock.jump(TICK_S)
+                shielded = self._nursery is not None and clock.current_time() > latest_s
+                clock.jump(HURRY_S if shielded else TICK_S)
         except Exception as error:
             # otherwise a script that cleans up under a shield would wait forever, for an arm or for the clock
             self.driver.abandon(f"the simulation has ended: {error}")
