@@ -113,7 +113,7 @@ def _chain(
     from trocar.collect.chain import calibrate
     from trocar.collect.report import draw_calibration
     from trocar.lab import station_text
-    from trocar.lab.registered import with_registered
+    from trocar.lab.station_file import with_registered
 
     figures: dict[str, Any] = {}
     files: list[Path] = []

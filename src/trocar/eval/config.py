@@ -21,7 +21,7 @@ from trocar.eval.method import Method, pick_method, pick_perception
 from trocar.eval.task import TASKS, Task
 from trocar.lab import Station, load_station
 from trocar.lab.flaws import DEFAULT, Difficulty
-from trocar.lab.toml import station_digest
+from trocar.lab.station_file import station_digest
 from trocar.motion import PLANNERS
 from trocar.registry import load_plugin
 

@@ -27,6 +27,9 @@ from trocar.sim.world import TaskWorld, World
 
 REST_S = 0.5
 """The bodies settle for this long before the clock starts."""
+GRACE_S, HURRY_S = 1.0, 10.0
+"""A script may use this much time after its budget to clean up under a shield; then its sleeps pass at this much a
+tick."""
 
 
 class SimClock:
@@ -179,11 +182,7 @@ class SimLaboratory:
         clock = MockClock()
         repeat_scheduling()
         try:
-            return trio.run(
-                self._run, script, budget_s, pace or Virtual(), clock,
-                clock=clock,
-                restrict_keyboard_interrupt_to_checkpoints=True,
-            )  # fmt: skip
+            return trio.run(self._run, script, budget_s, pace or Virtual(), clock, clock=clock)
         except BaseExceptionGroup as group:
             raise _cause(group) from None
 
@@ -195,23 +194,26 @@ class SimLaboratory:
         """Start another script beside the one that runs."""
         if self._nursery is None:
             raise RuntimeError("a script can be started only while the cell runs")
-        self._nursery.start_soon(script, self.cell)
+        self._nursery.start_soon(_interruptible(script), self.cell)
 
     def end(self) -> None:
         """Cancel all scripts that run; the arms come to rest."""
         if self._nursery is not None:
             self._nursery.cancel_scope.cancel()
 
+    # Ctrl-C raises at once in a script, also in one that never waits; in what brings the arms to rest it waits.
+    @trio.lowlevel.enable_ki_protection
     async def _run(self, script: Script, budget_s: float, pace: Pace, clock: MockClock) -> bool:
         ended = False
         async with trio.open_nursery() as outer:
-            outer.start_soon(self._turn, pace, clock)
+            budget = trio.CancelScope(deadline=trio.current_time() + budget_s)
+            outer.start_soon(self._turn, pace, clock, budget.deadline + GRACE_S)
             try:
-                with trio.move_on_after(budget_s):
+                with budget:
                     async with trio.open_nursery() as scripts:
                         self._nursery = scripts
-                        await script(self.cell)
-                        ended = True
+                        await _interruptible(script)(self.cell)
+                        ended = not budget.cancel_called
                         scripts.cancel_scope.cancel()
             finally:
                 # the physics continues until arms that scripts left moving have come to rest
@@ -222,19 +224,30 @@ class SimLaboratory:
                 outer.cancel_scope.cancel()
         return ended
 
-    async def _turn(self, pace: Pace, clock: MockClock) -> None:
+    @trio.lowlevel.enable_ki_protection
+    async def _turn(self, pace: Pace, clock: MockClock, latest_s: float) -> None:
         """Run the clock: let every script run until it waits, then advance 10 ms; forever."""
         try:
             while True:
                 await wait_all_tasks_blocked()
                 await pace.wait(self.now_s())
                 self.tick()
-                clock.jump(TICK_S)
+                shielded = self._nursery is not None and clock.current_time() > latest_s
+                clock.jump(HURRY_S if shielded else TICK_S)
         except Exception as error:
             # otherwise a script that cleans up under a shield would wait forever, for an arm or for the clock
             self.driver.abandon(f"the simulation has ended: {error}")
             clock.autojump_threshold = 0.0
             raise
+
+
+def _interruptible(script: Script) -> Script:
+    """Return a script that Ctrl-C ends at whatever line it is."""
+
+    async def interruptible(cell: Cell) -> Any:
+        return await trio.lowlevel.disable_ki_protection(script)(cell)
+
+    return interruptible
 
 
 def _cause(group: BaseExceptionGroup) -> BaseException:

@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3
-from trocar.lab.sensor_flaws import SensorFlaws
+from trocar.lab.station import SensorFlaws
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.sim.appearance import Appearance, Sight
@@ -52,7 +52,7 @@ class RayCamera:
         finish: Appearance | None = None,
     ):
         if T_world_camera.matrix.shape != (4, 4) or not np.isfinite(T_world_camera.matrix).all():
-            raise TrocarError("a camera needs one finite pose (4, 4) as T_world_camera")
+            raise InvalidInput("T_world_camera of a camera", "is not one finite pose (4, 4)", "give one")
         self.model = model
         self.intrinsics = intrinsics
         self.T_world_camera = T_world_camera
