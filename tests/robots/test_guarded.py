@@ -323,12 +323,6 @@ def test_the_faster_of_two_motions_is_named_and_one_that_takes_over_slows_none_d
     assert values["arm"] == "b" and values["stretch"] == pytest.approx(2.0, rel=1e-3)
 
 
-def test_two_arms_that_stay_apart_go_through():
-    arms, _ = pair(0.05, -0.05)
-    executions = arms.run(lambda: arms.robot.move(to("a", 0.05, 0.02) | to("b", -0.05, -0.01)))
-    assert all(execution.done for execution in executions.values())
-
-
 def test_a_motion_is_looked_at_beside_what_the_other_arm_is_doing():
     """The way is free while the other arm goes out of it, and not before."""
     arms, _ = pair(0.05, 0.0)
