@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from trocar.cli.difficulty import DEFAULT, Flaws, Level
-from trocar.cli.extras import need
+from trocar.cli.options import Flaws, JsonFlag, Level, Plugins, need
 from trocar.cli.out_folder import default_folder
-from trocar.cli.plugin import Plugins
 from trocar.cli.progress import progress
-from trocar.cli.report import JsonFlag, finish
+from trocar.cli.report import finish
 from trocar.cli.task_group import TaskGroup
 from trocar.cli.terminal import beside
 from trocar.counting import counted
@@ -79,7 +77,7 @@ def run(
     flawless_camera: Annotated[
         bool, typer.Option("--flawless-camera", help="Switch off the sensors' flaws; the run states this.")
     ] = False,
-    difficulty: Level = DEFAULT,
+    difficulty: Level = "recorded",
     flaw: Flaws = None,
     jobs: Annotated[int, typer.Option(help="How many trials to run at once, each in its own process.")] = 1,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with code 1 if a goal was missed.")] = False,
