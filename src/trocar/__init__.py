@@ -13,8 +13,8 @@ __version__ = version("trocar")
 
 
 def run(task: str, **options: Any) -> Trials:
-    """Run trials of a task in the simulated cell and return them (see :func:`trocar.eval.trials.run`).
+    """Run trials of a task in the simulated cell and return them (see :func:`trocar.eval.jobs.run`).
 
     ``trocar.run("peg-transfer", method="best", sessions=3, seed=1, difficulty="mild")``
     """
-    return import_module("trocar.eval.trials").run(task, **options)  # when it is called: importing trocar stays light
+    return import_module("trocar.eval.jobs").run(task, **options)  # when it is called: importing trocar stays light

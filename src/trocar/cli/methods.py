@@ -14,7 +14,7 @@ from trocar.registry import Lazy
 
 
 def methods(task: Annotated[str, typer.Argument(metavar="TASK", help="Name of a task.")]) -> Result:
-    """Print what each method of a task is made of, what it costs before its first trial, and its settings."""
+    """Print what each method of a task is made of, what it costs before the first trial, and its settings."""
     need("sim", "mujoco", "trio", "cv2")
     from trocar.lab import load_station
 
@@ -72,7 +72,7 @@ def _plain(value: Any) -> Any:
 def cache(
     *, empty: Annotated[bool, typer.Option("--empty", help="Remove all of them; they are then fitted again.")] = False
 ) -> Result:
-    """List the fitted cable models that runs share, and the folder where they lie: --cache, or $TROCAR_CACHE."""
+    """List the fitted cable models that runs share, or remove them."""
     need("sim", "mujoco", "trio", "cv2")
     from trocar.eval.prepare import cache_folder, cached_calibrations
 

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from trocar.errors import BadFile, TrocarError
+from trocar.errors import BadFile, TrocarError, UnknownName
 from trocar.eval.config import RunConfig
-from trocar.eval.folder import RECORD, is_done, open_folder, set_aside
+from trocar.eval.folder import RECORD, is_done, load_trials, open_folder, set_aside
 from trocar.eval.prepare import Prepared, prepare
 from trocar.eval.run import free_memory, run_trial
 from trocar.eval.study import Condition, RowKind, Tick
+from trocar.eval.task import TASKS
 from trocar.eval.trial import trial_file
-from trocar.eval.workers import Workers, run_all
+from trocar.eval.trials import Trials
+from trocar.eval.workers import Workers, pick_workers, run_all
 from trocar.sim.world import PhysicsError
 
 
@@ -138,3 +141,50 @@ def _play_and_reduce(kind: RowKind[Any], order: TrialOrder) -> str:
         except TrocarError as error:  # the trial is saved; the report says what is wrong with it
             return str(error)
     return void
+
+
+def run(
+    task: str,
+    *,
+    out: str | Path | None = None,
+    jobs: int = 1,
+    settings: Mapping[str, object] | None = None,
+    **options: Any,
+) -> Trials:
+    """Run trials of a task in the simulated cell and return them; finished ones are kept and not run again.
+
+    Args:
+        task: name of the task.
+        out: folder for the files; None: ``out/TASK-METHOD-SEED-DIGEST``.
+        jobs: how many trials are run at once, each in its own process.
+        settings: those of the method that differ from their defaults, by name.
+        options: of the task, and of the run (:class:`trocar.eval.config.RunConfig`).
+
+    Raises:
+        UnknownName: there is no such task or option.
+        InvalidInput: the run is not possible.
+    """
+    kind = TASKS.pick(task)
+    own = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    of_run = {field.name for field in fields(RunConfig) if field.init} - {"task", "settings"}
+    for name in options:
+        if name not in own | of_run:
+            raise UnknownName("option", name, sorted(own | of_run))
+    given = {name: value for name, value in options.items() if name in of_run}
+    changes = tuple(f"{name}={value}" for name, value in (settings or {}).items())
+    config = RunConfig(kind(**{n: v for n, v in options.items() if n in own}), settings=changes, **given)
+    usual = Path("out") / f"{task}-{config.method}-{config.seed}-{config.fingerprint[:8]}"
+    folder = Path(out or usual).absolute()
+    orders = [TrialOrder(config, folder, *place) for place in open_folder(config, folder)]
+    if jobs == 1:
+        ended = map(play, orders)
+    else:
+        workers = pick_workers("processes", jobs)
+        days = dict.fromkeys(order.session for order in orders)
+        for _ in run_all(calibrate, [SessionOrder(((config, folder),), day) for day in days], workers):
+            pass
+        ended = (void for _, void in run_all(play, orders, workers))
+    for void in ended:
+        if void:
+            warnings.warn(void, stacklevel=2)
+    return load_trials(folder)[0]

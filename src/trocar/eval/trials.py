@@ -1,9 +1,8 @@
-"""Trials of a run: read one at a time, as a table, compared with those of another run; and the run itself."""
+"""Trials of a run: read one at a time, as a table, and compared with those of another run."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib import import_module
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any, overload
 
 from trocar.counting import counted
-from trocar.errors import BadFile, InvalidInput, UnknownName
+from trocar.errors import BadFile, InvalidInput
 from trocar.eval.comparison import Difference, session_difference
 from trocar.eval.trial import Trial
 
@@ -142,56 +141,3 @@ class Trials(Sequence[Trial]):
         for trial in self._notes:
             found.setdefault(trial.about["session"], []).append(value(trial))
         return found
-
-
-def run(
-    task: str,
-    *,
-    out: str | Path | None = None,
-    jobs: int = 1,
-    settings: Mapping[str, object] | None = None,
-    **options: Any,
-) -> Trials:
-    """Run trials of a task in the simulated cell and return them; finished ones are kept and not run again.
-
-    Args:
-        task: name of the task.
-        out: folder for the files; None: ``out/TASK-METHOD-SEED-DIGEST``.
-        jobs: how many trials are run at once, each in its own process.
-        settings: those of the method that differ from their defaults, by name.
-        options: of the task, and of the run (:class:`trocar.eval.config.RunConfig`).
-
-    Raises:
-        UnknownName: there is no such task or option.
-        InvalidInput: the run is not possible.
-    """
-    from trocar.eval.config import RunConfig  # the simulator is heavy
-    from trocar.eval.folder import load_trials, open_folder
-    from trocar.eval.jobs import SessionOrder, TrialOrder, calibrate, play
-    from trocar.eval.task import TASKS
-    from trocar.eval.workers import pick_workers, run_all
-
-    kind = TASKS.pick(task)
-    own = {field.name for field in fields(kind)}  # type: ignore[arg-type]
-    of_run = {field.name for field in fields(RunConfig) if field.init} - {"task", "settings"}
-    for name in options:
-        if name not in own | of_run:
-            raise UnknownName("option", name, sorted(own | of_run))
-    given = {name: value for name, value in options.items() if name in of_run}
-    changes = tuple(f"{name}={value}" for name, value in (settings or {}).items())
-    config = RunConfig(kind(**{n: v for n, v in options.items() if n in own}), settings=changes, **given)
-    usual = Path("out") / f"{task}-{config.method}-{config.seed}-{config.fingerprint[:8]}"
-    folder = Path(out or usual).absolute()
-    orders = [TrialOrder(config, folder, *place) for place in open_folder(config, folder)]
-    if jobs == 1:
-        ended = map(play, orders)
-    else:
-        workers = pick_workers("processes", jobs)
-        days = dict.fromkeys(order.session for order in orders)
-        for _ in run_all(calibrate, [SessionOrder(((config, folder),), day) for day in days], workers):
-            pass
-        ended = (void for _, void in run_all(play, orders, workers))
-    for void in ended:
-        if void:
-            warnings.warn(void, stacklevel=2)
-    return load_trials(folder)[0]
