@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, Instrument, ik
 from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3, SO3, shown
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 GRASP_ASIDE_M = (-1.0e-3, 1.0e-3)
 """Grasp points on the side at +y in the block frame lie so far along x, and are then rotated by +-120 deg

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, ik
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
 """Rotations of the tool that are tried over a peg."""

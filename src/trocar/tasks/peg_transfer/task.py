@@ -13,11 +13,10 @@ from trocar.eval import Method, Task, check_budget, option
 from trocar.geometry import SE3, SO3, TURN
 from trocar.lab import Station
 from trocar.registry import Lazy
-from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import GOALS, PegSet, Transfer
-from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from trocar.tasks.peg_transfer.truth import PegTruth
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from trocar.motion import rest_to_rest
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.agents.traffic import Blocked, Traffic
-from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.shapes import Block
 from two_armed import distance_of_arms_m, named
 
 SETTINGS = replace(Settings(), patience_s=1.0)

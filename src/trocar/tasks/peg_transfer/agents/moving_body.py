@@ -14,7 +14,7 @@ from trocar.arms.solids import solid_radii_m
 from trocar.geometry import SE3
 from trocar.geometry.capsules import segment_distances_m
 from trocar.motion import MovingArm
-from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.shapes import Block
 
 NEVER = (inf, inf)
 LAYERS = 3

@@ -16,7 +16,7 @@ from trocar.robots.arm_script import ArmScript
 from trocar.robots.concurrency import first_of
 from trocar.tasks.peg_transfer.agents.moving_body import NEVER, Body, distances_m, min_delay_s
 from trocar.tasks.peg_transfer.agents.settings import Settings
-from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.shapes import Block
 from trocar.trajectory import Trajectory
 
 DELAY_STEP_S = 0.08

@@ -12,10 +12,9 @@ from trocar.geometry import SE3, SO3, shown
 from trocar.perception.color import red_mask
 from trocar.perception.depth import Patch, check_image, patch_around
 from trocar.perception.image import RgbdImage
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.perception.outline import fit_outline
 from trocar.tasks.peg_transfer.perception.top_face import top_face
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 WINDOW_M = 13e-3
 """Half-width of the window round the peg: outline 8.95 mm, clearance 3.2 mm, and a pixel."""

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.perception.top_face import TopFace, top_face
+from trocar.tasks.peg_transfer.shapes import Block
 
 MIN_POINTS = 60
 PLANE_GATES_M = (4e-3, 2.5e-3, 1.5e-3)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from trocar.geometry import SE3
 from trocar.perception.image import RgbdImage
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.perception.blocks import BlockFit, find_block, find_held_block
 from trocar.tasks.peg_transfer.perception.board import BoardFit, find_board
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 
 class DepthView:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from trocar.geometry import TURN
-from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.shapes import Block
 
 STEP_M = 0.2e-3
 REACH_M = 14e-3
