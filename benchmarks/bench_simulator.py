@@ -24,7 +24,7 @@ import cv2
 from trocar.cell import Cell
 from trocar.eval.config import RunConfig
 from trocar.eval.run import prepare, run_trial
-from trocar.robots import Calibrated, Guarded
+from trocar.robots import Compensated, Guarded
 from trocar.sim.camera import RayCamera
 from trocar.sim.contacts import ContactMonitor
 from trocar.sim.recorder import Recorder
@@ -44,7 +44,7 @@ WATCHED: tuple[tuple[type, str, str], ...] = (
     (ContactMonitor, "observe", "collisions"),
     (Recorder, "observe", "recorder"),
     (RayCamera, "render", "rendering, sensor's flaws included"),
-    (Calibrated, "_found", "compensation"),
+    (Compensated, "_found", "compensation"),
 )
 
 

@@ -85,7 +85,8 @@ class Camera:
         eyes = self.eyes
         if eyes.lab.now_s() < eyes.frozen_s:
             eyes.count += 1
-        picture = np.array([[[eyes.count % 251, eyes.count // 251, 0]]], dtype=np.uint8)
+        picture = np.zeros((self.model.left.height, self.model.left.width, 3), dtype=np.uint8)
+        picture[0, 0] = eyes.count % 251, eyes.count // 251, 0
         return StereoImage(picture, picture, self.model, eyes.lab.now_s())
 
 

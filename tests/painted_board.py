@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from trocar.geometry import SE3, SO3
-from trocar.perception.checkerboard.board import Checkerboard
+from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, StereoRig
 

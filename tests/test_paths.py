@@ -29,8 +29,8 @@ from trocar.report.storyboard import draw_storyboard
 from trocar.tasks.suture.demonstrations import load_demonstrations
 from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
 from trocar.tasks.suture.planning.plan_file import load_plan
-from trocar.tasks.suture.report.plan.circle import draw_plan
-from trocar.tasks.suture.report.plan.summary import plan_summary
+from trocar.tasks.suture.report.circle import draw_plan
+from trocar.tasks.suture.report.plan_summary import plan_summary
 
 SOURCE = Path(__file__).parents[1] / "src" / "trocar"
 

@@ -25,10 +25,11 @@ prints the sentence and ends with the error's exit code, so a traceback always i
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from trocar.extras import how_to_install
 
@@ -118,6 +119,12 @@ class NotInstalled(InvalidInput):
 
 class MotionRefused(TrocarError):
     """A motion that cannot be planned, or that a robot does not start or go on with."""
+
+    def worded(self, sentence: str) -> Self:
+        """Return the same refusal, with its fields, in other words: who tells it knows more than who found it."""
+        other = copy.copy(self)
+        other.args = (sentence,)
+        return other
 
 
 class OutOfReach(MotionRefused):
@@ -215,7 +222,15 @@ class ArmMoving(MotionRefused):
 
 
 class AlreadyThere(MotionRefused):
-    """Two places between which a motion is asked for coincide."""
+    """Two places between which a motion is asked for coincide.
+
+    Attributes:
+        arm: name of the arm; empty if the caller knows it.
+    """
+
+    def __init__(self, sentence: str, *, arm: str = ""):
+        self.arm = arm
+        super().__init__(sentence)
 
 
 class StaleReading(MotionRefused):

@@ -12,7 +12,7 @@ import pytest
 from synthetic import unmarked
 from trocar.calibration.recording import load_recording
 from trocar.lab import load_station, station_text
-from trocar.perception.fiducials.measure import GOOD, NOTHING
+from trocar.perception.fiducial_joints import GOOD, NOTHING
 
 COMMAND = "from trocar.cli import main; main()"
 FILES = ("calibration_psm1.png", "cables_psm1.npz", "loops_psm1.png", "recording_psm1.npz", "report.json")
@@ -116,7 +116,7 @@ def test_an_interrupted_collection_goes_on_to_the_same_files(done, station, troc
         (("peg-transfer", "--rows", "10"), "10 rows is too small to fit on; give 30 or more"),
         (("peg-transfer", "--rows", "60", "--fraction", "0.8"), "leaves too few to fit on (60 or more)"),
         (("peg-transfer", "--fraction", "1"), "--fraction 1 of 1355 rows"),
-        (("peg-transfer", "--seed", "-1"), "seed -1 is negative"),
+        (("peg-transfer", "--seed", "-1"), "--seed is '-1'"),
         (("peg-transfer", "--model", "oracle"), "cable model 'oracle' is unknown"),
         (("peg-transfer", "--difficulty", "easy"), "difficulty 'easy' is unknown; choose one of mild, recorded, harsh"),
         (("peg-transfer", "--flaw", "creep=1m"), "creep=1m"),

@@ -152,7 +152,7 @@ def test_a_station_is_exported_for_mujoco_and_its_arms_as_urdf(trocar, tmp_path)
         (["peg-transfer", "--urdf", "urdf", "--task", "peg-transfer"], "--task is for the whole station"),
         (["peg-transfer", "--mjcf", "a.xml", "--task", "cooking"], "'cooking' is unknown; choose one of"),
         (["suture", "--mjcf", "a.xml", "--task", "peg-transfer"], "no fixture 'board'"),
-        (["peg-transfer", "--mjcf", "a.xml", "--seed", "-1"], "seed -1 is negative"),
+        (["peg-transfer", "--mjcf", "a.xml", "--seed", "-1"], "--seed is '-1'"),
         (["peg-transfer", "--mjcf", "theirs.xml"], "theirs.xml' already exists"),
         (["peg-transfer", "--urdf", "theirs.xml"], "is a file where a folder is to be"),
     ],

@@ -13,9 +13,9 @@ from trocar.collect.motion import MARGIN_PX, bounds_px, commands_in_view, in_vie
 from trocar.errors import TrocarError
 from trocar.lab import SensorFlaws, load_station
 from trocar.lab.session import draw_session
-from trocar.perception.fiducials.detect import find_spheres
-from trocar.perception.fiducials.fixture import SIX_SPHERES
-from trocar.perception.fiducials.measure import GOOD, NOTHING
+from trocar.perception.fiducial_joints import GOOD, NOTHING
+from trocar.perception.fiducials import SIX_SPHERES
+from trocar.perception.spheres import find_spheres
 from trocar.sim.fiducial_cell import FiducialCell
 
 SESSION = draw_session(STATION, np.random.default_rng(1))

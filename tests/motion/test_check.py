@@ -40,7 +40,7 @@ def in_three(change=None):
 def found(path, arm=ONE, **asked):
     """The sentences about a path of an arm, and what they are about."""
     violations = check(MotionProblem({"it": arm}, **asked), {"it": path}).violations
-    return [v.sentence for v in violations], {v.demand for v in violations}
+    return [str(v) for v in violations], {v.demand for v in violations}
 
 
 def test_a_sound_path_has_no_violation():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trocar.arms import ARMS, MotionLimits, fk
-from trocar.errors import TrocarError
+from trocar.errors import ArmMoving, MotionRefused, NoPlan, TrocarError
 from trocar.geometry import SE3
 from trocar.motion import (
     PLANNERS,
@@ -136,10 +136,11 @@ def not_at_rest(path, times):
 def test_every_way_to_break_a_request_is_found(change, words):
     plan = plan_motion(asking(), moved(change))
     assert not plan.found
-    assert any(re.search(words, sentence) for sentence in plan.violations), plan.violations
+    assert any(re.search(words, str(violation)) for violation in plan.violations), plan.violations
     assert plan.paths  # to be looked at
-    with pytest.raises(TrocarError, match="is refused"):
+    with pytest.raises(MotionRefused, match="is refused") as raised:
         plan.trajectories  # noqa: B018
+    assert raised.value is plan.refusal and str(plan.refusal) == plan.reason
 
 
 def test_a_motion_out_of_a_range_is_refused_unless_allowed():
@@ -271,8 +272,18 @@ def test_a_planner_that_finds_nothing_says_why():
     plan = plan_motion(asking(), helpless)
     assert not plan.found and not plan.paths and np.isnan(plan.duration_s)
     assert plan.reason == "planner 'helpless' found no motion: nothing came to mind"
+    assert isinstance(plan.refusal, NoPlan) and plan.refusal.planner == "helpless"
     assert plan.bound_s > 0
     assert repr(plan) == f"<no MotionPlan: {plan.reason}>"
+
+
+def test_a_refusal_by_a_planner_keeps_its_type_and_fields():
+    def busy(problem):
+        raise ArmMoving("psm1")
+
+    plan = plan_motion(asking(), busy)
+    assert isinstance(plan.refusal, ArmMoving) and plan.refusal.arm == "psm1"
+    assert plan.reason.startswith("planner 'busy' found no motion: arm 'psm1' is already moving")
 
 
 def test_an_unknown_planner_is_refused():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trocar.arms import MotionLimits, fk
-from trocar.errors import TrocarError
+from trocar.errors import AlreadyThere, OutOfReach, TrocarError
 from trocar.geometry import SE3
 from trocar.motion import (
     ArmMotion,
@@ -153,11 +153,18 @@ def test_a_goal_out_of_reach_is_a_reason():
     plan = plan_motion(MotionProblem({"psm1": ArmMotion(PSM, FOUR[:1], PAPER, T_base_goals=goals)}))
     assert not plan.found and not plan.paths
     assert plan.reason.startswith("arm 'psm1', goal 1: ")
+    assert isinstance(plan.refusal, OutOfReach) and plan.refusal.arm == "psm1"
+
+
+def test_a_goal_where_the_arm_already_is_needs_no_motion():
+    goals = fk(PSM, FOUR[:1])
+    plan = plan_motion(MotionProblem({"psm1": ArmMotion(PSM, FOUR[:1], PAPER, T_base_goals=goals)}))
+    assert isinstance(plan.refusal, AlreadyThere) and plan.refusal.arm == "psm1" and not plan.paths
 
 
 def test_to_stop_and_come_back_is_a_motion():
     ArmMotion(PSM, FOUR[[0, 0]], PAPER, start_velocity=np.full(6, 0.01))
-    with pytest.raises(TrocarError, match="coincide"):
+    with pytest.raises(AlreadyThere, match="coincide"):
         ArmMotion(PSM, FOUR[[0, 0]], PAPER)
 
 

@@ -45,16 +45,16 @@ def test_numbers_of_any_kind_are_points(tmp_path, kind):
 @pytest.mark.parametrize(
     ("arrays", "unit", "says"),
     [
-        ({"points": POINTS}, None, "the unit of capture .* is unknown; add --unit mm or --unit m"),
-        ({"points": POINTS}, "inch", "unit 'inch' is not one of mm, m"),
+        ({"points": POINTS}, None, "does not tell its unit; add --unit mm or --unit m"),
+        ({"points": POINTS}, "inch", "unit 'inch' is unknown; choose one of mm, m"),
         ({"points_mm": POINTS}, "m", "holds points_mm, but --unit says 'm'; leave --unit out"),
-        ({"a": POINTS, "b": POINTS}, "m", "needs an array points_mm or points_m, it holds a, b"),
-        ({}, "m", "needs an array points_mm or points_m, it holds nothing"),
-        ({"points_m": POINTS.T}, None, r"needs numbers of shape \(n, 3\), got float64 of shape \(3, 4\)"),
+        ({"a": POINTS, "b": POINTS}, "m", "holds a, b; it needs an array points_mm or points_m"),
+        ({}, "m", "holds nothing; it needs"),
+        ({"points_m": POINTS.T}, None, r"holds float64 of shape \(3, 4\); it needs numbers of shape \(n, 3\)"),
         ({"points_m": POINTS[0]}, None, r"of shape \(3,\)"),
         ({"points_m": np.zeros((3, 3, 3))}, None, r"of shape \(3, 3, 3\)"),
-        ({"points_m": POINTS > 2}, None, "got bool of shape"),
-        ({"points_m": POINTS + 1j}, None, "got complex128 of shape"),
+        ({"points_m": POINTS > 2}, None, "holds bool of shape"),
+        ({"points_m": POINTS + 1j}, None, "holds complex128 of shape"),
     ],
 )
 def test_other_files_are_refused_in_a_sentence(tmp_path, arrays, unit, says):

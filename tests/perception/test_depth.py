@@ -2,9 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.perception.depth import Patch, check_image, patch_around, pixel_rays, project, rays_through, undistort
+from trocar.perception.depth import Patch, patch_around, pixel_rays, project, rays_through, undistort
 from trocar.perception.image import Intrinsics, RgbdImage
 
 ZIVID = Intrinsics(1920, 1200, 2765.4, 2766.0, 962.9, 566.1, (-0.285, 0.407, -0.0001, 0.0001, -0.509))
@@ -116,13 +115,3 @@ def test_a_patch_ends_where_the_image_does():
 )
 def test_a_box_that_the_camera_does_not_see_has_no_patch(lower, upper):
     assert covered(lower, upper) is None
-
-
-def test_an_image_has_to_be_as_large_as_its_camera_says():
-    image = image_of(SMALL)
-    check_image(image)
-    with pytest.raises(TrocarError, match=r"an image of 100 x 80 pixels needs depth \(80, 100\)"):
-        check_image(RgbdImage(image.color, image.depth_m[1:], SMALL))
-    for color in (image.color[:, 1:], image.color[..., :2]):
-        with pytest.raises(TrocarError, match=r"and colour \(80, 100, 3\), got \(80, 100\) and"):
-            check_image(RgbdImage(color, image.depth_m, SMALL))

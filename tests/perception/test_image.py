@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue, TrocarError
 from trocar.geometry import SE3
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, RgbdImage, StereoImage, StereoRig, StereoWindow, Window
@@ -40,7 +40,7 @@ def test_a_binned_pixel_looks_where_the_middle_of_its_pixels_did():
 @pytest.mark.parametrize("factor", [0, 3, 8])
 def test_binning_has_to_divide_both_sides(factor):
     """Of 12 x 8 pixels: 3 divides the width alone; 8 the height."""
-    with pytest.raises(TrocarError, match=f"binning by {factor} does not divide the image of 12 x 8 pixels"):
+    with pytest.raises(InvalidInput, match=f"binning by {factor} does not divide the image of 12 x 8 pixels"):
         LENS.binned(factor)
 
 
@@ -57,7 +57,7 @@ def test_a_rectangle_sees_the_same_point_so_much_nearer_to_its_corner(corner, si
     [((-1, 0), (4, 4)), ((0, -1), (4, 4)), ((0, 0), (0, 4)), ((0, 0), (4, 0)), ((9, 0), (4, 4)), ((0, 5), (4, 4))],
 )
 def test_a_rectangle_has_to_be_one_inside_the_image(corner, size):
-    with pytest.raises(TrocarError, match="leaves the image of 12 x 8 pixels; choose one inside"):
+    with pytest.raises(InvalidInput, match="leaves the image of 12 x 8 pixels; choose one inside"):
         LENS.cropped(corner, size)
 
 
@@ -75,10 +75,10 @@ def test_windows_of_a_pair_read_out_each_eye_by_itself():
 def test_the_binning_of_a_pair_has_to_divide_every_number(numbers):
     odd, even = Window(numbers[:2], numbers[2:]), Window((2, 4), (8, 4))
     for left, right in ((odd, even), (even, odd)):
-        with pytest.raises(TrocarError, match="binning by 2 does not divide the window"):
+        with pytest.raises(InvalidInput, match="binning by 2 does not divide the window"):
             StereoWindow(left, right, 2)
     assert StereoWindow(odd, odd, 1).binning == 1
-    with pytest.raises(TrocarError, match="binning by 0 does not divide the window"):
+    with pytest.raises(InvalidInput, match="binning by 0 does not divide the window"):
         StereoWindow(even, even, 0)
 
 
@@ -86,3 +86,16 @@ def test_an_image_of_which_no_time_is_told_is_the_first_on_the_clock():
     color, depth = np.zeros((8, 12, 3), np.uint8), np.zeros((8, 12), np.float32)
     assert RgbdImage(color, depth, LENS).time_s == 0.0
     assert StereoImage(color, color, RIG).time_s == 0.0
+
+
+def test_images_have_to_be_as_large_as_their_camera_says():
+    color, depth = np.zeros((8, 12, 3), np.uint8), np.zeros((8, 12), np.float32)
+    with pytest.raises(InvalidValue, match=r"depth of an RGBD image is of shape \(7, 12\); it needs \(8, 12\)"):
+        RgbdImage(color, depth[1:], LENS)
+    for wrong in (color[:, 1:], color[..., :2], color.astype(float)):
+        with pytest.raises(InvalidValue, match=r"an RGBD image is .* its camera takes uint8 \(8, 12, 3\)"):
+            RgbdImage(wrong, depth, LENS)
+        with pytest.raises(InvalidValue, match="the left image of a pair"):
+            StereoImage(wrong, color, RIG)
+        with pytest.raises(InvalidValue, match="the right image of a pair"):
+            StereoImage(color, wrong, RIG)

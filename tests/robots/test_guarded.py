@@ -9,7 +9,7 @@ import trio
 from driven import ARM, HOME, PAPER, PlainArms
 from trocar.arms import MotionLimits, capsules, fk, ik
 from trocar.cell import MotionEnd
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TooNear, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.lab import load_station
@@ -254,10 +254,33 @@ def test_motions_with_too_few_joints_and_unknown_arms_are_named():
     refused(arms, {"a": short}, "has 5 joints; give 6")
 
     async def script():
-        with pytest.raises(TrocarError, match="'z' is not guarded here; choose one of a"):
+        with pytest.raises(TrocarError, match="arm 'z' is unknown; choose one of a"):
             await arms.robot.move({"z": rest_to_rest(HOME, GOAL, PAPER)})
 
+        with pytest.raises(InvalidInput, match="a motion names no arm; give a trajectory"):
+            await arms.robot.move({})
+
     arms.run(script)
+
+
+class Narrow:
+    """A robot with no more than a guard asks for."""
+
+    def __init__(self, driver):
+        for name in GUARDED_VERBS.split():
+            setattr(self, name, getattr(driver, name))
+
+
+GUARDED_VERBS = "read setpoint move replace prepare jaw hold rest remaining braking widest_jaw_rad fault"
+
+
+def test_any_robot_that_tells_what_it_does_can_be_guarded():
+    arms, _ = pair(0.05, -0.05)
+    guards = dict.fromkeys("ab", ArmGuard(ARM, PAPER))
+    with pytest.raises(InvalidInput, match=r"type object has no braking, fault, .*widest_jaw_rad; a guard needs"):
+        Guarded(object(), guards)
+    arms.robot = Guarded(Narrow(arms.driver), guards)
+    assert arms.run(lambda: arms.robot.move(to("a", 0.05, 0.06)))["a"].done
 
 
 STATION = load_station("peg-transfer")
@@ -356,7 +379,8 @@ def test_an_arm_that_follows_another_stops_when_that_one_stops():
             arms.robot.hold("b", reason="somebody pressed the button")
 
     arms.run(script)
-    assert ends[0].ended is MotionEnd.FAULT and "comes within" in ends[0].reason
+    assert ends[0].ended is MotionEnd.FAULT and isinstance(ends[0].cause, TooNear)
+    assert set(ends[0].cause.arms) == {"a", "b"} and ends[0].cause.required_m == 1e-3
     assert notes and notes[0][1]["arm"] == "a"
     assert gap_m(arms) > 1e-3
     assert max(arms.use("a")) <= 1.0 + 1e-6
@@ -390,7 +414,7 @@ class Believing:
 def test_distances_are_watched_where_the_joints_are_believed_to_be(shift_m, allowed):
     """By its commands the other arm is in the way; its compensation knows that it is not."""
     arms, _ = pair(0.05, 0.0)
-    arms.robot.belief = Believing(arms.robot, {"b": at("b", shift_m) - at("b", 0.0)})
+    arms.robot.estimator = Believing(arms.robot, {"b": at("b", shift_m) - at("b", 0.0)})
     if allowed:
         assert arms.run(lambda: arms.robot.move(to("a", 0.05, 0.0)))["a"].done
     else:
@@ -399,18 +423,18 @@ def test_distances_are_watched_where_the_joints_are_believed_to_be(shift_m, allo
 
 def test_an_arm_that_is_believed_to_come_too_near_is_refused():
     arms, _ = pair(0.05, -0.05)
-    arms.robot.belief = Believing(arms.robot, {"b": at("b", 0.0) - at("b", -0.05)})
+    arms.robot.estimator = Believing(arms.robot, {"b": at("b", 0.0) - at("b", -0.05)})
     refused(arms, to("a", 0.05, 0.0), "comes within")
 
 
 def test_on_its_way_an_arm_is_where_its_joints_are_expected_on_the_time_of_its_commands():
     arms, _ = pair(0.05, 0.0)
     stays = Trajectory.hermite([0.0, 0.1], [at("a", 0.05)] * 2, np.zeros((2, 6)))
-    arms.robot.belief = Believing(arms.robot, {}, {"a": stays})
+    arms.robot.estimator = Believing(arms.robot, {}, {"a": stays})
     assert arms.run(lambda: arms.robot.move(to("a", 0.05, 0.0)))["a"].done, "by its commands it would hit the other"
     arms, _ = pair(0.05, 0.0)
     there, commands = to("a", 0.05, 0.0)["a"], to("a", 0.05, 0.04)["a"]
-    arms.robot.belief = Believing(arms.robot, {}, {"a": there})
+    arms.robot.estimator = Believing(arms.robot, {}, {"a": there})
     refused(arms, {"a": commands}, "comes within")
     mover = arms.robot._mover("a", (commands, 3.0))
     assert (mover.start_s, mover.end_s) == (3.0, pytest.approx(3.0 + commands.duration_s))
@@ -428,11 +452,11 @@ def test_an_arm_that_brakes_is_where_it_brakes_by_as_much_aside_as_it_is_believe
             nursery.start_soon(arms.robot.move, {"a": motion})
             await trio.sleep(0.4 * motion.duration_s)
             arms.robot.hold("a")
-            arms.robot.belief = Believing(arms.robot, {"a": off, "b": -off}, {"a": motion})
+            arms.robot.estimator = Believing(arms.robot, {"a": off, "b": -off}, {"a": motion})
             told = arms.robot.setpoint("a")
             mover = arms.robot._mover("a", arms.driver.remaining("a"))
             resting = arms.robot._mover("b", None)
-            arms.robot.belief = None
+            arms.robot.estimator = None
             await arms.robot.rest("a")
         return told, mover, resting
 

@@ -5,10 +5,10 @@ import pytest
 
 from trocar.errors import TrocarError
 from trocar.lab import load_station
-from trocar.perception.checkerboard.board import Checkerboard
-from trocar.perception.checkerboard.detect import find_corners
+from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
 from trocar.perception.image import StereoRig
+from trocar.perception.stereo_calibration import find_corners
 from trocar.sim.checkerboard_cell import CheckerboardCell
 
 BOARD = Checkerboard()

@@ -8,7 +8,7 @@ import pytest
 from simulated import ideal_session
 from trocar.errors import TrocarError
 from trocar.lab import SensorFlaws
-from trocar.perception.fiducials.fixture import SIX_SPHERES
+from trocar.perception.fiducials import SIX_SPHERES
 from trocar.perception.image import StereoRig
 from trocar.sim.fiducial_cell import EmptyTable, FiducialCell
 from trocar.sim.mjcf import CellModel

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import ARMS
 from trocar.geometry import SE3
-from trocar.perception.fiducials.fixture import COLORS, SIX_SPHERES
+from trocar.perception.fiducials import COLORS, SIX_SPHERES
 from trocar.sim.fixture import printed
 from trocar.sim.mjcf import CellModel
 from trocar.sim.world import World

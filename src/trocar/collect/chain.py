@@ -14,7 +14,7 @@ from trocar.calibration.models import MODELS, save_model
 from trocar.calibration.recording import Recording
 from trocar.collect.collection import Collection, Listener
 from trocar.geometry import SE3
-from trocar.perception.fiducials.measure import Measured, distance_errors_m
+from trocar.perception.fiducial_joints import Measured, distance_errors_m
 
 
 @dataclass(frozen=True, eq=False)

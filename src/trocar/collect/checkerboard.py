@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.lab import CheckerboardRegistration, SensorFlaws, Station
-from trocar.perception.checkerboard.board import Checkerboard
-from trocar.perception.checkerboard.calibrate import StereoCalibration, calibrate_stereo
-from trocar.perception.checkerboard.detect import find_corners
-from trocar.perception.checkerboard.pose import BoardPose, board_pose
+from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
 from trocar.perception.image import StereoImage, StereoRig
 from trocar.perception.stereo import triangulate
+from trocar.perception.stereo_calibration import (
+    BoardPose,
+    StereoCalibration,
+    board_pose,
+    calibrate_stereo,
+    find_corners,
+)
 from trocar.sim.checkerboard_cell import CheckerboardCell
 
 HAND_S, BRACKET_S = 6.0, 120.0

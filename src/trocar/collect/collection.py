@@ -18,11 +18,10 @@ from trocar.geometry import SE3
 from trocar.lab import SensorFlaws
 from trocar.lab.session import Session
 from trocar.lab.transmission import DriveTrain
-from trocar.perception.fiducials.detect import find_spheres
-from trocar.perception.fiducials.fixture import SIX_SPHERES, Fixture
-from trocar.perception.fiducials.joints import require_psm
-from trocar.perception.fiducials.measure import Measured, measure
+from trocar.perception.fiducial_joints import Measured, measure, require_psm
+from trocar.perception.fiducials import SIX_SPHERES, Fixture
 from trocar.perception.image import Intrinsics, RgbdImage
+from trocar.perception.spheres import find_spheres
 from trocar.sim.fiducial_cell import FiducialCell
 
 SAMPLE_S = 0.75

@@ -14,8 +14,8 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.lab import Station
 from trocar.perception.depth import project
-from trocar.perception.fiducials.fixture import SIX_SPHERES, Fixture
-from trocar.perception.fiducials.joints import require_psm
+from trocar.perception.fiducial_joints import require_psm
+from trocar.perception.fiducials import SIX_SPHERES, Fixture
 from trocar.perception.image import Intrinsics
 
 MARGIN_PX = 6.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from trocar.checks import require_numbers
 from trocar.geometry import SE3, SO3, shown
-from trocar.perception.checkerboard.board import Checkerboard
+from trocar.perception.checkerboard import Checkerboard
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from trocar.lab.sensor_flaws import SensorFlaws
 from trocar.lab.station import Station, StationArm, StationCamera
 from trocar.lab.table import MAX_M, Table, box, pose
 from trocar.lab.transmission import TRANSMISSIONS
-from trocar.perception.checkerboard.board import MAX_CORNERS, MAX_SQUARE_M, MIN_CORNERS, MIN_VIEWS, Checkerboard
+from trocar.perception.checkerboard import MAX_CORNERS, MAX_SQUARE_M, MIN_CORNERS, MIN_VIEWS, Checkerboard
 from trocar.perception.image import CameraModel, Intrinsics, StereoRig
 
 MAX_PIXELS = 10_000

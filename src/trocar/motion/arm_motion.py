@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, ik
-from trocar.errors import OutOfReach, TrocarError
+from trocar.errors import AlreadyThere, OutOfReach, TrocarError
 from trocar.geometry import SE3, direction
 from trocar.geometry.arrays import finite, numbers
 from trocar.geometry.se3 import one_pose
@@ -119,6 +119,7 @@ class ArmMotion:
 
         Raises:
             OutOfReach: a goal is out of reach.
+            AlreadyThere: two goals coincide, or the first with where it is.
         """
         if self.T_base_goals is None:
             return self
@@ -127,7 +128,7 @@ class ArmMotion:
             try:
                 points.append(ik(self.model, self.T_base_goals[index], points[-1]))
             except OutOfReach as error:
-                raise OutOfReach(f"goal {index}: {error}") from None
+                raise error.worded(f"goal {index}: {error}") from None
         return replace(self, waypoints=np.array(points), T_base_goals=None)
 
     def require_ranges(self, slack: float) -> None:
@@ -162,7 +163,7 @@ class ArmMotion:
             same[0] = False  # stopping and coming back is a motion too
         if same.any():
             first = int(np.flatnonzero(same)[0])
-            raise TrocarError(f"waypoints {first} and {first + 1} coincide; remove one of them")
+            raise AlreadyThere(f"waypoints {first} and {first + 1} coincide; remove one of them")
 
 
 def _count(T_base_goals: SE3) -> int:

@@ -26,6 +26,7 @@ class Bodies:
         names: of every capsule, as in ``"psm1 left finger"``.
         radii_m: (bodies,).
         pairs: (pairs, 2) indices of bodies.
+        owners: name of the arm that each of the movers' capsules belongs to.
     """
 
     movers: tuple[MovingArm, ...]
@@ -33,6 +34,7 @@ class Bodies:
     names: tuple[str, ...]
     radii_m: NDArray[np.float64]
     pairs: NDArray[np.intp]
+    owners: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -53,7 +55,12 @@ class Bodies:
             tuple(names),
             np.concatenate([*radii, still.radii_m]),
             np.array(pairs, dtype=np.intp).reshape(-1, 2),
+            tuple(name for name in (*arms, *others) for _ in SOLIDS),
         )
+
+    def arms_of(self, pair: NDArray[np.intp]) -> tuple[str, ...]:
+        """Return the names of the arms to which two bodies belong."""
+        return tuple(self.owners[body] for body in pair if body < len(self.owners))
 
     def ends_m(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return both ends of every capsule in the world at the times (n,): (n, bodies, 2, 3) m."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trocar.errors import TrocarError
+from trocar.errors import LimitExceeded, MotionRefused, NoPlan, OutOfReach, TooNear, TrocarError
 from trocar.geometry import shown
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.clearance import Clearance, swept_clearance
@@ -35,10 +35,18 @@ DISTANCE_M = 1e-5
 
 @dataclass(frozen=True)
 class Violation:
-    """A requirement that is violated, as a sentence."""
+    """A requirement that is violated.
+
+    Attributes:
+        demand: which one.
+        error: by how much, as a typed error.
+    """
 
     demand: Demand
-    sentence: str
+    error: MotionRefused
+
+    def __str__(self) -> str:
+        return str(self.error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +115,7 @@ def _waypoints(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProble
             continue
         where = f"misses waypoint {row} at {times[row]:.3f} s" if 0 < row < len(off) - 1 else "is off its waypoint"
         where += {0: " at the start", len(off) - 1: " at the end"}.get(row, "")
-        yield Violation(Demand.WAYPOINTS, f"'{name}' {where} by {off[row]:.6f} rad or m")
+        yield Violation(Demand.WAYPOINTS, NoPlan(f"'{name}' {where} by {off[row]:.6f} rad or m"))
     velocity_off = {
         "starts with a velocity that is off by": np.abs(q(0.0, 1) - arm.start_velocity).max(),
         "does not rest at the end but moves with": np.abs(q(np.nextafter(last, 0.0), 1)).max(),
@@ -115,10 +123,10 @@ def _waypoints(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProble
     }
     for what, by in velocity_off.items():
         if by > REACHED:
-            yield Violation(Demand.WAYPOINTS, f"'{name}' {what} {by:.6f} per second")
+            yield Violation(Demand.WAYPOINTS, NoPlan(f"'{name}' {what} {by:.6f} per second"))
     jump = knot_jumps(q, 0).max(initial=0.0)
     if jump > REACHED:
-        yield Violation(Demand.WAYPOINTS, f"'{name}' jumps at a knot, by {jump:.6f} rad or m")
+        yield Violation(Demand.WAYPOINTS, NoPlan(f"'{name}' jumps at a knot, by {jump:.6f} rad or m"))
 
 
 def _passes(arm: ArmMotion, path: TimedPath, waypoint: int, problem: MotionProblem) -> bool:
@@ -138,7 +146,7 @@ def _sag(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem) -> 
         if below_m > problem.waypoint_tolerance_m + ROUNDED:
             below, allowed = (shown(value, "m", ".3f") for value in (below_m, problem.waypoint_tolerance_m))
             sentence = f"the tip of '{name}' sinks {below} below its waypoints on piece {piece}, not {allowed}"
-            yield Violation(Demand.WAYPOINTS, sentence)
+            yield Violation(Demand.WAYPOINTS, NoPlan(sentence))
 
 
 def _limits(name: str, arm: ArmMotion, use: LimitUse, range_slack: float) -> Iterator[Violation]:
@@ -148,14 +156,15 @@ def _limits(name: str, arm: ArmMotion, use: LimitUse, range_slack: float) -> Ite
         share = getattr(use, what)
         if share.max() > KEPT:
             joint = arm.model.joints[int(np.argmax(share))].name
-            yield Violation(demand, f"joint '{joint}' of '{name}' uses {share.max():.3f} of its {what} limit")
+            sentence = f"joint '{joint}' of '{name}' uses {share.max():.3f} of its {what} limit"
+            yield Violation(demand, LimitExceeded(sentence, arm=name, ratio=float(share.max())))
     for joint, excess in zip(arm.model.joints, use.range_excess, strict=True):
         if excess > range_slack * (joint.upper - joint.lower) + ROUNDED:
-            yield Violation(
-                Demand.RANGES,
+            sentence = (
                 f"joint '{joint.name}' of '{name}' goes {excess:.4f} {joint.unit} out of its range "
-                f"[{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints",
+                f"[{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints"
             )
+            yield Violation(Demand.RANGES, OutOfReach(sentence, arm=name, joint=joint.name, by=float(excess)))
 
 
 def _straight(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem) -> Iterator[Violation]:
@@ -165,22 +174,22 @@ def _straight(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem
         if off_m > problem.straight_tolerance_m:
             off, allowed = (shown(value, "m", ".3f") for value in (off_m, problem.straight_tolerance_m))
             sentence = f"the tip of '{name}' strays {off} from its straight piece {piece}, not {allowed}"
-            yield Violation(Demand.STRAIGHT, sentence)
+            yield Violation(Demand.STRAIGHT, NoPlan(sentence))
         if off_rad > problem.straight_tolerance_rad:
             allowed = f"{problem.straight_tolerance_rad:.4f} rad"
             sentence = f"the tip of '{name}' turns {off_rad:.4f} rad aside on its straight piece {piece}, not {allowed}"
-            yield Violation(Demand.STRAIGHT, sentence)
+            yield Violation(Demand.STRAIGHT, NoPlan(sentence))
 
 
 def _tip(name: str, arm: ArmMotion, path: TimedPath) -> Iterator[Violation]:
     """Yield violations where the tip is too fast or does not face what it should; at 50 Hz and at all knots."""
     speed, angle = tip_use(arm, path.trajectory)
     if speed > TIP_KEPT * arm.max_tip_m_s:
-        fast = f"{speed:.4f} m/s, not {arm.max_tip_m_s:.4f}"
-        yield Violation(Demand.TIP_SPEED, f"the tip of '{name}' moves at up to {fast}")
+        sentence = f"the tip of '{name}' moves at up to {speed:.4f} m/s, not {arm.max_tip_m_s:.4f}"
+        yield Violation(Demand.TIP_SPEED, LimitExceeded(sentence, arm=name, ratio=speed / arm.max_tip_m_s))
     if arm.facing is not None and angle > arm.facing.max_rad + ROUNDED:
-        aside = f"{angle:.4f} rad, not {arm.facing.max_rad:.4f}"
-        yield Violation(Demand.FACING, f"the tip of '{name}' faces aside by up to {aside}")
+        sentence = f"the tip of '{name}' faces aside by up to {angle:.4f} rad, not {arm.facing.max_rad:.4f}"
+        yield Violation(Demand.FACING, NoPlan(sentence))
 
 
 def _clearance(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Clearance:
@@ -200,8 +209,15 @@ def _clearance(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Cleara
     )
 
 
-def _too_near(clearance: Clearance, min_distance_m: float) -> str:
+def _too_near(clearance: Clearance, min_distance_m: float) -> TooNear:
     a, b = clearance.between
     near = shown(max(0.0, clearance.distance_m), "m", ".2f")
     how = "overlaps" if clearance.sampled_m <= 0 else f"may come within {near} of"
-    return f"{a} {how} {b} at {clearance.time_s:.3f} s; {shown(min_distance_m, 'm', '.2f')} were to be kept"
+    return TooNear(
+        f"{a} {how} {b} at {clearance.time_s:.3f} s; {shown(min_distance_m, 'm', '.2f')} were to be kept",
+        first=a,
+        second=b,
+        distance_m=clearance.distance_m,
+        required_m=min_distance_m,
+        arms=clearance.arms,
+    )

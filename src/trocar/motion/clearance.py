@@ -39,12 +39,14 @@ class Clearance:
         sampled_m: the least distance of all samples.
         time_s: when that is.
         between: the two parts it is between, as in ``("psm1 left finger", "table")``.
+        arms: names of the arms that these parts belong to.
     """
 
     distance_m: float
     sampled_m: float
     time_s: float
     between: tuple[str, str]
+    arms: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require_numbers(self)
@@ -113,7 +115,8 @@ def swept_clearance(
         moments, where = np.unique(times, return_inverse=True)
         where, ends = where.reshape(times.shape), bodies.ends_m(moments)
     first, second = bodies.pairs[which]
-    return Clearance(floor, best, when_s, (bodies.names[first], bodies.names[second]))
+    between = bodies.names[first], bodies.names[second]
+    return Clearance(floor, best, when_s, between, bodies.arms_of(bodies.pairs[which]))
 
 
 def _first_samples(bodies: Bodies, span_s: tuple[float, float] | None) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from trocar.arms import MotionLimits, fk
-from trocar.errors import TrocarError
+from trocar.errors import ArmMoving
 from trocar.geometry import SE3
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.double_integrator import phases_between, shortest_common_s
@@ -187,9 +187,9 @@ def _planned(arm: ArmMotion) -> TimedPath:
     """Return one arm's motion, within its limits between the knots of straight pieces too."""
     straight = straight_pieces(arm)
     if straight[0] and arm.moves:
-        raise TrocarError(
-            f"{arm.model.name} is already moving at the start of a straight piece; 'optimal' lifts from rest, "
-            "let the arm come to rest or put a free piece first"
+        raise ArmMoving(
+            arm.model.name,
+            "'optimal' starts a straight piece from rest: let the arm come to rest, or put a free piece first",
         )
     share, most = 1 - HEADROOM, np.asarray(arm.limits.acceleration)
     path = _joined(arm, straight, replace(arm.limits, acceleration=share * most))

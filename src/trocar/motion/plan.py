@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, MotionLimits
-from trocar.errors import OutOfReach, TrocarError
+from trocar.errors import AlreadyThere, MotionRefused, NoPlan, OutOfReach, TrocarError
 from trocar.geometry.arrays import finite, numbers
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.bound import duration_bound_s
@@ -42,8 +42,8 @@ class MotionPlan:
         use: by arm, what the paths use of the limits.
         clearance: how near arms and obstacles come; no more precise than needed to tell whether the least distance is
             kept.
-        violations: sentences; the requirements that are violated.
-        reason: why there is no valid plan; empty if there is one.
+        violations: the requirements that are violated.
+        refusal: why there is no valid plan, as a typed error; None if there is one.
     """
 
     planner: str
@@ -52,8 +52,8 @@ class MotionPlan:
     compute_ms: float
     use: Mapping[str, LimitUse] = field(default_factory=dict)
     clearance: Clearance = NO_CLEARANCE
-    violations: tuple[str, ...] = ()
-    reason: str = ""
+    violations: tuple[Violation, ...] = ()
+    refusal: MotionRefused | None = None
 
     def __repr__(self) -> str:
         if not self.found:
@@ -72,7 +72,12 @@ class MotionPlan:
     @property
     def found(self) -> bool:
         """Return whether the motion meets all requirements."""
-        return not self.reason
+        return self.refusal is None
+
+    @property
+    def reason(self) -> str:
+        """Return why there is no valid plan, in a sentence; empty if there is one."""
+        return "" if self.refusal is None else str(self.refusal)
 
     @property
     def duration_s(self) -> float:
@@ -84,10 +89,10 @@ class MotionPlan:
         """Return the valid motion of every arm; they start together.
 
         Raises:
-            TrocarError: there is none; states the reason.
+            MotionRefused: there is none; the plan's refusal.
         """
-        if not self.found:
-            raise TrocarError(self.reason)
+        if self.refusal is not None:
+            raise self.refusal
         return {name: path.trajectory for name, path in self.paths.items()}
 
     @property
@@ -95,7 +100,8 @@ class MotionPlan:
         """Return the valid motion of the only arm.
 
         Raises:
-            TrocarError: there is none, or several arms move.
+            MotionRefused: there is none.
+            TrocarError: several arms move.
         """
         trajectories = self.trajectories
         if len(trajectories) > 1:
@@ -122,16 +128,16 @@ def plan_motion(problem: MotionProblem, planner: str | Planner = "spline") -> Mo
         planner: name in ``PLANNERS``, or a planner.
 
     Raises:
-        TrocarError: an unknown planner, goals that are where the arm is, or a malformed answer. If there is no motion,
-            or none that meets the requirements, the result is a plan that is not ``found``.
+        TrocarError: an unknown planner, or a malformed answer. If there is no motion, none is needed, or none meets
+            the requirements, the result is a plan that is not ``found``; its ``refusal`` tells why by its type.
     """
     solve = PLANNERS.pick(planner) if isinstance(planner, str) else planner
     name = planner if isinstance(planner, str) else getattr(planner, "__name__", type(planner).__name__)
     begin = time.perf_counter()
     try:
         problem = problem.resolved()
-    except OutOfReach as error:
-        return MotionPlan(name, {}, nan, _ms_since(begin), reason=str(error))
+    except (OutOfReach, AlreadyThere) as error:
+        return MotionPlan(name, {}, nan, _ms_since(begin), refusal=error)
     bound_s = max(
         duration_bound_s(arm.waypoints, arm.limits, arm.start_velocity, joint_strays(arm, problem))
         for arm in problem.arms.values()
@@ -139,13 +145,13 @@ def plan_motion(problem: MotionProblem, planner: str | Planner = "spline") -> Mo
     try:
         paths = solve(problem)
     except TrocarError as error:
-        reason = f"planner '{name}' found no motion: {error}"
-        return MotionPlan(name, {}, bound_s, _ms_since(begin), reason=reason)
+        sentence = f"planner '{name}' found no motion: {error}"
+        refusal = error.worded(sentence) if isinstance(error, MotionRefused) else NoPlan(sentence, planner=name)
+        return MotionPlan(name, {}, bound_s, _ms_since(begin), refusal=refusal)
     paths = _answered(name, problem, paths)
     found = check(problem, paths)
-    sentences = tuple(violation.sentence for violation in found.violations)
-    reason = _reason(name, solve, found.violations)
-    return MotionPlan(name, paths, bound_s, _ms_since(begin), found.use, found.clearance, sentences, reason)
+    refusal = _refusal(name, solve, found.violations)
+    return MotionPlan(name, paths, bound_s, _ms_since(begin), found.use, found.clearance, found.violations, refusal)
 
 
 def plan_through(
@@ -196,17 +202,17 @@ def _answered(name: str, problem: MotionProblem, paths: object) -> dict[str, Tim
     return dict(paths)
 
 
-def _reason(name: str, solve: Planner, violations: Sequence[Violation]) -> str:
-    """Return why an answer is refused (empty if it is not): the first violation, and what the planner ignores."""
+def _refusal(name: str, solve: Planner, violations: Sequence[Violation]) -> MotionRefused | None:
+    """Return why an answer is refused (None if it is not): the first violation, and what the planner ignores."""
     if not violations:
-        return ""
+        return None
     more = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
-    reason = f"the motion by planner '{name}' is refused: {violations[0].sentence}{more}"
+    sentence = f"the motion by planner '{name}' is refused: {violations[0]}{more}"
     unseen = [demand.value for demand in Demand if demand in {v.demand for v in violations} & ignored(solve)]
     if unseen:
         others = [other for other in PLANNERS if other != name]
-        reason += f"; '{name}' ignores {', '.join(unseen)}" + f", try {', '.join(others)}" * bool(others)
-    return reason
+        sentence += f"; '{name}' ignores {', '.join(unseen)}" + f", try {', '.join(others)}" * bool(others)
+    return violations[0].error.worded(sentence)
 
 
 def _ms_since(begin: float) -> float:

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from trocar.errors import OutOfReach, TrocarError
+from trocar.errors import AlreadyThere, OutOfReach, TrocarError
 from trocar.geometry import shown
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.moving_arm import MovingArm
@@ -103,11 +103,13 @@ class MotionProblem:
 
         Raises:
             OutOfReach: a goal is out of reach; names the arm.
+            AlreadyThere: a goal is where an arm already is; names the arm.
         """
         arms = {}
         for name, arm in self.arms.items():
             try:
                 arms[name] = arm.resolved()
-            except OutOfReach as error:
-                raise OutOfReach(f"arm '{name}', {error}") from None
+            except (OutOfReach, AlreadyThere) as error:
+                error.arm = name
+                raise error.worded(f"arm '{name}', {error}") from None
         return replace(self, arms=arms)

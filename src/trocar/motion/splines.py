@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits, jacobian
-from trocar.errors import TrocarError
+from trocar.errors import NoPlan
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.cubic import CubicGrid
 from trocar.motion.path import TimedPath
@@ -60,7 +60,7 @@ def _passing_directions(arm: ArmMotion) -> NDArray[np.float64]:
             jacobian(arm.model, inner)[:, :joints, :joints], np.broadcast_to(twist, (len(inner), joints, 1))
         )
     except np.linalg.LinAlgError:
-        raise TrocarError(
+        raise NoPlan(
             f"{arm.model.name} is singular at an inner waypoint, where it cannot pass straight; move the waypoint"
         ) from None
     directions[:, :joints] = moving[..., 0]
@@ -128,7 +128,7 @@ def _shortest(
         if longest == LONGEST_S:
             break
         longest = min(2 * longest, LONGEST_S)
-    raise TrocarError(
+    raise NoPlan(
         f"no cubic of up to {LONGEST_S:.0f} s joins the waypoints within the motion limits; raise the limits "
         f"or bring the waypoints closer"
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from trocar.arms import ArmModel, MotionLimits, fk, jacobian
-from trocar.errors import TrocarError
+from trocar.errors import NoPlan, OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.trajectory import Trajectory
 
@@ -48,7 +48,7 @@ class StraightLine:
         """Return the lines between the tip's poses at pairs of configurations (lines, joints).
 
         Raises:
-            TrocarError: the arm cannot follow one.
+            OutOfReach: the arm cannot follow one.
         """
         s = np.linspace(0.0, 1.0, PIECES + 1)[:, None]
         T_begin, T_end = fk(arm, begin), fk(arm, end)
@@ -67,9 +67,11 @@ class StraightLine:
             try:
                 q = q + np.linalg.solve(jacobian(arm, q), missing[..., None])[..., 0]
             except np.linalg.LinAlgError:
-                raise TrocarError(f"{arm.name} is singular on a straight piece; move its ends") from None
+                raise OutOfReach(f"{arm.name} is singular on a straight piece; move its ends", arm=arm.name) from None
         else:
-            raise TrocarError(f"{arm.name} cannot move its tip straight between these waypoints; bring them closer")
+            raise OutOfReach(
+                f"{arm.name} cannot move its tip straight between these waypoints; bring them closer", arm=arm.name
+            )
         q[:, 0], q[:, -1] = begin, end
         curve = CubicSpline(s[:, 0], q, axis=1)
         slopes, bends = curve(s[:, 0], 1), curve(s[:, 0], 2)
@@ -170,13 +172,13 @@ class Sprint:
         """Return the sprints that end at these rates (k,), each no greater than the line's ``fastest_rate``.
 
         Raises:
-            TrocarError: the line bends the joints so much that it cannot be followed.
+            NoPlan: the line bends the joints so much that it cannot be followed.
         """
         squares = _slowed_down(line, rates, line.top_squares)
         if not line.follows(squares):
             squares = _slowed_down(line, rates, line.reversed().stoppable_squares[::-1])
             if not line.follows(squares):
-                raise TrocarError("a straight piece bends the joints too much to be followed; bring its ends closer")
+                raise NoPlan("a straight piece bends the joints too much to be followed; bring its ends closer")
         roots = np.sqrt(squares)
         return cls(line, roots[-1], squares, (2 / PIECES / (roots[:-1] + roots[1:])).sum(axis=0))
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.perception.image import Intrinsics, RgbdImage
 
@@ -24,13 +22,9 @@ def distort(intrinsics: Intrinsics, normalised: NDArray[np.float64]) -> NDArray[
     x, y = normalised[..., 0], normalised[..., 1]
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        -1,
-    )
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([u, v], -1)
 
 
 def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -51,9 +45,8 @@ def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray
 @lru_cache(maxsize=16)  # of whole images, and of the windows of a suture's looks
 def pixel_rays(intrinsics: Intrinsics) -> NDArray[np.float64]:
     """Return the direction (height, width, 3) of each pixel in the camera frame, scaled to z = 1."""
-    rays = rays_through(
-        intrinsics, np.stack(np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height)), -1)
-    )
+    pixels = np.stack(np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height)), -1)
+    rays = rays_through(intrinsics, pixels)
     rays.setflags(write=False)
     return rays
 
@@ -69,10 +62,8 @@ def project(intrinsics: Intrinsics, points_m: ArrayLike) -> NDArray[np.float64]:
     """Return the pixels (..., 2) u, v of points (..., 3) in the camera frame; NaN for points behind the camera."""
     p = np.asarray(points_m, dtype=np.float64)
     z = np.where(p[..., 2:] > 0, p[..., 2:], np.nan)
-    return distort(intrinsics, p[..., :2] / z) * [intrinsics.fx, intrinsics.fy] + [
-        intrinsics.cx,
-        intrinsics.cy,
-    ]
+    focal, middle = [intrinsics.fx, intrinsics.fy], [intrinsics.cx, intrinsics.cy]
+    return distort(intrinsics, p[..., :2] / z) * focal + middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +87,8 @@ class Patch:
 
     def thinned(self, every: int) -> Patch:
         """Return one of ``every`` rows and columns."""
-        return Patch(*(values[::every, ::every] for values in self))
-
-    def __iter__(self) -> Iterator[NDArray]:
-        return iter((self.rays, self.depth_m, self.color))
+        some = np.s_[::every, ::every]
+        return Patch(self.rays[some], self.depth_m[some], self.color[some])
 
 
 def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_m: ArrayLike) -> Patch | None:
@@ -123,13 +112,3 @@ def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_
         return None
     window = np.s_[v0:v1, u0:u1]
     return Patch(pixel_rays(image.intrinsics)[window], image.depth_m[window].astype(np.float64), image.color[window])
-
-
-def check_image(image: RgbdImage) -> None:
-    """Raise TrocarError if an image's arrays do not match its intrinsics."""
-    size = (image.intrinsics.height, image.intrinsics.width)
-    if image.depth_m.shape != size or image.color.shape != (*size, 3):
-        raise TrocarError(
-            f"an image of {size[1]} x {size[0]} pixels needs depth {size} and colour {(*size, 3)}, "
-            f"got {image.depth_m.shape} and {image.color.shape}"
-        )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.checks import require_numbers
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue
 from trocar.geometry import SE3
 
 
@@ -45,9 +45,8 @@ class Intrinsics:
     def binned(self, factor: int) -> Intrinsics:
         """Return the camera whose pixels combine ``factor`` x ``factor`` pixels of this one."""
         if factor < 1 or self.width % factor or self.height % factor:
-            raise TrocarError(
-                f"binning by {factor} does not divide the image of {self.width} x {self.height} pixels; give a divisor"
-            )
+            problem = f"does not divide the image of {self.width} x {self.height} pixels"
+            raise InvalidInput(f"binning by {factor}", problem, "give a divisor")
         centre = (factor - 1) / 2
         return Intrinsics(
             self.width // factor,
@@ -68,16 +67,14 @@ class Intrinsics:
         """
         (u, v), (width, height) = corner_px, size_px
         if min(u, v) < 0 or min(width, height) < 1 or u + width > self.width or v + height > self.height:
-            raise TrocarError(
-                f"the rectangle of {width} x {height} pixels at {corner_px} leaves the image of {self.width} x "
-                f"{self.height} pixels; choose one inside"
-            )
+            item = f"the rectangle of {width} x {height} pixels at {corner_px}"
+            raise InvalidInput(item, f"leaves the image of {self.width} x {self.height} pixels", "choose one inside")
         return Intrinsics(width, height, self.fx, self.fy, self.cx - u, self.cy - v, self.distortion)
 
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage:
-    """A colour and a depth image with common pixels.
+    """A colour and a depth image with common pixels; its arrays have to match its camera.
 
     Attributes:
         color: (height, width, 3) uint8, RGB.
@@ -90,6 +87,12 @@ class RgbdImage:
     depth_m: NDArray[np.float32]
     intrinsics: Intrinsics
     time_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require_colors("an RGBD image", self.color, self.intrinsics)
+        size = (self.intrinsics.height, self.intrinsics.width)
+        if self.depth_m.shape != size:
+            raise InvalidValue("depth of an RGBD image", f"of shape {self.depth_m.shape}", f"it needs {size}")
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ class StereoRig:
 
 @dataclass(frozen=True, eq=False)
 class StereoImage:
-    """Two colour images of one moment.
+    """Two colour images of one moment; they have to match their cameras.
 
     Attributes:
         left: (height, width, 3) uint8, RGB.
@@ -122,6 +125,10 @@ class StereoImage:
     right: NDArray[np.uint8]
     rig: StereoRig
     time_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require_colors("the left image of a pair", self.left, self.rig.left)
+        _require_colors("the right image of a pair", self.right, self.rig.right)
 
 
 @dataclass(frozen=True)
@@ -154,16 +161,14 @@ class StereoWindow:
     def __post_init__(self) -> None:
         for window in (self.left, self.right):
             if self.binning < 1 or any(number % self.binning for number in (*window.corner_px, *window.size_px)):
-                raise TrocarError(
-                    f"binning by {self.binning} does not divide the window of {window.size_px} pixels at "
-                    f"{window.corner_px}; give multiples of it"
-                )
+                problem = f"does not divide the window of {window.size_px} pixels at {window.corner_px}"
+                raise InvalidInput(f"binning by {self.binning}", problem, "give multiples of it")
 
     def of(self, rig: StereoRig) -> StereoRig:
         """Return the pair that reads out only these rectangles.
 
         Raises:
-            TrocarError: a rectangle leaves its image.
+            InvalidInput: a rectangle leaves its image.
         """
         left, right = (
             eye.cropped(window.corner_px, window.size_px).binned(self.binning)
@@ -174,3 +179,9 @@ class StereoWindow:
 
 CameraModel = Intrinsics | StereoRig
 Image = RgbdImage | StereoImage
+
+
+def _require_colors(item: str, color: NDArray[np.uint8], lens: Intrinsics) -> None:
+    wanted = (lens.height, lens.width, 3)
+    if color.shape != wanted or color.dtype != np.uint8:
+        raise InvalidValue(item, f"{color.dtype} of shape {color.shape}", f"its camera takes uint8 {wanted}")

@@ -1,4 +1,4 @@
-"""Two eyes: rectified pairs, and points from pixels that both eyes see."""
+"""Two eyes: points from pixels that both eyes see, rectified pairs, and disparities of textured surfaces."""
 
 from __future__ import annotations
 
@@ -8,13 +8,19 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 
 SAME_ROW = 1e-9
 """Relative difference of focal lengths, rotations and rows below which a pair counts as rectified."""
+LEAST_CORRELATION = 0.6
+"""A window with less correlation counts as not found."""
+AGREE_PX = 1.0
+"""Maximum difference between the disparities found from the right and from the left picture."""
+FLAT = 1.0
+"""Variance of noise alone, in squared grey levels; windows with no more than that match anything."""
 
 
 def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tuple[NDArray[np.float64], NDArray]:
@@ -63,10 +69,9 @@ def rectify(image: StereoImage) -> tuple[StereoImage, SO3]:
     in its frame is ``R_left_rectified`` p in the old one's.
 
     Raises:
-        TrocarError: the pictures do not match the rig, or the eyes stand on the same spot or behind each other.
+        InvalidInput: the eyes stand on the same spot or behind each other.
     """
     rig = image.rig
-    check_stereo(image)
     if is_rectified(rig):
         return image, SO3.identity()
     shift = rig.T_left_right.translation_m
@@ -75,7 +80,7 @@ def rectify(image: StereoImage) -> tuple[StereoImage, SO3]:
     x = shift / max(length, 1e-12)
     z = ahead - (ahead @ x) * x
     if length < 1e-6 or np.linalg.norm(z) < 0.1:
-        raise TrocarError("the eyes of the pair do not stand side by side: it cannot be rectified; check T_left_right")
+        raise InvalidInput("a pair", "whose eyes do not stand side by side cannot be rectified", "check T_left_right")
     z /= np.linalg.norm(z)
     R_left_new = SO3.unchecked(np.column_stack([x, np.cross(z, x), z]))
     focal = min(rig.left.fx, rig.left.fy, rig.right.fx, rig.right.fy)
@@ -89,16 +94,6 @@ def rectify(image: StereoImage) -> tuple[StereoImage, SO3]:
     pictures = [_warped(*eye, lens) for eye, lens in zip(eyes, lenses, strict=True)]
     new_rig = StereoRig(lenses[0], lenses[1], SE3.from_parts(translation_m=[length, 0.0, 0.0]))
     return StereoImage(pictures[0], pictures[1], new_rig, image.time_s), R_left_new
-
-
-def check_stereo(image: StereoImage) -> None:
-    """Raise TrocarError if the pictures do not match their cameras."""
-    for name, picture, lens in (("left", image.left, image.rig.left), ("right", image.right, image.rig.right)):
-        if picture.shape != (lens.height, lens.width, 3) or picture.dtype != np.uint8:
-            raise TrocarError(
-                f"the {name} eye of {lens.width} x {lens.height} pixels needs a picture "
-                f"{(lens.height, lens.width, 3)} of uint8, got {picture.shape} of {picture.dtype}"
-            )
 
 
 def _new_lens(lens: Intrinsics, R_lens_new: SO3, focal: float) -> Intrinsics:
@@ -115,3 +110,75 @@ def _warped(picture: NDArray[np.uint8], lens: Intrinsics, R_lens_new: SO3, new: 
         lens.matrix, np.array(lens.distortion), R_lens_new.matrix.T, new.matrix, size, cv2.CV_32FC1
     )
     return np.asarray(cv2.remap(picture, maps[0], maps[1], cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def disparity_map(
+    left: NDArray,
+    right: NDArray,
+    box_px: tuple[int, int, int, int],
+    disparity_px: tuple[float, float],
+    window_px: int = 9,
+) -> NDArray[np.float64]:
+    """Return the disparity (h, w) of the left pixels in a box, NaN where it is not clear.
+
+    Each pixel's window is correlated with windows in the same row of the right picture (zero mean, unit variance, so
+    that the eyes' gains do not matter); a parabola through the best three places gives the fraction. A match must be
+    mutual: matching from the right picture must give the same place.
+
+    Args:
+        left: (h, w) one channel of the left picture.
+        right: of the right one.
+        box_px: (u, v, width, height) in the left picture.
+        disparity_px: (least, most) that are tried.
+        window_px: width of the windows; odd.
+    """
+    u, v, wide, high = box_px
+    least, most = int(np.floor(disparity_px[0])), int(np.ceil(disparity_px[1]))
+    if most - least < 2:  # the best of them would have no neighbours
+        return np.full((high, wide), np.nan)
+    pad = window_px // 2 + 1
+    one = _cut(left, u - pad, v - pad, wide + 2 * pad, high + 2 * pad)
+    other = _cut(right, u - pad - most, v - pad, wide + 2 * pad + most - least, high + 2 * pad)
+    mean_one, var_one = _moments(one, window_px)
+    mean_other, var_other = _moments(other, window_px)
+    scores = np.empty((most - least + 1, high, wide), dtype=np.float32)
+    inside = np.s_[pad : pad + high, pad : pad + wide]
+    for k in range(most - least + 1):
+        start = most - least - k  # of the columns that match the left ones at disparity ``least + k``
+        shifted = np.s_[:, start : start + one.shape[1]]
+        both = cv2.blur(one * other[shifted], (window_px, window_px)) - mean_one * mean_other[shifted]
+        scores[k] = (both / np.sqrt(var_one * var_other[shifted]))[inside]
+    best = scores.argmax(0)
+    top = np.take_along_axis(scores, best[None], 0)[0]
+    inner = np.clip(best, 1, len(scores) - 2)
+    before, here, after = (np.take_along_axis(scores, inner[None] + step, 0)[0] for step in (-1, 0, 1))
+    curve = before - 2 * here + after  # negative where the best is in the middle
+    part = 0.5 * (before - after) / np.minimum(curve, -1e-6)
+    mutual = np.abs(best - _from_right(scores, best)) <= AGREE_PX
+    good = (top >= LEAST_CORRELATION) & (best == inner) & mutual
+    return np.where(good, least + inner + part, np.nan)
+
+
+def _from_right(scores: NDArray[np.float32], best: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return, for each left pixel, the best disparity of the right pixel that it matches."""
+    count, high, wide = scores.shape
+    turned = np.full((count, high, wide + count - 1), -np.inf, dtype=np.float32)
+    for k in range(count):
+        turned[k, :, count - 1 - k : count - 1 - k + wide] = scores[k]
+    chosen = turned.argmax(0)
+    column = np.arange(wide)[None] - best + count - 1
+    return np.take_along_axis(chosen, column, 1)
+
+
+def _cut(picture: NDArray, u: int, v: int, wide: int, high: int) -> NDArray[np.float32]:
+    """Return a rectangle as float; beyond the picture's border the last pixels are repeated."""
+    rows = np.clip(np.arange(v, v + high), 0, picture.shape[0] - 1)
+    columns = np.clip(np.arange(u, u + wide), 0, picture.shape[1] - 1)
+    return picture[np.ix_(rows, columns)].astype(np.float32)
+
+
+def _moments(patch: NDArray[np.float32], window_px: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return mean and variance of the window round each pixel."""
+    mean = np.asarray(cv2.blur(patch, (window_px, window_px)), dtype=np.float32)
+    square = np.asarray(cv2.blur(patch * patch, (window_px, window_px)), dtype=np.float32)
+    return mean, np.maximum(square - mean * mean, FLAT)

@@ -16,9 +16,9 @@ from trocar.calibration.hysteresis import REPLAY_S, HysteresisState
 from trocar.calibration.models.base import MIN_ROWS, CableModel
 from trocar.calibration.models.play import PlayModel
 from trocar.cell import Clock, Log, MotionResult, Robot, SetPoint
-from trocar.errors import TrocarError
+from trocar.errors import ArmMoving
 from trocar.perception.instrument import Sighting
-from trocar.robots.compensated import Calibrated
+from trocar.robots.compensated import Compensated
 from trocar.robots.observations import WORST_M, Look, joints_seen, put_together
 from trocar.trajectory import Trajectory
 
@@ -74,7 +74,7 @@ class _Past:
         return sum(map(len, self.commands))
 
 
-class Adaptive(Calibrated):
+class Adaptive(Compensated):
     """A robot whose cables are compensated by models that start from a prior and learn from looks at the instrument.
 
     An agent notes the :meth:`moment` of an image, has it fitted, and reports what it showed (:meth:`saw`). It may then
@@ -82,7 +82,7 @@ class Adaptive(Calibrated):
     arm that is still at rest where the image was taken (:meth:`correct`).
 
     Args:
-        robot: what it wraps, see ``Calibrated``.
+        robot: what it wraps, see ``Compensated``.
         arms: models by name.
         models: cable models of the arms to begin with.
         priors: over instruments and sessions, by arm.
@@ -134,7 +134,7 @@ class Adaptive(Calibrated):
         """From now on, use what was learned.
 
         Raises:
-            TrocarError: the arm is moving.
+            ArmMoving: the arm is moving.
         """
         self._known[arm] = knowledge
         self._take(arm, knowledge.cables.model)
@@ -157,7 +157,7 @@ class Adaptive(Calibrated):
             whether the image was accepted.
 
         Raises:
-            TrocarError: the arm is moving.
+            ArmMoving: the arm is moving.
         """
         known, spread = self._known.get(arm), self.spread(arm)
         if known is None or spread is None or seen.left_m > WORST_M:
@@ -175,7 +175,7 @@ class Adaptive(Calibrated):
     def _take(self, arm: str, model: PlayModel) -> None:
         sent, past = self._robot.setpoint(arm), self._pasts[arm]
         if sent.moving:
-            raise TrocarError(f"arm {arm!r} is moving; its cable model can be replaced only at rest")
+            raise ArmMoving(arm, "its cable model can be replaced only at rest")
         past.keep(self._paths.get(arm), sent)
         path = np.concatenate(past.commands)
         self._rested[arm] = HysteresisState(model, model.remember(model.start(path[0]), path), path[-1])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws, Station
-from trocar.perception.checkerboard.board import Checkerboard
+from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project, rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.sim.elements import add, scene_bits, text

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.lab import SensorFlaws
 from trocar.lab.session import Session
-from trocar.perception.fiducials.fixture import Fixture
+from trocar.perception.fiducials import Fixture
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.sim.camera import RayCamera
 from trocar.sim.elements import NOTHING, add, text

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from trocar.arms import ArmModel
-from trocar.perception.fiducials.fixture import COLORS, Fixture
+from trocar.perception.fiducials import COLORS, Fixture
 from trocar.sim.elements import add, text
 
 ROD = (0.03, 0.03, 0.03)

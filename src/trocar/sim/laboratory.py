@@ -204,7 +204,7 @@ class SimLaboratory:
         self.recorder.asked_of = self.cell.robot
         robot = self.cell.robot
         if isinstance(robot, JointEstimator):
-            self._guard.belief = robot
+            self._guard.estimator = robot
         return self.cell
 
     def tick(self) -> None:

@@ -13,7 +13,7 @@ from trocar.arms import ArmModel, frames
 from trocar.arms.instrument import Instrument
 from trocar.arms.parts import STEEL, Part, parts_of
 from trocar.geometry import SE3, SO3
-from trocar.perception.fiducials.fixture import Fixture
+from trocar.perception.fiducials import Fixture
 from trocar.sim.elements import add, arm_bits, placed, text
 from trocar.sim.fixture import add_fixture
 from trocar.sim.task_world import TaskWorld

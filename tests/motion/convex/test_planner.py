@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ravens import CAMERA_M, KEPT_M, NAMES, STATION, asked, down, joints, least_m, random_waypoints, swapping
 from trocar.arms import fk
-from trocar.errors import TrocarError
+from trocar.errors import ArmMoving, TooNear, TrocarError
 from trocar.geometry import SE3
 from trocar.motion import Capsule, Facing, MovingArm, open_box, plan_motion
 from trocar.motion.convex import search
@@ -151,8 +151,10 @@ def test_what_cannot_be_is_told_apart_from_what_was_not_found():
     end = problem.arms["left"].T_world_base @ fk(problem.arms["left"].model, problem.arms["left"].waypoints[-1])
     ball = {"ball": Capsule(end.translation_m, radius_m=3e-3)}
     alone = replace(problem, arms={"left": problem.arms["left"]}, obstacles=ball)
-    reason = plan_motion(alone, "convex").reason
-    assert "infeasible: at the end, left" in reason and "from ball, not 1.00 mm; move the end" in reason
+    near = plan_motion(alone, "convex").refusal
+    assert "infeasible: at the end, left" in str(near) and "from ball, not 1.00 mm; move the end" in str(near)
+    assert isinstance(near, TooNear) and near.first.startswith("left") and near.second == "ball"
+    assert near.arms == ("left",) and not near.at_start and near.distance_m < near.required_m == 1e-3
     facing = Facing([0.0, 1.0, 0.0], CAMERA_M, 0.1)
     arms = {name: replace(arm, facing=facing) for name, arm in problem.arms.items()}
     reason = plan_motion(replace(problem, arms=arms), "convex").reason
@@ -169,14 +171,15 @@ def test_an_inner_waypoint_in_a_wall_is_infeasible():
     left = [joints("left", down([x, 0.01, z])) for x, z in ((-0.06, -0.12), (-0.087, -0.145), (-0.09, -0.12))]
     one = asked([left, left], obstacles=RECEPTACLE)
     reason = plan_motion(replace(one, arms={"left": one.arms["left"]}), "convex").reason
-    assert "infeasible: at waypoint 1, left" in reason and "is too near to box" in reason
+    assert "infeasible: at waypoint 1, left" in reason and "from box" in reason
 
 
 def test_a_moving_start_is_refused_in_one_sentence():
     problem = asked(across())
     moving = replace(problem.arms["left"], start_velocity=np.full(6, 1e-3))
-    reason = plan_motion(replace(problem, arms={**problem.arms, "left": moving}), "convex").reason
-    assert "'left' is already moving at the start; 'convex' plans from rest" in reason
+    refusal = plan_motion(replace(problem, arms={**problem.arms, "left": moving}), "convex").refusal
+    assert isinstance(refusal, ArmMoving) and refusal.arm == "left"
+    assert "'left' is already moving; 'convex' plans from rest" in str(refusal)
 
 
 def test_the_same_question_has_the_same_answer():
@@ -216,8 +219,8 @@ def test_the_place_and_the_pair_that_is_too_near_are_named():
     tips = (arm.T_world_base @ fk(arm.model, arm.waypoints)).translation_m
     for index, words in (
         (0, r"at the start, left .* is .* mm from ball, not 1.00 mm; move the start"),
-        (1, r"at waypoint 1, left .* is too near to ball; move the waypoint"),
-        (2, r"at waypoint 2, left .* is too near to ball; move the waypoint"),
+        (1, r"at waypoint 1, left .* from ball, not 1.00 mm; move waypoint"),
+        (2, r"at waypoint 2, left .* from ball, not 1.00 mm; move waypoint"),
         (3, r"at the end, left .* is .* mm from ball, not 1.00 mm; move the end"),
     ):
         there = replace(problem, obstacles={"far": Capsule([1.0, 0, 0]), "ball": Capsule(tips[index], radius_m=1e-3)})

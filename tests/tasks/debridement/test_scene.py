@@ -6,7 +6,7 @@ from scipy.spatial import ConvexHull
 from scipy.stats import kstest
 
 from trocar.geometry import SE3, SO3
-from trocar.perception.hue import RED_FOAM, to_hsv
+from trocar.perception.color import RED_FOAM, to_hsv
 from trocar.tasks.debridement.scene import (
     CLING_N,
     CLING_SHARE,

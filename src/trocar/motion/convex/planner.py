@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.arms import fk
-from trocar.errors import TrocarError
+from trocar.errors import ArmMoving, NoPlan, TooNear
 from trocar.geometry import shown
 from trocar.motion.convex.scene import SOLID_COUNT, Scene, joint_path
 from trocar.motion.convex.search import Search
@@ -29,13 +30,13 @@ def convex(problem: MotionProblem) -> dict[str, TimedPath]:
     fast as joints and tips may.
 
     Raises:
-        TrocarError: "infeasible: ..." where there can be no such motion, "not found: ..." where none was found.
+        ArmMoving: an arm is not at rest at the start.
+        TooNear: "infeasible: ...", the start, the end or a waypoint is already too near to something.
+        NoPlan: "infeasible: ...", a waypoint faces aside; "not found: ...", there may be a motion.
     """
     for name, arm in problem.arms.items():
         if arm.moves:
-            raise TrocarError(
-                f"'{name}' is already moving at the start; 'convex' plans from rest, let the arm rest first"
-            )
+            raise ArmMoving(name, "'convex' plans from rest, let the arm rest first")
     scene = Scene.of(problem)
     search = Search(problem, scene)
     timing = search.plain()
@@ -43,7 +44,9 @@ def convex(problem: MotionProblem) -> dict[str, TimedPath]:
         require_possible(problem, scene)
         timing = search.round_about()
     if timing is None:
-        raise TrocarError("not found: no start led to a motion that keeps all distances; ask for less or elsewhere")
+        raise NoPlan(
+            "not found: no start led to a motion that keeps all distances; ask for less or elsewhere", planner="convex"
+        )
     return {
         name: TimedPath(joint_path(timing.motion, k), timing.times_s(search.passing[k]))
         for k, name in enumerate(problem.arms)
@@ -58,10 +61,8 @@ def require_possible(problem: MotionProblem, scene: Scene) -> None:
         short = distances.distance_m[place] - problem.min_distance_m
         if short.min(initial=0.0) < -NEAR_M:
             pair = int(np.argmin(short))
-            a, b = (scene.bodies.names[body] for body in scene.pairs[pair])
-            near = shown(float(distances.distance_m[place, pair]), "m", ".2f")
-            wanted = shown(problem.min_distance_m, "m", ".2f")
-            raise TrocarError(f"infeasible: at the {where}, {a} is {near} from {b}, not {wanted}; move the {where}")
+            distance_m = float(distances.distance_m[place, pair])
+            raise _too_near(scene, scene.pairs[pair], where, distance_m, problem.min_distance_m)
     for k, (name, arm) in enumerate(problem.arms.items()):
         _require_waypoints_clear(scene, k, problem.min_distance_m)
         if arm.facing is None:
@@ -69,9 +70,10 @@ def require_possible(problem: MotionProblem, scene: Scene) -> None:
         angles = arm.facing.angle_rad(arm.T_world_base @ fk(arm.model, arm.waypoints))
         if angles.max() > arm.facing.max_rad + ASIDE_RAD:
             index = int(np.argmax(angles))
-            raise TrocarError(
+            raise NoPlan(
                 f"infeasible: at waypoint {index} the tip of '{name}' faces {angles[index]:.3f} rad aside, "
-                f"not {arm.facing.max_rad:.3f}; turn it towards the point"
+                f"not {arm.facing.max_rad:.3f}; turn it towards the point",
+                planner="convex",
             )
 
 
@@ -88,5 +90,21 @@ def _require_waypoints_clear(scene: Scene, k: int, min_distance_m: float) -> Non
     distances = scene.looking_at(own).distances(q, np.zeros(len(q))).distance_m
     if distances.size and distances.min() < min_distance_m - NEAR_M:
         index, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
-        a, b = (scene.bodies.names[body] for body in scene.pairs[own][pair])
-        raise TrocarError(f"infeasible: at waypoint {index + 1}, {a} is too near to {b}; move the waypoint")
+        distance_m = float(distances[index, pair])
+        raise _too_near(scene, scene.pairs[own][pair], f"waypoint {index + 1}", distance_m, min_distance_m)
+
+
+def _too_near(scene: Scene, pair: NDArray[np.intp], where: str, distance_m: float, required_m: float) -> TooNear:
+    """Return the refusal of two bodies that are too near at the start, the end or a waypoint."""
+    a, b = (scene.bodies.names[body] for body in pair)
+    place = where if where.startswith("waypoint") else f"the {where}"
+    near, wanted = (shown(value, "m", ".2f") for value in (distance_m, required_m))
+    return TooNear(
+        f"infeasible: at {place}, {a} is {near} from {b}, not {wanted}; move {place}",
+        first=a,
+        second=b,
+        distance_m=distance_m,
+        required_m=required_m,
+        arms=scene.bodies.arms_of(pair),
+        at_start=where == "start",
+    )

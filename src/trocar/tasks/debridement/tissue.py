@@ -19,7 +19,7 @@ KINDS = {
 }
 """Kinds of patches: how many, longest half axis in m, its ratio to the other one, linear colour. None is as red as a
 fragment or as saturated as the marks of a gripper: hues of 20 to 45 and 260 deg, all of them pale
-(``trocar.perception.hue``)."""
+(``trocar.perception.color``)."""
 GROUND = (0.66, 0.50, 0.39)
 """Colour of the area between patches."""
 PROUD_M = 0.6e-3

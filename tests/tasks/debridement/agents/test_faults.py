@@ -9,7 +9,7 @@ from debridement_stage import Eyes, play
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.tasks.debridement.agents import debrider
-from trocar.tasks.debridement.agents.letting_go import SHAKES
+from trocar.tasks.debridement.agents.raven_arm import SHAKES
 from trocar.tasks.debridement.outcomes import FragmentOutcome
 
 RESTING = 1e-4

@@ -13,10 +13,10 @@ from trocar.geometry import SE3
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
+from trocar.robots.coordinator import Blocked
 from trocar.sim.laboratory import arrays_of
 from trocar.tasks.peg_transfer.agents.motions import Motions
 from trocar.tasks.peg_transfer.agents.peg_arm import LETS_GO_RAD, PegArm
-from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
 from trocar.tasks.peg_transfer.goals import THERE, PegSet, Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.perception.blocks import BlockFit
@@ -271,7 +271,7 @@ def test_an_arm_that_is_blocked_over_its_target_keeps_its_block_and_tries_again(
     async def lower(arm, *how, told=PegArm._lower):
         if len(blocked) < 1:
             blocked.append(arm.holds)
-            raise Blocked
+            raise Blocked("psm1")
         return await told(arm, *how)
 
     monkeypatch.setattr(PegArm, "_lower", lower)

@@ -5,7 +5,6 @@ from random_cells import overhead, random_scene, world_of
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.perception.image import RgbdImage
 from trocar.tasks.peg_transfer.perception.blocks import find_block, find_blocks
 from trocar.tasks.peg_transfer.perception.board import find_board
 
@@ -77,6 +76,3 @@ def test_refuses_bad_input(view):
     pose = camera.T_world_camera.inverse() @ scene.T_world_board
     with pytest.raises(TrocarError, match="peg 12 does not exist"):
         find_block(image, pose, scene.board, scene.block, 12)
-    wrong = RgbdImage(image.color[:10], image.depth_m, image.intrinsics)
-    with pytest.raises(TrocarError, match="needs depth"):
-        find_block(wrong, pose, scene.board, scene.block, 0)

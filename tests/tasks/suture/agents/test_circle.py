@@ -17,8 +17,8 @@ from trocar.tasks.suture.agents import circle
 from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings, along, run_up
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import suture_joints
-from trocar.tasks.suture.planning.drive import Suture
-from trocar.tasks.suture.planning.drive import drive as plan
+from trocar.tasks.suture.planning.primitive import Suture
+from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.score import score_sutures
 from trocar.tasks.suture.task import CircleSutures
 
@@ -152,7 +152,7 @@ def refused(sutures, joint, most_rad, settings=QUICK):
 
 
 def test_the_arm_comes_down_from_as_high_as_commands_allow():
-    lower = plan(GOALS[3])[0].q[:, 5]
+    lower = suture_segments(GOALS[3])[0].q[:, 5]
     lab, (score,) = refused([GOALS[3]], 5, float(lower[0]) - math.radians(1.0), UNSEEN)
     assert outcomes(lab) == [SutureOutcome.DONE.name] and score.succeeded
 
@@ -160,7 +160,7 @@ def test_the_arm_comes_down_from_as_high_as_commands_allow():
 @pytest.mark.slow
 def test_a_command_that_leaves_a_joints_range_costs_one_suture_only(monkeypatch):
     monkeypatch.setattr(circle, "SHORT", ())
-    pushed = plan(GOALS[1])[3].q[:, 4]
+    pushed = suture_segments(GOALS[1])[3].q[:, 4]
     lab, scores = refused([GOALS[1], GOALS[0]], 4, float(pushed.max()) - math.radians(5.0))
     assert outcomes(lab) == [SutureOutcome.JOINT_LIMIT.name, SutureOutcome.DONE.name]
     assert "suture 1, rotate: joint would need the command 82.0 deg" in named(lab, "suture")[0]["reason"]
@@ -171,7 +171,7 @@ def test_a_command_that_leaves_a_joints_range_costs_one_suture_only(monkeypatch)
 
 @pytest.mark.slow
 def test_a_turn_that_commands_do_not_allow_to_the_end_stops_short_of_it():
-    pushed = plan(GOALS[1])[3].q[:, 4]
+    pushed = suture_segments(GOALS[1])[3].q[:, 4]
     lab, (score,) = refused([GOALS[1]], 4, float(pushed.max()) - math.radians(4.0))
     assert outcomes(lab) == [SutureOutcome.DONE.name]
     assert score.entry_error_m < 0.5e-3 and score.exit_error_m < 1e-3
@@ -195,7 +195,7 @@ def test_a_cell_without_an_assistant_is_refused():
     lab = laboratory()
     with pytest.raises(TrocarError, match="nobody in this cell loads the needle"):
         CircleSuturing(briefed(replace(lab.cell, assistants={})))
-    with pytest.raises(TrocarError, match="arm 'psm3' is not in this cell; choose one of psm1"):
+    with pytest.raises(TrocarError, match=r"arm 'psm3' is unknown; .*choose one of psm1"):
         CircleSuturing(briefed(lab.cell, arms=("psm3",)))
 
 

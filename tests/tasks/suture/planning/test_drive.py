@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from trocar.arms import ARMS, fk, wrist_depth_m
 from trocar.errors import TrocarError
 from trocar.tasks.suture.planning import DIRECTIONS, PRESETS, Insertion, suture_joints
-from trocar.tasks.suture.planning.drive import BEYOND_RAD, ROOM_RAD, SPACING_RAD, Suture, drive, ranges, way_out
-from trocar.tasks.suture.planning.primitive import bite_m, driven_steps, grasp_pose, places, steps
+from trocar.tasks.suture.planning.primitive import SPACING_RAD, Suture, driven_steps, grasp_pose, path_samples, steps
+from trocar.tasks.suture.planning.segments import BEYOND_RAD, ROOM_RAD, ranges, retreat, suture_segments
 
 SETUP = PRESETS["default"].setup
 ANGLES = st.floats(0.0, 2 * math.pi)
@@ -23,7 +23,7 @@ ANGLES = st.floats(0.0, 2 * math.pi)
 @settings(max_examples=40, deadline=None)
 def test_the_pieces_join_and_pass_the_primitives_stations(theta, direction):
     """All are met but where the jaws take the needle again: there the arm goes further back, to let go later."""
-    pieces = drive(Suture(SETUP, theta, direction))
+    pieces = suture_segments(Suture(SETUP, theta, direction))
     assert [p.name for p in pieces] == ["lower", "approach", *(step.name for step in steps(SETUP)), "withdraw", "rise"]
     inner = [p for p in pieces if len(p.q)]
     for before, after in pairwise(inner):
@@ -33,14 +33,14 @@ def test_the_pieces_join_and_pass_the_primitives_stations(theta, direction):
     primitive = np.concatenate([p.q for p in pieces[2:-2]])
     nearest = [np.abs(primitive - q).max(axis=1).min() for q in planned.q[row, 0][planned.station]]
     again = SETUP.insertion.rotation_rad - SETUP.insertion.regrasp_rad
-    met = np.abs(places(SETUP).jaws_rad[planned.station] - again) > 1e-9
+    met = np.abs(path_samples(SETUP).jaws_rad[planned.station] - again) > 1e-9
     np.testing.assert_array_less(np.where(met, nearest, 0.0), 1e-6)
     assert sum(~met) == 1 and max(nearest) < 0.04
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_open_jaws_go_back_further_than_where_they_close_and_forward_again(direction):
-    pieces = drive(Suture(SETUP, 1.0, direction))
+    pieces = suture_segments(Suture(SETUP, 1.0, direction))
     for piece, then in pairwise(pieces):
         if not piece.regrasps:
             assert piece.beyond == 0
@@ -57,15 +57,15 @@ def test_open_jaws_go_back_further_than_where_they_close_and_forward_again(direc
 def test_jaws_do_not_go_back_beyond_where_the_primitive_takes_them():
     insertion = replace(SETUP.insertion, regrasp_rad=SETUP.insertion.rotation_rad, pushes=1)
     setup = replace(SETUP, insertion=insertion)
-    for piece, step in zip(drive(Suture(setup, 1.0, 1))[2:-2], driven_steps(setup), strict=True):
+    for piece, step in zip(suture_segments(Suture(setup, 1.0, 1))[2:-2], driven_steps(setup), strict=True):
         if piece.regrasps:
             assert piece.beyond * SPACING_RAD <= max(step.jaws_rad[1], 0.0) + 1e-9 < BEYOND_RAD
 
 
 def test_from_anywhere_the_jaws_come_off_along_themselves_and_up():
     suture = Suture(SETUP, 1.0, 1)
-    q = drive(suture)[3].q[20]
-    withdraw, rise = way_out(SETUP, q)
+    q = suture_segments(suture)[3].q[20]
+    withdraw, rise = retreat(SETUP, q)
     assert (withdraw.name, rise.name) == ("withdraw", "rise")
     np.testing.assert_allclose(withdraw.q[0], q, atol=1e-6)
     np.testing.assert_allclose(rise.q[0], withdraw.q[-1], atol=1e-6)
@@ -85,7 +85,7 @@ def test_driven_joints_carry_the_needle_along_its_path(theta, direction):
     T_tip_needle = grasp_pose(SETUP).inverse()
     T_circle_base = SETUP.T_base_circle.inverse()
     path = suture.needle_path_m
-    for piece in drive(suture)[2:4]:  # penetrate, rotate: before any regrasp
+    for piece in suture_segments(suture)[2:4]:  # penetrate, rotate: before any regrasp
         T_circle_needle = T_circle_base @ fk(SETUP.arm, piece.q) @ T_tip_needle
         tips = T_circle_needle.apply([0.0, -SETUP.needle.radius_m, 0.0])
         nearest = np.linalg.norm(tips[:, None] - path, axis=-1).min(axis=1)
@@ -100,7 +100,7 @@ def test_it_goes_in_at_theta_and_comes_out_a_bite_further_in_its_direction(theta
     np.testing.assert_allclose(suture.entry_m, [radius * math.cos(theta), radius * math.sin(theta), 0.0], atol=1e-12)
     out = suture.exit_m
     assert out is not None and abs(out[2]) < 1e-9
-    assert np.linalg.norm(out - suture.entry_m) == pytest.approx(bite_m(SETUP))
+    assert np.linalg.norm(out - suture.entry_m) == pytest.approx(SETUP.bite_m)
     clockwise = np.cross(suture.entry_m, out - suture.entry_m)[2] < 0
     assert clockwise == (direction == 1)
 
@@ -115,7 +115,7 @@ def test_ways_in_and_out_keep_to_the_ranges_and_the_primitive_says_where_it_does
     feasible = suture_joints(SETUP, np.radians(np.arange(0.0, 360.0, 6.0))).feasible
     row = DIRECTIONS.index(direction)
     for degrees, can in zip(np.arange(0.0, 360.0, 6.0), feasible[row], strict=True):
-        pieces = drive(Suture(SETUP, math.radians(degrees), direction))
+        pieces = suture_segments(Suture(SETUP, math.radians(degrees), direction))
         primitive, ways = pieces[2:-2], (*pieces[:2], *pieces[-2:])
         assert all(piece.first_outside(SETUP.arm) is None for piece in ways)
         assert all(piece.first_outside(SETUP.arm, ROOM_RAD) is None for piece in ways[::3])

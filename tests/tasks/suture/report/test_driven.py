@@ -8,11 +8,15 @@ from trocar.eval.scenery import Scenery
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.report import style
-from trocar.tasks.suture.planning import PRESETS
 from trocar.tasks.suture.planning.primitive import needle_poses
-from trocar.tasks.suture.report import SutureReport
-from trocar.tasks.suture.report.driven import driven_summary, joint_errors, limits_shown, primitive_times, steps_of
-from trocar.tasks.suture.report.driven_figures import draw_joints, draw_needle
+from trocar.tasks.suture.report.driven_sutures import (
+    SutureReport,
+    draw_joints,
+    draw_needle,
+    driven_summary,
+    joint_errors,
+    steps_of,
+)
 from trocar.tasks.suture.task import CircleSutures
 
 STEPS = ("approach", "penetrate", "rotate", "regrasp 1", "push 1", "withdraw")
@@ -75,7 +79,6 @@ def made_up(off=OFF, failure="", scores=True):
 
 def test_joint_errors_count_while_the_primitive_runs_and_only_then():
     trial = made_up()
-    assert primitive_times(trial, 0) == (1.0, 5.0)
     errors = joint_errors(trial)
     np.testing.assert_allclose(errors, np.broadcast_to(OFF, errors.shape), atol=1e-4)
     summary = driven_summary([trial, trial])
@@ -113,19 +116,13 @@ def test_the_first_suture_is_shown_step_by_step_and_every_picture_bears_its_angl
     assert [time_s for _, time_s in moments] == sorted(time_s for _, time_s in moments)
 
 
-def test_limits_are_shown_in_degrees_and_millimetres():
-    arm = PRESETS["default"].setup.arm
-    assert limits_shown(arm, 4)[:2] == pytest.approx((-80.0, 80.0))
-    assert limits_shown(arm, 2) == (0.0, pytest.approx(240.0), 1e3, "mm")
-
-
 def test_the_picture_of_the_joints_bears_the_figures_of_the_table(monkeypatch, tmp_path):
     said = []
     real = Axes.set_title
     monkeypatch.setattr(Axes, "set_title", lambda self, text, **how: said.append(text) or real(self, text, **how))
     monkeypatch.setattr(style, "write_figure", lambda path, *_, **__: path.touch())  # what is said, without drawing it
     trial = made_up()
-    draw_joints(trial, tmp_path / "joints.png")
+    draw_joints(trial, tmp_path / "joints.png", "by hand")
     summary = driven_summary([trial])
     table = SutureReport().tables(summary | {"method": "by hand"})[0]
     rms, largest = (list(table.columns[k].cells) for k in (1, 2))
@@ -136,4 +133,4 @@ def test_the_picture_of_the_joints_bears_the_figures_of_the_table(monkeypatch, t
 
 @pytest.mark.parametrize("draw", [draw_joints, draw_needle])
 def test_pictures_are_drawn(draw, tmp_path):
-    assert draw(made_up(), tmp_path / "picture.png").stat().st_size > 20_000
+    assert draw(made_up(), tmp_path / "picture.png", "by hand").stat().st_size > 20_000

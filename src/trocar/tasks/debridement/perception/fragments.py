@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
+from trocar.perception.color import RED_FOAM, to_hsv
 from trocar.perception.depth import rays_through
-from trocar.perception.hue import RED_FOAM, to_hsv
 from trocar.perception.image import StereoImage
-from trocar.perception.match import disparity_map
-from trocar.perception.stereo import rectify
+from trocar.perception.stereo import disparity_map, rectify
 from trocar.tasks.debridement.perception.outlines import solidity, split_convex
 from trocar.tasks.debridement.perception.regions import (
     HIGHEST_M,

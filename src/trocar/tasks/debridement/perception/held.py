@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
 from trocar.geometry import SE3
+from trocar.perception.color import RED_FOAM, to_hsv
 from trocar.perception.depth import project
-from trocar.perception.hue import RED_FOAM, to_hsv
 from trocar.perception.image import StereoImage
-from trocar.perception.match import disparity_map
-from trocar.perception.stereo import check_stereo
+from trocar.perception.stereo import disparity_map
 
 BEYOND_AXIS_M = (4e-3, 28e-3)
 """Range, beyond the jaw axis, of the middle of a held fragment; the fingers end at 20 mm."""
@@ -37,7 +36,6 @@ def is_holding(image: StereoImage, T_world_camera: SE3, arm: ArmModel, T_world_t
         jaw_rad: opening of its jaws; a fragment held by them, or hanging from a finger's end, is no farther to the
             side.
     """
-    check_stereo(image)
     T_camera_tip, rig = T_world_camera.inverse() @ T_world_tip, image.rig
     aside_m = ASIDE_M + arm.instrument.finger_length_m * float(np.sin(0.5 * max(jaw_rad, 0.0)))
     lower = np.array([-aside_m, -ASIDE_M, arm.tip_length_m - BEYOND_AXIS_M[1]])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3, shown
 from trocar.perception.color import red_mask
-from trocar.perception.depth import Patch, check_image, patch_around
+from trocar.perception.depth import Patch, patch_around
 from trocar.perception.image import RgbdImage
 from trocar.tasks.peg_transfer.perception.outline import fit_outline
 from trocar.tasks.peg_transfer.perception.top_face import top_face
@@ -82,9 +82,8 @@ def find_block(image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Bl
         peg: 0-11.
 
     Raises:
-        TrocarError: the peg does not exist, or the image does not match its intrinsics.
+        TrocarError: the peg does not exist.
     """
-    check_image(image)
     pegs = board.pegs_m
     if not 0 <= peg < len(pegs):
         raise TrocarError(f"peg {peg} does not exist: the board has pegs 0 to {len(pegs) - 1}")
@@ -126,11 +125,7 @@ def find_held_block(image: RgbdImage, T_camera_board: SE3, block: Block, T_board
         T_camera_board: pose of the board, as refined by ``find_board``.
         block: gives height and outline.
         T_board_expected: where the arm's joints have it; to be found, it must be there within some millimetres.
-
-    Raises:
-        TrocarError: the image does not match its intrinsics.
     """
-    check_image(image)
     T_board_top = SE3.from_parts(translation_m=T_board_expected.translation_m)
     half = np.array([WINDOW_M, WINDOW_M, 1e-3])
     patch = patch_around(image, T_camera_board @ T_board_top, -half, half)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from trocar.geometry import SE3, SO3
 from trocar.perception.color import red_mask
-from trocar.perception.depth import check_image, patch_around
+from trocar.perception.depth import patch_around
 from trocar.perception.image import RgbdImage
 from trocar.tasks.peg_transfer.shapes import Pegboard
 
@@ -64,7 +64,6 @@ def find_board(
         board: the board's shape.
         T_world_board_guess: approximate pose of the board; default: the world's frame.
     """
-    check_image(image)
     T_world_board = SE3.identity() if T_world_board_guess is None else T_world_board_guess
     unseen = np.zeros(len(board.pegs_m), dtype=bool)
     T_board_camera = T_world_board.inverse() @ T_world_camera

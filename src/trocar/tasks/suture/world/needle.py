@@ -81,7 +81,7 @@ def add_phantom(world: Element, scene: SutureScene) -> None:
             "geom",
             name=f"needle_{index}",
             type="capsule",
-            size=text(scene.wire_m / 2),
+            size=text(scene.needle.wire_m / 2),
             fromto=text((*start, *end)),
             density=text(STEEL_KG_M3),
             rgba=text((*NEEDLE_RGB, 1)),
@@ -105,7 +105,7 @@ class HeldNeedle:
         self._body = world.model.body("needle").id
         self._qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
         self._dof = slice(joint.dofadr[0], joint.dofadr[0] + 6)
-        turning = scene.needle_radius_m**2
+        turning = scene.needle.radius_m**2
         share = np.array([1.0, 1.0, 1.0, turning, turning, turning])
         world.model.dof_armature[self._dof] = self._tissue.apparent_kg * share
         mujoco.mj_setConst(world.model, world.data)

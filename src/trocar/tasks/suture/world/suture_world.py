@@ -16,7 +16,7 @@ from trocar.sim.record import Record
 from trocar.sim.task_world import TaskWorld
 from trocar.sim.world import World
 from trocar.tasks.suture.scene import SutureScene
-from trocar.tasks.suture.truth import NeedleTruth
+from trocar.tasks.suture.score import NeedleTruth
 from trocar.tasks.suture.world.needle import HeldNeedle, add_phantom
 
 LOADING_S = 1.0
@@ -61,7 +61,7 @@ class SutureWorld(TaskWorld):
             T_circle_tip=T_circle_world @ record.T_world_tip[self._arm],
             gripped=np.array(self._gripped),
             in_hand=np.array(self._in_hand),
-            p_needle_tip_m=self._scene.p_needle_tip_m,
+            p_needle_tip_m=self._scene.needle.p_tip_m,
         )
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:

@@ -1,0 +1,250 @@
+"""From the spheres in all images of a collection to base and joints; what does not fit is flagged.
+
+In closed form, for a PSM (Hwang et al. 2022, IV-A).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, frames
+from trocar.errors import InvalidInput
+from trocar.geometry import SE3, TURN
+from trocar.geometry.rigid_fit import fit_rigid
+from trocar.perception.fiducials import Fixture
+
+SHAFT_OFF_M = 1.0e-3
+"""A shaft centre further from where the outer joints' encoders put it is rejected; their errors are about .1 mm."""
+DISTANCE_OFF_M = 1.0e-3
+"""Maximum difference between the measured and the printed distance of two jaw spheres; measured: .1 mm RMS."""
+MIN_ON_JAW, MIN_ROWS = 3, 10
+"""Spheres on the jaw that its rotation needs, and rows with a sphere on the shaft that the base needs."""
+
+GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft", "fewer than 3 spheres on the jaw"
+
+
+@dataclass(frozen=True, eq=False)
+class HandEye:
+    """The pose of an arm's base in a camera.
+
+    Attributes:
+        T_camera_base: pose.
+        rms_m: residual of the centres.
+        used: number of centres.
+        rejected: number of centres that do not agree.
+    """
+
+    T_camera_base: SE3
+    rms_m: float
+    used: int
+    rejected: int
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The result of a collection of images.
+
+    Attributes:
+        hand_eye: the base in the camera.
+        q: (n, 6) joints, NaN where they could not be found.
+        flags: (n,) of each row: 'good' or what is wrong.
+        distance_rms_m: error of the distances between spheres of one part against those printed.
+        p_camera_m: (n, k, 3) the accepted centres; else NaN.
+    """
+
+    hand_eye: HandEye
+    q: NDArray[np.float64]
+    flags: tuple[str, ...]
+    distance_rms_m: float
+    p_camera_m: NDArray[np.float64]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Return which rows (n,) are good."""
+        return np.array([flag == GOOD for flag in self.flags])
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of rows with each flag."""
+        return {flag: self.flags.count(flag) for flag in sorted(set(self.flags))}
+
+
+def require_psm(arm: ArmModel) -> None:
+    """Raise InvalidInput unless an arm's first axes are a PSM's: through the remote centre, normal to each other."""
+    half = np.pi / 2
+    if not (np.allclose(arm.twists_rad, (half, -half, half)) and np.allclose(arm.offsets[:2], (half, -half))):
+        raise InvalidInput(
+            "joints", f"can be found from spheres on a PSM only, not on {arm.name!r}", "give its recording"
+        )
+
+
+def measure(
+    arm: ArmModel,
+    fixture: Fixture,
+    p_camera_m: NDArray[np.float64],
+    q_cmd: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> Measured:
+    """Return base and joints from the spheres' centres, for rows in which the arm was at rest.
+
+    Args:
+        arm: a PSM.
+        fixture: that it wears.
+        p_camera_m: (n, k, 3) centres in the camera frame, NaN where a sphere was not seen.
+        q_cmd: (n, 6) encoder readings.
+        rng: of the search for outliers.
+
+    Raises:
+        InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
+    """
+    hand_eye = register_base(arm, fixture, p_camera_m, q_cmd, rng)
+    p_base = hand_eye.T_camera_base.inverse().apply(p_camera_m)
+    expected = fixture.base_centers_m(arm, q_cmd)
+    off_shaft = np.linalg.norm(p_base - expected, axis=-1) > SHAFT_OFF_M
+    p_base = np.where((off_shaft & fixture.on_shaft)[..., None], np.nan, p_base)
+    p_base = without_wrong_distances(fixture, p_base)
+    seen = np.all(np.isfinite(p_base), axis=-1)
+    q = joints_from_spheres(arm, fixture, p_base, q_cmd)
+    accepted = np.where(seen[..., None], p_camera_m, np.nan)
+    errors_m = distance_errors_m(fixture, accepted)
+    known = errors_m[np.isfinite(errors_m)]
+    rms_m = float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+    return Measured(hand_eye, q, tuple(_flag(fixture, row) for row in seen), rms_m, accepted)
+
+
+def register_base(
+    arm: ArmModel,
+    fixture: Fixture,
+    p_camera_m: NDArray[np.float64],
+    q_cmd: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> HandEye:
+    """Return the rigid fit of the shaft's spheres, placed by the encoders, to those in the camera, without outliers.
+
+    The outer joints' encoders are exact to .3 mrad and .1 mm, so many positions of the shaft give the base.
+
+    Raises:
+        InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
+    """
+    require_psm(arm)
+    seen = np.isfinite(p_camera_m).all(-1) & fixture.on_shaft
+    images = int(seen.any(axis=1).sum())
+    if images < MIN_ROWS:
+        raise InvalidInput(
+            "the shaft's spheres",
+            f"were seen in {images} images; the base needs {MIN_ROWS} or more",
+            "collect more rows, or look whether the camera sees the arm",
+        )
+    source, target = fixture.base_centers_m(arm, q_cmd)[seen], p_camera_m[seen]
+    fit = fit_rigid(source, target, inlier_distance_m=SHAFT_OFF_M, rng=rng)
+    used = int(fit.inliers.sum())
+    return HandEye(fit.T_target_source, fit.rms_m, used, len(source) - used)
+
+
+def distance_errors_m(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return measured minus printed distances (n, pairs) between spheres of one part, NaN where one was not seen."""
+    pairs = [
+        (a, b) for a, b in combinations(range(len(fixture.spheres)), 2) if fixture.on_shaft[a] == fixture.on_shaft[b]
+    ]
+    first, second = np.array(pairs).T
+    printed = np.linalg.norm(fixture.centers_m[first] - fixture.centers_m[second], axis=1)
+    return np.linalg.norm(p_m[:, first] - p_m[:, second], axis=-1) - printed
+
+
+def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return centres (n, k, 3) with NaN for jaw spheres at wrong distances from most other jaw spheres."""
+    p_m = p_m.copy()
+    jaw = np.flatnonzero(~fixture.on_shaft)
+    printed = np.linalg.norm(fixture.centers_m[jaw, None] - fixture.centers_m[None, jaw], axis=-1)
+    for _ in range(len(jaw)):
+        found = np.linalg.norm(p_m[:, jaw, None] - p_m[:, None, jaw], axis=-1)
+        wrong = (np.abs(found - printed) > DISTANCE_OFF_M).sum(-1)
+        rows = np.flatnonzero(wrong.max(axis=1) > 0)
+        if not len(rows):
+            break
+        p_m[rows, jaw[wrong[rows].argmax(axis=1)]] = np.nan
+    return p_m
+
+
+def joints_from_spheres(
+    arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64], q_cmd: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the joints (n, 6) of an arm whose spheres have these centres (n, k, 3) in its base.
+
+    Args:
+        arm: a PSM.
+        fixture: that it wears.
+        p_base_m: NaN where a sphere was not seen; joints that cannot be determined are NaN.
+        q_cmd: (n, 6) commands; they only tell in which turn the roll is.
+
+    Raises:
+        InvalidInput: the arm is no PSM.
+    """
+    require_psm(arm)
+    q = np.full((len(p_base_m), 6), np.nan)
+    q[:, :3] = _outer_joints(arm, fixture, p_base_m)
+    R_base_jaw = _jaw_rotations(arm, fixture, p_base_m)
+    whole = np.isfinite(q[:, :3]).all(axis=1) & np.isfinite(R_base_jaw).all(axis=(-1, -2))
+    q[whole, 3:] = _wrist_joints(arm, R_base_jaw[whole], q[whole, :3], q_cmd[whole, 3])
+    return q
+
+
+def _outer_joints(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return q1 q2 q3 (n, 3); NaN if no shaft sphere was seen.
+
+    The shaft runs through the remote centre, the base's origin, and its spheres sit on its axis: their direction gives
+    yaw and pitch (farther spheres weigh more), their distance the insertion.
+    """
+    p = p_base_m[:, fixture.on_shaft]
+    seen = np.all(np.isfinite(p), axis=-1)
+    distance = np.where(seen, np.linalg.norm(p, axis=-1), 0.0)
+    along = np.einsum("nk,nkx->nx", distance, np.where(seen[..., None], p, 0.0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        axis = along / np.linalg.norm(along, axis=1, keepdims=True)
+        up = fixture.centers_m[fixture.on_shaft, 2]
+        depth = (seen * (np.einsum("nx,nkx->nk", axis, np.nan_to_num(p)) + up)).sum(axis=1) / seen.sum(axis=1)
+    x, y, z = axis.T
+    return np.column_stack([np.arctan2(x, -z), np.arcsin(np.clip(-y, -1.0, 1.0)), depth - arm.offsets[2]])
+
+
+def _jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation (n, 3, 3) of frame 6 in the base that fits the jaw's spheres; NaN with fewer than three."""
+    jaw = ~fixture.on_shaft
+    known = fixture.frame_centers_m(arm)[jaw]
+    rotations = np.full((len(p_base_m), 3, 3), np.nan)
+    for row, p in enumerate(p_base_m[:, jaw]):
+        seen = np.isfinite(p).all(axis=1)
+        if seen.sum() >= MIN_ON_JAW:
+            rotations[row] = fit_rigid(known[seen], p[seen]).T_target_source.rotation.matrix
+    return rotations
+
+
+def _wrist_joints(
+    arm: ArmModel, R_base_jaw: NDArray[np.float64], q_outer: NDArray[np.float64], roll_near: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return q4 q5 q6 (n, 3) with |q5| < 90 deg; of its turns, the roll is the one nearest to ``roll_near`` (n,)."""
+    R_base_insertion = frames(arm, np.column_stack([q_outer, np.zeros_like(q_outer)])).matrix[:, 3, :3, :3]
+    R = np.swapaxes(R_base_insertion, -1, -2) @ R_base_jaw
+    jaw, axis = R[:, :, 1], -R[:, :, 2]  # the direction of the jaws, and the axis about which they turn
+    w = arm.wrist_sign
+    turn4 = np.arctan2(w * axis[:, 1], w * axis[:, 0])
+    turn5 = np.arctan2(axis[:, 2], np.hypot(axis[:, 0], axis[:, 1]))
+    c4, s4, c5, s5 = np.cos(turn4), np.sin(turn4), np.cos(turn5), np.sin(turn5)
+    out = np.column_stack([s5 * c4, s5 * s4, -w * c5])
+    side = np.column_stack([-s4, c4, np.zeros_like(c4)])
+    turn6 = np.arctan2(-np.sum(side * jaw, axis=1), np.sum(out * jaw, axis=1))
+    q = np.column_stack([turn4, turn5, turn6]) - np.array(arm.offsets[3:])
+    q[:, 0] += TURN * np.round((roll_near - q[:, 0]) / TURN)
+    return q
+
+
+def _flag(fixture: Fixture, seen: NDArray[np.bool_]) -> str:
+    """Return the flag of a row in which these spheres (k,) are accepted."""
+    if not seen.any():
+        return NOTHING
+    if not seen[fixture.on_shaft].any():
+        return NO_SHAFT
+    return GOOD if seen[~fixture.on_shaft].sum() >= MIN_ON_JAW else NO_JAW

@@ -1,1 +1,0 @@
-"""Painted spheres on an instrument: from images to the joints of the arm."""

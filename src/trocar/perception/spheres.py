@@ -1,0 +1,178 @@
+"""From a colour and depth image to the centres of painted spheres (Hwang et al. 2022, IV-A)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.perception.depth import rays_through
+from trocar.perception.fiducials import COLORS, Fixture
+from trocar.perception.image import RgbdImage
+
+HUE_DEG = 20.0
+"""A pixel shows a paint if its hue is this close; the paints are at least 48 deg apart, and noise shifts a hue by some
+deg."""
+MIN_SATURATION, MIN_VALUE = 0.45, 0.14
+"""Pixels below these are metal, carbon or dark, where hue means nothing."""
+MIN_PIXELS, MIN_SHARE = 20, 0.15
+"""Number of pixels, and share of a sphere's disc, that must be seen."""
+MIN_GOOD = 0.7
+"""Share of a blob's points that must lie on one sphere; with less, it is two spheres behind each other."""
+MAX_RMS_M = 0.5e-3
+"""Maximum RMS distance of these points from the sphere; the sensor's noise is .2 mm."""
+RADIUS_OFF_M = 0.6e-3
+"""Maximum difference between a fitted radius and that of the assigned sphere."""
+MAX_POINTS = 300
+"""Number of a blob's points that are fitted; more would not improve the centre."""
+OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+
+STEPS, DONE_M = 12, 1e-6
+"""Maximum number of Gauss-Newton steps of a fit, and the change at which it ends."""
+LARGEST_M = 0.1
+"""A larger radius means that the points lie on a plane or a line."""
+GATE_SIGMAS, MIN_GATE_M = 3.0, 0.3e-3
+"""A point counts if its distance from the sphere is below this many SDs; the gate never shrinks below the minimum.
+Pixels at the rim, between the sphere and what is behind it, are rejected this way."""
+
+
+@dataclass(frozen=True, eq=False)
+class SphereFit:
+    """A sphere through points.
+
+    Attributes:
+        center_m: (3,) in the frame of the points.
+        radius_m: found, or as given.
+        rms_m: RMS distance of the points that count.
+        share: share of the points that count.
+    """
+
+    center_m: NDArray[np.float64]
+    radius_m: float
+    rms_m: float
+    share: float
+
+    @property
+    def good(self) -> bool:
+        """Whether the points lie on one sphere."""
+        return self.share >= MIN_GOOD and self.rms_m <= MAX_RMS_M
+
+
+@dataclass(frozen=True, eq=False)
+class _Blob:
+    """Connected pixels of one colour with depth, and the sphere of free radius through them."""
+
+    points_m: NDArray[np.float64]
+    rough: SphereFit
+
+
+def find_spheres(image: RgbdImage, fixture: Fixture) -> NDArray[np.float64]:
+    """Return the centres (n, 3) of a fixture's spheres in the camera frame; NaN for those not seen well.
+
+    Pixels are grouped by colour; blobs of the same colour are distinguished by the radius of the sphere through them;
+    the centre is then fitted with the known radius.
+    """
+    hsv = cv2.cvtColor(image.color, cv2.COLOR_RGB2HSV_FULL)
+    clear = (hsv[..., 1] >= 255 * MIN_SATURATION) & (hsv[..., 2] >= 255 * MIN_VALUE) & np.isfinite(image.depth_m)
+    centers = np.full((len(fixture.spheres), 3), np.nan)
+    for color in {sphere.color: None for sphere in fixture.spheres}:
+        wanted = [number for number, sphere in enumerate(fixture.spheres) if sphere.color == color]
+        radii_m = fixture.radii_m[wanted]
+        away = np.abs((hsv[..., 0].astype(np.int16) - _hue(color) + 128) % 256 - 128)
+        blobs = _blobs(image, (clear & (away * (360 / 256) <= HUE_DEG)).astype(np.uint8), float(radii_m.min()))
+        for number, blob in _assigned(blobs, radii_m).items():
+            fit = fit_sphere(blob.points_m, float(radii_m[number]), blob.rough.center_m)
+            if fit is not None and fit.good:
+                centers[wanted[number]] = fit.center_m
+    return centers
+
+
+def fit_sphere(
+    points_m: NDArray[np.float64], radius_m: float | None = None, near_m: NDArray[np.float64] | None = None
+) -> SphereFit | None:
+    """Return the sphere nearest to points (n, 3) that are seen from the origin; None if it cannot be found.
+
+    Gauss-Newton on the distances from the surface; outliers are left out step by step.
+
+    Args:
+        points_m: on the side of the sphere that faces the origin.
+        radius_m: of the sphere, if known; None: it is fitted too.
+        near_m: (3,) guess of its centre; None: behind the points.
+    """
+    if len(points_m) < 4:
+        return None
+    free = radius_m is None
+    radius = radius_m or 0.5 * float(np.ptp(points_m[:, :2], axis=0).max())
+    if near_m is None:
+        center = np.median(points_m, axis=0)
+        center = center * (1.0 + 0.7 * radius / max(float(np.linalg.norm(center)), 1e-9))  # behind the visible points
+    else:
+        center = near_m
+    used = np.ones(len(points_m), dtype=bool)
+    for _ in range(STEPS):
+        away = points_m - center
+        distance = np.linalg.norm(away, axis=1)
+        residual = distance - radius
+        spread = 1.4826 * float(np.median(np.abs(residual)))
+        used = np.abs(residual) < max(GATE_SIGMAS * spread, MIN_GATE_M)
+        if used.sum() < 4:
+            return None
+        slopes = -away[used] / np.maximum(distance[used], 1e-12)[:, None]
+        slopes = np.column_stack([slopes, np.full(len(slopes), -1.0)]) if free else slopes
+        try:
+            step = np.linalg.solve(slopes.T @ slopes, -slopes.T @ residual[used])
+        except np.linalg.LinAlgError:  # points on a line
+            return None
+        center = center + step[:3]
+        radius += float(step[3]) if free else 0.0
+        if not np.isfinite(center).all() or not 0.0 < radius < LARGEST_M:
+            return None
+        if np.abs(step).max() < DONE_M:
+            break
+    residual = np.linalg.norm(points_m[used] - center, axis=1) - radius
+    return SphereFit(center, float(radius), float(np.sqrt(np.mean(residual**2))), float(used.mean()))
+
+
+def _hue(color: str) -> int:
+    """Return a paint's hue, 0 to 255."""
+    rgb = np.array([[COLORS[color]]], dtype=np.float32)
+    return round(float(cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV)[0, 0, 0]) * 256 / 360) % 256
+
+
+def _blobs(image: RgbdImage, mask: NDArray[np.uint8], radius_m: float) -> list[_Blob]:
+    """Return the blobs in the mask that may be spheres of at least this size."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(cv2.morphologyEx(mask, cv2.MORPH_OPEN, OPENING))
+    found = []
+    for label in range(1, count):
+        u, v, wide, high, area = stats[label]
+        if area < MIN_PIXELS:
+            continue
+        window = np.s_[v : v + high, u : u + wide]
+        here = labels[window] == label
+        depth = image.depth_m[window][here].astype(np.float64)
+        disc_px = np.pi * (radius_m * image.intrinsics.fx / np.median(depth)) ** 2
+        if area < MIN_SHARE * disc_px:
+            continue
+        pixels = np.argwhere(here)[:, ::-1] + (u, v)
+        some = slice(None, None, 1 + len(pixels) // MAX_POINTS)
+        points = rays_through(image.intrinsics, pixels[some]) * depth[some, None]
+        rough = fit_sphere(points)
+        if rough is not None and rough.good:
+            found.append(_Blob(points, rough))
+    return found
+
+
+def _assigned(blobs: Sequence[_Blob], radii_m: NDArray[np.float64]) -> dict[int, _Blob]:
+    """Assign blobs of a colour to spheres by size, the best pairs first; each is used once."""
+    off = np.array([[abs(blob.rough.radius_m - radius) for blob in blobs] for radius in radii_m])
+    chosen: dict[int, _Blob] = {}
+    used: set[int] = set()
+    for flat in np.argsort(off, axis=None, kind="stable"):
+        sphere, blob = divmod(int(flat), len(blobs))
+        if sphere not in chosen and blob not in used and off[sphere, blob] <= RADIUS_OFF_M:
+            chosen[sphere] = blobs[blob]
+            used.add(blob)
+    return chosen
