@@ -11,8 +11,8 @@ from trocar.lab import SensorFlaws, load_station
 from trocar.perception.image import Intrinsics
 from trocar.sim.camera import RayCamera
 from trocar.sim.mjcf import CellModel, build_mjcf
-from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
+from trocar.tasks.peg_transfer.truth import PegScene
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
 
 CLEARANCE_M = 1.4e-3

@@ -12,8 +12,8 @@ import numpy as np
 from trocar.eval import PERCEPTIONS
 from trocar.geometry import SE3
 from trocar.perception.image import RgbdImage
+from trocar.tasks.peg_transfer.perception import DepthView
 from trocar.tasks.peg_transfer.perception.blocks import BlockFit
-from trocar.tasks.peg_transfer.perception.depth_view import DepthView
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 AGREE_M = 0.5e-3

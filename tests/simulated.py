@@ -25,8 +25,8 @@ from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.agents.unilateral import Settings
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
-from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
+from trocar.tasks.peg_transfer.truth import PegScene
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
 
 PAPER = MOTION_LIMITS["paper"]

@@ -32,7 +32,7 @@ def block(
     """
     from trocar.perception.capture import load_capture  # SciPy only when needed
     from trocar.tasks.peg_transfer.perception.cloud import fit_cloud
-    from trocar.tasks.peg_transfer.perception.top_face import top_face
+    from trocar.tasks.peg_transfer.perception.outline import top_face
     from trocar.tasks.peg_transfer.shapes import Block
 
     points = load_capture(capture, unit)

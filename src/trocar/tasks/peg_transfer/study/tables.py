@@ -10,7 +10,7 @@ from rich.table import Table
 
 from trocar.eval.statistics import wilson_interval
 from trocar.report.tables import figure
-from trocar.tasks.peg_transfer.report.peg_report import PAPER
+from trocar.tasks.peg_transfer.report import PAPER
 from trocar.tasks.peg_transfer.study.hypotheses import Finding
 from trocar.tasks.peg_transfer.study.published import COLLISIONS, TABLES
 

@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element
 
 from trocar.geometry import SE3
 from trocar.sim.elements import UNSEEN_GROUP, add, placed, scene_bits, text
-from trocar.tasks.peg_transfer.scene import PegScene
+from trocar.tasks.peg_transfer.truth import PegScene
 
 FOOT_M = 0.05e-3
 """Height of the prisms of a block above its three feet, so that it has three contacts with the plate, not

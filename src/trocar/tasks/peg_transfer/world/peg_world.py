@@ -13,8 +13,7 @@ from trocar.sim.contacts import Hit
 from trocar.sim.record import Record
 from trocar.sim.task_world import TaskWorld
 from trocar.sim.world import World
-from trocar.tasks.peg_transfer.scene import PegScene
-from trocar.tasks.peg_transfer.truth import PegTruth
+from trocar.tasks.peg_transfer.truth import PegScene, PegTruth
 from trocar.tasks.peg_transfer.world.bodies import add_pegboard
 
 STEEP = 0.7
