@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws, load_station
 from trocar.perception.image import Intrinsics
-from trocar.sim.camera import RayCamera
-from trocar.sim.mjcf import CellModel, build_mjcf
+from trocar.sim.ray_camera import RayCamera
+from trocar.sim.world import World
+from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
-from trocar.tasks.peg_transfer.truth import PegScene
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
 
 CLEARANCE_M = 1.4e-3
@@ -34,7 +34,7 @@ def random_scene(rng: np.random.Generator, blocks: int = 6) -> tuple[PegScene, N
 
 def world_of(scene: PegScene) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return model and state of a scene without arms, as it lies before physics moves it."""
-    model = mujoco.MjModel.from_xml_string(build_mjcf(CellModel({}, {}, PegWorld(scene))))
+    model = World({}, {}, PegWorld(scene)).model
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return model, data

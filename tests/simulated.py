@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import MOTION_LIMITS, MotionLimits, fk, ik
-from trocar.eval.images import encoded
+from trocar.eval.run import encoded
 from trocar.eval.scenery import Scenery
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3, SO3
@@ -19,14 +19,14 @@ from trocar.lab.transmission import JawCable
 from trocar.motion import rest_to_rest, straight
 from trocar.perception.image import CameraModel, Intrinsics
 from trocar.robots import TICK_S
-from trocar.sim.laboratory import SimLaboratory, arrays_of
-from trocar.sim.mjcf import CellModel, Surface
+from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.recorder import fixed_poses, solids_of
+from trocar.sim.spec import Surface
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.agents.unilateral import Settings
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
+from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
-from trocar.tasks.peg_transfer.truth import PegScene
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
 
 PAPER = MOTION_LIMITS["paper"]
@@ -100,7 +100,7 @@ def ideal_laboratory(
 
 def world_with_arms(*T_board_blocks: SE3, surface: Surface | None = None) -> World:
     """Return a world with both arms at zero and these blocks."""
-    return World(CellModel(ARM_MODELS, T_WORLD_BASE, PegWorld(scene_of(*T_board_blocks)), surface=surface or Surface()))
+    return World(ARM_MODELS, T_WORLD_BASE, PegWorld(scene_of(*T_board_blocks)), surface=surface or Surface())
 
 
 def joints_at(arm: str, p_world_tip_m, yaw_rad: float = 0.0) -> NDArray[np.float64]:
@@ -161,7 +161,9 @@ def trial_of(laboratory: SimLaboratory, **about: object) -> Trial:
     record, station = laboratory.record(), laboratory.session.station
     images, cameras = encoded(laboratory.cameras)
     words = {"task": "none", "variant": "", "method": "by hand", "goal_noun": "goal", "planner": "", "model": None}
-    choices = {"perception": "", "calibration": None, "prior": None, "options": {}, "difficulty": [], "plugins": []}
+    choices = {"perception": "", "calibration": None, "prior": None, "options": {}} | {
+        key: [] for key in ("set", "difficulty", "plugins")
+    }
     switches = dict.fromkeys(("new_session", "refit_offsets", "flawless_camera"), False)
     rest = {"seed": 0, "session": 0, "index": 0, "fingerprint": "", "flaws": {}, "versions": {}}
     return Trial(
@@ -184,7 +186,7 @@ def trial_of(laboratory: SimLaboratory, **about: object) -> Trial:
         duration_s=round(laboratory.now_s(), 6),
         command_limit_use={arm: laboratory.driver.limit_use(arm) for arm in station.arms},
         arrays={
-            **{name: rows.astype(np.float32) for name, rows in arrays_of(laboratory.recorder).items()},
+            **{name: rows.astype(np.float32) for name, rows in laboratory.recorder.arrays().items()},
             **laboratory.task.arrays(record),
         },
         scenery=Scenery(

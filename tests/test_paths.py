@@ -22,7 +22,7 @@ from trocar.eval.trial import Trial, session_folder, timing_file, trial_about, t
 from trocar.files.archive import Archive, read_archive, read_header
 from trocar.files.output import bears, make_folder, require_picture, write_figure, write_json, write_table, write_text
 from trocar.lab import load_station
-from trocar.lab.toml import station_text
+from trocar.lab.station_file import station_text
 from trocar.motion.analysis import read_joint_table
 from trocar.perception.capture import load_capture
 from trocar.report.storyboard import draw_storyboard

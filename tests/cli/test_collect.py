@@ -111,7 +111,7 @@ def test_an_interrupted_collection_goes_on_to_the_same_files(done, station, troc
     ("words", "said"),
     [
         (("kitchen",), "station 'kitchen' is unknown"),
-        (("peg-transfer", "--arm", "psm3"), "no arm 'psm3'; it has psm1, psm2"),
+        (("peg-transfer", "--arm", "psm3"), "arm 'psm3' is unknown; did you mean"),
         (("raven-pair",), "does not define where arm 'left' moves during calibration"),
         (("peg-transfer", "--rows", "10"), "10 rows is too small to fit on; give 30 or more"),
         (("peg-transfer", "--rows", "60", "--fraction", "0.8"), "leaves too few to fit on (60 or more)"),

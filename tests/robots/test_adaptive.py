@@ -264,9 +264,9 @@ def test_of_a_path_what_was_sent_up_to_now_is_kept_piece_by_piece():
 
 def test_so_many_looks_as_a_fit_needs_and_no_fewer_teach(expert):
     arms, _ = expert
-    looks = arms.robot._pasts["a"].looks
+    observations = arms.robot._pasts["a"].observations
     for count, taught_something in ((MIN_ROWS - 1, False), (MIN_ROWS, True)):
-        arms.robot._pasts["a"].looks = looks[:count]
+        arms.robot._pasts["a"].observations = observations[:count]
         assert (arms.robot.learned("a") is not None) == taught_something
 
 

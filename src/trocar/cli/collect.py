@@ -89,7 +89,7 @@ def _collections(
     from trocar.lab import load_station, require_reach
     from trocar.lab.session import draw_session
 
-    station = replace(load_station(name), difficulty=difficulty).with_relevant_flaws()
+    station = replace(load_station(name), difficulty=difficulty).require_relevant()
     require_reach(station)
     session = draw_session(station, np.random.default_rng([seed, SESSION]))
     found = {}
@@ -113,7 +113,7 @@ def _chain(
     from trocar.collect.chain import calibrate
     from trocar.collect.report import draw_calibration
     from trocar.lab import station_text
-    from trocar.lab.registered import with_registered
+    from trocar.lab.station_file import with_registered
 
     figures: dict[str, Any] = {}
     files: list[Path] = []

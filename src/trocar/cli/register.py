@@ -132,7 +132,7 @@ def _write(found: CellRegistration, station: str, summary: dict[str, Any], folde
     """Write station, report and picture; return their paths."""
     from trocar.collect.checkerboard_report import draw_registration
     from trocar.lab import station_text
-    from trocar.lab.registered import with_registered
+    from trocar.lab.station_file import with_registered
 
     text, report, picture = (folder / name for name in FILES)
     cameras = {found.camera: (found.T_world_camera, found.calibration.rig)}

@@ -9,7 +9,7 @@ from typing import Any
 
 from trocar.eval import TASKS, pick_method
 from trocar.lab.flaws import DEFAULT
-from trocar.lab.toml import built_in_stations, station_digest
+from trocar.lab.station_file import built_in_stations, station_digest
 
 FILE = "FILE"
 """Placeholder for a path, because a run stores the content of its files, not their paths."""
@@ -38,6 +38,8 @@ def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
     for name in ("planner", "perception"):
         if about[name] and (usual is None or about[name] != getattr(usual, name)):
             words += [f"--{name}", about[name]]
+    for setting in about["set"]:
+        words += ["--set", setting]
     words += _station(task, about)
     level, *named = map(str, about["difficulty"] or [DEFAULT])
     words += ["--difficulty", level] if level != DEFAULT else []

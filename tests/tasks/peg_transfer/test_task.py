@@ -13,7 +13,7 @@ from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.lab.flaws import LEVELS, Difficulty
 from trocar.tasks.peg_transfer.goals import PAIRS
-from trocar.tasks.peg_transfer.report import PAPER
+from trocar.tasks.peg_transfer.report.peg_report import PAPER
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from trocar.tasks.peg_transfer.task import BOARD_SHIFT_M, BOARD_TURN_RAD, VARIANTS, PegTransfer
 from trocar.tasks.peg_transfer.truth import pegs_under

@@ -1,6 +1,5 @@
 """The browser draws everything where the kinematics and the primitive put it, for any position of the slider."""
 
-import sys
 import time
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.testing import assert_allclose
 from triangles import edges_cancel, volume_m3
 
 from trocar.arms import RAVEN2_LEFT, fk
-from trocar.errors import InvalidValue, OutOfReach, TrocarError
+from trocar.errors import InvalidValue, OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.report.style import PATHS
 from trocar.tasks.suture.planning import (
@@ -114,14 +113,6 @@ def test_the_fingers_open_in_regrasps_alone(view):
         assert_allclose(np.arccos(np.clip(fingers[0] @ fingers[1], -1, 1)), motion.opening_rad[place], atol=1e-7)
 
 
-def test_an_open_finger_turns_to_its_own_side(view):
-    place = view.motions[0].step.index("regrasp 1")
-    view.show(0, place)
-    for finger in view._fingers:
-        tip, inner = pose(finger).apply([0, 0, -0.01]), pose(finger).rotation.apply([1.0, 0.0, 0.0])
-        assert np.sign(tip[0]) == np.sign(inner[0])  # its body, at its own +x, lies outside the gap
-
-
 def pixel(rgba, side_m, x_m, y_m):
     """Return what a picture (k, k, 4) shows at a point of the circle's plane."""
     column, row = (int((value / side_m + 0.5) * len(rgba)) for value in (x_m, y_m))
@@ -183,12 +174,6 @@ def test_slider_and_menu_move_the_needle_and_the_text(view):
     assert f"{np.degrees(view.motions[2].q[40, 3]):.1f} deg" in view._text.content
 
 
-def test_the_menu_follows_what_is_shown_and_names_the_plan(view):
-    view.show(3, 7)
-    assert (view._menu.value, view._slider.value) == (view.sutures[3], 7)
-    assert f"{np.degrees(view.plan.positions_rad[3]):.0f} deg" in view.sutures[3]
-
-
 def test_the_table_of_joints_says_what_is_outside():
     motion = suture_motion(Suture(PLAIN, 0.0, 1))
     q = motion.q.copy()
@@ -206,11 +191,6 @@ def test_what_is_not_there_cannot_be_shown(view, at, what):
         view.show(*at)
 
 
-def test_a_port_out_of_range(view):
-    with pytest.raises(TrocarError, match="port is 70000"):
-        PlanView(view.map, view.plan, port=70000)
-
-
 def test_a_suture_without_solution_is_told():
     arm = RAVEN2_LEFT
     setup = SutureSetup(arm=arm, T_world_base=base_beside(0.0, 0.0, 0.1), grasp=PLAIN.grasp)
@@ -218,9 +198,3 @@ def test_a_suture_without_solution_is_told():
     row, k = np.argwhere(gone)[0]
     with pytest.raises(OutOfReach, match="cannot point its instrument there"):
         suture_motion(Suture(setup, 0.1 * k, (1, -1)[row]))
-
-
-def test_without_viser_the_extra_is_named(view, monkeypatch):
-    monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(TrocarError, match=r"pip install '\.\[view\]'"):
-        PlanView(view.map, view.plan)

@@ -14,12 +14,13 @@ from trocar.geometry import SE3, SO3, TURN
 from trocar.lab import Station
 from trocar.registry import Lazy
 from trocar.tasks.peg_transfer.goals import GOALS, PegSet, Transfer
+from trocar.tasks.peg_transfer.scene import PRINT, PegScene
 from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
-from trocar.tasks.peg_transfer.truth import PegScene, PegTruth
+from trocar.tasks.peg_transfer.truth import PegTruth
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 BOARD_SHIFT_M = 2e-3
 BOARD_TURN_RAD = np.radians(3.0)
@@ -64,28 +65,31 @@ class PegTransfer(Task):
     methods: ClassVar = {
         "calibrated": Method(
             "cables compensated by a model that was fitted in this session",
+            calibrated=True,
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:compensated")},
         ),
-        "uncalibrated": Method("encoder readings taken at face value", calibrated=False, **_AGENT),
+        "uncalibrated": Method("encoder readings taken at face value", **_AGENT),
         "adaptive": Method(
             "no recording: cables are learned from looks at the wrist, before the first transfer and at each one",
-            calibrated=False,
             learns=True,
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:learning")},
         ),
         "optimized": Method(
             "calibrated, the paper's SQP refining its splines",
+            calibrated=True,
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:patient")},
             planner="sqp",
         ),
         "best": Method(
             "calibrated, each motion as short as the limits allow, budgets as short as the computations",
+            calibrated=True,
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:quick")},
             planner="optimal",
         ),
     }
     perceptions: ClassVar = {"depth": Lazy("trocar.tasks.peg_transfer.perception:DepthView")}
     report = Lazy("trocar.tasks.peg_transfer.report:PegReport")
+    study = Lazy("trocar.tasks.peg_transfer.report.study:PegStudy")
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
@@ -120,7 +124,7 @@ class PegTransfer(Task):
 
     def scene(self, rng: np.random.Generator, station: Station) -> PegScene:
         """Return a board moved by millimetres with a block lying loosely on each of its left six pegs, as printed."""
-        (sd_m,) = station.difficulty["print"]
+        (sd_m,) = station.difficulty.values(PRINT)
         board, block = printed(self.nominal().board, self.nominal().block, float(sd_m), rng.spawn(1)[0])
         shift = np.append(rng.uniform(-BOARD_SHIFT_M, BOARD_SHIFT_M, 2), 0.0)
         turn = SO3.axis("z", rng.uniform(-BOARD_TURN_RAD, BOARD_TURN_RAD))

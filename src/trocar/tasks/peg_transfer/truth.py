@@ -1,4 +1,4 @@
-"""Simulator truth of a peg transfer: what lies on the table, and what the referee saw. No agent may import this."""
+"""What the referee of a peg transfer saw: simulator truth, only for the score. No agent may import this."""
 
 from __future__ import annotations
 
@@ -10,24 +10,6 @@ from numpy.typing import NDArray
 
 from trocar.geometry import SE3
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
-
-
-@dataclass(frozen=True, eq=False)
-class PegScene:
-    """A pegboard and its blocks.
-
-    Attributes:
-        T_world_board: pose of the board.
-        T_world_blocks: (k,) one pose a block.
-        board: the pegboard's shape.
-        block: the blocks' shape.
-    """
-
-    T_world_board: SE3
-    T_world_blocks: SE3
-    board: Pegboard = field(default_factory=Pegboard)
-    block: Block = field(default_factory=Block)
-
 
 ENGAGED_M = 8e-3
 """A block is on its peg while its lower face is below this height over the plate, the peg inside its hole."""

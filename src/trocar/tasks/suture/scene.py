@@ -8,10 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3, SO3
+from trocar.lab.flaws import Flaw
 from trocar.tasks.suture.needle import Needle
 
 LONGEST_CHORD_RAD = np.radians(10.0)
 """Longest chord of the polygon that approximates the wire: .03 mm off the arc at a needle radius of 8 mm."""
+NEEDLE = Flaw(
+    "needle",
+    "place of a needle that a person loads against the agreed one (1 x: SD of .3 mm on each axis, 3 deg about it)",
+    "",
+    (0.0003, 0.0524),
+    (0.0, 0.0),
+    "assumed",
+    tasks=("suture",),
+)
+"""How well a person loads the needle (entry point ``trocar.flaws``)."""
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,11 @@ from trocar.tasks.suture.planning.plan_file import PlannedSutures, load_plan
 from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.problems import plan_out_of_reach
 from trocar.tasks.suture.planning.segments import suture_segments
-from trocar.tasks.suture.scene import SutureScene
+from trocar.tasks.suture.scene import NEEDLE, SutureScene
 from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
 
@@ -74,12 +74,12 @@ class CircleSutures(Task):
     station = "suture"
     methods: ClassVar = {
         "calibrated": Method(
-            "cables compensated by a model that was fitted in this session; a camera looks at the needle", **_LOOKING
+            "cables compensated by a model that was fitted in this session; a camera looks at the needle",
+            calibrated=True,
+            **_LOOKING,
         ),
-        "blind": Method("cables compensated likewise; no looks at the needle", **_BLIND),
-        "uncalibrated": Method(
-            "encoder readings taken at face value; no looks at the needle", calibrated=False, **_BLIND
-        ),
+        "blind": Method("cables compensated likewise; no looks at the needle", calibrated=True, **_BLIND),
+        "uncalibrated": Method("encoder readings taken at face value; no looks at the needle", **_BLIND),
     }
     report = Lazy("trocar.tasks.suture.report.driven_sutures:SutureReport")
 
@@ -181,7 +181,7 @@ class CircleSutures(Task):
 
     def scene(self, rng: np.random.Generator, station: Station) -> tuple[SutureScene, str]:
         """Return the phantom where the plan expects it, how a person loads the needle, and the arm that drives."""
-        sd = np.repeat(station.difficulty["needle"], 3)
+        sd = np.repeat(station.difficulty.values(NEEDLE), 3)
         loaded = tuple(SE3.exp(sd * rng.standard_normal(6)) for _ in self.goals())
         T_world_circle, T_tip_needle = station.T_world_fixture["circle"], grasp_pose(self.setup).inverse()
         scene = SutureScene(T_world_circle, self.setup.circle.radius_m, self.setup.needle, T_tip_needle, loaded)

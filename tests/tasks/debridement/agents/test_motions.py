@@ -1,5 +1,6 @@
 """How motions of two arms are planned and run, and what becomes of refusals: a scripted planner and robot."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,15 +9,18 @@ import trio
 from trio.testing import MockClock
 
 from driven import ARM, HOME, PAPER
+from trocar.arms import fk
 from trocar.cell import MotionEnd, MotionResult
 from trocar.errors import AlreadyThere, ArmStopped, LimitExceeded, NoPlan, TooNear
 from trocar.geometry import SE3
+from trocar.lab import load_station
 from trocar.log import CellLog
 from trocar.motion import rest_to_rest
 from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import StepEnded
-from trocar.tasks.debridement.agents.motions import MotionRunner, NoMotion, TipGoal
+from trocar.tasks.debridement.agents.motions import HIGHER_M, MotionProblems, MotionRunner, NoMotion, TipGoal
 from trocar.tasks.debridement.agents.settings import best, paper
+from trocar.tasks.debridement.workspace import Workspace
 
 GOAL = TipGoal(SE3.identity(), 0.05)
 ARMS = {"left": ARM, "right": ARM}
@@ -221,3 +225,58 @@ def test_arms_that_find_no_plan_together_move_one_after_the_other_in_turn():
         assert sorted(moved) == ["left", "right"]
 
     run(paper(), script)
+
+
+STATION = load_station("raven-pair")
+PARKED = {name: arm.park_q() for name, arm in STATION.arms.items()}
+
+
+def problems(course=None):
+    """Problems of the station's arms, which rest where they are parked; or the right one is on a course."""
+    cell = SimpleNamespace(
+        arms={name: arm.model for name, arm in STATION.arms.items()},
+        T_world_base_registered={name: arm.T_world_base for name, arm in STATION.arms.items()},
+        T_world_camera_registered={"stereo": STATION.cameras["stereo"].T_world_camera},
+        T_world_fixture=STATION.T_world_fixture,
+        clock=SimpleNamespace(now_s=lambda: 10.0),
+    )
+    robot = SimpleNamespace(
+        setpoint=lambda name: SimpleNamespace(q=PARKED[name], path_s=0.5),
+        read=lambda name: SimpleNamespace(jaw_rad=0.3),
+        course=lambda name: course,
+    )
+    limits = {name: model.motion_limits for name, model in cell.arms.items()}
+    return MotionProblems(cell, robot, Workspace(), limits, 0.004)
+
+
+def tip(name, by_m=(0.0, 0.0, 0.0)):
+    arm = STATION.arms[name]
+    T_world_tip = arm.T_world_base @ fk(arm.model, PARKED[name])
+    return SE3.from_parts(T_world_tip.rotation, T_world_tip.translation_m + by_m)
+
+
+@pytest.mark.parametrize(("straight", "obstacles"), [(False, True), (True, False)])
+def test_fixtures_are_in_the_way_unless_an_arm_goes_straight_down_to_a_fragment(straight, obstacles):
+    goals = {name: TipGoal(tip(name, (0.0, 0.0, -0.01)), 0.05) for name in PARKED}
+    goals["left"] = replace(goals["left"], straight=straight)
+    both = problems().of(goals, 0.0)
+    assert bool(both.obstacles) == obstacles and not both.others and set(both.arms) == set(PARKED)
+    alone = problems().of({"right": goals["right"]}, 0.0)
+    assert "table" in alone.obstacles and set(alone.others) == {"left"}
+    assert alone.min_distance_m == 0.004 and alone.arms["right"].max_tip_m_s == 0.05
+
+
+def test_walls_are_higher_for_an_arm_that_carries_something_past_them():
+    def top_m(beside_wall):
+        walls = problems().obstacles(beside_wall)
+        return max(part.end_m[2] for name, part in walls.items() if name.startswith("receptacle"))
+
+    assert top_m(False) - top_m(True) == pytest.approx(HIGHER_M)
+
+
+def test_another_arm_is_where_it_is_commanded_now_and_goes_on_from_there():
+    motion = rest_to_rest(PARKED["right"], PARKED["right"] + [0.1, 0, 0, 0, 0, 0], PAPER)
+    other = problems((motion, 9.5)).of({"left": TipGoal(tip("left", (0, 0, -0.01)), 0.05)}, 0.2).others["right"]
+    assert other.start_s == pytest.approx(9.5 - 10.0 - 0.2)
+    np.testing.assert_allclose(other.joints(-0.2), PARKED["right"], atol=1e-12)
+    np.testing.assert_allclose(other.joints(0.1) - other.joints(-0.2), motion(0.8) - motion(0.5), atol=1e-12)

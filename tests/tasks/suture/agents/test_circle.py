@@ -8,7 +8,7 @@ import pytest
 
 from simulated import coarse, ideal_session
 from trocar.arms import limit_violations
-from trocar.errors import TrocarError
+from trocar.errors import ArmStopped, InvalidInput, OutOfReach, TrocarError
 from trocar.eval import AgentContext
 from trocar.lab import SensorFlaws, load_station
 from trocar.motion import PLANNERS
@@ -96,7 +96,7 @@ def test_each_step_of_the_primitive_is_done_once_in_order(two_sutures):
 
 def test_no_joint_is_ever_asked_out_of_its_range(two_sutures):
     lab, _ = two_sutures
-    assert limit_violations(SETUP.arm, lab.recorder.joints("asked")["psm1"][:, :6]) == []
+    assert limit_violations(SETUP.arm, lab.recorder.joints("desired")["psm1"][:, :6]) == []
 
 
 def test_every_part_is_noted_and_what_is_sent_keeps_the_limits(two_sutures):
@@ -129,8 +129,9 @@ def test_a_joint_limit_stops_it_there_and_it_says_which():
 class Refusing:
     """A robot that refuses motions which bring a joint beyond a limit, as one does that makes up for cables."""
 
-    def __init__(self, robot, joint, most_rad):
+    def __init__(self, robot, joint, most_rad, error=None):
         self._robot, self._joint, self._most_rad = robot, joint, most_rad
+        self._error = error or OutOfReach("joint would need the command 82.0 deg to make up for its cables")
 
     def __getattr__(self, name):
         return getattr(self._robot, name)
@@ -138,14 +139,14 @@ class Refusing:
     async def move(self, motions):
         for motion in motions.values():
             if motion.sample(0.01)[1][:, self._joint].max() > self._most_rad:
-                raise TrocarError("joint would need the command 82.0 deg to make up for its cables")
+                raise self._error
         return await self._robot.move(motions)
 
 
-def refused(sutures, joint, most_rad, settings=QUICK):
+def refused(sutures, joint, most_rad, settings=QUICK, error=None):
     """Return the laboratory in which these sutures were driven by a robot that refuses to go further, and scores."""
     lab = laboratory()
-    lab.cell = replace(lab.cell, robot=Refusing(lab.cell.robot, joint, most_rad))
+    lab.cell = replace(lab.cell, robot=Refusing(lab.cell.robot, joint, most_rad, error))
     agent = CircleSuturing(briefed(lab.cell, sutures, settings=settings))
     assert lab.run(lambda cell: agent.run(), TASK.budget_s)
     return lab, score_sutures(sutures, lab.truth(), lab.log.events)
@@ -155,6 +156,11 @@ def test_the_arm_comes_down_from_as_high_as_commands_allow():
     lower = suture_segments(GOALS[3])[0].q[:, 5]
     lab, (score,) = refused([GOALS[3]], 5, float(lower[0]) - math.radians(1.0), UNSEEN)
     assert outcomes(lab) == [SutureOutcome.DONE.name] and score.succeeded
+
+
+def test_an_arm_that_has_stopped_ends_the_trial_and_not_one_suture():
+    with pytest.raises(ArmStopped, match="drive is off"):
+        refused(GOALS[:2], 5, -10.0, UNSEEN, ArmStopped("psm1", "its drive is off"))
 
 
 @pytest.mark.slow
@@ -193,7 +199,7 @@ def test_jaws_that_were_given_nothing_say_so():
 
 def test_a_cell_without_an_assistant_is_refused():
     lab = laboratory()
-    with pytest.raises(TrocarError, match="nobody in this cell loads the needle"):
+    with pytest.raises(InvalidInput, match="nobody in this cell loads the needle"):
         CircleSuturing(briefed(replace(lab.cell, assistants={})))
     with pytest.raises(TrocarError, match=r"arm 'psm3' is unknown; .*choose one of psm1"):
         CircleSuturing(briefed(lab.cell, arms=("psm3",)))

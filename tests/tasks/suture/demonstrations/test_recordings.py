@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from synthetic_sutures import PLACES, SECOND_BASE, SEED, SETUP, synthetic_suture, write_synthetic
 from trocar.arms import PSM_CLASSIC, fk, manipulability
-from trocar.errors import BadFile
+from trocar.errors import BadFile, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.demonstrations import load_demonstrations, load_manifest, synthetic_demonstrations
 from trocar.tasks.suture.demonstrations.manifest import read_recording
@@ -50,7 +50,7 @@ def check(demos, expected=EXPECTED, rtol=1e-6):
 
 
 def says(folder, *words):
-    with pytest.raises(BadFile) as caught:
+    with pytest.raises(TrocarError) as caught:
         load_demonstrations(folder)
     for word in words:
         assert word in str(caught.value)
@@ -70,13 +70,12 @@ def test_joints_are_found_by_their_names_in_any_order(tmp_path, names):
     check(read(tmp_path, TWO))
 
 
-def test_columns_may_be_named_or_numbered_in_degrees_and_mm(tmp_path):
+def test_columns_may_be_named_in_the_manifest_and_hold_degrees_and_mm(tmp_path):
     shown = np.tile([180 / np.pi, 180 / np.pi, 1e3, *[180 / np.pi] * 3], 2)
     header = [f"field.position{i}" for i in range(12)]
     for file, q in zip("ab", SUTURES, strict=True):
         table(tmp_path, q.reshape(-1, 12) * shown, f"{file}.csv", header)
-    for columns in (header, list(range(12))):
-        check(read(tmp_path, f'{TWO}angles = "deg"\nlengths = "mm"\ncolumns = {columns}\n'))
+    check(read(tmp_path, f'{TWO}angles = "deg"\nlengths = "mm"\ncolumns = {header}\n'))
 
 
 def test_rows_cut_one_suture_out_of_a_long_recording_of_one_arm(tmp_path):
@@ -132,20 +131,19 @@ def test_positions_in_mm_and_another_frame_of_the_tip_are_read_as_the_manifest_s
     check(read(tmp_path, head, ("a.txt", "b.txt"), ("", with_bases())), rtol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("scale", "unit", "words"),
-    [(1e3, "m", r'slave that spread over .* m, .*lengths = "mm"'), (1.0, "mm", r'mm only.*lengths = "m"')],
-)
-def test_positions_in_another_unit_are_refused_with_the_right_one(tmp_path, scale, unit, words):
+@pytest.mark.parametrize(("scale", "unit"), [(1e3, "m"), (1.0, "mm")])
+def test_positions_in_another_unit_are_refused(tmp_path, scale, unit):
     jigsaws(tmp_path, scale=scale)
-    with pytest.raises(BadFile, match=words):
+    with pytest.raises(BadFile, match=r"spread over .* and .*; a suture takes 0.3 mm to .*check the units"):
         read(tmp_path, f'{TWO}lengths = "{unit}"\n', ("a.txt", "b.txt"))
 
 
 def test_two_arms_and_bases_that_can_reach_are_needed(tmp_path):
     row = np.zeros(76)
     row[38:50] = row[57:69] = np.hstack([[0.0, 0.0, 0.0], np.eye(3).ravel()])
-    np.savetxt(tmp_path / "a.txt", np.tile(row, (3, 1)))
+    rows = np.tile(row, (3, 1))
+    rows[1, 38] = 1e-3
+    np.savetxt(tmp_path / "a.txt", rows)
     says(manifest(tmp_path, 'arms = ["psm-classic"]\n' + entry("a.txt")), "two slaves", "name two")
     inside = "[[bases]]\nxyz_m = [0, 0, 0.0095]\n" * 2  # the jaw axis on the remote centre: no definite joints
     says(manifest(tmp_path, TWO + entry("a.txt") + inside), "a.txt", "cannot be reached", "bases")
@@ -169,9 +167,9 @@ ONE_ROW = ",".join(HEADER) + "\n"
         (TWO + 'angles = "degrees"\n' + entry(), ("'degrees'", "rad, deg")),
         (TWO + "lengths = 3\n" + entry(), ("lengths is 3", "a word")),
         (TWO + "source = 3\n" + entry(), ("source is 3",)),
-        (TWO + "columns = [0, 1]\n" + entry(), ("2 columns", "12")),
-        (TWO + 'columns = [0, "q"]\n' + entry(), ("columns is", "numbers from 0, or names")),
-        (TWO + f"columns = {[*range(11), 12]}\n" + entry(), ("no column 12",)),
+        (TWO + 'columns = ["a", "b"]\n' + entry(), ("2 columns", "12")),
+        (TWO + 'columns = [0, "q"]\n' + entry(), ("columns is", "list names")),
+        (TWO + f"columns = {[*HEADER[:11], 'q']}\n" + entry(), ("no column 'q'",)),
         (TWO + "recorded_tip_wxyz = [0, 0, 0, 0]\n" + entry(), ("recorded_tip_wxyz", "4 finite numbers")),
         (TWO + entry() + "[[bases]]\nxyz_m = [0, 0, 1]\n", ("1 bases", "2 arm(s)")),
         (TWO + entry() + "[[bases]]\nxyz_m = [0, 1]\n", ("xyz_m of a base", "3 finite numbers")),
@@ -208,13 +206,12 @@ MILLIMETRES = np.tile([1.0, 1.0, 1e3, 1.0, 1.0, 1.0], 2)
 @pytest.mark.parametrize(
     ("values", "head", "words"),
     [
-        (Q * DEGREES, "", ("a.csv", "arm 1", " rad at row", "seems to be in deg", 'angles = "deg"')),
-        (Q * MILLIMETRES, "", ("'insertion'", " m at row", "seems to be in mm", 'lengths = "mm"')),
-        (Q, 'angles = "deg"\n', ("no angle changes", "seems to be in rad", 'angles = "rad"')),
-        (Q * DEGREES, 'angles = "deg"\nlengths = "mm"\n', ("seems to be in m:", 'lengths = "m"')),
-        (changed(7, 8, 0.9), "", ("arm 2", "'insertion'", "0.9 m at row 7", "order of the columns")),
-        (changed(5, 10, np.nan), "", ("row 5", "'wrist_pitch' of arm 2", "NaN")),
-        (changed(5, 10, np.inf), "", ("row 5", "infinity")),
+        (Q * DEGREES, "", ("a.csv", "arm 1", " deg in row", "units (angles")),
+        (Q * MILLIMETRES, "", ("'insertion'", " mm in row 0", "outside [0.0 mm, 240.0 mm]", "lengths in its manifest")),
+        (Q, 'angles = "deg"\n', ("no angle that changes", "too little for a suture", "units")),
+        (Q * DEGREES, 'angles = "deg"\nlengths = "mm"\n', ("no insertion that exceeds", "units")),
+        (changed(7, 8, 0.9), "", ("arm 2", "'insertion'", "900.0 mm in row 7", "order of the columns")),
+        (changed(5, 10, np.nan), "", ("row 5", "'wrist_pitch' of psm-classic, arm 2", "nan deg")),
     ],
 )
 def test_numbers_that_cannot_be_joints(tmp_path, values, head, words):
@@ -232,13 +229,10 @@ def test_a_joint_a_little_beyond_its_limit_is_kept(tmp_path):
     ("name", "content", "words"),
     [
         ("a.csv", "", ("a.csv", "is empty")),
-        ("a.csv", "\n", ("has no header",)),
-        ("a.csv", "\xff", ("not a readable CSV",)),
-        ("a.csv", "0.1,0.2\n0.1,0.2\n", ("no header",)),
+        ("a.csv", "\n", ("is empty", "psm1_yaw")),
+        ("a.csv", "0.1,0.2\n0.1,0.2\n", ("does not name its columns", "psm1_yaw")),
         ("a.csv", "time,q1,q2\n0,1,2\n", ("time, q1, q2", "psm1_yaw")),
-        ("a.csv", "q1,q1\n0,1\n", ("more than one column 'q1'",)),
-        ("a.csv", f"{ONE_ROW}{'0,' * 11}x\n", ("row 0", "lacks a number")),
-        ("a.csv", f"{ONE_ROW}0,1\n", ("row 0", "lacks a number")),
+        ("a.csv", f"{ONE_ROW}{'0,' * 11}x\n", ("row 2", "'x'")),
         ("a.csv", ONE_ROW, ("0 row(s)",)),
         ("a.txt", "1 2 3\n4 5 6\n", ("3 columns", "76")),
         ("a.txt", "1 2\n4 5 6\n", ("not a text of 76",)),

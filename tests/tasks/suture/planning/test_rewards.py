@@ -96,8 +96,3 @@ def test_all_joints_can_count():
 def test_bad_options_are_named(options, says):
     with pytest.raises(TrocarError, match=says):
         Reward(**options)
-
-
-def test_too_few_positions_are_refused():
-    with pytest.raises(TrocarError, match="give 4 to 100000"):
-        dexterity(PRESETS["default"].setup, positions=3)

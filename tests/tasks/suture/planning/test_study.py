@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
-from trocar.tasks.suture.planning import PRESETS, Reward, SutureSetup, dexterity, plan_even
+from trocar.tasks.suture.planning import PRESETS, Reward, SutureSetup, dexterity
 from trocar.tasks.suture.planning.study import (
-    PAPER_TABLE_1,
     LambdaSweep,
-    Table1,
     lambda_sweep,
     mirrored,
     plan_values,
@@ -46,12 +44,6 @@ def test_table_1_is_the_mean_and_the_maximum_over_every_plan_one_by_one():
     np.testing.assert_allclose(table_1(found).points, expected, rtol=1e-12)
 
 
-def test_the_papers_gains_are_differences_of_11_to_57_points_and_ratios_of_13_to_134_percent():
-    gains = list(Table1(PAPER_TABLE_1).gains().values())
-    np.testing.assert_allclose([gain["points"] for gain in gains], [11.4, 34.4, 57.2], atol=1e-9)
-    np.testing.assert_allclose([gain["ratio_percent"] for gain in gains], [12.9, 52.4, 133.6], atol=0.05)
-
-
 def test_the_sweep_scales_each_function_to_ten_and_agrees_with_plans_made_one_by_one(demo):
     sweep = demo.sweep
     assert sweep.rewards.shape == (11, 90)
@@ -82,12 +74,6 @@ def test_a_sweep_like_the_papers_is_told_as_reproduced():
     assert np.degrees(sweep.travel_rad) == pytest.approx(-19)
     assert sweep.off_paper_deg == pytest.approx((1, 1, 2))
     assert sweep.summary()["reproduces_paper"]
-
-
-def test_the_best_start_is_that_of_the_planner_at_the_papers_lambda(demo):
-    plan = plan_even(demo.map)
-    assert demo.summary()["weight"] == 0.75
-    assert demo.summary()["best_theta_deg"] == pytest.approx(np.degrees(plan.positions_rad[0]), abs=1e-6)
 
 
 def test_the_second_arm_sees_the_circle_in_a_mirror(demo):

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 
 from trocar.geometry import SE3
 from trocar.report import style
@@ -13,8 +12,8 @@ from trocar.tasks.suture.planning import PRESETS, Circle, dexterity
 from trocar.tasks.suture.planning.grid import plan_even
 from trocar.tasks.suture.planning.study import study
 from trocar.tasks.suture.report.circle import apart, draw_plan
-from trocar.tasks.suture.report.panels import draw_reasons, draw_study, manipulability
-from trocar.tasks.suture.report.plan_summary import finite, plan_summary, plan_table
+from trocar.tasks.suture.report.panels import draw_reasons, draw_study
+from trocar.tasks.suture.report.plan_summary import plan_summary, plan_table
 
 DEFAULT = PRESETS["default"]
 
@@ -78,13 +77,6 @@ def test_reasons_and_the_papers_figures_are_written_with_both_directions(tmp_pat
     assert share(bars, style.BLUE) / share(bars, style.ORANGE) == pytest.approx(159 / 201, rel=0.1), "67 to 228 deg"
 
 
-def test_manipulability_is_in_metres_to_the_fourth(tmp_path):
-    found = dexterity(DEFAULT.setup)
-    axes = Figure().add_subplot()
-    manipulability(axes, found, found.manipulability[None], "M")
-    assert axes.get_ylabel().endswith(" m⁴"), "the determinant has three rows in m/s and one column per m/s"
-
-
 def test_the_room_of_the_joints_is_that_of_the_chosen_direction():
     found = dexterity(DEFAULT.setup)
     summary = plan_summary(found, plan_even(found))
@@ -100,7 +92,3 @@ def test_the_room_of_the_joints_is_that_of_the_chosen_direction():
         assert left["wrist_pitch_deg"] == pytest.approx(np.degrees(room[4]))
         assert left["insertion_mm"] == pytest.approx(1e3 * room[2])
     assert plan_table(summary).row_count == 4
-
-
-def test_numbers_that_json_does_not_know_become_none():
-    assert finite({"a": [1.0, float("nan")], "b": (float("inf"), "x", 2)}) == {"a": [1.0, None], "b": [None, "x", 2]}

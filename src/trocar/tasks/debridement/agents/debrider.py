@@ -13,7 +13,7 @@ from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.observer import CameraFrozen
 from trocar.tasks.debridement.agents.places import Grasp
 from trocar.tasks.debridement.agents.raven_arm import WAYS, RavenArm
-from trocar.tasks.debridement.outcomes import FragmentOutcome
+from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.perception.seen import SeenFragment
 
 TOO_MANY = 8
@@ -82,9 +82,9 @@ class Debrider:
 
     async def _one_more(self) -> bool:
         """Clear one fragment, or wait for one; return whether there may be more."""
-        if self._in_a_row >= TOO_MANY or (
-            self.allocation.cleared >= self.allocation.goals and await self._all_cleared()
-        ):
+        if self._in_a_row >= TOO_MANY:
+            return False
+        if self.allocation.cleared >= self.allocation.goals and await self._all_cleared():
             return False
         self._began_s = self.cell.clock.now_s()
         found = await self._allocated()
@@ -122,16 +122,11 @@ class Debrider:
             with self.cell.log.span(self.name, "perception"):
                 await self.cell.clock.sleep(self.s.vision_lag_s)
         observed = await self.arm.observer.observe(self.name)
-        if self.allocation.full(
-            observed.fragments, [self.arm.robot.T_world_tip(n).translation_m for n in self.cell.arms]
-        ):
+        tips = [self.arm.robot.T_world_tip(name).translation_m for name in self.cell.arms]
+        if self.allocation.full(observed.fragments, tips):
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
-        seen, hidden, now_s = (
-            self.allocation.loose(observed.fragments),
-            self.allocation.loose(observed.hidden),
-            self.cell.clock.now_s(),
-        )
-        loose = [*seen, *hidden]
+        seen, hidden = self.allocation.loose(observed.fragments), self.allocation.loose(observed.hidden)
+        loose, now_s = [*seen, *hidden], self.cell.clock.now_s()
         choices = [self.allocation.choices(self.name, part, self.s.apart_m, now_s) for part in (seen, hidden)]
         for fragment in [*choices[0], *choices[1]]:
             others = [f for f in loose if f is not fragment]

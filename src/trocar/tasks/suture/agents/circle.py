@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
-from trocar.errors import InvalidInput, TrocarError
+from trocar.errors import InvalidInput, MotionRefused
 from trocar.eval import AgentContext
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker
@@ -243,7 +243,7 @@ class CircleSuturing:
                 if stretch.aim is Aim.TIP:
                     await self.hand.go(run_up(path, stretch.segment.length_m))
                 await self.hand.go(start)
-            except TrocarError:  # a joint's range ends there; following the path will report it
+            except MotionRefused:  # a joint's range ends there; following the path will report it
                 return
             tracker.adjusted()
 
@@ -308,7 +308,7 @@ class CircleSuturing:
                 await self.hand.move(along(np.concatenate([self.hand.q[None], q[1:]]), seconds))
             if self.tracker:
                 self.tracker.moved(segment.length_m)
-        except TrocarError as error:
+        except MotionRefused as error:
             return f"suture {number + 1}, {segment.name}: {error}; stopped before it"
         return reason
 

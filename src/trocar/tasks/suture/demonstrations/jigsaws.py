@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trocar.arms import fk, ik_unbounded
 from trocar.errors import BadFile
 from trocar.geometry import SE3, SO3, shown
-from trocar.tasks.suture.demonstrations.recordings import INSERTION, LENGTHS, Convention
+from trocar.tasks.suture.demonstrations.recordings import INSERTION, LENGTHS, UNITS, Convention
 
 COLUMNS = 76
 SLAVES = (38, 57)
@@ -66,23 +66,13 @@ def read_jigsaws(path: Path, convention: Convention) -> SE3:
 
 
 def _check_spread(places_m: NDArray[np.float64], convention: Convention, path: Path) -> None:
-    """Raise if positions (n, 2, 3) of the tips exceed an arm's reach, or spread so little that mm must be m."""
+    """Raise BadFile if positions (n, 2, 3) of the tips spread farther than an arm reaches, or hardly at all."""
     spread_m = np.linalg.norm(np.ptp(places_m, axis=0), axis=-1)
     reach_m = 2 * np.array([arm.upper[INSERTION] + arm.tip_length_m for arm in convention.arms])
-    far = int(np.argmax(spread_m - reach_m))
-    if spread_m[far] > reach_m[far]:
-        unit = 'set lengths = "mm" in its manifest' if convention.lengths == "m" else "correct them"
+    if (spread_m > reach_m).any() or spread_m.max() < MIN_SPREAD_M:
+        found = f"has poses whose positions spread over {' and '.join(shown(each, 'm', '.3g') for each in spread_m)}"
         raise BadFile(
-            path,
-            f"has poses of the {('left', 'right')[far]} slave that spread over {spread_m[far]:.3g} m, more than the "
-            f"{reach_m[far]:.2g} m that {convention.arms[far].name} reaches",
-            unit,
-        )
-    if convention.lengths == "mm" and spread_m.max() < MIN_SPREAD_M:
-        raise BadFile(
-            path,
-            f"has poses that spread over {shown(spread_m.max(), 'm', '.2g')} only, too little for a suture",
-            'they seem to be in m; set lengths = "m" in its manifest',
+            path, f"{found}; a suture takes {shown(MIN_SPREAD_M, 'm')} to {shown(reach_m.min(), 'm')}", f"check {UNITS}"
         )
 
 

@@ -6,7 +6,7 @@
     arms = ["psm-classic", "psm-classic"]                    # the recorded arms, in the order of the columns
     angles = "deg"                                           # or "rad", the default
     lengths = "mm"                                           # or "m", the default
-    columns = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12]        # optional: the joints' columns, by number or name
+    columns = ["j1", "j2", "j3", "j4", "j5", "j6", ...]      # optional: the joints' columns, six per arm
 
     [[sutures]]
     file = "place_0_first.csv"
@@ -34,11 +34,11 @@ from trocar.errors import BadFile, InvalidInput, InvalidValue
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.demonstrations.demonstrations import Demonstrations, demonstrations_from_joints
 from trocar.tasks.suture.demonstrations.jigsaws import joints_from_poses, read_jigsaws
-from trocar.tasks.suture.demonstrations.recordings import TABLE, Convention, read_table
+from trocar.tasks.suture.demonstrations.recordings import Convention, read_table
 
 NAME = "demonstrations.toml"
 KIND = "manifest of demonstrations"
-JIGSAWS = ".txt"
+TABLE, JIGSAWS = ".csv", ".txt"
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,8 @@ def _manifest(content: dict[str, Any], folder: Path) -> Manifest:
     for key, word in words.items():
         if not isinstance(word, str):
             raise InvalidValue(key, repr(word), "give a word")
-    kinds = {type(column) for column in columns} if isinstance(columns, list) else set()
-    if columns is not None and kinds not in ({int}, {str}):
-        raise InvalidValue("columns", repr(columns), "list numbers from 0, or names, six per arm")
+    if columns is not None and not (isinstance(columns, list) and all(isinstance(name, str) for name in columns)):
+        raise InvalidValue("columns", repr(columns), "list names, six per arm")
     sutures = _tables(content.get("sutures", []), "sutures")
     if not sutures:
         raise InvalidInput("it", "lists no sutures", "add [[sutures]] with file and theta_deg for each recording")

@@ -239,25 +239,22 @@ class Suture:
     @property
     def ends_m(self) -> NDArray[np.float64]:
         """Return entry and exit (2, 2) in the plane of the circle, or where the tip stops if it never comes out."""
-        setup = self.setup
-        last_rad = setup.exit_turn_rad if setup.comes_out else setup.insertion.turn_rad
-        return self._seen_from_above_m(setup.along_surface_m(last_rad))
+        return self._seen_from_above_m(self._last_turn_rad)
 
     @property
     def path_ends_m(self) -> NDArray[np.float64]:
         """Return entry and farthest point (2, 2) of the tip's path in the tissue, seen from above."""
-        setup = self.setup
-        last_rad = setup.exit_turn_rad if setup.comes_out else setup.insertion.turn_rad
-        beneath_centre_rad = setup.insertion.entry_angle_rad + math.pi / 2
-        return self._seen_from_above_m(setup.along_surface_m(min(last_rad, beneath_centre_rad)))
+        beneath_centre_rad = self.setup.insertion.entry_angle_rad + math.pi / 2
+        return self._seen_from_above_m(min(self._last_turn_rad, beneath_centre_rad))
 
-    def _seen_from_above_m(self, length_m: float) -> NDArray[np.float64]:
-        """Return the entry, and the point (2, 2) at this distance from it in the suture's direction."""
-        out = np.array([math.cos(self.theta_rad), math.sin(self.theta_rad)])
-        heading = -self.direction * np.array([-out[1], out[0]])
-        back_m = self.setup.bite_m / 2 if self.setup.insertion.theta_is == "middle" else 0.0
-        entry = self.setup.circle.radius_m * out - back_m * heading
-        return np.stack([entry, entry + length_m * heading])
+    @property
+    def _last_turn_rad(self) -> float:
+        return self.setup.exit_turn_rad if self.setup.comes_out else self.setup.insertion.turn_rad
+
+    def _seen_from_above_m(self, turn_rad: float) -> NDArray[np.float64]:
+        """Return the entry, and the needle's tip (2, 2) after this rotation."""
+        tip = self.needle_tip_m(np.array([self.setup.insertion.straight_m]), np.array([turn_rad]))[0]
+        return np.stack([self.entry_m, tip])[:, :2]
 
 
 def sutures_at(setup: SutureSetup, positions_rad: ArrayLike, directions: ArrayLike) -> tuple[Suture, ...]:

@@ -190,12 +190,8 @@ class SutureSetup:
     @property
     def bite_m(self) -> float:
         """Return the distance along the surface from entry to exit; NaN if the tip never comes out."""
-        return self.along_surface_m(self.exit_turn_rad)
-
-    def along_surface_m(self, turn_rad: float) -> float:
-        """Return how far the tip is from its entry, along the surface, after the straight path and this rotation."""
         down = self.insertion.entry_angle_rad
-        arc_m = self.needle.radius_m * (math.sin(turn_rad - down) + math.sin(down))
+        arc_m = self.needle.radius_m * (math.sin(self.exit_turn_rad - down) + math.sin(down))
         return self.insertion.straight_m * math.cos(down) + arc_m
 
 
