@@ -18,7 +18,7 @@ from waypoints import FOUR
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = ("first_trial.py", "move_an_arm.py", "plan_sutures.py")
-PLUGINS = ("own_agent.py", "own_cable_model.py", "own_perception.py", "own_planner.py", "own_task.py")
+PLUGINS = ("own_agent.py", "own_cable_model.py", "own_perception.py", "own_planner.py", "own_task.py", "three_dots.py")
 QUICK = ("--calibration", "joints")
 SHORT = ("--transfers", "1", "--flawless-camera", *QUICK)
 
@@ -101,6 +101,19 @@ def own_task(tmp_path_factory):
     (words,) = commands_of("own_task.py")
     assert {"--trials", "--seed"} <= set(words)
     return folder / "out" / "own-task", trocar([*words, *QUICK], folder, "from trocar.cli import main; main()")
+
+
+def test_three_dots_are_a_task_in_few_lines_of_code_and_two_trials(tmp_path):
+    lines = (EXAMPLES / "three_dots.py").read_text().splitlines()
+    assert len([line for line in lines if line.strip()]) <= 70
+    (words,) = commands_of("three_dots.py")
+    trocar([*words, "--out", str(tmp_path / "dots")], tmp_path)
+    summary = summary_of(tmp_path / "dots")
+    assert (summary["attempted"], summary["trials"]) == (6, 2)
+    assert summary["succeeded"] == 6, "in this session the cables happen to err little"
+    trial, _ = load_trials(tmp_path / "dots")
+    ends = [score["end_s"] for score in trial[0].scores]
+    assert ends == sorted(ends) and ends[0] > 0.0
 
 
 def test_an_own_task_is_short():
