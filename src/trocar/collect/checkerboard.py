@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3
 from trocar.lab import CheckerboardRegistration, SensorFlaws, Station
 from trocar.perception.checkerboard import Checkerboard
@@ -146,9 +146,10 @@ def checkerboard_of(station: Station) -> CheckerboardRegistration:
         TrocarError: it is registered in another way.
     """
     if not isinstance(station.registration, CheckerboardRegistration):
-        raise TrocarError(
-            f'station {station.name!r} is registered by points; give its [registration] kind = "checkerboard", or '
-            "choose raven-pair"
+        raise InvalidInput(
+            f"station {station.name!r}",
+            "is registered by points",
+            'give its [registration] kind = "checkerboard", or choose raven-pair',
         )
     return station.registration
 
@@ -161,7 +162,7 @@ def stereo_camera(station: Station) -> str:
     """
     found = [name for name, camera in station.cameras.items() if isinstance(camera.model, StereoRig)]
     if not found:
-        raise TrocarError(f"station {station.name!r} has no stereo pair, which a checkerboard needs; add one")
+        raise InvalidInput(f"station {station.name!r}", "has no stereo pair, which a checkerboard needs", "add one")
     return found[0]
 
 
@@ -212,9 +213,10 @@ def register_cell(
         T_base_board = arm.T_world_base.inverse() @ how.T_world_board  # as the bracket was made to hold it
         view = look(arm.T_world_base @ T_base_board @ SE3.exp(sd * brackets.standard_normal(6)))
         if view is None:
-            raise TrocarError(
-                f"camera {camera!r} does not see the whole board on the bracket of arm {name!r}; move 'board' in "
-                f"[registration] of station {station.name!r}"
+            raise InvalidInput(
+                f"camera {camera!r}",
+                f"does not see the whole board on the bracket of arm {name!r}",
+                f"move 'board' in [registration] of station {station.name!r}",
             )
         views[name], poses[name] = view, board_pose(how.board, calibration.rig, view.left_px, view.right_px)
         T_camera_base[name] = poses[name].T_left_board @ T_base_board.inverse()

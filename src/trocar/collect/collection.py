@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trocar.calibration.excitation import SAMPLES, MotionBox
 from trocar.calibration.recording import Recording
 from trocar.collect.motion import CABLES_M, MARGIN_PX, View, bounds_px, commands_in_view, depth_camera
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, InvalidInput
 from trocar.files.archive import Archive, read_archive
 from trocar.geometry import SE3
 from trocar.lab import SensorFlaws
@@ -70,7 +70,7 @@ class Collection:
             flaws: of the camera, in place of the station's.
         """
         if rows < MIN_ROWS:
-            raise TrocarError(f"a collection of {rows} rows is too small to fit on; give {MIN_ROWS} or more")
+            raise InvalidInput("a collection", f"of {rows} rows is too small to fit on", f"give {MIN_ROWS} or more")
         station = session.station
         self._session, self.arm, self.fixture, self._flaws = session, arm, fixture, flaws
         self.model = station.arm(arm).model
@@ -169,11 +169,10 @@ class Collection:
         archive = read_archive(path, FORMAT, VERSION)
         centers = archive.arrays.get("p_camera_m", nothing)
         if archive.header.get("collection") != self.digest:
-            raise TrocarError(f"{str(path)!r} is of another collection; move it away, or choose another folder")
+            raise BadFile(path, "is of another collection", "move it away, or choose another folder")
         if centers.shape[1:] != nothing.shape[1:] or len(centers) > len(self.q_cmd):
-            raise TrocarError(
-                f"{str(path)!r} is damaged: its centres have shape {centers.shape}; move it away, or choose another "
-                "folder"
+            raise BadFile(
+                path, f"is damaged: its centres have shape {centers.shape}", "move it away, or choose another folder"
             )
         return np.asarray(centers, dtype=np.float64)
 

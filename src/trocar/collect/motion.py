@@ -10,7 +10,7 @@ from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from trocar.arms import ArmModel
 from trocar.calibration.excitation import SAMPLES, MotionBox, random_smooth_path, slack_taken_up, wide_path
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError
 from trocar.geometry import SE3
 from trocar.lab import Station
 from trocar.perception.depth import project
@@ -109,8 +109,8 @@ def depth_camera(station: Station) -> str:
     """
     found = [name for name, camera in station.cameras.items() if isinstance(camera.model, Intrinsics)]
     if not found:
-        raise TrocarError(
-            f"station {station.name!r} has no camera that sees depth, which spheres need; add one of kind 'rgbd'"
+        raise InvalidInput(
+            f"station {station.name!r}", "has no camera that sees depth, which spheres need", "add one of kind 'rgbd'"
         )
     return found[0]
 

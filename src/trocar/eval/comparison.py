@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.eval.statistics import session_posterior
 
 EXACT_UP_TO = 1 << 14
@@ -60,7 +60,7 @@ def session_estimate(values: Mapping[int, Sequence[float]]) -> Estimate:
     """
     means = np.array([np.mean(of_session) for of_session in values.values() if len(of_session)])
     if not len(means):
-        raise TrocarError("there is no session to average over; run some trials")
+        raise InvalidInput("there", "is no session to average over", "run some trials")
     return Estimate(float(means.mean()), *_student(means))
 
 
