@@ -9,15 +9,12 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits
 from trocar.calibration import command_path
-from trocar.calibration.command_path import command_paths
-from trocar.calibration.command_request import CommandRequest
-from trocar.calibration.compensation import Compensator
+from trocar.calibration.command_path import CommandRequest, command_paths
+from trocar.calibration.compensation import Compensator, HysteresisState
 from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
-from trocar.calibration.hysteresis import HysteresisState
+from trocar.calibration.limited_paths import QuadraticSpline
 from trocar.calibration.models import MODELS
-from trocar.calibration.plant import PLANTS
-from trocar.calibration.play import play_operator
-from trocar.calibration.quadratic import QuadraticSpline
+from trocar.calibration.plant import PLANTS, play_operator
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 from trocar.motion import limit_use, plan_through, rest_to_rest

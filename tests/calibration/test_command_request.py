@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from trocar.arms import MOTION_LIMITS
-from trocar.calibration.command_request import CommandRequest
+from trocar.calibration.command_path import CommandRequest
 from trocar.errors import TrocarError
 
 PAPER = MOTION_LIMITS["paper"]

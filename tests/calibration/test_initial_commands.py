@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose
 
 from plant_models import TRAINING, plant_model
 from trocar.arms import MOTION_LIMITS, MotionLimits
-from trocar.calibration import initial_commands
-from trocar.calibration.command_request import CommandRequest
-from trocar.calibration.hysteresis import HysteresisState
-from trocar.calibration.initial_commands import knots_of, sketched
+from trocar.calibration import command_fit
+from trocar.calibration.command_fit import knots_of, sketched
+from trocar.calibration.command_path import CommandRequest
+from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.models import OffsetModel, RidgeModel
 from trocar.calibration.plant import PSM1_GREY
 from trocar.motion import rest_to_rest

@@ -8,8 +8,15 @@ from numpy.testing import assert_allclose
 
 from trocar.calibration.fleet import load_prior
 from trocar.calibration.fleet.loops import LoopShape
-from trocar.calibration.plant import PLANTS, PSM1_GREY, PSM1_GREY_SESSIONS, CablePlant, fit_plant, play_slacks
-from trocar.calibration.play import play_operator
+from trocar.calibration.plant import (
+    PLANTS,
+    PSM1_GREY,
+    PSM1_GREY_SESSIONS,
+    CablePlant,
+    fit_plant,
+    play_operator,
+    play_slacks,
+)
 from trocar.calibration.recording import Recording, load_recording
 from trocar.errors import TrocarError
 

@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from trocar.calibration import study
-from trocar.calibration.recording import load_recording
-from trocar.calibration.recording_table import COMMANDED, MEASURED
+from trocar.calibration.recording import COMMANDED, MEASURED, load_recording
 from trocar.errors import TrocarError
 
 N = 40

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from trocar.calibration.hysteresis import HysteresisState
+from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.limited_paths import LimitedPaths
 from trocar.calibration.models.play import PlayModel, PlayResponse
 from trocar.calibration.plant import WRIST

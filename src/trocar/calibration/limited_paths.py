@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from trocar.arms import MotionLimits
-from trocar.calibration.quadratic import QuadraticSpline
+from trocar.calibration.limited_paths import QuadraticSpline
 
 Array = NDArray[np.float64]
 

@@ -45,7 +45,7 @@ def fit(
     """Fit a cable model to a recording; with a prior, a minute of it is enough."""
     from trocar.calibration.fleet import fit_from_prior, load_prior  # SciPy only when needed
     from trocar.calibration.models import MODELS, save_model
-    from trocar.calibration.models.model_file import FORMAT
+    from trocar.calibration.models.files import FORMAT
     from trocar.calibration.recording import load_recording, require_motion
 
     del plugin  # loaded when it was parsed
@@ -98,9 +98,9 @@ def evaluate(
     Its memory runs over all rows, whatever K is.
     """
     from trocar.calibration.evaluation import evaluate as score
+    from trocar.calibration.fitting import refit_ends, refit_offset
     from trocar.calibration.models import load_model
     from trocar.calibration.recording import load_recording
-    from trocar.calibration.session import refit_ends, refit_offset
 
     del plugin  # loaded when it was parsed
     if plot is not None:

@@ -19,7 +19,7 @@ from trocar.errors import TrocarError
 from trocar.files.output import require_picture
 
 if TYPE_CHECKING:
-    from trocar.calibration.fleet.curve import Curve
+    from trocar.calibration.evaluation import Curve
 
 PriorName = Annotated[
     str | None,
@@ -65,9 +65,9 @@ def curve(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Print how well a play model predicts a recording, by how many of its rows it was fitted on."""
+    from trocar.calibration.evaluation import curve as found_curve
+    from trocar.calibration.evaluation import draw_curve
     from trocar.calibration.fleet import load_prior
-    from trocar.calibration.fleet.curve import curve as found_curve
-    from trocar.calibration.fleet.curve import draw_curve
     from trocar.calibration.recording import load_recording
 
     if plot is not None:

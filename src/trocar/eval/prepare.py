@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from trocar.calibration.excitation import SAMPLES, WIDE_ROWS
+from trocar.calibration.fitting import refit_offset
 from trocar.calibration.fleet import FleetPrior, expected, fit_from_prior, load_prior
 from trocar.calibration.models import MODELS, CableModel, load_model, save_model
 from trocar.calibration.recording import Recording
-from trocar.calibration.session import refit_offset
 from trocar.collect.collection import Collection, Listener
 from trocar.eval.config import CALIBRATION, IMAGES, NO_PRIOR, REFIT, REMOUNT, SESSION, RunConfig, fingerprint
 from trocar.eval.trial import session_folder

@@ -3,9 +3,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fleets import SHAPE
-from trocar.calibration.fleet import loop_fit
-from trocar.calibration.fleet.loop_fit import fit_loops
-from trocar.calibration.models.drift import DRIFT_RATIOS, DRIFT_ROWS
+from trocar.calibration.fleet import loops
+from trocar.calibration.fleet.loops import fit_loops
+from trocar.calibration.models.play_map import DRIFT_RATIOS, DRIFT_ROWS
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording
 from walks import walk

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trocar.calibration.models import MODELS, load_model, save_model
-from trocar.calibration.models.model_file import FORMAT, VERSION
+from trocar.calibration.models.files import FORMAT, VERSION
 from trocar.errors import TrocarError
 from trocar.files.archive import Archive, read_archive
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.fleet.loop_fit import LoopFit
-from trocar.calibration.fleet.loops import FEATURES, MULTIPLES
+from trocar.calibration.fleet.loops import FEATURES, MULTIPLES, LoopFit
 from trocar.calibration.models.base import shaped
 from trocar.calibration.plant import WRIST
 from trocar.errors import TrocarError

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from trocar.calibration.models.base import Arrays, shaped
-from trocar.calibration.models.drift import DriftWhitener, drift_ratio
+from trocar.calibration.models.play_map import DriftWhitener, drift_ratio
 from trocar.errors import TrocarError
 
 BLOCKS = 5

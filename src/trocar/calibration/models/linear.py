@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
-from trocar.calibration.models.window import PRIOR_COMMANDS, advance, resting_window, windows
+from trocar.calibration.models.linear import PRIOR_COMMANDS, advance, resting_window, windows
 from trocar.calibration.recording import Recording
 
 PENALTY = 1.0
