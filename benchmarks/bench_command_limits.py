@@ -38,7 +38,7 @@ from trocar.tasks.peg_transfer.places import Place, choose_place, held_block
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.tasks.suture.agents.circle import JOINED, TRAVELS, along
 from trocar.tasks.suture.agents.circle import Settings as SutureSettings
-from trocar.tasks.suture.planning.drive import drive
+from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.task import CircleSutures
 from trocar.trajectory import Trajectory
 
@@ -183,7 +183,7 @@ def sutures():
     home = q = SUTURE_STATION.arm("psm1").park_q()
     motions = _wake(home)
     for suture in SUTURE_TASK.goals():
-        for segment in drive(suture):
+        for segment in suture_segments(suture):
             if len(segment.q) < 2:
                 continue
             if np.abs(segment.q[0] - q).max() > JOINED:

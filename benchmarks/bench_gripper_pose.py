@@ -166,6 +166,8 @@ def main():
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     pairs = read_pairs(args.pairs)
+    if pairs.note:
+        print(pairs.note)
     errors = errors_by_name(pairs)
     variances, axes = np.linalg.eigh(detection_noise(pairs))
     result = dict(

@@ -23,9 +23,8 @@ from trocar.lab.flaws import LEVELS, Difficulty
 from trocar.lab.session import draw_session
 from trocar.perception.instrument import sight
 from trocar.robots.observations import Look, joints_seen, put_together
-from trocar.sim.camera import RayCamera
-from trocar.sim.fiducial_cell import EmptyTable
-from trocar.sim.mjcf import CellModel
+from trocar.sim.calibration_cells import EmptyTable
+from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
 
@@ -57,7 +56,7 @@ def looks_of(number: int, count: int, level: str, shape_m: float) -> tuple[np.nd
     session = draw_session(station, rng)
     camera = session.station.cameras[CAMERA]
     true, known = misshapen(session.models[ARM], shape_m, number), station.arm(ARM).model
-    world = World(CellModel({ARM: true}, {ARM: session.T_world_base[ARM]}, EmptyTable()))
+    world = World({ARM: true}, {ARM: session.T_world_base[ARM]}, EmptyTable())
     light = Light(gain=camera.gain)
     eye = RayCamera(world.model, camera.model, session.T_world_camera[CAMERA], camera.lamp_m, camera.flaws, light)
     T_base_camera = session.T_world_base_registered[ARM].inverse() @ session.T_world_camera_registered[CAMERA]

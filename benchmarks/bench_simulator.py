@@ -24,10 +24,9 @@ import cv2
 from trocar.cell import Cell
 from trocar.eval.config import RunConfig
 from trocar.eval.run import prepare, run_trial
-from trocar.robots import Calibrated, Guarded
-from trocar.sim.camera import RayCamera
-from trocar.sim.contacts import ContactMonitor
-from trocar.sim.recorder import Recorder
+from trocar.robots import Compensated, Guarded
+from trocar.sim.ray_camera import RayCamera
+from trocar.sim.recorder import ContactMonitor, Recorder
 from trocar.sim.robot import SimRobot
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.task import PegTransfer
@@ -44,7 +43,7 @@ WATCHED: tuple[tuple[type, str, str], ...] = (
     (ContactMonitor, "observe", "collisions"),
     (Recorder, "observe", "recorder"),
     (RayCamera, "render", "rendering, sensor's flaws included"),
-    (Calibrated, "_found", "compensation"),
+    (Compensated, "_found", "compensation"),
 )
 
 

@@ -23,7 +23,7 @@ from trocar.eval.config import RunConfig
 from trocar.eval.run import prepare, run_trial
 from trocar.report.summary import summarise
 from trocar.report.tables import figure
-from trocar.tasks.suture.report import SutureReport
+from trocar.tasks.suture.report.driven_sutures import SutureReport
 from trocar.tasks.suture.task import DIRECTIONS_BY_NAME, CircleSutures
 
 HEAD = (

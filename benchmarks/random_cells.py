@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws, load_station
 from trocar.perception.image import Intrinsics
-from trocar.sim.camera import RayCamera
-from trocar.sim.mjcf import CellModel, build_mjcf
+from trocar.sim.ray_camera import RayCamera
+from trocar.sim.world import World
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene
@@ -35,7 +35,7 @@ def random_scene(rng: np.random.Generator, blocks: int = 6) -> tuple[PegScene, N
 
 def world_of(scene: PegScene) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return model and state of a scene without arms, as it lies before physics moves it."""
-    model = mujoco.MjModel.from_xml_string(build_mjcf(CellModel({}, {}, PegWorld(scene))))
+    model = World({}, {}, PegWorld(scene)).model
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return model, data

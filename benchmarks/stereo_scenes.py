@@ -17,9 +17,9 @@ from trocar.lab import load_station
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.sim.appearance import Appearance
-from trocar.sim.camera import RayCamera
-from trocar.sim.laboratory import EYE_GAINS, REST_S
-from trocar.sim.mjcf import CellModel
+from trocar.sim.cameras import STEREO_GAINS
+from trocar.sim.laboratory import REST_S
+from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
 from trocar.tasks.debridement.scene import GAP_M, lay_out
@@ -78,12 +78,12 @@ def scenes(count: int, seed: int, backdrop: str = "plain", arms: bool = True) ->
             scene = lay_out(fixtures["table"], fixtures["receptacle"], Workspace(), rng, backdrop)
             bases = {name: arm.T_world_base for name, arm in STATION.arms.items()}
             task = Awake(scene)
-            world = World(CellModel(STATION.models, bases, task))
+            world = World(STATION.models, bases, task)
             for name, arm in STATION.arms.items():
                 set_arm(world, name, arm.park_q(), arm.park_jaw_rad)
             task.start(world)
             world.settle(REST_S)
-            eyes = eyes_of(world)
+            eyes = stereo_cameras(world)
             reach = [fragment.reach_m for fragment in scene.fragments]
         else:
             lay_anew(world, reach, rng)
@@ -93,7 +93,7 @@ def scenes(count: int, seed: int, backdrop: str = "plain", arms: bool = True) ->
         yield show(world, eyes, rng)
 
 
-def eyes_of(world: World, rig: StereoRig = RIG) -> tuple[RayCamera, RayCamera]:
+def stereo_cameras(world: World, rig: StereoRig = RIG) -> tuple[RayCamera, RayCamera]:
     """Return both eyes over a world, as the simulated laboratory has them."""
     T, lamp = CAMERA.T_world_camera, np.array(CAMERA.lamp_m)
     light, finish = Light(CAMERA.ambient, CAMERA.gain), Appearance(world.model)
@@ -145,7 +145,7 @@ def set_arm(world: World, name: str, q: NDArray[np.float64], jaw_rad: float) -> 
 
 def show(world: World, eyes: tuple[RayCamera, RayCamera], rng: np.random.Generator) -> Shown:
     """Return the pair of pictures of a world as it stands, and the truth."""
-    left, right = (eye.render_color(world.data, rng, gain) for eye, gain in zip(eyes, EYE_GAINS, strict=True))
+    left, right = (eye.render_color(world.data, rng, gain) for eye, gain in zip(eyes, STEREO_GAINS, strict=True))
     ids = (eyes[0].render_exact(world.data)[1], eyes[1].render_exact(world.data)[1])
     visible, marks = {}, {}
     for name in world.free_bodies:

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
-from xml.etree.ElementTree import Element
 
+import mujoco
 import numpy as np
 
 from trocar.arms import MOTION_LIMITS, ik
@@ -25,10 +25,9 @@ from trocar.perception.depth import pixel_rays
 from trocar.perception.image import RgbdImage
 from trocar.replay import Viewpoint
 from trocar.robots.arm_script import ArmScript
-from trocar.sim.elements import NOTHING, add, scene_bits, text
 from trocar.sim.record import Record
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import World
+from trocar.sim.spec import INTANGIBLE, SOLID
+from trocar.sim.world import TaskWorld, World
 
 RADIUS_M = 0.004
 COLOURS = {"red": (0.85, 0.1, 0.1), "green": (0.1, 0.7, 0.15), "blue": (0.1, 0.2, 0.85), "yellow": (0.85, 0.75, 0.05)}
@@ -55,13 +54,13 @@ class BallWorld(TaskWorld):
     def __init__(self, scene: BallScene):
         self.scene, self.touched_s = scene, {}
 
-    def add(self, world: Element, assets: Element) -> None:
+    def add(self, spec: mujoco.MjSpec) -> None:
         """Add a table to look at, and the balls."""
-        add(world, "geom", name="table", type="plane", size="0.5 0.5 0.01", rgba="0.2 0.2 0.2 1", **NOTHING)
+        plane = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": (0.5, 0.5, 0.01), "rgba": (0.2, 0.2, 0.2, 1)}
+        spec.worldbody.add_geom(name="table", **plane, **INTANGIBLE)
+        ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": (RADIUS_M, 0, 0), **SOLID}
         for (colour, rgb), place in zip(COLOURS.items(), self.scene.p_world_balls_m, strict=False):
-            body = add(world, "body", name=f"ball {colour}", pos=text(place))
-            look = {"rgba": text((*rgb, 1)), **scene_bits()}
-            add(body, "geom", name=f"ball {colour}", type="sphere", size=text(RADIUS_M), **look)
+            spec.worldbody.add_body(pos=place).add_geom(name=f"ball {colour}", rgba=(*rgb, 1), **ball)
 
     def start(self, world: World) -> None:
         """Look up the balls."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from trocar.tasks.suture.planning import PRESETS, Spacing, dexterity, plan_even, plan_gaps
-from trocar.tasks.suture.report.plan.circle import draw_plan
+from trocar.tasks.suture.report.circle import draw_plan
 
 preset = PRESETS["default"]  # or a SutureSetup and a Reward of your own
 sutures = dexterity(preset.setup, preset.reward)  # dexterity all round the circle, in both directions

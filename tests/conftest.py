@@ -39,7 +39,7 @@ LONGEST = (
     *("tasks/suture/agents/test_circle", "trials/test_trial_file", "tasks/peg_transfer/agents/test_handover"),
     *("view/test_replay_page", "cli/test_collect", "tasks/test_every_task"),
     *("tasks/peg_transfer/agents/test_unilateral", "cli/test_plan_suture", "report/test_statistics"),
-    *("report/test_figures", "motion/test_sqp", "cli/test_bad_input", "sutures/test_continuous"),
+    *("report/test_figures", "motion/test_sqp", "cli/test_bad_input"),
     *("tasks/debridement/pose/test_error_filter", "tasks/peg_transfer/study/test_results"),
     *("motion/test_motion_plan", "cli/test_run_suture", "fuzz/test_fuzz", "report/test_page"),
     "collect/test_checkerboard",

@@ -43,8 +43,8 @@ class Eyes:
         return range(len(self.lab.world.free_bodies))
 
     def tip(self, arm):
-        cell = self.lab.world.cell
-        return cell.T_world_base[arm] @ fk(cell.arms[arm], self.lab.world.joints(arm))
+        world = self.lab.world
+        return world.T_world_base[arm] @ fk(world.models[arm], world.joints(arm))
 
     def fragments(self, image, T_world_camera, T_world_table, arms=None):
         places = [self.place(k) + self.rng.normal(0.0, 5e-4, 3) for k in self.numbers()]

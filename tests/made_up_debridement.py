@@ -15,7 +15,7 @@ from trocar.eval.trial import Trial, trial_file
 from trocar.geometry import SE3
 from trocar.log import Span
 from trocar.replay import Solid
-from trocar.tasks.debridement.report.published import MODES
+from trocar.tasks.debridement.report.table_one import MODES
 from trocar.tasks.debridement.study.cells import cells_of
 from trocar.tasks.debridement.task import Debridement
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from trocar.geometry import SE3, SO3
 from trocar.tasks.debridement.pose import FilterSettings, PosePairs
-from trocar.tasks.debridement.pose.error_filter import WAY_M
-from trocar.tasks.debridement.pose.kinematic_history import KinematicHistory
+from trocar.tasks.debridement.pose.error_filter import WAY_M, KinematicHistory
 
 DEPTH = np.array([0.24, 0.80, 0.55])
 """Where the camera looks: detections err 3.7 mm along it and .5 mm across, as the recording's do."""

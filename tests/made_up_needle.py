@@ -5,9 +5,9 @@ import numpy as np
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
-from trocar.tasks.suture.perception import NeedleArc
+from trocar.tasks.suture.needle import Needle
 
-ARC = NeedleArc(8.3e-3, np.radians(225.0), 0.9e-3)
+ARC = Needle(8.3e-3, np.radians(225.0), 0.9e-3)
 LENS = Intrinsics(140, 140, 1382.7, 1383.0, 69.5, 69.5)
 HALF_LENS = LENS.binned(2)
 """In whose images the wire is two pixels wide, as in the cell."""

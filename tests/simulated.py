@@ -19,9 +19,9 @@ from trocar.lab.transmission import JawCable
 from trocar.motion import rest_to_rest, straight
 from trocar.perception.image import CameraModel, Intrinsics
 from trocar.robots import TICK_S
-from trocar.sim.laboratory import SimLaboratory, arrays_of
-from trocar.sim.mjcf import CellModel, Surface
+from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.recorder import fixed_poses, solids_of
+from trocar.sim.spec import Surface
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.agents.unilateral import Settings
 from trocar.tasks.peg_transfer.block import Block
@@ -101,7 +101,7 @@ def ideal_laboratory(
 
 def world_with_arms(*T_board_blocks: SE3, surface: Surface | None = None) -> World:
     """Return a world with both arms at zero and these blocks."""
-    return World(CellModel(ARM_MODELS, T_WORLD_BASE, PegWorld(scene_of(*T_board_blocks)), surface=surface or Surface()))
+    return World(ARM_MODELS, T_WORLD_BASE, PegWorld(scene_of(*T_board_blocks)), surface=surface or Surface())
 
 
 def joints_at(arm: str, p_world_tip_m, yaw_rad: float = 0.0) -> NDArray[np.float64]:
@@ -185,7 +185,7 @@ def trial_of(laboratory: SimLaboratory, **about: object) -> Trial:
         duration_s=round(laboratory.now_s(), 6),
         command_limit_use={arm: laboratory.driver.limit_use(arm) for arm in station.arms},
         arrays={
-            **{name: rows.astype(np.float32) for name, rows in arrays_of(laboratory.recorder).items()},
+            **{name: rows.astype(np.float32) for name, rows in laboratory.recorder.arrays().items()},
             **laboratory.task.arrays(record),
         },
         scenery=Scenery(

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from processes import python
 from synthetic import synthetic_trial
 from trocar.cli import app
-from trocar.cli.open_group import Deferred
+from trocar.cli.group import Deferred
 from trocar.report.files import report_of
 from trocar.report.summary import summarise
 

@@ -11,7 +11,7 @@ import trio
 from simulated import STATION, coarse, ideal_laboratory, standing
 from trocar.arms import capsules
 from trocar.cell import MotionEnd, MotionResult
-from trocar.errors import TrocarError
+from trocar.errors import ArmStopped, TrocarError
 from trocar.eval import AgentContext
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.motion import PLANNERS
@@ -52,9 +52,7 @@ def silent(arm: str, motion: int, share: float = 0.0):
                 async with trio.open_nursery() as nursery:
                     nursery.start_soon(self.stop, share * motions[arm].duration_s)
                     await self.inner.move(motions)
-            return {
-                arm: MotionResult(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), MotionEnd.FAULT, f"{arm} is silent")
-            }
+            return {arm: MotionResult.not_started(MotionEnd.FAULT, ArmStopped(arm, f"{arm} is silent"))}
 
         async def stop(self, after_s):
             await trio.sleep(after_s)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
+from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.perception.image import CameraModel, Image, StereoWindow, Window
 from trocar.trajectory import Trajectory
@@ -81,19 +82,29 @@ class MotionResult:
         commanded: (n, 7) six joints and the jaw as sent to the controller.
         measured: (n, 7) the same as the encoders read them.
         ended: how.
-        reason: why, in a sentence; empty for ``DONE``.
+        cause: why, by type and fields; None for ``DONE``.
     """
 
     times_s: NDArray[np.float64]
     commanded: NDArray[np.float64]
     measured: NDArray[np.float64]
     ended: MotionEnd = MotionEnd.DONE
-    reason: str = ""
+    cause: TrocarError | None = None
+
+    @classmethod
+    def not_started(cls, ended: MotionEnd, cause: TrocarError) -> MotionResult:
+        """Return the result of a motion that ended before anything was commanded."""
+        return cls(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), ended, cause)
 
     @property
     def done(self) -> bool:
         """Return whether the motion ran to its end."""
         return self.ended is MotionEnd.DONE
+
+    @property
+    def reason(self) -> str:
+        """Return why it ended, in a sentence; empty for ``DONE``."""
+        return "" if self.cause is None else str(self.cause)
 
 
 class Robot(Protocol):
@@ -114,8 +125,8 @@ class Robot(Protocol):
         cancelled, the arms come to rest within their limits before the cancellation goes on.
 
         Raises:
-            TrocarError: a motion does not start where its arm is, leaves what is allowed, or an arm is moving; nothing
-                has moved then.
+            MotionRefused: a motion does not start where its arm is, leaves what is allowed, or an arm is moving;
+                nothing has moved then.
         """
         ...
 
@@ -139,10 +150,14 @@ class Robot(Protocol):
         """Drive the jaws to an opening; return when they have arrived or stall on an object."""
         ...
 
-    def hold(self, *arms: str, reason: str = "") -> None:
+    def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms (none named: all) to rest within their limits, on their path where they can; then hold.
 
         Returns at once; ``rest`` waits for it.
+
+        Args:
+            arms: names.
+            reason: what whoever awaits the motions gets as their ``cause``: a sentence, or an error to decide by.
         """
         ...
 

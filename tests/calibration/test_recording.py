@@ -7,7 +7,6 @@ from trocar.calibration.recording import (
     Recording,
     load_recording,
     looks_like_recording,
-    require_motion,
     sampling_interval,
     why_invalid,
 )
@@ -120,12 +119,12 @@ def test_other_units_are_recognised(tmp_path, arrays, scale, said):
 
 def test_a_wrist_that_rests_says_nothing_of_its_cables(arrays):
     recording = Recording(**arrays)
-    require_motion(recording)
+    recording.require_motion()
     for joint, name in ((3, "q4"), (5, "q6")):
         q_cmd = arrays["q_cmd"].copy()
         q_cmd[arrays["valid"], joint] = 0.25  # what it does in bad rows says nothing either
         with pytest.raises(TrocarError, match=f"{name} rests at 0.2500 rad in all"):
-            require_motion(Recording(**(arrays | {"q_cmd": q_cmd, "q_phy": q_cmd})))
+            Recording(**(arrays | {"q_cmd": q_cmd, "q_phy": q_cmd})).require_motion()
 
 
 def test_rows_that_do_not_count_are_counted_by_the_rule_that_says_so(arrays):
@@ -246,9 +245,9 @@ def test_a_joint_that_moves_a_little_moves(arrays):
         recording = Recording(**(arrays | {"q_cmd": q_cmd, "q_phy": q_cmd}))
         if rests:
             with pytest.raises(TrocarError, match=f"q5 rests at 0.2000 rad in all {recording.valid.sum()} valid"):
-                require_motion(recording)
+                recording.require_motion()
         else:
-            require_motion(recording)
+            recording.require_motion()
     require_motion(Recording(**(arrays | {"valid": np.zeros(N, bool), "q_cmd": np.zeros((N, 6))})))
 
 

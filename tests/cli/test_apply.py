@@ -73,7 +73,7 @@ def test_a_model_with_a_window_gets_rows_as_dense_as_it_was_fitted_on(trocar, fi
         (["{model}", "{holes}", "--out", "{folder}/c.csv"], "row 4 of"),
         (["{path}", "{path}", "--out", "{folder}/c.csv"], "not a readable trocar cable model"),
         (["{model}", "{path}", "--out", "{folder}/theirs.csv"], "not replaced"),
-        (["{model}", "{path}", "--out", "{folder}/gone/c.csv"], "cannot write"),
+        (["{model}", "{path}", "--out", "{folder}/gone/c.csv"], "lie in a folder that exists"),
     ],
 )
 def test_bad_input_is_one_sentence_and_nothing_is_written(trocar, files, tmp_path, words, said):

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from trocar import __version__
-from trocar.cli import doctor, extras, main
+from trocar.cli import doctor, main, options
 from trocar.extras import EXTRAS, how_to_install
 
 
@@ -23,7 +23,7 @@ def say(monkeypatch, capsys):
 
 def without(monkeypatch, *missing):
     """Pretend that these modules are not installed."""
-    for module in (doctor, extras):
+    for module in (doctor, options):
         found = module.find_spec
         monkeypatch.setattr(module, "find_spec", lambda name, found=found: None if name in missing else found(name))
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from trocar.cli import app
 from trocar.cli.commands import COMMANDS as KNOWN
-from trocar.cli.open_group import Deferred
+from trocar.cli.group import Deferred
 from trocar.eval import TASKS
 from trocar.registry import Lazy
 

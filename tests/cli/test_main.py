@@ -42,3 +42,17 @@ def test_doctor_tells_programs_too(trocar):
     code, out, _ = trocar("doctor", "--json")
     said = json.loads(out)
     assert code == 0 and said["extras"]["sim"]["mujoco"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("statoin", "list"), "trocar: command 'statoin' is unknown; did you mean 'station'? choose one of run"),
+        (("calibrate", "evalute"), "trocar: command 'evalute' is unknown; did you mean 'evaluate'?"),
+        (("register", "cell", "suture", "--seed", "abc"), "trocar: --seed is 'abc'; it should be a valid integer\n"),
+        (("register", "cell", "suture", "--seed", "-1"), "trocar: --seed is '-1'; it should be greater than or equal"),
+    ],
+)
+def test_a_mistyped_word_is_quoted_with_what_was_meant(trocar, words, said):
+    code, out, err = trocar(*words)
+    assert (code, out) == (2, "") and said in err and err.count("\n") == 1

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from trocar.cli import progress
-from trocar.cli.quiet import be_quiet
+from trocar.cli.terminal import be_quiet
 
 
 class Clock:

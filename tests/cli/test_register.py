@@ -57,7 +57,7 @@ def test_the_robust_option_leaves_a_wrong_pair_out(pair):
     ("robot", "says"),
     [
         (np.zeros((20, 2)), "shape"),
-        (np.zeros((19, 3)), "robot.npy' has shape (19, 3)"),
+        (np.zeros((19, 3)), "robot.npy has shape (19, 3)"),
         (np.full((20, 3), np.nan), "robot.npy' holds NaN"),
         (np.linspace([0, 0, 0], [1, 1, 1], 20), "one line"),
         (np.array(["a"] * 20), "not a readable"),

@@ -73,7 +73,7 @@ def test_agents_get_the_registered_lenses_camera_and_bases_and_images_the_true_o
     [
         (("kitchen",), "station 'kitchen' is unknown"),
         (("peg-transfer",), "station 'peg-transfer' is registered by points; give its [registration]"),
-        (("raven-pair", "--seed", "-1"), "seed -1 is negative"),
+        (("raven-pair", "--seed", "-1"), "--seed is '-1'"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(trocar, tmp_path, words, said):

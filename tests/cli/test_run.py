@@ -374,7 +374,7 @@ def loaded_by(code):
     [
         "import trocar.report, trocar.report.files, trocar.report.summary, trocar.report.tables, trocar.report.page",
         "import trocar.eval; from trocar.eval.folder import load_trials; load_trials({folder!r})",
-        "from trocar.cli.view import trial_in; from trocar.eval.trial import Trial; import pathlib;"
+        "from trocar.cli.report import trial_in; from trocar.eval.trial import Trial; import pathlib;"
         "Trial.load(trial_in(pathlib.Path({folder!r}), 0, 0)).replay(); import trocar.view.trial_view",
         "from trocar.eval.folder import load_trials; from trocar.report.files import report_of;"
         "from trocar.report.summary import summarise; trials, _ = load_trials({folder!r});"

@@ -84,8 +84,12 @@ def test_findings_are_sentences_and_code_1(trocar, mine):
     ("old", "new", "words"),
     [
         ('name = "peg-transfer"', "name = ", "mine.toml"),
-        ('name = "peg-transfer"', 'nome = "peg-transfer"', "has no key 'name'"),
-        ('model = "psm-classic"', 'model = "psm-future"', "arms.psm1.model is 'psm-future'; choose one of"),
+        ('name = "peg-transfer"', 'nome = "peg-transfer"', "unknown key 'nome'; did you mean 'name'"),
+        (
+            'model = "psm-classic"',
+            'model = "psm-future"',
+            "arms.psm1.model: arm 'psm-future' is unknown; choose",
+        ),
         ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_mm = [nan, 0.0, 166.0]", "is nan"),
         ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_inch = [5, 0, 7]", "unknown key 'xyz_inch'"),
     ],
@@ -121,7 +125,7 @@ def test_a_transmission_of_ones_own_comes_with_a_plugin(trocar, mine, tmp_path):
         "from trocar.lab import TRANSMISSIONS\nTRANSMISSIONS.register('ropes-of-mine', TRANSMISSIONS['psm1_grey'])\n"
     )
     code, _, err = trocar("station", "check", path)
-    assert code == 2 and "transmission is 'ropes-of-mine'" in err
+    assert code == 2 and "transmission 'ropes-of-mine' is unknown" in err
     assert trocar("station", "check", path, "--plugin", plugin)[0] == 0
     code, out, _ = trocar("station", "show", path, "--plugin", plugin, "--json")
     assert code == 0 and json.loads(out)["arms"]["psm1"]["transmission"] == "ropes-of-mine"
@@ -152,7 +156,7 @@ def test_a_station_is_exported_for_mujoco_and_its_arms_as_urdf(trocar, tmp_path)
         (["peg-transfer", "--urdf", "urdf", "--task", "peg-transfer"], "--task is for the whole station"),
         (["peg-transfer", "--mjcf", "a.xml", "--task", "cooking"], "'cooking' is unknown; choose one of"),
         (["suture", "--mjcf", "a.xml", "--task", "peg-transfer"], "no fixture 'board'"),
-        (["peg-transfer", "--mjcf", "a.xml", "--seed", "-1"], "seed -1 is negative"),
+        (["peg-transfer", "--mjcf", "a.xml", "--seed", "-1"], "--seed is '-1'"),
         (["peg-transfer", "--mjcf", "theirs.xml"], "theirs.xml' already exists"),
         (["peg-transfer", "--urdf", "theirs.xml"], "is a file where a folder is to be"),
     ],

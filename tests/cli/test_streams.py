@@ -7,7 +7,7 @@ import sys
 import pytest
 from rich.console import Console
 
-from trocar.cli.streams import prepare_streams
+from trocar.cli import prepare_streams
 
 
 def test_text_that_an_encoding_lacks_is_written_as_an_escape(monkeypatch):

@@ -8,7 +8,7 @@ from synthetic import config, synthetic_trial
 from trocar.eval.trial import Trial, trial_file
 
 pytest.importorskip("viser")
-from trocar.cli import view as cli
+from trocar.cli import report as cli
 from trocar.extras import how_to_install
 from trocar.view.trial_view import TrialView
 
@@ -75,7 +75,7 @@ def test_the_server_is_gone_afterwards(trocar, run, served):
 def test_a_trial_that_is_not_there_is_told(trocar, run, served):
     code, _, err = trocar("view", run, "--trial", "1")
     choices = "--session 0 --trial 0, --session 0 --trial 3, --session 1 --trial 2"
-    assert (code, err) == (2, f"trocar: there is no trial 1 of session 0 in {str(run)!r}; choose one of {choices}\n")
+    assert (code, err) == (2, f"trocar: {str(run)!r} has no trial 1 of session 0; choose one of {choices}\n")
 
 
 def test_a_damaged_trial_is_told(trocar, tmp_path, served):
@@ -94,6 +94,6 @@ def test_a_folder_without_trials_is_told(trocar, tmp_path, served):
 
 
 def test_without_viser_the_extra_is_named(trocar, run, monkeypatch):
-    monkeypatch.setattr("trocar.cli.extras.find_spec", lambda module: None)
+    monkeypatch.setattr("trocar.cli.options.find_spec", lambda module: None)
     code, _, err = trocar("view", run)
     assert (code, err) == (2, f"trocar: this command needs viser; {how_to_install('view')}\n")

@@ -16,7 +16,7 @@ from trocar.lab.session import draw_session
 from trocar.perception.fiducial_joints import GOOD, NOTHING
 from trocar.perception.fiducials import SIX_SPHERES
 from trocar.perception.spheres import find_spheres
-from trocar.sim.fiducial_cell import FiducialCell
+from trocar.sim.calibration_cells import FiducialCell
 
 SESSION = draw_session(STATION, np.random.default_rng(1))
 ROWS = 40

@@ -97,12 +97,12 @@ def test_a_trial_that_is_there_is_not_run_again(tmp_path, played):
 
 def test_a_trial_whose_physics_broke_down_is_void_and_said(tmp_path, played, monkeypatch):
     def broken(*given):
-        raise PhysicsError("something flew away")
+        raise PhysicsError(0.2)
 
     monkeypatch.setattr(jobs, "run_trial", broken)
     open_folder(config(), tmp_path)
     order = TrialOrder(config(), tmp_path, 0, 0)
-    assert "is void: something flew away" in play(order)
+    assert "physics became unstable at 0.200 s" in play(order)
     assert not order.path.exists()
 
 

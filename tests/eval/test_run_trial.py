@@ -290,7 +290,7 @@ def test_a_fault_ends_the_trial_and_is_told(tmp_path, error):
     assert trial.duration_s == pytest.approx(0.1, abs=0.05)
 
 
-@pytest.mark.parametrize("error", [PhysicsError("the simulation broke down"), KeyError("a mistake of the agent's")])
+@pytest.mark.parametrize("error", [PhysicsError(0.2), KeyError("a mistake of the agent's")])
 def test_what_is_no_fault_of_the_robots_makes_no_trial(tmp_path, error):
     METHODS.register("peg-transfer/broken", broken(error))
     try:

@@ -18,7 +18,6 @@ from trocar.lab import load_station
 from trocar.lab.session import draw_session
 from trocar.replay import SHAPES
 from trocar.sim.laboratory import SimLaboratory
-from trocar.sim.mjcf import CellModel
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
 
@@ -32,7 +31,7 @@ SINGLE_PRECISION_M = 1e-6
 @settings(max_examples=20, deadline=None)
 def test_the_bodies_of_an_arm_are_where_mujoco_has_them_even_from_single_precision(arm, seed):
     rng = np.random.default_rng(seed)
-    world = World(CellModel({"only": arm}, {"only": T_WORLD_BASE}))
+    world = World({"only": arm}, {"only": T_WORLD_BASE})
     joints = np.append(rng.uniform(arm.lower, arm.upper), rng.uniform(0.0, arm.jaw.upper))
     world.place_arm("only", joints[:6], joints[6])
     found = link_poses("only", arm, T_WORLD_BASE, joints[None].astype(np.float32).astype(np.float64))

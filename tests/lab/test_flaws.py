@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 from trocar.arms import fk
 from trocar.calibration.excitation import MotionBox
 from trocar.calibration.plant import PSM1_GREY, PSM1_GREY_SESSIONS, PSM2_GREY
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError
+from trocar.eval import TASKS
 from trocar.geometry import SE3
 from trocar.geometry.rigid_fit import fit_rigid
 from trocar.lab import Registration, load_station
@@ -39,9 +40,9 @@ def test_every_flaw_can_be_switched_off_by_itself(flaw):
 
 def test_the_documentation_has_every_flaw_with_its_sizes():
     table = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text()
-    mild, recorded = (Difficulty.of(level).sizes() for level in ("mild", "recorded"))
+    mild, recorded = (Difficulty.of(level) for level in ("mild", "recorded"))
     for name, flaw in FLAWS.items():
-        assert f"| `{name}` | {flaw.about} | {mild[name]} | {recorded[name]} | {flaw.source} |" in table
+        assert f"| `{name}` | {flaw.about} | {mild.shown(name)} | {recorded.shown(name)} | {flaw.source} |" in table
 
 
 def test_a_size_is_a_root_mean_square_in_its_unit_or_times_what_was_recorded():
@@ -50,8 +51,43 @@ def test_a_size_is_a_root_mean_square_in_its_unit_or_times_what_was_recorded():
     assert given["wear"] == pytest.approx(2 * np.array(FLAWS["wear"].recorded))
     assert given["registration"] == pytest.approx([1e-3])
     assert given.scale("wear") == pytest.approx(2.0)
-    assert (
-        given.sizes() | {"offsets": "3 deg", "wear": "2 x", "registration": "1 mm", "outer": "0.3 mm"} == given.sizes()
+    shown = {"offsets": "3 deg", "wear": "2 x", "registration": "1 mm", "outer": "0.3 mm"}
+    assert {name: given.shown(name) for name in shown} == shown
+
+
+RELEVANT = {
+    "peg-transfer": {"print", "registration", "depth"},
+    "suture": {"needle", "registration", "cameras", "depth"},
+    "debridement": set(),
+}
+
+
+@pytest.mark.parametrize("task", RELEVANT)
+def test_every_flaw_that_is_felt_is_told_and_no_other_may_be_given(task):
+    """Each one that a task owns is its own alone; points register a second camera against the first."""
+    station = load_station(TASKS[task].station)
+    relevant = set(station.relevant_flaws(task))
+    of_stations = {"registration", "cameras", "depth", "print", "needle"}
+    assert relevant & of_stations == RELEVANT[task] and {"jaw", "tool"} <= relevant
+    told = {text.partition(":")[0] for text in station.flaws(task)}
+    assert relevant == told & FLAWS.keys()
+    for flaw in FLAWS:
+        named = replace(station, difficulty=Difficulty.of("mild", [f"{flaw}=0"]))
+        if flaw in relevant:
+            assert named.require_relevant(task) is named
+        else:
+            with pytest.raises(InvalidInput, match=f"{flaw}.*has no effect on '{task}' at station"):
+                named.require_relevant(task)
+
+
+def test_what_the_file_has_registered_no_session_registers_again():
+    station = load_station("suture")
+    arms = {name: replace(arm, T_world_base_registered=arm.T_world_base) for name, arm in station.arms.items()}
+    cameras = {name: replace(c, T_world_camera_registered=c.T_world_camera) for name, c in station.cameras.items()}
+    assert "registration" not in replace(station, arms=arms).relevant_flaws()
+    assert "cameras" not in replace(station, cameras=cameras).relevant_flaws()
+    assert "psm1" in next(
+        text for text in replace(station, arms=arms).flaws() if text.startswith("registration of psm")
     )
 
 

@@ -6,8 +6,8 @@ import pytest
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import read_station, station_text
-from trocar.lab.registered import with_registered
 from trocar.lab.session import draw_session
+from trocar.lab.station_file import with_registered
 from trocar.perception.image import Intrinsics, StereoRig
 
 FOUND = {

@@ -14,9 +14,8 @@ from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.perception.instrument import _gather, _normal_equations, sight
 from trocar.perception.instrument_solids import InstrumentSolids
-from trocar.sim.camera import RayCamera
-from trocar.sim.fiducial_cell import EmptyTable
-from trocar.sim.mjcf import CellModel
+from trocar.sim.calibration_cells import EmptyTable
+from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
 
@@ -248,7 +247,7 @@ def seen():
         session.station.cameras["overhead"],
     )
     T_world_camera = session.T_world_camera["overhead"]
-    world = World(CellModel({"psm1": arm}, {"psm1": T_world_base}, EmptyTable()))
+    world = World({"psm1": arm}, {"psm1": T_world_base}, EmptyTable())
     eye = RayCamera(world.model, camera.model, T_world_camera, camera.lamp_m, camera.flaws, Light(gain=camera.gain))
 
     def look(q, rng):

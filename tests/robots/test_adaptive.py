@@ -15,7 +15,7 @@ from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.fleet import expected, load_prior
 from trocar.calibration.models.base import MIN_ROWS
 from trocar.cell import SetPoint
-from trocar.errors import TrocarError
+from trocar.errors import ArmMoving
 from trocar.perception.instrument import Sighting
 from trocar.robots import Adaptive, ArmGuard, Guarded
 from trocar.robots.adaptive import THINNED, _Past, _thinned
@@ -197,7 +197,7 @@ def test_an_arm_that_moves_keeps_its_cables(expert):
         async with trio.open_nursery() as nursery:
             nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
             await arms.sleep(0.1)
-            with pytest.raises(TrocarError, match="is moving; its cable model"):
+            with pytest.raises(ArmMoving, match="cable model"):
                 arms.robot.adopt("a", known)
 
     arms.run(script)
@@ -264,9 +264,9 @@ def test_of_a_path_what_was_sent_up_to_now_is_kept_piece_by_piece():
 
 def test_so_many_looks_as_a_fit_needs_and_no_fewer_teach(expert):
     arms, _ = expert
-    looks = arms.robot._pasts["a"].looks
+    observations = arms.robot._pasts["a"].observations
     for count, taught_something in ((MIN_ROWS - 1, False), (MIN_ROWS, True)):
-        arms.robot._pasts["a"].looks = looks[:count]
+        arms.robot._pasts["a"].observations = observations[:count]
         assert (arms.robot.learned("a") is not None) == taught_something
 
 

@@ -13,9 +13,9 @@ from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.models import MODELS
 from trocar.calibration.recording import Recording
 from trocar.cell import MotionEnd
-from trocar.errors import TrocarError
+from trocar.errors import ArmMoving, TrocarError
 from trocar.motion import move_to, rest_to_rest
-from trocar.robots import ArmGuard, Calibrated, Guarded
+from trocar.robots import ArmGuard, Compensated, Guarded
 from trocar.robots.compensated import _Prepared, _require_inside, _Start
 
 EXACT = 1.0 + 1e-6
@@ -32,7 +32,7 @@ def calibrated(model, names=("a",), slack=(0.0, 0.0, 0.0), **kwargs):
     arms = CableArms(names, slack)
     guarded = Guarded(arms.driver, {name: ArmGuard(ARM, PAPER) for name in names})
     limits = dict.fromkeys(names, PAPER)
-    arms.robot = Calibrated(
+    arms.robot = Compensated(
         guarded, dict.fromkeys(names, ARM), dict.fromkeys(names, model), limits, arms, arms.log, **kwargs
     )
     return arms
@@ -356,7 +356,7 @@ def test_it_can_be_told_to_refuse_what_cannot_be_corrected_within_the_range(mode
 
 def test_arms_without_a_model_go_through_as_they_are(models):
     arms = CableArms(("a", "b"))
-    arms.robot = Calibrated(arms.driver, dict.fromkeys("ab", ARM), {"a": models["play"]}, {"a": PAPER}, arms, arms.log)
+    arms.robot = Compensated(arms.driver, dict.fromkeys("ab", ARM), {"a": models["play"]}, {"a": PAPER}, arms, arms.log)
     execution = arms.run(lambda: arms.robot.move(to(arms, GOALS[0], "b")))["b"]
     assert np.abs(execution.commanded[-1, :6] - GOALS[0]).max() < 1e-12
     assert arms.log.computations == []
@@ -503,3 +503,24 @@ def test_where_the_joints_are_to_be_is_told_unless_they_will_not_come_there(mode
         start = robot._next("a")
         assert not start.then and start.after is robot._paths["a"]
         assert np.array_equal(robot._joints("a", replace(start, then=True))[0], estimate) == believed
+
+
+def test_a_second_motion_of_one_arm_is_refused_while_the_first_is_computed_and_while_it_runs(models):
+    arms = calibrated(models["play"])
+    ends = []
+
+    async def script():
+        async with trio.open_nursery() as nursery:
+
+            async def move():
+                ends.append((await arms.robot.move(to(arms, GOALS[0])))["a"])
+
+            nursery.start_soon(move)
+            for since_s in (0.02, 0.2):
+                await trio.sleep(since_s)
+                assert arms.robot.setpoint("a").moving == (since_s == 0.2)
+                with pytest.raises(ArmMoving, match="'a'"):
+                    await arms.robot.move(to(arms, GOALS[1]))
+
+    arms.run(script)
+    assert [end.done for end in ends] == [True]

@@ -258,7 +258,7 @@ def test_when_the_loop_is_gone_nobody_waits_for_ever():
 
 def test_an_arm_that_is_not_there_is_named():
     arms = PlainArms()
-    with pytest.raises(TrocarError, match=r"'z' is not in this cell; choose one of a"):
+    with pytest.raises(TrocarError, match=r"arm 'z' is unknown; choose one of a"):
         arms.robot.setpoint("z")
 
 

@@ -11,7 +11,7 @@ from trocar.lab import SensorFlaws
 from trocar.perception.image import Intrinsics
 from trocar.sim import appearance
 from trocar.sim.appearance import AT_ONCE, Appearance, Sight, _grain, _noise
-from trocar.sim.camera import RayCamera
+from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light, expose
 
 LENS = Intrinsics(160, 120, 200.0, 200.0, 79.5, 59.5)

@@ -9,7 +9,7 @@ from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
 from trocar.perception.image import StereoRig
 from trocar.perception.stereo_calibration import find_corners
-from trocar.sim.checkerboard_cell import CheckerboardCell
+from trocar.sim.calibration_cells import CheckerboardCell
 
 BOARD = Checkerboard()
 SMALL = Checkerboard(square_m=0.003)
@@ -66,9 +66,9 @@ def test_a_hand_holds_the_whole_board_before_both_eyes_above_the_table(station, 
 
 
 def test_a_board_too_large_and_a_camera_with_one_eye_are_refused(station, monkeypatch):
-    monkeypatch.setattr("trocar.sim.checkerboard_cell.TRIES", 50)
+    monkeypatch.setattr("trocar.sim.calibration_cells.TRIES", 50)
     large = CheckerboardCell(station, "stereo", Checkerboard(square_m=0.03), TABLE_Z_M)
-    with pytest.raises(TrocarError, match=r"330 x 240 mm is not seen whole by both eyes at 232 mm"):
+    with pytest.raises(TrocarError, match=r"330 x 240 mm is not seen whole by both lenses at 232 mm"):
         large.hand_pose(np.random.default_rng(0), DISTANCE_M)
     with pytest.raises(TrocarError, match="camera 'overhead' of station 'peg-transfer' is not a stereo pair"):
         CheckerboardCell(load_station("peg-transfer"), "overhead", BOARD, TABLE_Z_M)

@@ -6,22 +6,22 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.sim.contacts import ContactMonitor, Hit
+from trocar.sim.record import CollidingPair
+from trocar.sim.recorder import ContactMonitor
 
 HEAVY_KG, LIGHT_KG = 0.5, 0.001
 BALL = """<mujoco><worldbody><geom name="table" type="plane" size="1 1 .1"/>
 <body name="ball"><freejoint/><geom name="ball" type="sphere" size=".01" mass="{}"/></body></worldbody></mujoco>"""
-HIT = Hit("a", "arm", "table")
+HIT = CollidingPair("a", "arm", "table")
 
 
 def pressed(mass_kg, owners=(-1, 0)):
     """A ball, as a part of arm ``a``, that is pressed into a table as deep as one likes; and who watches it."""
     model = mujoco.MjModel.from_xml_string(BALL.format(mass_kg))
     data = mujoco.MjData(model)
-    world = SimpleNamespace(model=model, data=data, geom_arm=np.array(owners), arm_names=("a", "b"))
     asked, counted = [], []
 
-    def hit(first, second):
+    def collision(first, second):
         asked.append({first, second})
         return HIT
 
@@ -30,14 +30,16 @@ def pressed(mass_kg, owners=(-1, 0)):
         counted.append(abs(normal[2]))
         return True
 
-    touches = ContactMonitor(world, hit, counts)
+    task = SimpleNamespace(collision=collision, counts=counts)
+    world = SimpleNamespace(model=model, data=data, geom_arm=np.array(owners), arm_names=("a", "b"), task=task)
+    touches = ContactMonitor(world)
 
     def look(time_s, depth_m):
         data.qpos[:3] = 0.01 * round(time_s, 2), 0.0, 0.01 - depth_m
         mujoco.mj_forward(model, data)
         touches.observe(time_s)
 
-    return SimpleNamespace(look=look, touches=touches, asked=asked, counted=counted)
+    return SimpleNamespace(look=look, touches=touches, task=task, asked=asked, counted=counted)
 
 
 @pytest.fixture
@@ -74,10 +76,10 @@ def test_a_touch_without_force_is_none():
 
 
 def test_what_the_task_does_not_count_is_none(press):
-    press.touches._counts = lambda hit, normal: False
+    press.task.counts = lambda pair, normal: False
     press.look(0.0, 1e-3)
     assert press.touches.collisions() == ()
-    press.touches._hit = lambda first, second: None
+    press.task.collision = lambda first, second: None
     press.look(0.1, 1e-3)
     assert press.touches.collisions() == ()
 
@@ -102,7 +104,7 @@ def test_the_task_is_asked_about_everything_else(owners):
 def test_half_a_newton_is_a_hit_and_the_first_of_equal_forces_gives_the_place(press, monkeypatch):
     force_n = []
     monkeypatch.setattr(
-        "trocar.sim.contacts.mujoco.mj_contactForce", lambda m, d, k, into: into.__setitem__(0, force_n[-1])
+        "trocar.sim.recorder.mujoco.mj_contactForce", lambda m, d, k, into: into.__setitem__(0, force_n[-1])
     )
     for tick, force in enumerate((0.45, 0.7, 0.7, 0.6)):
         force_n.append(force)

@@ -13,7 +13,6 @@ from trocar.lab.flaws import Difficulty
 from trocar.lab.session import draw_session
 from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
-from trocar.sim.mjcf import CellModel
 from trocar.sim.world import World
 
 EVERY_ARM = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
@@ -53,7 +52,7 @@ def random_q(arm, rng, share=0.9):
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
 def test_forward_kinematics_is_where_mujoco_puts_the_bodies(arm, seed):
-    world = World(CellModel({"only": arm}, {"only": T_WORLD_BASE}))
+    world = World({"only": arm}, {"only": T_WORLD_BASE})
     q = random_q(arm, np.random.default_rng(seed), share=1.0)
     world.place_arm("only", q, 0.3)
     poses = T_WORLD_BASE @ frames(arm, q)
@@ -66,7 +65,7 @@ def test_forward_kinematics_is_where_mujoco_puts_the_bodies(arm, seed):
 @EVERY_ARM
 def test_the_shaft_runs_from_the_remote_centre_to_the_wrist(arm):
     """A long cylinder whose axis goes through the remote centre, on the near side of the wrist, whatever the joints."""
-    world = World(CellModel({"only": arm}, {"only": T_WORLD_BASE}))
+    world = World({"only": arm}, {"only": T_WORLD_BASE})
     shaft = world.model.geom("only_shaft").id
     radius, half_m = world.model.geom_size[shaft, :2]
     deep = 0
@@ -93,7 +92,7 @@ def test_the_shaft_runs_from_the_remote_centre_to_the_wrist(arm):
 @EVERY_ARM
 def test_the_capsules_hold_the_solids_of_the_simulator(arm):
     """What guard and planners take for the instrument is where the simulator has it."""
-    world = World(CellModel({"only": arm}, {"only": T_WORLD_BASE}))
+    world = World({"only": arm}, {"only": T_WORLD_BASE})
     geoms = {"shaft": "shaft", "left finger": "finger_left", "right finger": "finger_right"}
     for seed in range(10):
         rng = np.random.default_rng(seed)

@@ -10,8 +10,7 @@ from trocar.errors import TrocarError
 from trocar.lab import SensorFlaws
 from trocar.perception.fiducials import SIX_SPHERES
 from trocar.perception.image import StereoRig
-from trocar.sim.fiducial_cell import EmptyTable, FiducialCell
-from trocar.sim.mjcf import CellModel
+from trocar.sim.calibration_cells import EmptyTable, FiducialCell
 from trocar.sim.world import World
 
 
@@ -24,7 +23,7 @@ def day_with(**model):
 
 
 def test_the_table_is_black_and_below_the_work_and_stops_nothing():
-    table = World(CellModel({}, {}, EmptyTable())).model.geom("table")
+    table = World({}, {}, EmptyTable()).model.geom("table")
     assert table.pos[:2].tolist() == [0.0, 0.0] and -0.12 < table.pos[2] < -0.04
     assert table.rgba[3] == 1.0 and table.rgba[:3].min() > 0.0 and table.rgba[:3].max() < 0.08
     assert table.contype[0] == table.conaffinity[0] == 0
@@ -34,7 +33,7 @@ def test_the_table_is_black_and_below_the_work_and_stops_nothing():
 def test_its_camera_has_the_stations_flaws_or_others(flaws):
     day, rng = day_with(), np.random.default_rng(0)
     cell = FiducialCell(day, "psm1", "overhead", SIX_SPHERES, rng, flaws)
-    assert cell._camera.flaws == (flaws or day.station.cameras["overhead"].flaws)
+    assert cell._camera.lenses[0].flaws == (flaws or day.station.cameras["overhead"].flaws)
     assert cell.fixture != SIX_SPHERES, "what was printed"
     q = day.station.arms["psm1"].park_q()
     image = cell.image(q, (5, 7), (20, 30), rng)

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 from trocar.arms import ARMS
 from trocar.geometry import SE3
 from trocar.perception.fiducials import COLORS, SIX_SPHERES
-from trocar.sim.fixture import printed
-from trocar.sim.mjcf import CellModel
+from trocar.sim.calibration_cells import printed
 from trocar.sim.world import World
 
 
@@ -26,7 +25,7 @@ def test_a_printed_sphere_lies_beside_its_place_by_the_printers_scatter():
 @pytest.mark.parametrize("name", ["psm-classic", "raven2-left"])
 def test_spheres_hang_on_shaft_and_jaws_and_rods_lead_to_those_of_the_jaws(name):
     arm, fixture = ARMS[name], SIX_SPHERES
-    world = World(CellModel({"x": arm}, {"x": SE3.identity()}, worn={"x": fixture}))
+    world = World({"x": arm}, {"x": SE3.identity()}, fixtures={"x": fixture})
     model = world.model
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper)
     world.place_arm("x", q, 0.0)

@@ -1,6 +1,7 @@
 """How scripts run in a simulated laboratory, and how a run ends: in time, too late, by failure, by Ctrl-C."""
 
 import math
+import os
 import signal
 import threading
 import time
@@ -19,14 +20,13 @@ from trocar.log import Span
 from trocar.motion import rest_to_rest
 from trocar.perception.image import StereoImage, StereoRig, StereoWindow, Window
 from trocar.robots import TICK_S
-from trocar.sim.camera import RayCamera
-from trocar.sim.laboratory import SimLaboratory, arrays_of
-from trocar.sim.mjcf import Servo, Surface
+from trocar.sim.cameras import STEREO_GAINS
+from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.pace import RealTime
+from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
-from trocar.sim.station_cameras import EYE_GAINS
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import PhysicsError
+from trocar.sim.spec import Servo, Surface
+from trocar.sim.world import PhysicsError, TaskWorld
 from trocar.trajectory import Trajectory
 
 ARMS = ("psm1", "psm2")
@@ -114,7 +114,7 @@ def test_the_record_has_no_gap_and_no_repeat_over_several_scripts(lab):
     record = lab.record()
     assert np.array_equal(record.times_s, TICK_S * np.arange(len(record.times_s)))
     assert record.times_s[-1] == lab.now_s() > 1.3
-    rows = {len(rows) for rows in arrays_of(lab.recorder).values()} | {len(lab.truth().held)}
+    rows = {len(rows) for rows in lab.recorder.arrays().values()} | {len(lab.truth().held)}
     assert rows == {len(record.times_s)}
 
 
@@ -435,7 +435,7 @@ async def busy(cell):
 
 def noted(lab):
     """Return all that a run left behind, as bytes and values."""
-    arrays = {name: rows.tobytes() for name, rows in arrays_of(lab.recorder).items()}
+    arrays = {name: rows.tobytes() for name, rows in lab.recorder.arrays().items()}
     image = lab.cameras["overhead"].taken[0]
     return arrays, lab.log.events, lab.log.spans, image.color.tobytes(), image.depth_m.tobytes(), lab.now_s()
 
@@ -570,7 +570,7 @@ def test_the_right_eye_sees_from_its_own_place_under_the_same_lamp():
 
     lab.run(script, 5.0)
     (image,) = lab.cameras["stereo"].taken
-    for eye, picture, gain in zip(("left", "right"), (image.left, image.right), EYE_GAINS, strict=True):
+    for eye, picture, gain in zip(("left", "right"), (image.left, image.right), STEREO_GAINS, strict=True):
         T_left_eye = rig.T_left_right if eye == "right" else rig.T_left_right.inverse() @ rig.T_left_right
         lamp_m = T_left_eye.inverse().apply(camera.lamp_m)
         T_world_eye = camera.T_world_camera @ T_left_eye
@@ -674,10 +674,13 @@ def test_whoever_listens_hears_every_event_when_it_happens():
 def test_a_laboratory_is_made_of_what_it_was_given_or_of_what_is_usual():
     day = ideal_session(replace(STATION, cameras={}))
     servo, surface, task = Servo(jaw_torque_nm=0.05), Surface(abs_friction=0.2), TaskWorld()
-    given = SimLaboratory(day, task, servo=servo, surface=surface).world.cell
-    assert given.servo is servo and given.surface is surface and given.task is task
-    usual = SimLaboratory(day).world.cell
-    assert (usual.servo, usual.surface) == (Servo(), Surface())
+    given = SimLaboratory(day, task, servo=servo, surface=surface).world
+    assert given.task is task
+    usual = SimLaboratory(day).world
+    assert type(usual.task) is TaskWorld
+    for world, torque, friction in ((given, 0.05, 0.2), (usual, 0.03, 0.35)):
+        assert world.model.actuator("psm1_jaw").forcerange[1] == pytest.approx(2 * torque)
+        assert world.model.geom("psm1_shaft").friction[0] == pytest.approx(friction)
 
 
 def test_a_laboratorys_generator_draws_its_cameras_noise():
@@ -702,3 +705,49 @@ def test_arms_begin_where_their_station_parks_them(lab):
         assert lab.cell.arms[name] is ARM_MODELS[name]
         assert np.abs(lab.world.joints(name) - arm.park_q()).max() < 1e-3
         assert lab.world.jaw_rad(name) == pytest.approx(arm.park_jaw_rad, abs=1e-3)
+
+
+def test_ctrl_c_ends_an_agent_that_loops_without_waiting_and_the_arms_come_to_rest():
+    lab = SimLaboratory(ideal_session(replace(STATION, cameras={})))
+
+    async def loop(cell):
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+        await cell.clock.sleep(0.05)
+        while True:
+            pass
+
+    begin = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        lab.run(loop, 30.0)
+    assert time.perf_counter() - begin < 1.5
+    assert all(lab.driver.idle(name) for name in STATION.arms)
+
+
+def test_a_shielded_script_does_not_outrun_its_budget_nor_counts_as_within_it(lab):
+    """What it awaits of an arm is simulated, what it sleeps is not."""
+    seen = []
+
+    async def shielded(cell):
+        with trio.CancelScope(shield=True):
+            await move_both(cell)
+            await cell.clock.sleep(300.0)
+        seen.append(cell.clock.now_s())
+
+    assert not lab.run(shielded, 0.5)
+    assert len(seen) == 1 and seen[0] < 5.0
+    assert_at_rest_within_limits(lab)
+
+
+def test_a_script_may_clean_up_for_a_second_after_its_budget(lab):
+    seen = []
+
+    async def tidy(cell):
+        try:
+            await cell.clock.sleep(30.0)
+        finally:
+            with trio.CancelScope(shield=True):
+                await cell.clock.sleep(0.8)
+            seen.append(cell.clock.now_s())
+
+    assert not lab.run(tidy, 0.5)
+    assert seen == [pytest.approx(1.3, abs=0.011)]

@@ -10,9 +10,8 @@ from simulated import ideal_laboratory, standing, trial_of
 from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws
 from trocar.replay import Replay, Solid, ToolPath, Viewpoint
-from trocar.sim.camera import RayCamera
-from trocar.sim.framing import WIDTH, framed
-from trocar.sim.offscreen import OffscreenCamera, _floor_m, handled, overview
+from trocar.sim.offscreen import WIDTH, OffscreenCamera, _floor_m, framed, handled, overview
+from trocar.sim.ray_camera import RayCamera
 
 VIEW = Viewpoint((0.13, -0.46, 0.33))
 FRAME_M = np.array([[x, y, z] for x in (-0.07, 0.07) for y in (-0.05, 0.05) for z in (0.0, 0.05)])
@@ -60,13 +59,13 @@ def test_a_picture_shows_the_moment_it_was_asked_for_and_leaves_the_replay_alone
 
 def test_every_solid_is_where_the_simulator_had_it(lab, replay):
     """Depth, ray by ray, in the world that was simulated and in the one that is drawn: table and planes apart."""
-    framing = framed(np.array(VIEW.eye_m), FRAME_M, SCALE / 2)
+    T_world_camera, lens = framed(np.array(VIEW.eye_m), FRAME_M, SCALE / 2)
     photographer = OffscreenCamera(replay, VIEW, scale=SCALE / 2, frame_m=FRAME_M)
     photographer.picture(0.0)
     mujoco.mj_forward(lab.world.model, lab.world.data)
     seen = []
     for model, data in ((lab.world.model, lab.world.data), (photographer._model, photographer._data)):
-        camera = RayCamera(model, framing.lens, framing.T_world_camera, (0.12, 0.0, 0.0), SensorFlaws.none())
+        camera = RayCamera(model, lens, T_world_camera, (0.12, 0.0, 0.0), SensorFlaws.none())
         depth, geom, _ = camera.render_exact(data)
         plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
         seen.append(np.where(plane | (geom < 0), np.nan, depth))

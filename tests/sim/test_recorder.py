@@ -1,7 +1,6 @@
 """What a recorder keeps of a world, tick by tick, and what of it can be seen."""
 
 from types import SimpleNamespace
-from xml.etree.ElementTree import SubElement
 
 import mujoco
 import numpy as np
@@ -10,32 +9,34 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC, fk
 from trocar.geometry import SE3, SO3
-from trocar.sim.mjcf import CellModel
-from trocar.sim.record import Record
 from trocar.sim.recorder import Recorder, fixed_poses, solids_of
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import World
+from trocar.sim.world import TaskWorld, World
 
 PLACED = SE3.from_parts(SO3.exp([0.1, 0.2, 0.3]), [0.3, 0.0, 0.2])
-BODIES = {"ball": {"type": "sphere", "size": ".01"}, "bar": {"type": "capsule", "size": ".01 .02"}}
+SHAPE = mujoco.mjtGeom
+BODIES = {
+    "ball": {"type": SHAPE.mjGEOM_SPHERE, "size": (0.01, 0, 0)},
+    "bar": {"type": SHAPE.mjGEOM_CAPSULE, "size": (0.01, 0.02, 0)},
+}
 
 
 class Toys(TaskWorld):
-    def add(self, world, assets):
-        SubElement(world, "geom", {"type": "plane", "size": "1 1 .1"})
-        SubElement(world, "geom", {"type": "box", "size": ".1 .2 .3", "pos": "1 2 3", "rgba": ".1 .2 .3 1"})
-        SubElement(world, "geom", {"type": "box", "size": ".1 .2 .3", "group": "4"})
-        post = SubElement(world, "body", {"name": "post", "pos": "4 5 6"})
-        SubElement(post, "geom", {"type": "cylinder", "size": ".01 .05", "pos": "0 0 .1"})
+    def add(self, spec):
+        world, box = spec.worldbody, {"type": SHAPE.mjGEOM_BOX, "size": (0.1, 0.2, 0.3)}
+        world.add_geom(type=SHAPE.mjGEOM_PLANE, size=(1, 1, 0.1))
+        world.add_geom(pos=(1, 2, 3), rgba=(0.1, 0.2, 0.3, 1), **box)
+        world.add_geom(group=4, **box)
+        post = world.add_body(name="post", pos=(4, 5, 6))
+        post.add_geom(type=SHAPE.mjGEOM_CYLINDER, size=(0.01, 0.05, 0), pos=(0, 0, 0.1))
         for name, shape in BODIES.items():
-            body = SubElement(world, "body", {"name": name})
-            SubElement(body, "freejoint")
-            SubElement(body, "geom", shape)
+            body = world.add_body(name=name)
+            body.add_freejoint()
+            body.add_geom(**shape)
 
 
 @pytest.fixture
 def world():
-    return World(CellModel({"a": PSM_CLASSIC}, {"a": PLACED}, Toys()))
+    return World({"a": PSM_CLASSIC}, {"a": PLACED}, Toys())
 
 
 def test_every_tick_has_joints_jaws_bodies_and_tips(world):
@@ -87,14 +88,3 @@ def test_everything_that_is_seen_is_a_solid_of_its_size_but_planes(world):
     assert set(fixed) == {"world", "post", "a_base"}
     assert_allclose(fixed["post"].translation_m, [4, 5, 6])
     assert_allclose(fixed["a_base"].matrix, PLACED.matrix, atol=1e-9)
-
-
-def test_rows_of_a_record_are_found_by_their_times():
-    record = Record(0.01 * np.arange(5), {}, {}, {}, ())
-    for time_s, row in ((-1.0, 0), (0.0, 0), (0.0199, 1), (0.02, 2), (0.0201, 2), (0.02 - 0.5e-9, 2), (9.0, 4)):
-        assert record.row(time_s) == row, time_s
-    assert record.row(0.02 - 1.6e-9) == 1
-    assert record.rows(0.01, 0.03) == slice(1, 4), "both included"
-    assert record.rows(0.01 + 0.5e-9, 0.03 - 0.5e-9) == slice(1, 4)
-    assert record.rows(0.01 + 1.6e-9, 0.03 - 1.6e-9) == slice(2, 3)
-    assert record.rows(0.011, 0.029) == slice(2, 3) and record.rows(-5.0, 5.0) == slice(0, 5)

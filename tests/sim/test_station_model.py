@@ -9,8 +9,7 @@ from trocar.eval import TASKS
 from trocar.geometry import SE3, SO3
 from trocar.lab import TRANSMISSIONS, Station, StationArm, built_in_stations, load_station
 from trocar.perception.image import StereoRig
-from trocar.sim.mjcf import CellModel
-from trocar.sim.station_model import PARK, station_mjcf
+from trocar.sim.station_model import PARK, station_mjcf, station_spec
 from trocar.sim.world import World
 
 BENCHES = {
@@ -34,12 +33,8 @@ STATIONS = {name: load_station(name) for name in built_in_stations()} | BENCHES
 EVERY_STATION = pytest.mark.parametrize("station", STATIONS.values(), ids=STATIONS)
 
 
-def loaded(station, task=None, folder=None):
-    text = station_mjcf(station, task)
-    if folder is None:
-        return mujoco.MjModel.from_xml_string(text)
-    (folder / "station.xml").write_text(text)
-    return mujoco.MjModel.from_xml_path(str(folder / "station.xml"))
+def loaded(station, task=None):
+    return station_spec(station, task).compile()
 
 
 def parked(model):
@@ -54,8 +49,8 @@ def site(data, name):
 
 
 @EVERY_STATION
-def test_tips_are_where_the_forward_kinematics_has_them(station, tmp_path):
-    model = loaded(station, folder=tmp_path)
+def test_tips_are_where_the_forward_kinematics_has_them(station):
+    model = loaded(station)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     for _ in range(10):
         for name, arm in station.models.items():
@@ -177,7 +172,7 @@ def test_as_loaded_it_stands_where_its_commands_are(name):
 def test_the_jaws_are_as_stiff_and_as_strong_as_the_simulators_own():
     """Both drives, told the same opening, stop at the same with the same load on both fingers, and no sooner."""
     station = BENCHES["bench of psm-classic"]
-    ours = World(CellModel(station.models, {"only": SE3.identity()}))
+    ours = World(station.models, {"only": SE3.identity()})
     model = loaded(station)
     data, opened = parked(model), {}
     for label, m, d, drive, command in (
@@ -206,3 +201,12 @@ def test_what_a_task_puts_on_the_table_can_be_there_too(name):
     assert model.nbody > loaded(station).nbody
     mujoco.mj_step(model, data, 20)
     assert not any(warning.number for warning in data.warning)
+
+
+@EVERY_STATION
+def test_the_text_alone_is_the_same_model_to_six_digits(station):
+    ours, read = loaded(station), mujoco.MjModel.from_xml_string(station_mjcf(station))
+    assert [ours.joint(j).name for j in range(ours.njnt)] == [read.joint(j).name for j in range(read.njnt)]
+    for name in ("body_pos", "body_quat", "geom_size", "jnt_range", "actuator_gainprm", "key_qpos", "key_ctrl"):
+        np.testing.assert_allclose(getattr(read, name), getattr(ours, name), rtol=1e-4, atol=1e-5)
+    assert read.mesh_vert.shape == ours.mesh_vert.shape

@@ -4,10 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.sim.contacts import Hit
-from trocar.sim.mjcf import CellModel
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import World
+from trocar.sim.record import CollidingPair
+from trocar.sim.world import TaskWorld, World
 
 
 class Sleepy(TaskWorld):
@@ -16,13 +14,13 @@ class Sleepy(TaskWorld):
 
 def test_it_is_empty_and_counts_what_it_is_asked_about():
     task = TaskWorld()
-    assert task.counts(Hit("a", "arm", "b"), np.array([0.0, 0.0, 1.0])) is True
-    assert task.hit(0, 1) is None and task.assistants() == {}
+    assert task.counts(CollidingPair("a", "arm", "b"), np.array([0.0, 0.0, 1.0])) is True
+    assert task.collision(0, 1) is None and task.assistants() == {}
     record = object()
     assert task.truth(record) is record and task.arrays(record) == {}
 
 
 @pytest.mark.parametrize(("task", "sleeps"), [(TaskWorld(), False), (Sleepy(), True)])
 def test_bodies_that_lie_still_are_left_out_only_where_the_task_lets_them(task, sleeps):
-    model = World(CellModel({}, {}, task)).model
+    model = World({}, {}, task).model
     assert bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP) == sleeps

@@ -1,8 +1,5 @@
 """The physics of one cell behind names: arms that are put and driven, bodies that are free, time that passes."""
 
-from dataclasses import replace
-from xml.etree.ElementTree import SubElement
-
 import mujoco
 import numpy as np
 import pytest
@@ -10,9 +7,8 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC
 from trocar.geometry import SE3, SO3
-from trocar.sim.mjcf import CellModel, Servo
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import PhysicsError, World
+from trocar.sim.spec import Servo
+from trocar.sim.world import PhysicsError, TaskWorld, World
 
 PLACED = SE3.from_parts(SO3.exp([0.1, 0.2, 0.3]), [0.3, 0.0, 0.2])
 
@@ -22,12 +18,12 @@ class Balls(TaskWorld):
 
     acted = 0
 
-    def add(self, world, assets):
-        for name, x in (("red", "1"), ("post", "2"), ("blue", "3")):
-            body = SubElement(world, "body", {"name": name, "pos": f"{x} 0 5"})
+    def add(self, spec):
+        for x, name in enumerate(("red", "post", "blue")):
+            body = spec.worldbody.add_body(name=name, pos=(x + 1, 0, 5))
             if name != "post":
-                SubElement(body, "freejoint")
-            SubElement(body, "geom", {"name": f"{name}_ball", "type": "sphere", "size": ".01"})
+                body.add_freejoint()
+            body.add_geom(name=f"{name}_ball", size=(0.01, 0, 0))
 
     def act(self):
         self.acted += 1
@@ -35,7 +31,7 @@ class Balls(TaskWorld):
 
 @pytest.fixture
 def world():
-    return World(CellModel({"a": PSM_CLASSIC}, {"a": PLACED}, Balls()))
+    return World({"a": PSM_CLASSIC}, {"a": PLACED}, Balls())
 
 
 def test_free_bodies_are_known_by_name_and_where_they_are(world):
@@ -57,7 +53,7 @@ def test_free_bodies_are_known_by_name_and_where_they_are(world):
 def test_the_task_acts_before_every_few_steps_and_a_broken_physics_is_an_error(world, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings into a file of the working directory
     world.step(4)
-    assert world.cell.task.acted == 1 and world.time_s == pytest.approx(0.004)
+    assert world.task.acted == 1 and world.time_s == pytest.approx(0.004)
     fallen = world.free_poses()[0]
     assert 5 - 0.5 * 9.81 * 0.005**2 < fallen[2] < 5.0
     world.data.qvel[:] = np.nan
@@ -85,13 +81,15 @@ def test_an_arm_is_put_where_it_is_told_with_its_jaws_and_rests_there(world):
     assert world.time_s == 0.0
 
 
-def test_an_arm_stands_where_it_is_to_start_and_only_bodies_of_a_task_are_free():
-    q = PSM_CLASSIC.middle
-    at = World(CellModel({"a": PSM_CLASSIC}, {"a": PLACED}, q_start={"a": q}))
-    assert_allclose(at.joints("a"), q)
-    assert at.free_bodies == () and at.free_poses().shape == (0, 7)
-    mujoco.mj_forward(at.model, at.data)
-    here = at.pose("a_link6").matrix
-    other = World(replace(at.cell, q_start={}))
-    other.place_arm("a", q, 0.0)
-    assert_allclose(here, other.pose("a_link6").matrix, atol=1e-12)
+def test_only_bodies_of_a_task_are_free():
+    bare = World({"a": PSM_CLASSIC}, {"a": PLACED})
+    assert bare.free_bodies == () and bare.free_poses().shape == (0, 7)
+
+
+def test_a_body_without_a_name_gets_one_for_replays():
+    class Nameless(TaskWorld):
+        def add(self, spec):
+            spec.worldbody.add_body().add_geom(size=(0.01, 0, 0))
+
+    model = World({}, {}, Nameless()).model
+    assert all(model.body(b).name for b in range(model.nbody)) and model.nbody == 2

@@ -6,8 +6,6 @@ from numpy.testing import assert_allclose
 from triangles import edges_cancel, volume_m3
 
 from trocar.arms import ARMS, frames
-from trocar.tasks.suture.planning import Needle
-from trocar.tasks.suture.view import needle_shape
 from trocar.view import shapes
 
 EACH_ARM = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
@@ -18,18 +16,6 @@ EACH_ARM = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.nam
 def test_pieces_of_an_instrument_are_closed_and_face_outwards(arm, shape):
     assert edges_cancel(shape(arm))
     assert volume_m3(shape(arm)) > 0
-
-
-@pytest.mark.parametrize("needle", [Needle(), Needle(0.012, np.radians(120))], ids=str)
-def test_the_needle_goes_from_its_tip_back_along_its_arc(needle):
-    line = needle_shape.needle_arc_m(needle)
-    assert_allclose(np.linalg.norm(line, axis=1), needle.radius_m)
-    assert_allclose(line[0], [0, -needle.radius_m, 0], atol=1e-15)
-    assert line[1, 0] < 0  # the tip moves along x, so the wire lies behind it
-    length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
-    assert_allclose(length, needle.radius_m * needle.arc_rad, rtol=1e-3)
-    assert edges_cancel(needle_shape.wire(needle))
-    assert volume_m3(needle_shape.wire(needle)) > 0
 
 
 @EACH_ARM

@@ -14,13 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits
-from trocar.calibration.command_fit import LEVER, MET, CommandFit, Fitted, InitialCommands, knots_of, sketched
-from trocar.calibration.command_path import CommandRequest
+from trocar.calibration.command_fit import (
+    LEVER,
+    MET,
+    CommandFit,
+    CommandRequest,
+    Fitted,
+    InitialCommands,
+    knots_of,
+    sketched,
+)
 from trocar.calibration.compensation import HysteresisState, inverse
 from trocar.calibration.limited_paths import HEADROOM, LimitedPaths, QuadraticSpline
 from trocar.errors import TrocarError
 from trocar.motion.moves import rest_to_rest
 from trocar.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
 
 Array = NDArray[np.float64]
 

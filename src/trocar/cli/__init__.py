@@ -6,23 +6,27 @@ import os
 import sys
 import traceback
 from contextlib import suppress
+from io import TextIOWrapper
 from typing import Annotated, NoReturn
 
 import typer
 
 from trocar import __version__
 from trocar.cli.commands import COMMANDS
-from trocar.cli.open_group import OpenGroup
-from trocar.cli.quiet import Quiet, be_quiet
-from trocar.cli.streams import prepare_streams
-from trocar.errors import MachineError, TrocarError
+from trocar.cli.group import Group
+from trocar.cli.options import Quiet
+from trocar.cli.terminal import be_quiet
+from trocar.errors import TrocarError
 from trocar.files.output import NO_NAME
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before NumPy is imported: its threads cost more than they bring here
 
+MIN_COLUMNS, MAX_COLUMNS = 20, 1000
+"""Plausible widths of a terminal; a value outside them counts as not given, as with COLUMNS=0."""
 
-class _Trocar(OpenGroup):
+
+class _Trocar(Group):
     members = COMMANDS
 
 
@@ -66,10 +70,8 @@ def main() -> None:
     be_quiet(False)
     try:
         app()
-    except MachineError as error:
-        _end(3, str(error))
     except TrocarError as error:
-        _end(2, str(error))
+        _end(error.exit_code, str(error))
     except MemoryError:
         _end(3, "there is not enough memory for this; ask for less at once, or close other programs")
     except OSError as error:
@@ -82,6 +84,16 @@ def main() -> None:
     except Exception:
         traceback.print_exc()
         _end(70, "that was a mistake in Trocar or in a plugin, not in what you typed; the lines above say where")
+
+
+def prepare_streams() -> None:
+    """Make any text printable anywhere: characters that an encoding lacks are written as escapes."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    columns = os.environ.get("COLUMNS", "")
+    if columns and not (columns.isascii() and columns.isdigit() and MIN_COLUMNS <= int(columns[:9]) <= MAX_COLUMNS):
+        del os.environ["COLUMNS"]
 
 
 def _end(code: int, sentence: str) -> NoReturn:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.table import Table
 
+from trocar.cli.group import Result
 from trocar.cli.out_folder import check_out_folder
 from trocar.cli.progress import waiting
-from trocar.cli.terminal import results
+from trocar.cli.terminal import rich_table
 from trocar.counting import counted
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.files.output import PICTURE, make_folder, write_json, write_table
 
 if TYPE_CHECKING:
@@ -26,6 +25,8 @@ JOINTS = ("q1", "q2", "q3", "q4", "q5", "q6")
 TIP = ("x", "y", "z")
 
 KIND = "analysis of a motion"
+FILES = {"motion.png": PICTURE, "summary.json": KIND}
+"""The files that are written beside motion.csv, with their kinds."""
 
 
 def analyse(
@@ -55,16 +56,15 @@ def analyse(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write motion.csv, motion.png and summary.json here.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
-) -> None:
+) -> Result:
     """Estimate velocity, acceleration and jerk of joints and tool tip from measured positions (Huber losses)."""
     from trocar.motion.analysis import analyse as estimate  # SciPy only when needed
     from trocar.motion.analysis import analyse_joints
 
-    check_out_folder(out, {"motion.png": PICTURE, "summary.json": KIND}, [recording])
+    check_out_folder(out, FILES, [recording])
     for name, value in (("--rate", rate), ("--smoothness", smoothness)):
         if value is not None and not 0 < value < np.inf:
-            raise TrocarError(f"{name} is {value}; give a number above 0")
+            raise InvalidValue(name, value, "give a number above 0")
     names, measured, step_s, model = _measured(recording, arm, columns, rate)
     parts: dict[str, tuple[tuple[str, ...], Derivatives]] = {}
     with waiting(f"estimating the motion of {counted(len(names), 'signal')}, {counted(len(measured), 'sample')}"):
@@ -74,14 +74,11 @@ def analyse(
             found = analyse_joints(model, measured, step_s, smoothness)
             parts = {"joints": (names, found.joints), "tip": (TIP, found.tip)}
     summary = _summary(recording, parts, model)
+    lines = _lines(summary, parts)
     if out is not None:
         _save(out, parts, summary)
-    if as_json:
-        typer.echo(json.dumps(summary))
-        return
-    _print(summary, parts)
-    if out is not None:
-        typer.echo(f"files: {out / 'motion.csv'}, {out / 'motion.png'}, {out / 'summary.json'}")
+        lines.append("files: " + ", ".join(str(out / name) for name in ("motion.csv", *FILES)))
+    return Result(summary, lines)
 
 
 def _measured(
@@ -94,13 +91,11 @@ def _measured(
     if path.suffix == ".npz":
         return _of_trial(path, arm)
     model = ARMS.pick(arm) if arm else PSM_CLASSIC
-    if rate is not None and rate <= 0:
-        raise TrocarError(f"--rate is {rate} Hz; give a number above 0")
     table = read_joint_table(path, rate)
     wanted = [name.strip() for name in columns.split(",") if name.strip()]
     usual = not wanted and all(name in table.names for name in JOINTS)
     if arm and wanted and len(wanted) != len(JOINTS):
-        raise TrocarError(f"--columns names {len(wanted)} columns; with --arm, name the six joints in order")
+        raise InvalidInput("--columns", f"names {len(wanted)} columns", "with --arm, name the six joints in order")
     chosen = wanted or (list(JOINTS) if usual else list(table.names))
     of_arm = usual or (bool(arm) and len(chosen) == len(JOINTS))
     return tuple(chosen), table.columns(chosen, path), table.step_s, model if of_arm else None
@@ -112,7 +107,7 @@ def _of_trial(path: Path, arm: str) -> tuple[tuple[str, ...], np.ndarray, float,
     trial = Trial.load(path)
     name = arm or trial.arms[0]
     if name not in trial.scenery.arms:
-        raise TrocarError(f"trial {str(path)!r} has no arm {name!r}; choose one of {', '.join(trial.arms)}")
+        raise UnknownName(f"arm of trial {str(path)!r}", name, trial.arms)
     measured = trial.arrays[f"measured_{name}"][:, :6].astype(np.float64)
     return JOINTS, measured, trial.scenery.tick_s, trial.scenery.arms[name]
 
@@ -139,22 +134,16 @@ def _summary(
     return summary
 
 
-def _print(summary: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
-    console = results()
-    seconds = summary["samples"] * summary["step_s"]
-    table = Table(
-        title=f"{counted(summary['samples'], 'sample')}, {seconds:.1f} s",
-        caption="RMS / largest, in the signal's unit and seconds",
-    )
-    for column in ("signal", "velocity /s", "acceleration /s^2", "jerk /s^3"):
-        table.add_column(column, justify="right")
-    for part in parts:
-        for name, kinds in summary[part].items():
-            label = f"tip {name}" if part == "tip" else name
-            table.add_row(label, *(f"{k['rms']:.4g} / {k['max']:.4g}" for k in kinds.values()))
-    console.print(table)
-    if "path_m" in summary:
-        console.print(f"path of the tip: {summary['path_m']:.3f} m")
+def _lines(summary: Mapping[str, Any], parts: Mapping[str, Any]) -> list[Any]:
+    rows = [
+        (f"tip {name}" if part == "tip" else name, *(f"{k['rms']:.4g} / {k['max']:.4g}" for k in kinds.values()))
+        for part in parts
+        for name, kinds in summary[part].items()
+    ]
+    title = f"{counted(summary['samples'], 'sample')}, {summary['samples'] * summary['step_s']:.1f} s"
+    columns = ("signal", "velocity /s", "acceleration /s^2", "jerk /s^3")
+    lines: list[Any] = [rich_table(title, columns, rows, "RMS / largest, in the signal's unit and seconds")]
+    return lines + ([f"path of the tip: {summary['path_m']:.3f} m"] if "path_m" in summary else [])
 
 
 def _save(out: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], summary: Mapping[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from trocar.cli.difficulty import DEFAULT, Flaws, Level
-from trocar.cli.extras import need
+from trocar.cli.calibrate import require_box
+from trocar.cli.group import Result
+from trocar.cli.options import Flaws, Level, Seed, StationName, need
 from trocar.cli.out_folder import default_folder, differing
-from trocar.cli.plugin import Plugins
 from trocar.cli.progress import progress
-from trocar.cli.terminal import beside, details, results
-from trocar.errors import TrocarError
+from trocar.cli.terminal import beside
+from trocar.errors import InvalidInput
 from trocar.files.output import make_folder, write_json, write_text
 
 if TYPE_CHECKING:
@@ -28,13 +27,13 @@ SESSION, COLLECTION, FIT = range(3)
 
 
 def collect(
-    station: Annotated[str, typer.Argument(metavar="STATION", help="Name of a station, or a TOML file.")],
+    station: StationName,
     *,
     arm: Annotated[
         list[str] | None, typer.Option(metavar="ARM", help="Which arm; may be given several times.", show_default="all")
     ] = None,
     rows: Annotated[int, typer.Option(help="Samples of each arm; the paper has 1355.")] = 1355,
-    seed: Annotated[int, typer.Option(help="Seed of everything random: the day, the motion, the images.")] = 0,
+    seed: Seed = 0,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Folder for the files; default out/calibration-STATION-SEED-OPTIONS."),
@@ -42,54 +41,44 @@ def collect(
     fit: Annotated[bool, typer.Option(help="Also fit a cable model, and evaluate it on the rows left out.")] = True,
     model: Annotated[str, typer.Option(help="Cable model: offset, ridge, play, lstm (extra 'learn').")] = "play",
     fraction: Annotated[float, typer.Option(help="First share of the rows that the model is fitted on.")] = 0.8,
-    difficulty: Level = DEFAULT,
+    difficulty: Level = "recorded",
     flaw: Flaws = None,
-    plugin: Plugins = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
-) -> None:
+) -> Result:
     """Calibrate arms of the simulated cell from images of spheres that they wear: joints, bases, cable models.
 
     Interrupted, it keeps what it has; run the same command to continue.
     """
     need("sim", "mujoco", "cv2")
     given = {"rows": rows, "fit": fit, "model": model, "fraction": fraction, "difficulty": difficulty, "flaw": flaw}
-    unusual = differing(collect, given | {"plugin": plugin})
-    folder = out or default_folder(f"calibration-{Path(station).stem}-{seed}", unusual)
+    folder = out or default_folder(f"calibration-{Path(station).stem}-{seed}", differing(collect, given))
+    from trocar.collect.report import collection_table  # slow to import
     from trocar.lab.flaws import Difficulty
 
     collections = _collections(station, arm, rows, seed, Difficulty.of(difficulty, flaw or ()))
-    _check(model if fit else None, fraction, rows, seed)
+    if fit:
+        _check_fit(model, fraction, rows)
     make_folder(folder)
     try:
         summary, files = _chain(station, collections, folder, model if fit else None, fraction, seed)
     except KeyboardInterrupt:
         beside().print(f"stopped; what was collected is in {folder}; run the same command to continue")
         raise typer.Exit(130) from None
-    if as_json:
-        typer.echo(json.dumps(summary))
-        return
-    from trocar.collect.report import collection_table
-
-    details().print(collection_table(summary["arms"]))
-    results().print("files: " + ", ".join(map(str, files)), soft_wrap=True)
+    return Result(summary, ["files: " + ", ".join(map(str, files))], [collection_table(summary["arms"])])
 
 
-def _check(model: str | None, fraction: float, rows: int, seed: int) -> None:
+def _check_fit(model: str, fraction: float, rows: int) -> None:
     from trocar.calibration.models import MODELS
     from trocar.calibration.models.base import MIN_ROWS
 
-    if seed < 0:
-        raise TrocarError(f"seed {seed} is negative; give 0 or more")
-    if model is None:
-        return
     MODELS.pick(model)
     if model == "lstm":
         need("learn", "jax", "equinox", "optax")
     least = 2 * MIN_ROWS
     if not 0.0 < fraction < 1.0 or fraction * rows < least or (1 - fraction) * rows < 1:
-        raise TrocarError(
-            f"--fraction {fraction:g} of {rows} rows leaves too few to fit on ({least} or more) or to evaluate on (1); "
-            "give another share, or more --rows"
+        raise InvalidInput(
+            f"--fraction {fraction:g} of {rows} rows",
+            f"leaves too few to fit on ({least} or more) or to evaluate on (1)",
+            "give another share, or more --rows",
         )
 
 
@@ -100,19 +89,12 @@ def _collections(
     from trocar.lab import load_station, require_reach
     from trocar.lab.session import draw_session
 
-    if seed < 0:
-        raise TrocarError(f"seed {seed} is negative; give 0 or more")
-    station = replace(load_station(name), difficulty=difficulty).with_relevant_flaws()
+    station = replace(load_station(name), difficulty=difficulty).require_relevant()
     require_reach(station)
     session = draw_session(station, np.random.default_rng([seed, SESSION]))
     found = {}
     for arm in dict.fromkeys(arms or station.arms):
-        box = station.arm(arm).calibration
-        if box is None:
-            raise TrocarError(
-                f"station {station.name!r} does not define where arm {arm!r} moves during calibration; "
-                f"add 'calibration' to [arms.{arm}]"
-            )
+        box = require_box(station.name, arm, station.arm(arm))
         place = list(station.arms).index(arm)
         found[arm] = Collection(session, arm, box, np.random.SeedSequence([seed, COLLECTION, place]), rows)
     return found
@@ -131,7 +113,7 @@ def _chain(
     from trocar.collect.chain import calibrate
     from trocar.collect.report import draw_calibration
     from trocar.lab import station_text
-    from trocar.lab.registered import with_registered
+    from trocar.lab.station_file import with_registered
 
     figures: dict[str, Any] = {}
     files: list[Path] = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trocar.cli.open_group import Known
+from trocar.cli.group import Known
 
 CALIBRATE = {
     "collect": Known(
@@ -12,22 +12,22 @@ CALIBRATE = {
     ),
     "apply": Known(
         "Write the commands that move an arm's joints along a path, for your own controller; rad, and m for q3.",
-        "trocar.cli.apply:apply",
+        "trocar.cli.calibrate:apply",
         "trocar calibrate apply psm1_play.npz path.csv --out commands.csv",
     ),
     "excite": Known(
         "Write commands that reveal most about an arm's cables in the least time: wide swings.",
-        "trocar.cli.excite:excite",
+        "trocar.cli.calibrate:excite",
         "trocar calibrate excite peg-transfer --arm psm1 --out minute.csv",
     ),
     "prior": Known(
         "Learn from recordings what instruments have in common, for fits on short ones.",
-        "trocar.cli.fleet:prior",
+        "trocar.cli.calibrate:prior",
         "trocar calibrate prior psm1.npz psm2.npz --out mine.npz",
     ),
     "curve": Known(
         "Print how well a play model predicts a recording, by how many of its rows it was fitted on.",
-        "trocar.cli.fleet:curve",
+        "trocar.cli.calibrate:curve",
         "trocar calibrate curve psm3.npz --prior mine.npz --plot curve.png",
     ),
     "fit": Known(
@@ -43,16 +43,6 @@ CALIBRATE = {
 }
 
 PLAN = {
-    "suture": Known(
-        "Plan where to place sutures round a circle, and in which direction to drive each.",
-        "trocar.tasks.suture.commands.plan_suture:suture",
-        "trocar plan suture --preset paper-demo --out out/plan",
-    ),
-    "setup": Known(
-        "Search for the circle, port and grasp whose best plan of sutures scores highest.",
-        "trocar.tasks.suture.commands.plan_setup:setup",
-        "trocar plan setup --free circle --free port --evaluations 1000",
-    ),
     "transfer": Known(
         "Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.",
         "trocar.cli.plan:transfer",
@@ -63,12 +53,12 @@ PLAN = {
 REGISTER = {
     "points": Known(
         "Fit the camera's pose in the robot's base to paired points by least squares.",
-        "trocar.cli.register_points:points",
+        "trocar.cli.register:points",
         "trocar register points robot.npy camera.npy --json",
     ),
     "cell": Known(
         "Register a simulated cell with a checkerboard: lenses, camera and bases; print errors against the truth.",
-        "trocar.cli.register_cell:cell",
+        "trocar.cli.register:cell",
         "trocar register cell raven-pair --seed 3 --out out/cell",
     ),
 }
@@ -91,7 +81,7 @@ STATION = {
     ),
     "export": Known(
         "Write a station as models for other programs: MJCF with named actuators and sensors, URDF of its arms.",
-        "trocar.cli.station_export:export",
+        "trocar.cli.station:export",
         "trocar station export peg-transfer --mjcf pegs.xml --urdf out/urdf",
     ),
 }
@@ -101,11 +91,6 @@ STUDY = {
         "Print Table I of the paper and the errors of all cable models, from recordings of real arms.",
         "trocar.cli.study:calibration",
         "trocar study calibration --data data --out study --no-lstm",
-    ),
-    "suture": Known(
-        "Print Table I of the circle-suture paper beside ours, the changes of direction, and random setups.",
-        "trocar.tasks.suture.commands.study_suture:suture",
-        "trocar study suture --setups 300 --out out/study",
     ),
     "robustness": Known("What a task's success depends on, flaw by flaw.", "trocar.cli.study_robustness:app"),
 }
@@ -121,12 +106,12 @@ COMMANDS = {
     ),
     "view": Known(
         "Show a saved trial in 3D in the browser: where arms and objects were, what the scripts did, what cameras saw.",
-        "trocar.cli.view:view",
+        "trocar.cli.report:view",
         "trocar view out/ten --trial 3",
     ),
     "export": Known(
         "Write saved trials as flat tables: trials, goals, spans, events, collisions, and what was sampled at 100 Hz.",
-        "trocar.cli.export:export",
+        "trocar.cli.report:export",
         "trocar export out/ten --out out/tables --format parquet",
     ),
     "calibrate": Known(

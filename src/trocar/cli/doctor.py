@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from typing import Annotated
-
-import typer
 
 from trocar import __version__
+from trocar.cli.group import Result
 from trocar.extras import EXTRAS, how_to_install
 
 PACKAGES = {"cv2": "opencv-python-headless"}
@@ -18,39 +15,32 @@ PURPOSE = {
     "sim": "simulator, cameras, perception",
     "learn": "training the network of `--model lstm`",
     "view": "3D in the browser",
-    "parquet": "demonstrations recorded by LeRobot, trials exported as Parquet",
+    "parquet": "trials exported as Parquet",
     "dask": "studies on a cluster",
 }
 
 
-def doctor(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-) -> None:
+def doctor() -> Result:
     """List what is installed, which optional parts are missing, and what to type next."""
-    if as_json:
-        extras = {extra: {name: _installed(name) for name in modules} for extra, modules in EXTRAS.items()}
-        said = {"trocar": __version__, "python": platform.python_version(), "platform": platform.platform()}
-        typer.echo(json.dumps({**said, "extras": extras}))
-        return
-    typer.echo(f"trocar {__version__}, Python {platform.python_version()} on {platform.platform(terse=True)}")
-    typer.echo("core: kinematics, calibration, motion - ready")
-    ready = {}
-    for extra, modules in EXTRAS.items():
-        missing = [module for module in modules if find_spec(module) is None]
-        ready[extra] = not missing
-        found = ", ".join(f"{module} {_version(module)}" for module in modules if module not in missing)
+    lines = [
+        f"trocar {__version__}, Python {platform.python_version()} on {platform.platform(terse=True)}",
+        "core: kinematics, calibration, motion - ready",
+    ]
+    extras = {extra: {name: _version(name) for name in modules} for extra, modules in EXTRAS.items()}
+    for extra, found in extras.items():
+        missing = [module for module, number in found.items() if number is None]
+        ready = ", ".join(f"{module} {number}" for module, number in found.items() if number is not None)
         state = "ready" if not missing else f"missing {', '.join(missing)}: {how_to_install(extra)}"
-        typer.echo(f"{extra}: {PURPOSE[extra]} - {state}" + (f" ({found})" if found else ""))
-    example = "trocar run peg-transfer --trials 1 --out out/first" if ready["sim"] else "trocar calibrate --help"
-    typer.echo(f"next: {example}")
+        lines.append(f"{extra}: {PURPOSE[extra]} - {state}" + (f" ({ready})" if ready else ""))
+    example = "calibrate --help" if None in extras["sim"].values() else "run peg-transfer --trials 1 --out out/first"
+    about = {"trocar": __version__, "python": platform.python_version(), "platform": platform.platform()}
+    return Result({**about, "extras": extras}, [*lines, f"next: trocar {example}"])
 
 
-def _installed(module: str) -> str | None:
+def _version(module: str) -> str | None:
     """Return the version of a module; None if it is not there."""
-    return None if find_spec(module) is None else _version(module)
-
-
-def _version(module: str) -> str:
+    if find_spec(module) is None:
+        return None
     try:
         return version(PACKAGES.get(module, module))
     except PackageNotFoundError:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from trocar.errors import MachineError, TrocarError
+from trocar.errors import BadFile, MachineError
 from trocar.files.output import blame, require_place
 
 LONGEST_PART, LONGEST_NAME = 40, 150
@@ -76,7 +76,7 @@ def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequenc
         return
     try:
         if out.exists() and not out.is_dir():
-            raise TrocarError(f"--out {str(out)!r} is a file; give a folder")
+            raise BadFile(out, "is a file", "give a folder", kind="--out")
         missing = [folder for folder in (out, *out.parents) if not folder.exists()]
         out.mkdir(parents=True, exist_ok=True)
         may_write = os.access(out, os.W_OK | os.X_OK)
@@ -90,14 +90,24 @@ def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequenc
         require_place(out / name, kind, inputs)
 
 
-def check_npz(path: Path, kind: str, inputs: Sequence[str | Path] = ()) -> None:
+def require_file(
+    option: str, path: Path, kind: str, suffixes: Sequence[str], inputs: Sequence[str | Path] = (), mark: str = ""
+) -> None:
     """Raise a sentence unless a file can be written; check this before a long computation.
 
     Args:
+        option: that names it.
         path: of the file.
         kind: of the file.
+        suffixes: that its name may have.
         inputs: files that are read.
+        mark: of its kind, if not the usual one.
     """
-    if path.suffix != ".npz" or not path.parent.is_dir():
-        raise TrocarError(f"file {str(path)!r}, a {kind}, must end in .npz and lie in a folder that exists")
-    require_place(path, kind, inputs)
+    if path.suffix not in suffixes or not path.parent.is_dir():
+        raise BadFile(
+            path,
+            f"must end in {', '.join(suffixes)} and lie in a folder that exists",
+            "choose another name",
+            kind=f"{option}: file",
+        )
+    require_place(path, kind, inputs, mark)

@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Sequence
 from math import isfinite, radians
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.table import Table
 
 from trocar.arms import ARMS, MOTION_LIMITS
-from trocar.cli.motion_file import require_motion_file, write_motions
-from trocar.cli.plugin import Plugins
-from trocar.cli.terminal import results
-from trocar.errors import TrocarError
+from trocar.cli.group import Result
+from trocar.cli.out_folder import require_file
+from trocar.cli.terminal import rich_table
+from trocar.errors import BadFile, InvalidInput, TrocarError, UnknownName
+from trocar.files.archive import Archive
+from trocar.files.output import write_table
 from trocar.files.reading import read_arrays
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
-
-T = TypeVar("T")
+from trocar.trajectory import Trajectory
 
 UPRIGHT = (True, False, True)
 """The pieces of a transfer that are straight: the first lifts, the last lowers."""
 
 MIN_STEP_MS = 0.1
+
+KIND = "trocar motion"
+ORDERS = ("position", "velocity", "acceleration")
 
 RANGE_SLACK = 0.02
 """Share of its range by which a joint may leave it at the given waypoints: transfers recorded on a real PSM Classic
@@ -54,32 +56,34 @@ def transfer(
         float, typer.Option(help="How far it may be turned there; 'relaxed' needs both to gain anything.")
     ] = 0.0,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Save the motions, sample by sample: .csv, .json or .npz.")
+        Path | None, typer.Option(metavar="FILE", help="Save the motions, sample by sample: .csv or .npz.")
     ] = None,
     step_ms: Annotated[float, typer.Option(help="Time between samples in that file.")] = 10.0,
-    plugin: Plugins = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
-) -> None:
+) -> Result:
     """Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.
 
     With a clearance, lifting and lowering must be straight within it. A motion that breaks what was asked is
     printed with the reason, and the exit code is then 1.
     """
-    model, motion_limits = _choice(ARMS, arm, "arm"), _choice(MOTION_LIMITS, limits, "set of limits")
+    model = ARMS.pick(arm)
+    if limits not in MOTION_LIMITS:
+        raise UnknownName("set of limits", limits, MOTION_LIMITS)
     PLANNERS.pick(planner)
     near = _tolerances(clearance_mm, clearance_deg)
     if not MIN_STEP_MS <= step_ms < np.inf:
-        raise TrocarError(f"--step-ms {step_ms} is outside {MIN_STEP_MS}..inf; give the time between two samples")
+        outside = f"is outside {MIN_STEP_MS}..inf"
+        raise InvalidInput(f"--step-ms {step_ms}", outside, "give the time between two samples")
     joints = [joint.name for joint in model.joints]
     if out is not None:
-        require_motion_file(out, joints, [waypoints])
+        mark = ",".join(_columns(joints)) if out.suffix == ".csv" else ""
+        require_file("--out", out, KIND, (".csv", ".npz"), [waypoints], mark)
     motions, found = [], []
     for index, four in enumerate(_load(waypoints)):
         try:
-            asked = ArmMotion(model, four, motion_limits, up=np.array(up), straight=UPRIGHT if near else ())
+            asked = ArmMotion(model, four, MOTION_LIMITS[limits], up=np.array(up), straight=UPRIGHT if near else ())
             plan = plan_motion(MotionProblem({arm: asked}, range_slack=RANGE_SLACK, **near), planner)
         except TrocarError as error:
-            raise TrocarError(f"{waypoints}, motion {index}: {error}") from None
+            raise InvalidInput(f"{waypoints}, motion {index}:", str(error)) from None
         motions.append(_record(asked, plan))
         found += [path.trajectory for path in plan.paths.values() if plan.found]
     summary = {
@@ -91,13 +95,8 @@ def transfer(
         "motions": motions,
     }
     if out is not None and found:
-        summary["out"] = str(write_motions(out, found, joints, 1e-3 * step_ms))
-    if as_json:
-        typer.echo(json.dumps(summary))
-    else:
-        _print(summary)
-    if not all(motion["found"] for motion in motions):
-        raise typer.Exit(1)
+        summary["out"] = str(_write(out, found, joints, 1e-3 * step_ms))
+    return Result(summary, _lines(summary), succeeded=all(motion["found"] for motion in motions))
 
 
 def _tolerances(clearance_mm: float, clearance_deg: float) -> dict[str, Any]:
@@ -142,45 +141,57 @@ def _mean(motions: list[dict[str, Any]], key: str) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def _choice(table: Mapping[str, T], name: str, what: str) -> T:
-    """Return the entry of this name, or raise an error that lists the available names."""
-    if name not in table:
-        raise TrocarError(f"no {what} is called '{name}'; choose one of: {', '.join(table)}")
-    return table[name]
+def _columns(joints: Sequence[str]) -> list[str]:
+    """Return the names of a table's columns: which motion, when, each joint's position, velocity, acceleration."""
+    return ["motion", "t_s", *(f"{joint}_{order}" for joint in joints for order in ORDERS)]
+
+
+def _write(path: Path, motions: Sequence[Trajectory], joints: Sequence[str], step_s: float) -> Path:
+    """Write motions one after the other, each sampled from 0 s to its end; the last step may be shorter."""
+    sampled = []
+    for number, motion in enumerate(motions):
+        times = np.append(np.arange(0.0, motion.duration_s, step_s), motion.duration_s)
+        moved = (motion(motion.times_s[0] + times, order) for order in range(len(ORDERS)))
+        sampled.append((np.full(len(times), number), times, *moved))
+    numbers, times, *moved = (np.concatenate(arrays) for arrays in zip(*sampled, strict=True))
+    if path.suffix == ".npz":
+        header = {"format": KIND, "version": 1, "joints": list(joints)}
+        return Archive(header, {"motion": numbers, "t_s": times, **dict(zip(ORDERS, moved, strict=True))}).save(path)
+    by_joint = np.stack(moved, axis=-1).reshape(len(times), -1)
+    rows = (
+        [str(number), *(f"{value:.9g}" for value in (time_s, *row))]
+        for number, time_s, row in zip(numbers, times, by_joint, strict=True)
+    )
+    return write_table(path, _columns(joints), rows)
 
 
 def _load(path: Path) -> NDArray[np.float64]:
     """Return the waypoints of a file as (n, 4, 6)."""
+    remedy = "give a .npy or .npz with waypoints"
     if path.is_dir():
-        raise TrocarError(f"{str(path)!r} is a folder; give a .npy or .npz with waypoints")
+        raise BadFile(path, "is a folder", remedy)
+    if not path.is_file():
+        raise BadFile(path, "does not exist", remedy, kind="file")
     try:
         arrays = read_arrays(path)
-    except FileNotFoundError:
-        raise TrocarError(f"there is no file {path}; give a .npy or .npz with waypoints") from None
-    except TrocarError:
-        raise
-    except (OSError, ValueError):
-        raise TrocarError(f"{path} cannot be read as a .npy or .npz of numbers; save the waypoints again") from None
-    try:
+        if not arrays.keys() & {"", "waypoints"}:
+            raise BadFile(path, f"holds {sorted(arrays)} but no array 'waypoints'", "save one of that name")
         loaded = arrays[""] if "" in arrays else arrays["waypoints"]
         values = loaded.astype(np.float64, casting="same_kind")
-    except KeyError:
-        raise TrocarError(f"{path} holds {sorted(arrays)} but no array 'waypoints'; save one of that name") from None
-    except TypeError:
-        raise TrocarError(f"{path} cannot be read as a .npy or .npz of numbers; save the waypoints again") from None
+    except TrocarError:
+        raise
+    except (OSError, ValueError, TypeError):
+        raise BadFile(path, "cannot be read as a .npy or .npz of numbers", "save the waypoints again") from None
     if values.ndim == 2:
         values = values[None]
     if values.ndim != 3 or values.shape[1:] != (4, 6) or not len(values):
-        raise TrocarError(
-            f"{path} has shape {np.shape(loaded)}; a transfer needs (4, 6) or (n, 4, 6): grasp, lifted, over "
-            f"the target, lowered, six joints each"
-        )
+        needs = "a transfer needs (4, 6) or (n, 4, 6): grasp, lifted, over the target, lowered, six joints each"
+        raise BadFile(path, f"has shape {np.shape(loaded)}", needs)
     return values
 
 
-def _print(summary: dict[str, Any]) -> None:
-    """Print the motions as a table."""
-    table = Table(title=f"Transfers by '{summary['planner']}' for {summary['arm']}, limits '{summary['limits']}'")
+def _lines(summary: dict[str, Any]) -> list[Any]:
+    """Return the motions as a table, and what is to be said of them."""
     columns = {
         "duration s": ("duration_s", 1.0, ".3f"),
         "bound s": ("bound_s", 1.0, ".3f"),
@@ -189,27 +200,23 @@ def _print(summary: dict[str, Any]) -> None:
         "acceleration": ("max_acceleration_ratio", 1.0, ".3f"),
         "off vertical mm": ("vertical_deviation_m", 1e3, ".2f"),
     }
-    for column in ("motion", *columns):
-        table.add_column(column, justify="right", no_wrap=" " not in column)
+    rows, remarks = [], []
     for index, motion in enumerate(summary["motions"]):
         cells = (_cell(motion[key], scale, style) for key, scale, style in columns.values())
-        table.add_row(str(index) if motion["found"] else f"{index} refused", *cells)
-    table.add_section()
-    means = (_cell(summary[key], 1.0, ".3f") for key in ("mean_duration_s", "mean_bound_s"))
-    table.add_row("mean", *means, "", "", "", "")
-    console = results()
-    console.print(table)
-    for index, motion in enumerate(summary["motions"]):
+        rows.append((str(index) if motion["found"] else f"{index} refused", *cells))
         if not motion["found"]:
-            console.print(f"Motion {index}: {motion['reason']}.")
+            remarks.append(f"Motion {index}: {motion['reason']}.")
         for joint, excess in motion["range_excess"].items():
-            console.print(f"Motion {index} leaves the nominal range of joint '{joint}' by {excess:.5f} (rad or m).")
-    console.print(
+            remarks.append(f"Motion {index} leaves the nominal range of joint '{joint}' by {excess:.5f} (rad or m).")
+    means = (_cell(summary[key], 1.0, ".3f") for key in ("mean_duration_s", "mean_bound_s"))
+    title = f"Transfers by '{summary['planner']}' for {summary['arm']}, limits '{summary['limits']}'"
+    remarks.append(
         "Velocity and acceleration: largest share of the limits, checked at 1 kHz and at all knots. "
         "Bound: no motion through the same waypoints is shorter."
     )
     if "out" in summary:
-        console.print(f"saved {summary['out']}: the motions that were found, in order", soft_wrap=True)
+        remarks.append(f"saved {summary['out']}: the motions that were found, in order")
+    return [rich_table(title, ("motion", *columns), [*rows, (), ("mean", *means, "", "", "", "")]), *remarks]
 
 
 def _cell(value: float | None, scale: float, style: str) -> str:

@@ -1,25 +1,25 @@
-"""``trocar report``: look at the saved trials of a run."""
+"""``trocar report``, ``view``, ``export``: look at the saved trials of a run."""
 
 from __future__ import annotations
 
 import json
+import webbrowser
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from trocar.cli.plugin import Plugins
+from trocar.cli.group import Result
+from trocar.cli.options import JsonFlag, need
 from trocar.cli.progress import progress
 from trocar.cli.terminal import beside, details, results
-from trocar.cli.view import trial_in
 from trocar.counting import counted
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, InvalidInput
 
 if TYPE_CHECKING:
     from trocar.eval.trial import Trial
-
-JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
 def report(
@@ -37,13 +37,11 @@ def report(
     video: Annotated[
         bool, typer.Option("--video", help="Also make a short animation of the trial, video.webp.")
     ] = False,
-    plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
-    del plugin  # loaded when it was parsed
     if trial is None and session:
-        raise TrocarError(f"--session {session} is given without --trial; add --trial K")
+        raise InvalidInput(f"--session {session}", "is given without --trial", "add --trial K")
     place = None if trial is None else (session, trial)
     finish(folder, as_json, interrupted=False, place=place)
     if video:
@@ -152,3 +150,97 @@ def _show(
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
     for replay in (file for file in files if file.name == "replay.html"):
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
+
+
+def view(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    *,
+    session: Annotated[int, typer.Option(metavar="S", help="Session, as in the name of its folder.")] = 0,
+    trial: Annotated[int, typer.Option(metavar="K", help="Trial, as in the name of its file.")] = 0,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page; if it is taken, the next free one.")
+    ] = 8080,
+    open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")] = True,
+) -> None:
+    """Show a saved trial in 3D in the browser: where arms and objects were, what the scripts did, what cameras saw.
+
+    The page shows planned and driven paths of the tips and the contacts, and beside them the scripts' time line, the
+    last camera image, and asked, commanded, measured and true joints. Only this machine can open it; Ctrl-C ends.
+    """
+    need("view", "viser")
+    from trocar.eval.trial import Trial  # SciPy only when needed
+
+    replay = Trial.load(trial_in(folder, session, trial)).replay()
+    from trocar.view.trial_view import show_replay  # viser is heavy
+
+    shown = show_replay(replay, port, block=False)
+    address = f"http://127.0.0.1:{shown.port}"
+    typer.echo(f"{replay.title}: {address} in a browser; Ctrl-C ends", err=True)
+    if open_browser:
+        webbrowser.open(address)
+    with suppress(KeyboardInterrupt):
+        shown.play()
+    shown.close()
+
+
+def trial_in(folder: Path, session: int, number: int) -> Path:
+    """Return the file of a trial.
+
+    Raises:
+        BadFile: the folder holds no trials, or not this one.
+    """
+    from trocar.eval.trial import trial_file, trial_files
+
+    wanted = trial_file(folder, session, number)
+    if wanted.is_file():
+        return wanted
+    found = [f"--session {int(p.parent.name[8:])} --trial {int(p.stem[6:])}" for p in trial_files(folder)]
+    if not found:
+        what = "is a file" if folder.is_file() else "holds no trial"
+        raise BadFile(folder, what, "give the folder of a run")
+    shown = ", ".join(found[:8]) + (" ..." if len(found) > 8 else "")
+    raise BadFile(folder, f"has no trial {number} of session {session}", f"choose one of {shown}")
+
+
+def export(
+    run: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, or the file of one trial.")],
+    *,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the tables.")],
+    format: Annotated[
+        str, typer.Option(metavar="csv|parquet", help="Format of the tables; parquet needs pyarrow.")
+    ] = "csv",
+) -> Result:
+    """Write saved trials as flat tables: trials, goals, spans, events, collisions, and what was sampled at 100 Hz.
+
+    There is a row for each goal, span and so on of all trials, and in the folder 'samples' a table for each trial:
+    joints as asked, commanded, measured and true, jaws, tips, bodies. 'columns' says what each column means.
+    """
+    from trocar.report.export import export_trials  # SciPy only when needed
+
+    trials, strange = _chosen(run)
+    for sentence in strange:
+        beside().print(sentence, soft_wrap=True)
+    with progress() as tick:
+        written = export_trials(trials, out, format, lambda done, total: tick("writing tables", done=done, total=total))
+    tables = {
+        str(table.path.relative_to(out)): {"rows": table.rows, "columns": list(table.columns)} for table in written
+    }
+    samples = [table for table in written if table.path.parent != out]
+    lines = [
+        f"{table.path}: {table.rows} rows of {len(table.columns)} columns" for table in written if table not in samples
+    ]
+    rows, count = sum(table.rows for table in samples), len(samples[0].columns)
+    lines.append(f"{samples[0].path.parent}: {len(samples)} tables, {rows} rows of {count} columns in all")
+    return Result({"out": str(out), "trials": len(trials), "left_aside": strange, "tables": tables}, lines)
+
+
+def _chosen(run: Path) -> tuple[Sequence[Trial], list[str]]:
+    """Return the trials of a run's folder, or the one in a file, and a sentence for each that was left aside."""
+    from trocar.eval.folder import load_trial, load_trials, still_to_do
+
+    if run.suffix == ".npz" and not run.is_dir():
+        return [load_trial(run)], []
+    if run.is_file():
+        raise BadFile(run, "is not a trial", "give the folder of a run, or a file such as trial_000.npz")
+    trials, strange = load_trials(run)
+    return trials, [*strange, *still_to_do(run, len(trials))]

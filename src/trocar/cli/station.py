@@ -1,89 +1,140 @@
-"""``trocar station``: what a laboratory is."""
+"""``trocar station``: what a laboratory is, and its models for other programs."""
 
 from __future__ import annotations
 
-import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
-from trocar.cli.plugin import Plugins
-from trocar.cli.terminal import results
+from trocar.cli.group import Result
+from trocar.cli.options import Seed, StationName, need
+from trocar.cli.out_folder import require_file
+from trocar.cli.terminal import rich_table
 from trocar.counting import counted
+from trocar.errors import InvalidInput
+from trocar.files.output import make_folder, write_text
 
 if TYPE_CHECKING:
     from trocar.geometry import SE3
     from trocar.lab import Station
 
-Name = Annotated[str, typer.Argument(metavar="STATION", help="Name of a built-in station, or a TOML file.")]
-JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+MJCF, URDF = "MJCF of a station", "URDF of an arm"
 
 
-def list_stations(*, as_json: JsonFlag = False) -> None:
+def list_stations() -> Result:
     """List the stations that come with the package."""
     from trocar.lab import built_in_stations, load_station  # SciPy only when needed
 
     stations = {name: load_station(name).about for name in built_in_stations()}
-    if as_json:
-        typer.echo(json.dumps(stations))
-        return
-    for name, about in stations.items():
-        typer.echo(f"{name}: {about}")
+    return Result(stations, [f"{name}: {about}" for name, about in stations.items()])
 
 
 def show(
-    station: Name,
+    station: StationName,
     *,
     toml: Annotated[bool, typer.Option("--toml", help="Print the file itself, to start your own from.")] = False,
-    plugin: Plugins = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Result:
     """Show what a station consists of."""
     from trocar.lab import load_station, station_text
 
-    del plugin  # loaded when it was parsed
     found = load_station(station)
     if toml:
-        typer.echo(station_text(station), nl=False)
-    elif as_json:
-        typer.echo(json.dumps(_values(found)))
-    else:
-        _show(found)
+        return Result({"toml": station_text(station)}, [station_text(station).removesuffix("\n")])
+    values = _values(found)
+    arms = [
+        (name, arm.model.name, arm.model.instrument.name, arm.transmission_name, _mm(arm.T_world_base))
+        for name, arm in found.arms.items()
+    ]
+    level = ", ".join([found.difficulty.level, *found.difficulty.named])
+    return Result(
+        values,
+        [
+            rich_table(
+                f"{found.name}: {found.about}", ("arm", "model", "instrument", "transmission", "base x y z mm"), arms
+            ),
+            *(
+                f"camera {name}: {camera['kind']}, at {_mm(found.cameras[name].T_world_camera)} mm"
+                for name, camera in values["cameras"].items()
+            ),
+            *(f"fixture {name}: at {_mm(T)} mm" for name, T in found.T_world_fixture.items()),
+            f"registration of bases: {found.registration.about}",
+            f"difficulty: {level}; --json has the size of every flaw",
+        ],
+    )
 
 
-def check(station: Name, *, plugin: Plugins = None, as_json: JsonFlag = False) -> None:
+def check(station: StationName) -> Result:
     """Check keys, values, reach, distances between arms and what cameras see; exit code 1 if something is wrong."""
     from trocar.lab import check_station, load_station
 
-    del plugin  # loaded when it was parsed
     found = load_station(station)
     wrong = check_station(found)
-    if as_json:
-        typer.echo(json.dumps({"station": found.name, "ok": not wrong, "findings": wrong}))
-    else:
-        for sentence in wrong:
-            typer.echo(sentence)
-        typer.echo(f"{found.name}: {counted(len(wrong), 'finding')}" if wrong else f"{found.name}: all is well")
-    if wrong:
-        raise typer.Exit(1)
+    end = counted(len(wrong), "finding") if wrong else "all is well"
+    return Result(
+        {"station": found.name, "ok": not wrong, "findings": wrong},
+        [*wrong, f"{found.name}: {end}"],
+        succeeded=not wrong,
+    )
 
 
-def _show(station: Station) -> None:
-    console = results()
-    table = Table(title=f"{station.name}: {station.about}")
-    for column in ("arm", "model", "instrument", "transmission", "base x y z mm"):
-        table.add_column(column)
-    for name, arm in station.arms.items():
-        table.add_row(name, arm.model.name, arm.model.instrument.name, arm.transmission_name, _mm(arm.T_world_base))
-    console.print(table)
-    for name, camera in _values(station)["cameras"].items():
-        console.print(f"camera {name}: {camera['kind']}, at {_mm(station.cameras[name].T_world_camera)} mm")
-    for name, T in station.T_world_fixture.items():
-        console.print(f"fixture {name}: at {_mm(T)} mm")
-    console.print(f"registration of bases: {station.registration.about}")
-    level = ", ".join([station.difficulty.level, *station.difficulty.named])
-    console.print(f"difficulty: {level}; --json has the size of every flaw")
+def export(
+    station: StationName,
+    *,
+    mjcf: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the whole station for MuJoCo (.xml); needs extra 'sim'.")
+    ] = None,
+    urdf: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write each type of arm there as URDF.")] = None,
+    task: Annotated[
+        str, typer.Option(metavar="TASK", help="Put the objects of this task on the table.", show_default="nothing")
+    ] = "",
+    seed: Seed = 0,
+) -> Result:
+    """Write a station as models for other programs: MJCF with named actuators and sensors, URDF of its arms.
+
+    They are the nominal laboratory: bases as the file has them, joints that follow their commands, no cables, no flaws.
+    The MJCF's key 'park' is where the arms rest.
+    """
+    from trocar.lab import load_station  # SciPy only when needed
+
+    if mjcf is None and urdf is None:
+        raise InvalidInput(
+            "trocar station export", "has nothing to write", "give --mjcf FILE.xml, --urdf FOLDER, or both"
+        )
+    if task and mjcf is None:
+        raise InvalidInput("--task", "is for the whole station", "give --mjcf FILE.xml too")
+    if mjcf is not None:
+        need("sim", "mujoco", "trio", "cv2")
+        require_file("--mjcf", mjcf, MJCF, (".xml",), [station])
+    found = load_station(station)
+    files = [] if mjcf is None else [write_text(mjcf, f"{_mjcf(found, task, seed)}\n", MJCF)]
+    files += [] if urdf is None else _write_urdf(found, urdf)
+    lines = [f"wrote {file}" for file in files]
+    if mjcf is not None:
+        lines.append(f"open it: python -m mujoco.viewer --mjcf={mjcf}; load its key 'park', where the arms rest")
+    return Result({"station": found.name, "files": [str(file) for file in files]}, lines)
+
+
+def _mjcf(station: Station, task: str, seed: int) -> str:
+    import numpy as np
+
+    from trocar.eval import TASKS
+    from trocar.sim.station_model import station_mjcf  # the simulator is heavy
+
+    if not task:
+        return station_mjcf(station)
+    chosen = TASKS.pick(task)()
+    there = chosen.at(station)
+    return station_mjcf(there, chosen.world(chosen.scene(np.random.default_rng(seed), there)))
+
+
+def _write_urdf(station: Station, folder: Path) -> list[Path]:
+    """Write one file for each type of arm, named after it."""
+    from trocar.arms.urdf import arm_urdf
+
+    types = {arm.name: arm for arm in station.models.values()}
+    make_folder(folder)
+    return [write_text(folder / f"{name}.urdf", arm_urdf(arm), URDF) for name, arm in types.items()]
 
 
 def _values(station: Station) -> dict[str, Any]:

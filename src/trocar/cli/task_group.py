@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from trocar.cli.open_group import Deferred, command_of
-from trocar.cli.plugin import load_given
+from trocar.cli.group import Deferred, command_of
+from trocar.cli.options import load_given
 from trocar.errors import TrocarError
 from trocar.eval import TASKS, Task, check_task, methods_of, perceptions_of
 from trocar.registry import PLUGIN_MODULE

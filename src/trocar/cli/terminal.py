@@ -1,22 +1,59 @@
-"""Where text is printed, and what ``--quiet`` leaves out."""
+"""Where text is printed, what ``--quiet`` leaves out, and tables."""
 
 from __future__ import annotations
 
-from rich.console import Console
+from collections.abc import Iterable, Sequence
+from contextvars import ContextVar
+from typing import TYPE_CHECKING
 
-from trocar.cli.quiet import is_quiet
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+_QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+
+
+def is_quiet() -> bool:
+    """Return whether progress, tables and remarks are left out."""
+    return _QUIET.get()
+
+
+def be_quiet(wanted: bool) -> None:
+    """Leave them out from now on, or show them again."""
+    _QUIET.set(wanted)
 
 
 def results() -> Console:
     """Return the console for the requested result, which is always printed."""
-    return Console()
+    return _console(to_stderr=False, quiet=False)
 
 
 def details() -> Console:
     """Return the console for what precedes the end of a long result: tables, remarks; silent with ``--quiet``."""
-    return Console(quiet=is_quiet())
+    return _console(to_stderr=False, quiet=is_quiet())
 
 
 def beside() -> Console:
     """Return the console for messages beside the result, on stderr; silent with ``--quiet``."""
-    return Console(stderr=True, quiet=is_quiet())
+    return _console(to_stderr=True, quiet=is_quiet())
+
+
+def _console(to_stderr: bool, quiet: bool) -> Console:
+    from rich.console import Console  # not needed to list commands
+
+    return Console(stderr=to_stderr, quiet=quiet)
+
+
+def rich_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> Table:
+    """Return a table of right-aligned columns; an empty row draws a line."""
+    from rich.table import Table  # not needed to list commands
+
+    table = Table(title=title, caption=caption or None)
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=" " not in column)
+    for row in rows:
+        if row:
+            table.add_row(*row)
+        else:
+            table.add_section()
+    return table

@@ -26,7 +26,7 @@ from trocar.perception.stereo_calibration import (
     calibrate_stereo,
     find_corners,
 )
-from trocar.sim.checkerboard_cell import CheckerboardCell
+from trocar.sim.calibration_cells import CheckerboardCell
 
 HAND_S, BRACKET_S = 6.0, 120.0
 """Time that a person takes for one pose by hand, and to mount a bracket, take the image and remove it (assumed)."""

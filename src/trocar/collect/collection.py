@@ -22,7 +22,7 @@ from trocar.perception.fiducial_joints import Measured, measure, require_psm
 from trocar.perception.fiducials import SIX_SPHERES, Fixture
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.perception.spheres import find_spheres
-from trocar.sim.fiducial_cell import FiducialCell
+from trocar.sim.calibration_cells import FiducialCell
 
 SAMPLE_S = 0.75
 """Time of one sample: a move of .1 rad, settling, an exposure of .15 s (recordings: .4 to 1.1 s; the paper: .8 s)."""

@@ -21,7 +21,7 @@ from trocar.eval.method import Method, pick_method, pick_perception
 from trocar.eval.task import TASKS, Task
 from trocar.lab import Station, load_station
 from trocar.lab.flaws import DEFAULT, Difficulty
-from trocar.lab.toml import station_digest
+from trocar.lab.station_file import station_digest
 from trocar.motion import PLANNERS
 from trocar.registry import load_plugin
 
@@ -117,7 +117,7 @@ class RunConfig:
         if self.perception:
             pick_perception(kind, self.perception)
         difficulty = Difficulty.of(self.difficulty, self.flaws)
-        station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).with_relevant_flaws()
+        station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).require_relevant(kind.name)
         arms = self.task.working_arms(station)
         if self.calibration not in ("", IMAGES, JOINTS):
             raise TrocarError(f"calibration {self.calibration!r} is unknown; choose one of {IMAGES}, {JOINTS}")
@@ -216,7 +216,7 @@ class RunConfig:
         return [self.difficulty, *self.laboratory.difficulty.named]
 
     def _flaws(self) -> dict[str, str]:
-        flaws = self.laboratory.flaws(self.flawless_camera)
+        flaws = self.laboratory.flaws(type(self.task).name, self.flawless_camera)
         if self.chosen_method.calibrated:
             how = "spheres seen in images" if self.calibration == IMAGES else "joints with drawn noise"
             flaws[FITTED_ON] = how

@@ -20,8 +20,8 @@ from trocar.eval.scenery import Scenery
 from trocar.eval.trial import Trial
 from trocar.lab import SensorFlaws
 from trocar.motion import PLANNERS
-from trocar.robots import TICK_S, Adaptive, Calibrated
-from trocar.sim.laboratory import SimLaboratory, arrays_of
+from trocar.robots import TICK_S, Adaptive, Compensated
+from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.world import PhysicsError
 
@@ -100,7 +100,7 @@ def run_trial(config: RunConfig, prepared: Prepared, index: int, listener: Liste
         duration_s=round(laboratory.now_s(), 6),
         command_limit_use={arm: laboratory.driver.limit_use(arm) for arm in station.arms},
         arrays={
-            **{name: rows.astype(np.float32) for name, rows in arrays_of(laboratory.recorder).items()},
+            **{name: rows.astype(np.float32) for name, rows in laboratory.recorder.arrays().items()},
             **laboratory.task.arrays(record),
         },
         scenery=Scenery(
@@ -126,13 +126,13 @@ def free_memory() -> None:
     gc.collect()
 
 
-def _compensated(config: RunConfig, prepared: Prepared, cell: Cell) -> Calibrated:
+def _compensated(config: RunConfig, prepared: Prepared, cell: Cell) -> Compensated:
     """Return the cell's robot with its cables compensated."""
     limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
     if prepared.priors:
         return Adaptive(cell.robot, cell.arms, prepared.models, prepared.priors, limits, cell.clock, cell.log)
     stop = config.chosen_method.stop_at_limits
-    return Calibrated(cell.robot, cell.arms, prepared.models, limits, cell.clock, cell.log, stop_at_limits=stop)
+    return Compensated(cell.robot, cell.arms, prepared.models, limits, cell.clock, cell.log, stop_at_limits=stop)
 
 
 def _play(laboratory: SimLaboratory, agent: Agent, budget_s: float) -> tuple[str, str]:

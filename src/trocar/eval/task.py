@@ -17,7 +17,7 @@ from trocar.registry import Lazy, Registry
 if TYPE_CHECKING:
     from trocar.eval.method import Method
     from trocar.eval.task_report import TaskReport
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 
 def option(default: Any, help: str, *, flag: str = "", metavar: str = "", choices: Sequence[str] = ()) -> Any:

@@ -54,7 +54,7 @@ class Trial:
         scores: one dict per goal (the task's ``Score``).
         spans: of the scripts.
         events: of the scripts.
-        collisions: dicts (``trocar.sim.contacts.Collision``).
+        collisions: dicts (``trocar.sim.record.Collision``).
         ended: ``done``, or what stopped the script: ``OUT_OF_TIME``, ``FAULT``.
         reason: why, in a sentence; empty when done.
         duration_s: on the trial's clock.

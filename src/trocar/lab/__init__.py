@@ -1,10 +1,15 @@
 """Laboratories: what stands where, and the sessions drawn from them."""
 
 from trocar.lab.check import check_station, require_reach
-from trocar.lab.registration import CheckerboardRegistration, Registration
-from trocar.lab.sensor_flaws import SensorFlaws
-from trocar.lab.station import Station, StationArm, StationCamera
-from trocar.lab.toml import built_in_stations, load_station, read_station, station_text
+from trocar.lab.station import (
+    CheckerboardRegistration,
+    Registration,
+    SensorFlaws,
+    Station,
+    StationArm,
+    StationCamera,
+)
+from trocar.lab.station_file import built_in_stations, load_station, read_station, station_text
 from trocar.lab.transmission import TRANSMISSIONS, Transmission
 
 __all__ = [

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import SOLIDS, capsules, fk
-from trocar.errors import TrocarError
-from trocar.geometry import shown
+from trocar.arms import SOLIDS, capsules, fk, ik
+from trocar.errors import InvalidInput, OutOfReach
+from trocar.geometry import SE3, SO3, TURN, shown
 from trocar.geometry.capsules import Capsules, capsule_distances_m
-from trocar.lab.reach import ALL_WAYS, reaches
-from trocar.lab.registration import Registration
-from trocar.lab.station import Station, StationArm
+from trocar.lab.station import Registration, Station, StationArm
 from trocar.perception.image import Intrinsics, StereoRig
 
 ABOVE_FIXTURE_M = 0.01
@@ -21,6 +20,14 @@ ABOVE_FIXTURE_M = 0.01
 REGISTERED_SHARE = 0.25
 """Share of the box of registration points that a well-placed arm reaches; built-in stations have three quarters or
 more."""
+
+STRAIGHT = (SO3.identity(),)
+"""The tip's rotation when it is aligned with the base."""
+
+_QUARTERS = [TURN * k / 4 for k in range(4)]
+_FACES = [*(SO3.axis("y", angle) for angle in _QUARTERS), SO3.axis("x", TURN / 4), SO3.axis("x", -TURN / 4)]
+ALL_WAYS = tuple(face @ SO3.axis("z", angle) for face in _FACES for angle in _QUARTERS)
+"""The 24 orientations of a cube."""
 
 
 def check_station(station: Station) -> list[str]:
@@ -45,10 +52,10 @@ def check_station(station: Station) -> list[str]:
 
 
 def require_reach(station: Station) -> None:
-    """Raise TrocarError if an arm cannot rest, or work is out of reach: no session can be drawn there."""
+    """Raise InvalidInput if an arm cannot rest, or work is out of reach: no session can be drawn there."""
     wrong = [*_resting(station)[1], *_out_of_reach(station)]
     if wrong:
-        raise TrocarError(f"station {station.name!r}: {wrong[0]} (`trocar station check` lists all problems)")
+        raise InvalidInput(f"station {station.name!r}:", wrong[0], "`trocar station check` lists all problems")
 
 
 def _resting(station: Station) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
@@ -58,7 +65,7 @@ def _resting(station: Station) -> tuple[dict[str, NDArray[np.float64]], list[str
     for name, arm in station.arms.items():
         try:
             resting[name] = arm.park_q()
-        except TrocarError as error:
+        except OutOfReach as error:
             found.append(f"arm {name!r} cannot rest where 'park' says: {error}")
     return resting, found
 
@@ -148,3 +155,23 @@ def _in_view(lens: Intrinsics, p_camera_m: NDArray[np.float64]) -> bool:
 
 def _mm(point_m: NDArray[np.float64]) -> str:
     return ", ".join(f"{1e3 * value:.0f}" for value in point_m)
+
+
+def reaches(arm: StationArm, p_world_m: NDArray[np.float64], turns: Sequence[SO3] = STRAIGHT) -> NDArray[np.bool_]:
+    """Return which points of the world the tip of an arm reaches, (n,).
+
+    Args:
+        arm: the arm and its base.
+        p_world_m: (n, 3) points.
+        turns: rotations of the tip against the base; one that can be reached is enough.
+    """
+    p_base = arm.T_world_base.inverse().apply(p_world_m)
+    return np.array([any(_reaches(arm, SE3.from_parts(turn, p)) for turn in turns) for p in p_base], dtype=bool)
+
+
+def _reaches(arm: StationArm, T_base_tip: SE3) -> bool:
+    try:
+        ik(arm.model, T_base_tip)
+    except OutOfReach:
+        return False
+    return True

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, UnknownName
+from trocar.registry import Registry
 
 RECORDED, MILD, HARSH = "recorded", "mild", "harsh"
 LEVELS = (MILD, RECORDED, HARSH)
@@ -39,24 +40,33 @@ class Flaw:
     Its size is the root mean square of its values or, for a flaw without a unit, a multiple of the recorded one.
 
     Attributes:
+        name: in ``FLAWS``, and as ``--flaw`` takes it.
         about: what it is.
         unit: 'm', 'rad', or '' if its values have several units, or none.
         recorded: its values as recordings show them.
         mild: its values in the cell that is easier than that.
         source: where the values come from.
+        tasks: names of the tasks that feel it; empty: whoever works at a station with the parts that have it.
     """
 
+    name: str
     about: str
     unit: str
     recorded: tuple[float, ...]
     mild: tuple[float, ...]
     source: str
+    tasks: tuple[str, ...] = ()
 
     def values(self, level: str) -> NDArray[np.float64]:
         """Return the values at a level of difficulty."""
         if level == MILD:
             return np.array(self.mild)
         return np.array(self.recorded) * (HARSHER if level == HARSH else 1.0)
+
+    @property
+    def recorded_size(self) -> float:
+        """Return the size of the recorded values."""
+        return self.size(np.array(self.recorded))
 
     def size(self, values: NDArray[np.float64]) -> float:
         """Return the size of such values."""
@@ -65,18 +75,48 @@ class Flaw:
 
     def sized(self, size: float) -> NDArray[np.float64]:
         """Return the recorded values, scaled to this size."""
-        return np.array(self.recorded) * (size / self.size(np.array(self.recorded)))
+        return np.array(self.recorded) * (size / self.recorded_size)
+
+    def shown(self, size: float) -> str:
+        """Return a size for people, with its unit."""
+        unit, factor = SHOWN[self.unit]
+        return f"{factor * size:.3g} {unit or 'x'}"
+
+    def parse(self, text: str) -> float:
+        """Return a size that a user gives as ``1.0mm``, ``3deg`` or ``2x``.
+
+        Raises:
+            InvalidInput: it is no size, negative, or larger than a laboratory's.
+        """
+        example = f"as in '{self.name}={({'m': '1.0mm', 'rad': '2deg', '': '2x'})[self.unit]}'"
+        item = f"flaw '{self.name}={text}'"
+        match = re.fullmatch(r"\s*(-?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-z]*)\s*", text)
+        kind, factor = UNITS.get(match[2], ("unknown", 1.0)) if match else ("unknown", 1.0)
+        if match is None or not math.isfinite(float(match[1])) or (kind != self.unit and float(match[1]) != 0.0):
+            units = [unit for unit, (kind, _) in UNITS.items() if kind == self.unit and unit]
+            how = f"a number in {' or '.join(units)}" if self.unit else "how many times what was recorded"
+            raise InvalidInput(item, "has no size that can be read", f"give {how}, {example}")
+        if match[1].startswith("-"):
+            raise InvalidInput(item, "has a negative size", f"give 0 or more, {example}")
+        size, most = float(match[1]) * factor, MOST_SCALE * self.recorded_size
+        if size > most:
+            raise InvalidInput(
+                item, f"is more than {MOST_SCALE:g} times what was recorded", f"give {self.shown(most)} or less"
+            )
+        return size
 
 
-FLAWS: dict[str, Flaw] = {
-    "offsets": Flaw(
+_OF_LABORATORIES = (
+    Flaw(
+        "offsets",
         "offsets of the wrist's cables, from session to session (SD of q4 q5 q6)",
         "rad",
         (0.057, 0.069, 0.029),
         (0.03, 0.04, 0.04),
         "three sessions of instrument 'grey 1' (benchmarks/bench_cell.py)",
     ),
-    "wear": Flaw(
+    Flaw(
+        "wear",
         "play, coupling and gains of the wrist's cables, from session to session (SD of the radii's logarithms, of the "
         "shares a and b, of K, of C)",
         "",
@@ -84,14 +124,16 @@ FLAWS: dict[str, Flaw] = {
         (0.0, 0.0, 0.0, 0.0),
         "three sessions of instrument 'grey 1' (benchmarks/bench_cell.py)",
     ),
-    "residual": Flaw(
+    Flaw(
+        "residual",
         "error of the wrist that fits no model's family (SD of q4 q5 q6)",
         "rad",
         (0.006, 0.022, 0.015),
         (0.0, 0.0, 0.0),
         "what the play model leaves on recordings, in size and correlation (benchmarks/bench_cell.py)",
     ),
-    "noise": Flaw(
+    Flaw(
+        "noise",
         "error of the wrist that no run repeats (SD of q4 q5 q6), fading within seconds",
         "rad",
         (0.0040, 0.0110, 0.0080),
@@ -99,14 +141,16 @@ FLAWS: dict[str, Flaw] = {
         "two runs of the same commands, .005 .012 .009, of which white noise of the measurement is what residuals lose "
         "from one sample to the next (benchmarks/bench_cell.py)",
     ),
-    "creep": Flaw(
+    Flaw(
+        "creep",
         "offsets of the wrist that wander within a session, over minutes (SD of q4 q5 q6)",
         "rad",
         (0.003, 0.002, 0.004),
         (0.0, 0.0, 0.0),
         "correlation of the play model's residuals at 100 samples (benchmarks/bench_cell.py)",
     ),
-    "outer": Flaw(
+    Flaw(
+        "outer",
         "error of the outer joints: gains, play, and what fits no model's family (SD of q1 q2 at 150 mm and of q3 "
         "that a linear model leaves)",
         "m",
@@ -114,14 +158,16 @@ FLAWS: dict[str, Flaw] = {
         (0.0, 0.0, 0.0),
         "recordings of four instruments (benchmarks/bench_cell.py)",
     ),
-    "kinematics": Flaw(
+    Flaw(
+        "kinematics",
         "error of a Raven II's joints against its encoders",
         "",
         (1.0,),
         (1.0,),
         "pose errors of a Raven II, gripper_pose_pairs",
     ),
-    "registration": Flaw(
+    Flaw(
+        "registration",
         "error of a base's registration, on top of what errors of the outer joints cause (SD on each axis)",
         "m",
         (0.0002,),
@@ -129,50 +175,42 @@ FLAWS: dict[str, Flaw] = {
         "assumed: a camera or an arm is touched; the recorded sets' residuals lie along the outer joints and come with "
         "`outer` (benchmarks/bench_cell.py)",
     ),
-    "cameras": Flaw(
+    Flaw(
+        "cameras",
         "error of a further camera's registration against the first (SD on each axis)",
         "m",
         (0.0001,),
         (0.0,),
         "assumed: what images of a checkerboard leave .35 m away",
     ),
-    "tool": Flaw(
+    Flaw(
+        "tool",
         "error of the wrist's length, from its pitch axis to the jaws' axis (SD)",
         "m",
         (0.0002,),
         (0.0,),
         "assumed",
     ),
-    "print": Flaw(
-        "deviation of pegs and blocks from their drawings: places of the pegs, sizes of both (SD)",
-        "m",
-        (0.0001,),
-        (0.0,),
-        "assumed: tolerance of printers, as for the spheres of a calibration",
-    ),
-    "needle": Flaw(
-        "place of a needle that a person loads against the agreed one (1 x: SD of .3 mm on each axis, 3 deg about it)",
-        "",
-        (0.0003, 0.0524),
-        (0.0, 0.0),
-        "assumed",
-    ),
-    "depth": Flaw(
+    Flaw(
+        "depth",
         "scatter of depth (1 x is 2.1 times the scatter of the station's camera)",
         "",
         (2.1,),
         (1.0,),
         "real capture of a block's top: .34 mm, against .16 mm",
     ),
-    "jaw": Flaw(
+    Flaw(
+        "jaw",
         "error of the jaws' angle against the command (SD of an offset in each session; their play is as wide)",
         "rad",
         (0.03,),
         (0.0,),
         "assumed",
     ),
-}
-"""All flaws by name."""
+)
+
+FLAWS: Registry[Flaw] = Registry("flaw", "trocar.flaws", {flaw.name: flaw for flaw in _OF_LABORATORIES})
+"""All flaws by name: those of laboratories, and those that tasks bring (entry points ``trocar.flaws``)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,13 +219,13 @@ class Difficulty:
 
     Attributes:
         level: of the flaws that are not named separately.
-        values: by name of the flaw.
         named: flaws that were given their own size, as requested.
+        sizes: of these, by name.
     """
 
     level: str
-    values: Mapping[str, NDArray[np.float64]]
-    named: tuple[str, ...] = ()
+    named: tuple[str, ...]
+    sizes: Mapping[str, float]
 
     @staticmethod
     def of(level: str, named: Iterable[str] = ()) -> Difficulty:
@@ -198,61 +236,32 @@ class Difficulty:
             named: as ``registration=1.0mm``, ``offsets=3deg``, ``wear=2`` or ``creep=0``.
 
         Raises:
-            TrocarError: there is no such level or flaw, or the size is not valid.
+            UnknownName: there is no such level or flaw.
+            InvalidInput: a size is not valid, or a flaw is given twice.
         """
         if level not in LEVELS:
-            raise TrocarError(f"difficulty {level!r} is unknown; choose one of {', '.join(LEVELS)}")
-        values = {name: flaw.values(level) for name, flaw in FLAWS.items()}
-        named = tuple(named)
-        sizes = [_sized(text) for text in named]
-        for name, size in sizes:
-            if [other for other, _ in sizes].count(name) > 1:
-                raise TrocarError(f"flaw {name!r} is given twice; give it one size")
-            values[name] = FLAWS[name].sized(size)
-        return Difficulty(level, values, named)
+            raise UnknownName("difficulty", level, LEVELS)
+        named, sizes = tuple(named), dict[str, float]()
+        for text in named:
+            name, _, size = text.partition("=")
+            flaw = FLAWS.pick(name)
+            if name in sizes:
+                raise InvalidInput(f"flaw {name!r}", "is given twice", "give it one size")
+            sizes[name] = flaw.parse(size)
+        return Difficulty(level, named, sizes)
 
     def __getitem__(self, flaw: str) -> NDArray[np.float64]:
+        """Return the values of a flaw in ``FLAWS``."""
+        return self.values(FLAWS.pick(flaw))
+
+    def values(self, flaw: Flaw) -> NDArray[np.float64]:
         """Return the values of a flaw."""
-        return self.values[flaw]
+        return flaw.sized(self.sizes[flaw.name]) if flaw.name in self.sizes else flaw.values(self.level)
 
     def scale(self, flaw: str) -> float:
         """Return the size of a flaw as a multiple of the recorded one."""
-        kind = FLAWS[flaw]
-        return kind.size(self.values[flaw]) / kind.size(np.array(kind.recorded))
+        return FLAWS[flaw].size(self[flaw]) / FLAWS[flaw].recorded_size
 
-    def sizes(self) -> dict[str, str]:
-        """Return the sizes of all flaws, for display."""
-        found = {}
-        for name, flaw in FLAWS.items():
-            found[name] = _shown(name, flaw.size(self.values[name]))
-        return found
-
-
-def _sized(text: str) -> tuple[str, float]:
-    """Return the name and size of a flaw given as text."""
-    name, _, size = text.partition("=")
-    if name not in FLAWS:
-        raise TrocarError(f"flaw {name!r} is unknown; choose one of {', '.join(FLAWS)}")
-    match = re.fullmatch(r"\s*(-?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-z]*)\s*", size)
-    kind, factor = UNITS.get(match[2], ("unknown", 1.0)) if match else ("unknown", 1.0)
-    if match is None or not math.isfinite(float(match[1])) or (kind != FLAWS[name].unit and float(match[1]) != 0.0):
-        units = [unit for unit, (kind, _) in UNITS.items() if kind == FLAWS[name].unit and unit]
-        how = "how many times what was recorded" if "x" in units else f"a number in {' or '.join(units)}"
-        raise TrocarError(f"flaw {text!r} has no size that can be read; give {how}, as in '{_example(name)}'")
-    if match[1].startswith("-"):
-        raise TrocarError(f"flaw {text!r} has a negative size; give 0 or more, as in '{_example(name)}'")
-    given, most = float(match[1]) * factor, MOST_SCALE * FLAWS[name].size(np.array(FLAWS[name].recorded))
-    if given > most:
-        raise TrocarError(
-            f"flaw {text!r} is more than {MOST_SCALE:g} times what was recorded; give {_shown(name, most)} or less"
-        )
-    return name, given
-
-
-def _shown(name: str, size: float) -> str:
-    unit, factor = SHOWN[FLAWS[name].unit]
-    return f"{factor * size:.3g} {unit}" if unit else f"{size:.3g} x"
-
-
-def _example(name: str) -> str:
-    return f"{name}={({'m': '1.0mm', 'rad': '2deg', '': '2x'})[FLAWS[name].unit]}"
+    def shown(self, flaw: str) -> str:
+        """Return the size of a flaw for people."""
+        return FLAWS[flaw].shown(FLAWS[flaw].size(self[flaw]))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 import numpy as np
 
 from trocar.cell import Cell
-from trocar.errors import TrocarError
+from trocar.errors import InvalidValue
 from trocar.lab import Station, load_station
 from trocar.registry import Lazy, Registry
 
@@ -54,7 +54,7 @@ def build_cell(station: Station | str, backend: str = "sim", seed: int = 0) -> L
         seed: of everything random.
 
     Raises:
-        TrocarError: station or backend are unknown.
+        InvalidInput: station or backend are unknown, or the seed is negative.
 
     Example:
         lab = build_cell("raven-pair", seed=3)
@@ -65,6 +65,6 @@ def build_cell(station: Station | str, backend: str = "sim", seed: int = 0) -> L
         lab.run(script, budget_s=10.0)
     """
     if seed < 0:
-        raise TrocarError(f"the seed is {seed}; give 0 or more")
+        raise InvalidValue("the seed", seed, "give 0 or more")
     station = station if isinstance(station, Station) else load_station(station)
     return BACKENDS.pick(backend)(station, np.random.default_rng(seed))

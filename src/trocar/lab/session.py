@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, ik
 from trocar.counting import counted
-from trocar.errors import OutOfReach, TrocarError
+from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3
 from trocar.geometry.rigid_fit import fit_rigid
 from trocar.lab.flaws import FLAWS, Difficulty
-from trocar.lab.registration import CheckerboardRegistration, Registration
-from trocar.lab.station import Station, StationArm
+from trocar.lab.station import CheckerboardRegistration, Registration, Station, StationArm
 from trocar.lab.transmission import JawCable, Transmission
 
 WHITE_SHARE = 0.15
@@ -170,15 +169,17 @@ def _register(
     """Return the base as a rigid fit finds it, including how it was moved since.
 
     Raises:
-        TrocarError: the arm hardly reaches any of the points.
+        InvalidInput: the arm hardly reaches any of the points.
     """
     p_base, seen = points_of_registration(arm, transmission, how, difficulty, rng)
     if len(p_base) < MIN_POINTS:
         low, high = (", ".join(f"{1e3 * value:g}" for value in corner) for corner in how.volume_m)
-        raise TrocarError(
-            f"arm {name!r} reaches {len(p_base)} of the {counted(how.points, 'point')} that register its base, in the "
-            f"box from {low} to {high} mm; {MIN_POINTS} or more are needed: move its base ('base' of [arms.{name}]) or "
-            "the box ('volume_mm' of [registration]), and try `trocar station check`"
+        raise InvalidInput(
+            f"arm {name!r}",
+            f"reaches {len(p_base)} of the {counted(how.points, 'point')} that register its base, in the box from "
+            f"{low} to {high} mm; {MIN_POINTS} or more are needed",
+            f"move its base ('base' of [arms.{name}]) or the box ('volume_mm' of [registration]), and try "
+            "`trocar station check`",
         )
     (shift_m,) = difficulty["registration"]
     return fit_rigid(p_base, seen + shift_m * rng.spawn(1)[0].standard_normal(3)).T_target_source

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +12,128 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, MotionLimits, ik, wrist_depth_m
 from trocar.calibration.excitation import MotionBox
 from trocar.checks import require_numbers
-from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.errors import InvalidInput, UnknownName
+from trocar.geometry import SE3, SO3, shown
 from trocar.lab.flaws import DEFAULT, FLAWS, Difficulty
-from trocar.lab.registration import CheckerboardRegistration, Registration
-from trocar.lab.sensor_flaws import SensorFlaws
 from trocar.lab.transmission import Transmission
 from trocar.notebook import table
+from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.image import CameraModel, Intrinsics, StereoRig
 
 ABOVE_SAFE_DEPTH_M = 1e-3
 """In an arm that is parked in the middle of its ranges, the wrist is this much deeper than the safe depth."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """A rigid fit of each base to points that robot and camera both know; the cameras are the world's reference.
+
+    Attributes:
+        points: number of points.
+        sd_m: noise of each point on each axis.
+        volume_m: corners of the box in the world in which they lie.
+    """
+
+    points: int = 270
+    sd_m: float = 0.3e-3
+    volume_m: tuple[tuple[float, float, float], tuple[float, float, float]] = ((-0.06, -0.04, 0.0), (0.06, 0.04, 0.05))
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
+
+    @property
+    def about(self) -> str:
+        """Return in words how well it finds a base."""
+        return f"{self.points} points, {shown(self.sd_m, 'm', 'g')} an axis"
+
+
+@dataclass(frozen=True, eq=False)
+class CheckerboardRegistration:
+    """A checkerboard on a bracket on each base in turn; the first arm's base is the world's reference.
+
+    The camera's pose follows from the first arm's board, the other bases from theirs (Kehoe et al. 2014, IV-B).
+
+    Attributes:
+        board: that brackets and people hold.
+        T_world_board: where each arm's bracket was made to hold it.
+        sd_m: position error of a base as found, at the board, on each axis: bracket and images together.
+        sd_rad: its rotation error about each axis.
+        bracket_sd_m: position error with which a bracket holds the board, on each axis.
+        bracket_sd_rad: its rotation error about each axis.
+        views: number of poses in which a person shows the board for the lenses.
+    """
+
+    board: Checkerboard = field(default_factory=Checkerboard)
+    T_world_board: SE3 = field(default_factory=lambda: SE3.from_parts(SO3.axis("y", math.pi)))
+    sd_m: float = 0.3e-3
+    sd_rad: float = math.radians(0.1)
+    bracket_sd_m: float = 0.3e-3
+    bracket_sd_rad: float = math.radians(0.1)
+    views: int = 20
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
+
+    @property
+    def about(self) -> str:
+        """Return in words how well it finds a base."""
+        return f"checkerboard, {shown(self.sd_m, 'm', 'g')} an axis and {shown(self.sd_rad, 'rad', 'g')} about each"
+
+
+@dataclass(frozen=True)
+class SensorFlaws:
+    """Magnitudes of the flaws; zero switches one off.
+
+    Sizes follow the authors' Zivid One+ S: sphere distances differ by .32 mm RMS (`fiducials/sphere_distances`), the
+    real capture of a block leaves .38 mm median, .76 mm RMS to its model (`blocks/capture`), with texture of layers.
+
+    Attributes:
+        axial_m: SD of white noise of depth at ``reference_m``, seen face on; grows with depth squared and 1/cos.
+        waviness_m: SD of smooth noise of depth, as projected fringes cause it.
+        waviness_px: its correlation length.
+        reference_m: distance at which ``axial_m`` holds.
+        grazing_cos: below this cosine of incidence, pixels go missing ever more often.
+        missing: share of pixels missing anywhere.
+        shadow: pixels that the projector does not light have no depth and little colour.
+        edge_missing: share of pixels beside a jump of depth that go missing.
+        edge_mixed: share of them that land between the two surfaces.
+        specular_missing: share of pixels lost where bare metal mirrors the projector into the lens.
+        color_sd: SD of colour noise in grey levels of 255, the same in all three channels.
+    """
+
+    axial_m: float = 0.15e-3
+    waviness_m: float = 0.10e-3
+    waviness_px: float = 6.0
+    reference_m: float = 0.6
+    grazing_cos: float = 0.22
+    missing: float = 0.005
+    shadow: bool = True
+    edge_missing: float = 0.35
+    edge_mixed: float = 0.25
+    specular_missing: float = 0.9
+    color_sd: float = 2.5
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
+
+    def with_depth(self, scale: float) -> SensorFlaws:
+        """Return a sensor whose depth scatters more by this factor."""
+        return replace(self, axial_m=scale * self.axial_m, waviness_m=scale * self.waviness_m)
+
+    @staticmethod
+    def none() -> SensorFlaws:
+        """Return the perfect sensor: exact depth everywhere, noiseless colour, light without shadow."""
+        return SensorFlaws(
+            axial_m=0.0,
+            waviness_m=0.0,
+            grazing_cos=0.0,
+            missing=0.0,
+            shadow=False,
+            edge_missing=0.0,
+            edge_mixed=0.0,
+            specular_missing=0.0,
+            color_sd=0.0,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +175,7 @@ class StationArm:
         """Return the joints (6,) in which it rests before a script.
 
         Raises:
-            TrocarError: the place is out of its reach.
+            OutOfReach: the place is.
         """
         if self.park is None:
             q = self.model.middle.copy()
@@ -142,7 +254,7 @@ class Station:
     def __post_init__(self) -> None:
         require_numbers(self)
         if not self.arms:
-            raise TrocarError(f"station {self.name!r} has no arm; give one or more under [arms.NAME]")
+            raise InvalidInput(f"station {self.name!r}", "has no arm", "give one or more under [arms.NAME]")
 
     def __repr__(self) -> str:
         arms = ", ".join(f"{name} ({arm.model.name})" for name, arm in self.arms.items())
@@ -163,7 +275,7 @@ class Station:
     def arm(self, name: str) -> StationArm:
         """Return the arm of this name."""
         if name not in self.arms:
-            raise TrocarError(f"station {self.name!r} has no arm {name!r}; it has {', '.join(self.arms)}")
+            raise UnknownName(f"station {self.name!r}: arm", name, self.arms)
         return self.arms[name]
 
     @property
@@ -171,45 +283,46 @@ class Station:
         """Return the arms' models by name."""
         return {name: arm.model for name, arm in self.arms.items()}
 
-    def flaws(self, flawless_camera: bool = False) -> dict[str, str]:
-        """Return in words what is imperfect here, for the summary of a run."""
+    def flaws(self, task: str = "", flawless_camera: bool = False) -> dict[str, str]:
+        """Return in words what is imperfect here for a task, for the summary of a run."""
         found = {"difficulty": ", ".join([self.difficulty.level, *self.difficulty.named])}
         found |= {f"transmission of {name}": arm.transmission.source for name, arm in self.arms.items()}
         found["registration of bases"] = self.registration.about
-        kept = [name for name, arm in self.arms.items() if arm.T_world_base_registered is not None]
-        kept += [name for name, camera in self.cameras.items() if camera.T_world_camera_registered is not None]
-        if kept:
-            found[f"registration of {', '.join(kept)}"] = "as the station file has it"
+        registered = {name: arm.T_world_base_registered for name, arm in self.arms.items()}
+        registered |= {name: camera.T_world_camera_registered for name, camera in self.cameras.items()}
+        if names := [name for name, T in registered.items() if T is not None]:
+            found[f"registration of {', '.join(names)}"] = "as the station file has it"
         cameras = "switched off" if flawless_camera else "switched on, as large as the station's file says"
         found |= {f"flaws of camera {name}": cameras for name in self.cameras}
-        sizes = self.difficulty.sizes()
-        return found | {f"{name}: {FLAWS[name].about}": sizes[name] for name in self.relevant_flaws}
+        return found | {
+            f"{name}: {FLAWS[name].about}": self.difficulty.shown(name) for name in self.relevant_flaws(task)
+        }
 
-    def with_relevant_flaws(self) -> Station:
-        """Return this station, if each flaw that was given its own size has an effect here.
+    def require_relevant(self, task: str = "") -> Station:
+        """Return this station, if each flaw that was given its own size has an effect on a task here.
 
         Raises:
-            TrocarError: one has none, so a summary that names it would be misleading.
+            InvalidInput: one has none, so a summary that names it would be misleading.
         """
-        named = [text.partition("=")[0] for text in self.difficulty.named]
-        for name in named:
-            if name not in self.relevant_flaws:
-                raise TrocarError(
-                    f"flaw {name!r} has no effect with what is done at station {self.name!r}; "
-                    f"choose one of {', '.join(self.relevant_flaws)}"
+        relevant = self.relevant_flaws(task)
+        for name in self.difficulty.sizes:
+            if name not in relevant:
+                doing = f"{task!r} at station" if task else "what is done at station"
+                raise InvalidInput(
+                    f"flaw {name!r}",
+                    f"has no effect on {doing} {self.name!r}",
+                    f"choose one of {', '.join(relevant)}",
                 )
         return self
 
-    @property
-    def relevant_flaws(self) -> list[str]:
-        """Return the names of the flaws that have an effect here."""
+    def relevant_flaws(self, task: str = "") -> list[str]:
+        """Return the names of the flaws that have an effect here, on a task or, if none is given, on any."""
         felt = {"jaw", "tool"}.union(*(arm.transmission.flaws for arm in self.arms.values()))
         if isinstance(self.registration, Registration):
-            felt.add("registration")
+            if any(arm.T_world_base_registered is None for arm in self.arms.values()):
+                felt.add("registration")
+            if any(camera.T_world_camera_registered is None for camera in list(self.cameras.values())[1:]):
+                felt.add("cameras")
         if any(isinstance(camera.model, Intrinsics) for camera in self.cameras.values()):
             felt.add("depth")
-        if "circle" in self.T_world_fixture:
-            felt.add("needle")
-        if "board" in self.T_world_fixture:
-            felt.add("print")
-        return [name for name in FLAWS if name in felt]
+        return [name for name, flaw in FLAWS.items() if name in felt or task in flaw.tasks]

@@ -9,7 +9,7 @@ from typing import Any
 
 from trocar.eval import TASKS, pick_method
 from trocar.lab.flaws import DEFAULT
-from trocar.lab.toml import built_in_stations, station_digest
+from trocar.lab.station_file import built_in_stations, station_digest
 
 FILE = "FILE"
 """Placeholder for a path, because a run stores the content of its files, not their paths."""

@@ -1,8 +1,9 @@
-"""Robots: the driver that plays set-points back, and wrappers for any robot."""
+"""Robots: the driver that executes trajectories, and wrappers for any robot."""
 
 from trocar.robots.adaptive import Adaptive
 from trocar.robots.arm_script import ArmScript
-from trocar.robots.compensated import Calibrated
+from trocar.robots.compensated import Compensated
+from trocar.robots.coordinator import Blocked, Coordinator, Departure, Margins
 from trocar.robots.driver import TICK_S, Driver
 from trocar.robots.executor import TrajectoryExecutor
 from trocar.robots.guarded import ArmGuard, Guarded, JointEstimator
@@ -12,9 +13,13 @@ __all__ = [
     "Adaptive",
     "ArmGuard",
     "ArmScript",
-    "Calibrated",
+    "Blocked",
+    "Compensated",
+    "Coordinator",
+    "Departure",
     "Driver",
     "Guarded",
     "JointEstimator",
+    "Margins",
     "TrajectoryExecutor",
 ]

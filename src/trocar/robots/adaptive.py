@@ -16,21 +16,21 @@ from trocar.calibration.fleet import FleetPrior, Learned, learn_from
 from trocar.calibration.models.base import MIN_ROWS, CableModel
 from trocar.calibration.models.play import PlayModel
 from trocar.cell import Clock, Log, MotionResult, Robot, SetPoint
-from trocar.errors import TrocarError
+from trocar.errors import ArmMoving
 from trocar.perception.instrument import Sighting
-from trocar.robots.compensated import Calibrated
-from trocar.robots.observations import WORST_M, Look, joints_seen, put_together
+from trocar.robots.compensated import Compensated
+from trocar.robots.observations import WORST_M, Observation, combine, joints_seen
 from trocar.trajectory import Trajectory
 
 THINNED = 1e-3
 """Commands this close (rad, m) to the straight line between their neighbours are not kept."""
 UNLIKELY = float(chdtri(3, 0.001))
-"""Squared Mahalanobis distance that one look in a thousand exceeds by chance."""
+"""Squared Mahalanobis distance that one observation in a thousand exceeds by chance."""
 
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """What looks reveal about an arm.
+    """What observations reveal about an arm.
 
     Attributes:
         cables: of its wrist and outer joints.
@@ -49,13 +49,13 @@ class _Past:
         commands: (k, 6) pieces, one after the other.
         path: the one being sent; None: none yet.
         until_s: time up to which its commands are among the pieces.
-        looks: at the instrument.
+        observations: of the instrument.
     """
 
     commands: list[NDArray[np.float64]]
     path: CommandPath | None = None
     until_s: float = 0.0
-    looks: list[Look] = field(default_factory=list)
+    observations: list[Observation] = field(default_factory=list)
 
     def keep(self, path: CommandPath | None, sent: SetPoint) -> None:
         """Store the commands sent since the last call."""
@@ -74,15 +74,15 @@ class _Past:
         return sum(map(len, self.commands))
 
 
-class Adaptive(Calibrated):
-    """A robot whose cables are compensated by models that start from a prior and learn from looks at the instrument.
+class Adaptive(Compensated):
+    """A robot whose cables are compensated by models that start from a prior and learn from images of the instrument.
 
     An agent notes the :meth:`moment` of an image, has it fitted, and reports what it showed (:meth:`saw`). It may then
     have the cables fitted again (:meth:`learned`) and, when the arm is at rest, use them (:meth:`adopt`); or correct an
     arm that is still at rest where the image was taken (:meth:`correct`).
 
     Args:
-        robot: what it wraps, see ``Calibrated``.
+        robot: what it wraps, see ``Compensated``.
         arms: models by name.
         models: cable models of the arms to begin with.
         priors: over instruments and sessions, by arm.
@@ -109,8 +109,8 @@ class Adaptive(Calibrated):
     def moment(self, arm: str) -> tuple[int, NDArray[np.float64]]:
         """Return the number of the last command up to now, and the joints (6,) there.
 
-        The wrist joints are where the model estimates them, the outer ones where they are commanded: looks are compared
-        by how the instrument is shifted from these.
+        The wrist joints are where the model estimates them, the outer ones where they are commanded: observations are
+        compared by how the instrument is shifted from these.
         """
         past, sent = self._pasts[arm], self._robot.setpoint(arm)
         past.keep(self._paths.get(arm), sent)
@@ -120,12 +120,12 @@ class Adaptive(Calibrated):
 
     def saw(self, arm: str, row: int, sighting: Sighting) -> None:
         """Note what an image showed that was taken after that command had been sent."""
-        self._pasts[arm].looks.append(Look(row, sighting))
+        self._pasts[arm].observations.append(Observation(row, sighting))
 
     def learned(self, arm: str) -> Knowledge | None:
-        """Return what all looks so far tell about an arm; None while there are too few for a fit."""
+        """Return what all observations so far tell about an arm; None while there are too few for a fit."""
         past = self._pasts[arm]
-        seen = put_together(self._arms[arm], arm, np.concatenate(past.commands), past.looks)
+        seen = combine(self._arms[arm], arm, np.concatenate(past.commands), past.observations)
         if seen.recording.valid.sum() < MIN_ROWS:
             return None
         return Knowledge(learn_from(seen.recording, self._priors[arm], seen.sd_rad), seen.shift_m)
@@ -134,7 +134,7 @@ class Adaptive(Calibrated):
         """From now on, use what was learned.
 
         Raises:
-            TrocarError: the arm is moving.
+            ArmMoving: the arm is moving.
         """
         self._known[arm] = knowledge
         self._take(arm, knowledge.cables.model)
@@ -150,14 +150,14 @@ class Adaptive(Calibrated):
     def correct(self, arm: str, seen: Sighting) -> bool:
         """Correct an arm that rests where it was seen, to the extent that the image is more certain than the model.
 
-        The correction holds until something is adopted; the image then counts along with all other looks. An image that
-        contradicts the model by more than both can explain is rejected.
+        The correction holds until something is adopted; the image then counts along with all other observations. An
+        image that contradicts the model by more than both can explain is rejected.
 
         Returns:
             whether the image was accepted.
 
         Raises:
-            TrocarError: the arm is moving.
+            ArmMoving: the arm is moving.
         """
         known, spread = self._known.get(arm), self.spread(arm)
         if known is None or spread is None or seen.left_m > WORST_M:
@@ -175,7 +175,7 @@ class Adaptive(Calibrated):
     def _take(self, arm: str, model: PlayModel) -> None:
         sent, past = self._robot.setpoint(arm), self._pasts[arm]
         if sent.moving:
-            raise TrocarError(f"arm {arm!r} is moving; its cable model can be replaced only at rest")
+            raise ArmMoving(arm, "its cable model can be replaced only at rest")
         past.keep(self._paths.get(arm), sent)
         path = np.concatenate(past.commands)
         self._rested[arm] = HysteresisState(model, model.remember(model.start(path[0]), path), path[-1])

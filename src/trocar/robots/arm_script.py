@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, MotionLimits
 from trocar.calibration.excitation import EXERCISE_RAD
 from trocar.cell import Cell, MotionResult, Result
-from trocar.errors import TrocarError
+from trocar.errors import UnknownName
 from trocar.motion import rest_to_rest
 from trocar.trajectory import Trajectory
 
@@ -39,7 +39,7 @@ class ArmScript:
 
     def __post_init__(self) -> None:
         if self.name not in self.cell.arms:
-            raise TrocarError(f"arm {self.name!r} is not in this cell; choose one of {', '.join(self.cell.arms)}")
+            raise UnknownName("arm", self.name, self.cell.arms)
 
     @property
     def model(self) -> ArmModel:

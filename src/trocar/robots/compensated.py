@@ -14,8 +14,8 @@ from trocar.calibration.command_path import CommandPath, CommandRequest, command
 from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.models import CableModel
 from trocar.cell import Clock, JointReading, Log, MotionEnd, MotionResult, Robot, SetPoint
-from trocar.errors import TrocarError
-from trocar.robots.guarded import START_TOLERANCE
+from trocar.errors import ArmMoving, ArmStopped, OutOfReach, TrocarError
+from trocar.robots.guarded import START_TOLERANCE, start_mismatch
 from trocar.trajectory import Trajectory
 
 CLIPPED = 5e-3
@@ -79,7 +79,7 @@ class _Prepared:
         )
 
 
-class Calibrated:
+class Compensated:
     """A robot whose cables are compensated: scripts work in true joints, the robot gets commands.
 
     All commands of a motion are found before it starts, within the limits, so that a cable's slack is crossed in time
@@ -112,7 +112,7 @@ class Calibrated:
         self._rested = {arm: HysteresisState.at_rest(model, robot.setpoint(arm).q) for arm, model in models.items()}
         self._paths: dict[str, CommandPath] = {}
         self._prepared: dict[frozenset[str], _Prepared] = {}
-        self._computing: dict[str, str | None] = {}  # arms whose commands are being found: why they were held meanwhile
+        self._computing: dict[str, TrocarError | None] = {}  # arms whose commands are being found: why they were held
         self._resting: dict[str, tuple[CommandPath | None, NDArray[np.float64], NDArray[np.float64]]] = {}
 
     def read(self, arm: str) -> JointReading:
@@ -158,8 +158,13 @@ class Calibrated:
         """Run trajectories of the true joints, from rest.
 
         Raises:
-            TrocarError: it has to stop at limits, and more than ``CLIPPED`` would stay uncorrected; or as the robot.
+            ArmMoving: an arm is moving, or the commands of its next motion are still being found.
+            OutOfReach: it has to stop at limits, and more than ``CLIPPED`` would stay uncorrected.
+            MotionRefused: as the robot.
         """
+        for arm in motions:
+            if arm in self._computing or self._robot.setpoint(arm).moving:
+                raise ArmMoving(arm)
         starts = {arm: self._now(arm) for arm in motions if arm in self._rested}
         prepared = self._prepared.pop(frozenset(motions), None)
         if not starts:
@@ -173,9 +178,9 @@ class Calibrated:
             finally:
                 held = [self._computing.pop(arm) for arm in motions]
             self._log.compute("compensation", seconds, BUDGET_S)
-            reasons = [reason for reason in held if reason is not None]
-            if reasons:
-                return {arm: _not_started(reasons[0]) for arm in motions}
+            cause = next((cause for cause in held if cause is not None), None)
+            if cause is not None:
+                return {arm: MotionResult.not_started(MotionEnd.HELD, cause) for arm in motions}
         return await self._sent(self._robot.move, motions, paths)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
@@ -192,7 +197,7 @@ class Calibrated:
         For a moving arm they are found for where its motion will have ended.
 
         Raises:
-            TrocarError: as ``move``.
+            MotionRefused: as ``move``.
         """
         starts = {arm: self._next(arm) for arm in motions if arm in self._rested}
         if starts:
@@ -202,11 +207,12 @@ class Calibrated:
         """Drive the jaws, whose cables are not compensated."""
         return await self._robot.jaw(arm, angle_rad)
 
-    def hold(self, *arms: str, reason: str = "") -> None:
+    def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest; a motion whose commands are still being found does not start."""
         for arm in arms or tuple(self._computing):
             if arm in self._computing:
-                self._computing[arm] = reason or MotionEnd.HELD.value
+                held = isinstance(reason, TrocarError)
+                self._computing[arm] = reason if held else ArmStopped(arm, reason or MotionEnd.HELD.value)
         self._robot.hold(*arms, reason=reason)
 
     async def rest(self, *arms: str) -> None:
@@ -261,9 +267,7 @@ class Calibrated:
         joints, memory = self._joints(arm, start)
         jump = float(np.max(np.abs(desired(desired.times_s[0]) - joints)))
         if jump > START_TOLERANCE:
-            raise TrocarError(
-                f"the motion of arm {arm!r} starts {jump:.6f} rad (or m) away from its set-point; start it there"
-            )
+            raise start_mismatch(arm, jump)
         return CommandRequest(
             memory=memory,
             desired=desired,
@@ -300,18 +304,15 @@ class Calibrated:
             raise
 
 
-def _not_started(reason: str) -> MotionResult:
-    """Return the result of a motion that was held before it began."""
-    return MotionResult(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), MotionEnd.HELD, reason)
-
-
 def _require_inside(arm: ArmModel, path: CommandPath) -> None:
-    """Raise a sentence if commands would have to leave a joint's range to compensate for its cables."""
+    """Refuse commands that would have to leave a joint's range to compensate for its cables."""
     index = int(np.argmax(path.lacking))
     if path.lacking[index] <= CLIPPED:
         return
     joint = arm.joints[index]
-    raise TrocarError(
+    raise OutOfReach(
         f"joint {joint.name!r} would need the command {joint.shown(float(path.farthest[index]))} to make up for its "
-        f"cables, outside [{joint.shown(joint.lower)}, {joint.shown(joint.upper)}]"
+        f"cables, outside [{joint.shown(joint.lower)}, {joint.shown(joint.upper)}]",
+        joint=joint.name,
+        by=float(path.lacking[index]),
     )

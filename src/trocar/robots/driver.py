@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
-from trocar.errors import TrocarError
-from trocar.robots.executor import TrajectoryExecutor
+from trocar.errors import ArmMoving, ArmStopped, TrocarError, UnknownName
+from trocar.robots.executor import Ending, TrajectoryExecutor
 from trocar.trajectory import Trajectory
 
 TICK_S = 0.010
@@ -28,15 +28,15 @@ class _Jaw:
 
     rad: float
     goal_rad: float
-    ended: tuple[MotionEnd, str] = (MotionEnd.DONE, "")
+    ending: Ending = Ending()
     arrived: trio.Event = field(default_factory=trio.Event)
 
 
 @dataclass
-class _Ticket:
-    """What a script that waits for a motion is told: how it ended, and the row after its last one."""
+class _Completion:
+    """What a script that waits for a motion gets: how it ended, and the row after its last one."""
 
-    ended: tuple[MotionEnd, str] = (MotionEnd.DONE, "")
+    ending: Ending = Ending()
     last: int = 0
     over: trio.Event = field(default_factory=trio.Event)
 
@@ -52,14 +52,14 @@ class _Arm:
     reading: JointReading
     sent: NDArray[np.float64]
     sent_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
-    use: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
-    ticket: _Ticket = field(default_factory=_Ticket)
+    limit_use: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    completion: _Completion = field(default_factory=_Completion)
     commanded: list[NDArray[np.float64]] = field(default_factory=list)
     measured: list[NDArray[np.float64]] = field(default_factory=list)
 
 
 class Driver:
-    """Plays trajectories back as set-points, one tick after the other.
+    """Executes trajectories as set-points, one tick after the other.
 
     The owner of the hardware or the physics calls :meth:`targets` for the set-points of the next tick, sends them,
     and calls :meth:`note` with what was read. This class does not repeat the checks of the ``Guarded`` around it.
@@ -88,7 +88,7 @@ class Driver:
 
     def _arm(self, name: str) -> _Arm:
         if name not in self._arms:
-            raise TrocarError(f"arm {name!r} is not in this cell; choose one of {', '.join(self._arms)}")
+            raise UnknownName("arm", name, self._arms)
         return self._arms[name]
 
     def read(self, arm: str) -> JointReading:
@@ -103,50 +103,50 @@ class Driver:
         """Run trajectories from rest, all starting at the same tick."""
         for name in motions:
             if self._arm(name).executor.moving:
-                raise TrocarError(f"arm {name!r} is already moving; await its motion, or replace it")
-        return await self._play(motions)
+                raise ArmMoving(name)
+        return await self._execute(motions)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Let trajectories take over from what the arms are doing now."""
         for name in motions:
             arm = self._arm(name)
             if arm.executor.moving:
-                self._finish(arm, (MotionEnd.REPLACED, MotionEnd.REPLACED.value))
-        return await self._play(motions)
+                self._finish(arm, _ending(MotionEnd.REPLACED, name))
+        return await self._execute(motions)
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
-        """Do nothing: trajectories are played as they are."""
+        """Do nothing: trajectories are executed as they are."""
 
-    async def _play(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
+    async def _execute(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         if self._gone:
             await trio.lowlevel.checkpoint()
-            return {name: self._execution(name, 0, 0, (MotionEnd.FAULT, self._gone)) for name in motions}
+            return {name: self._result(name, 0, 0, _ending(MotionEnd.FAULT, name, self._gone)) for name in motions}
         first, now = len(self._times), self._now_s()
-        tickets: dict[str, _Ticket] = {}
+        waiting: dict[str, _Completion] = {}
         for name, trajectory in motions.items():
             arm = self._arm(name)
             arm.executor.start(trajectory, now)
-            tickets[name] = arm.ticket = _Ticket()
+            waiting[name] = arm.completion = _Completion()
         try:
-            for ticket in tickets.values():
-                await ticket.over.wait()
+            for completion in waiting.values():
+                await completion.over.wait()
         except trio.Cancelled:
             with trio.CancelScope(shield=True):
-                mine = [name for name, ticket in tickets.items() if self._arms[name].ticket is ticket]
-                self._brake(mine, MotionEnd.CANCELLED, MotionEnd.CANCELLED.value)
-                for ticket in tickets.values():
-                    await ticket.over.wait()
+                mine = [name for name, completion in waiting.items() if self._arms[name].completion is completion]
+                self._brake(mine, MotionEnd.CANCELLED)
+                for completion in waiting.values():
+                    await completion.over.wait()
             raise
-        return {name: self._execution(name, first, ticket.last, ticket.ended) for name, ticket in tickets.items()}
+        return {name: self._result(name, first, done.last, done.ending) for name, done in waiting.items()}
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Ramp the jaws to this opening at their speed; return when they arrived or stall."""
         jaw = self._arm(arm).jaw
         if self._gone:
             await trio.lowlevel.checkpoint()
-            return self._execution(arm, 0, 0, (MotionEnd.FAULT, self._gone))
+            return self._result(arm, 0, 0, _ending(MotionEnd.FAULT, arm, self._gone))
         jaw.arrived.set()  # scripts that wait for an earlier goal
-        jaw.goal_rad, jaw.arrived, jaw.ended = angle_rad, trio.Event(), (MotionEnd.DONE, "")
+        jaw.goal_rad, jaw.arrived, jaw.ending = angle_rad, trio.Event(), Ending()
         first, arrived = len(self._times), jaw.arrived
         try:
             await arrived.wait()
@@ -154,41 +154,44 @@ class Driver:
             if jaw.arrived is arrived:
                 jaw.goal_rad = jaw.rad
             raise
-        ended = jaw.ended if jaw.arrived is arrived else (MotionEnd.REPLACED, "the jaws were given another target")
-        if ended[0] is MotionEnd.DONE:
+        ending = jaw.ending
+        if jaw.arrived is not arrived:
+            ending = _ending(MotionEnd.REPLACED, arm, "the jaws were given another target")
+        if ending.ended is MotionEnd.DONE:
             await trio.sleep(JAW_REST_S)
-        return self._execution(arm, first, len(self._times), ended)
+        return self._result(arm, first, len(self._times), ending)
 
-    def hold(self, *arms: str, reason: str = "") -> None:
+    def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest on their paths; their jaws stop too."""
-        self._brake(arms or self.names, MotionEnd.HELD, reason or MotionEnd.HELD.value)
+        self._brake(arms or self.names, MotionEnd.HELD, reason)
 
-    def fault(self, *arms: str, reason: str) -> None:
+    def fault(self, *arms: str, reason: TrocarError | str) -> None:
         """Bring these arms to rest because something is wrong."""
         self._brake(arms, MotionEnd.FAULT, reason)
 
-    def _brake(self, arms: Sequence[str], ended: MotionEnd, reason: str) -> None:
+    def _brake(self, arms: Iterable[str], ended: MotionEnd, reason: TrocarError | str = "") -> None:
         for name in arms:
-            arm = self._arm(name)
-            arm.executor.brake(self._now_s(), ended, reason)
+            arm, ending = self._arm(name), _ending(ended, name, reason)
+            arm.executor.brake(self._now_s(), ending)
             if arm.jaw.rad != arm.jaw.goal_rad:
-                arm.jaw.goal_rad, arm.jaw.ended = arm.jaw.rad, (ended, reason)
+                arm.jaw.goal_rad, arm.jaw.ending = arm.jaw.rad, ending
 
     def abandon(self, reason: str) -> None:
         """Notify every script that waits, or will wait, that the physics or the connection is gone."""
         self._gone = reason
-        for arm in self._arms.values():
+        for name, arm in self._arms.items():
+            ending = _ending(MotionEnd.FAULT, name, reason)
             if arm.executor.moving:
                 arm.executor.freeze(self._now_s())
-                self._finish(arm, (MotionEnd.FAULT, reason))
-            arm.jaw.ended = (MotionEnd.FAULT, reason)
+                self._finish(arm, ending)
+            arm.jaw.ending = ending
             arm.jaw.arrived.set()
 
     async def rest(self, *arms: str) -> None:
         """Return when these arms, or all, are at rest."""
         for name in arms or self.names:
             while self._arm(name).executor.moving:
-                await self._arm(name).ticket.over.wait()
+                await self._arm(name).completion.over.wait()
 
     def targets(
         self, name: str, times_s: NDArray[np.float64]
@@ -201,7 +204,7 @@ class Driver:
         if arm.executor.moving or arm.sent_velocity.any():
             change = np.diff(velocity, axis=0, prepend=arm.sent_velocity[None]) / step_s
             shares = np.abs(velocity) / arm.limits.velocity, np.abs(change) / arm.limits.acceleration
-            arm.use = np.maximum(arm.use, [share.max() for share in shares])
+            arm.limit_use = np.maximum(arm.limit_use, [share.max() for share in shares])
             arm.sent_velocity = velocity[-1]
         step = arm.model.jaw.max_speed * step_s
         jaws = []
@@ -211,7 +214,7 @@ class Driver:
         return q, velocity, np.array(jaws)
 
     def remaining(self, name: str) -> tuple[Trajectory, float] | None:
-        """Return what an arm is still playing and the clock at its start; None at rest."""
+        """Return what an arm is still executing and the clock at its start; None at rest."""
         return self._arm(name).executor.remaining(self._now_s(), TICK_S)
 
     def braking(self, name: str) -> bool:
@@ -225,7 +228,7 @@ class Driver:
 
     def limit_use(self, name: str) -> tuple[float, float]:
         """Return the largest share of an arm's velocity and acceleration limits used so far."""
-        velocity, acceleration = self._arm(name).use.tolist()
+        velocity, acceleration = self._arm(name).limit_use.tolist()
         return velocity, acceleration
 
     def idle(self, name: str) -> bool:
@@ -245,22 +248,29 @@ class Driver:
             arm.reading = readings.get(name, arm.reading)
             arm.commanded.append(np.append(arm.sent, arm.jaw.rad))
             arm.measured.append(np.append(arm.reading.q, arm.reading.jaw_rad))
-            ended = arm.executor.advance(now_s)
-            if ended is not None:
-                self._finish(arm, ended)
+            ending = arm.executor.advance(now_s)
+            if ending is not None:
+                self._finish(arm, ending)
             if arm.jaw.rad == arm.jaw.goal_rad:
                 arm.jaw.arrived.set()
 
-    def _finish(self, arm: _Arm, ended: tuple[MotionEnd, str]) -> None:
-        arm.ticket.ended, arm.ticket.last = ended, len(self._times)
-        arm.ticket.over.set()
+    def _finish(self, arm: _Arm, ending: Ending) -> None:
+        arm.completion.ending, arm.completion.last = ending, len(self._times)
+        arm.completion.over.set()
 
-    def _execution(self, name: str, first: int, last: int, ended: tuple[MotionEnd, str]) -> MotionResult:
+    def _result(self, name: str, first: int, last: int, ending: Ending) -> MotionResult:
         arm = self._arms[name]
         return MotionResult(
             times_s=np.array(self._times[first:last]),
             commanded=np.array(arm.commanded[first:last]).reshape(-1, 7),
             measured=np.array(arm.measured[first:last]).reshape(-1, 7),
-            ended=ended[0],
-            reason=ended[1],
+            ended=ending.ended,
+            cause=ending.cause,
         )
+
+
+def _ending(ended: MotionEnd, arm: str, reason: TrocarError | str = "") -> Ending:
+    """Return how an arm's motion was ended, with the reason as a typed error."""
+    if isinstance(reason, TrocarError):
+        return Ending(ended, reason)
+    return Ending(ended, ArmStopped(arm, reason or ended.value))

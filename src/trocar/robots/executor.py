@@ -1,15 +1,17 @@
-"""What one arm is commanded at each moment: a motion played back, braked, or replaced while it runs."""
+"""What one arm is commanded at each moment: a trajectory that is executed, braked, or replaced while it runs."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.cell import MotionEnd, SetPoint
+from trocar.errors import TrocarError
 from trocar.motion.brake import Brake, brake
 from trocar.trajectory import Trajectory
 
@@ -17,29 +19,44 @@ DONE_S = 1e-6
 """A motion has ended when the clock is this close to its end, since durations are sums of floats."""
 
 
+class Ending(NamedTuple):
+    """How a motion has ended, and why; no cause if it ran to its end."""
+
+    ended: MotionEnd = MotionEnd.DONE
+    cause: TrocarError | None = None
+
+
 @dataclass
 class _Motion:
     """A trajectory on the cell's clock.
 
     Attributes:
-        trajectory: what is played.
+        trajectory: what is executed.
         start_s: clock at which it began.
         braked: how it comes to rest, if it was told to, and since when.
-        ended: how it will have ended, once it has.
-        reason: why.
+        ending: how it will have ended, once it has.
     """
 
     trajectory: Trajectory
     start_s: float
     braked: tuple[float, Brake] | None = None
-    ended: MotionEnd = MotionEnd.DONE
-    reason: str = ""
+    ending: Ending = Ending()
 
     @property
     def end_s(self) -> float:
         if self.braked is not None:
             return self.braked[0] + self.braked[1].duration_s
         return self.start_s + self.trajectory.duration_s
+
+
+class _State(NamedTuple):
+    """Joints and velocities (n, 6), time along the path and its rate (n,), and whether the path is kept."""
+
+    q: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    path_s: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    on_path: bool
 
 
 class TrajectoryExecutor:
@@ -56,7 +73,7 @@ class TrajectoryExecutor:
         self._rest = np.array(q, dtype=np.float64)
         self._motion: _Motion | None = None
         self._path = 0.0, True
-        self._told: SetPoint | None = None  # as last asked for; None: the motion has changed since then
+        self._setpoint: SetPoint | None = None  # of this tick; None: the motion has changed since then
 
     @property
     def moving(self) -> bool:
@@ -69,7 +86,7 @@ class TrajectoryExecutor:
         return self._motion is not None and self._motion.braked is not None
 
     def remaining(self, now_s: float, step_s: float) -> tuple[Trajectory, float] | None:
-        """Return what is still being played and the clock at its start; None at rest.
+        """Return what is still being executed and the clock at its start; None at rest.
 
         A braking motion is sampled in steps, because its own trajectory no longer tells when it is where.
         """
@@ -80,14 +97,14 @@ class TrajectoryExecutor:
             return motion.trajectory, motion.start_s
         count = max(1, math.ceil((motion.end_s - now_s) / step_s))
         times = now_s + step_s * np.arange(count + 1.0)
-        q, velocity, *_ = self._at(times)
-        return Trajectory.hermite(times - now_s, q, velocity), now_s
+        state = _state(motion, times)
+        return Trajectory.hermite(times - now_s, state.q, state.velocity), now_s
 
     def start(self, trajectory: Trajectory, now_s: float) -> None:
-        """Play a trajectory from now on, whatever was being played before."""
-        self._motion, self._told = _Motion(trajectory, now_s), None
+        """Execute a trajectory from now on, whatever was executed before."""
+        self._motion, self._setpoint = _Motion(trajectory, now_s), None
 
-    def brake(self, now_s: float, ended: MotionEnd, reason: str) -> None:
+    def brake(self, now_s: float, ending: Ending) -> None:
         """Come to rest from now on; an arm that is already at rest or braking continues as it is."""
         motion = self._motion
         if motion is None or motion.braked is not None:
@@ -97,62 +114,60 @@ class TrajectoryExecutor:
             now_s,
             brake(motion.trajectory, float(path_s), self._limits, self._model.lower, self._model.upper),
         )
-        motion.ended, motion.reason = ended, reason
-        self._told = None
+        motion.ending, self._setpoint = ending, None
 
-    def advance(self, now_s: float) -> tuple[MotionEnd, str] | None:
+    def advance(self, now_s: float) -> Ending | None:
         """Return how a motion has ended, once it has; the arm rests from then on."""
         motion = self._motion
         if motion is None or now_s < motion.end_s - DONE_S:
             return None
-        q, _, path_s, _, on_path = self._at(np.array([motion.end_s]))
-        self._rest, self._path = q[0], (float(path_s[0]), on_path)
-        self._motion = self._told = None
-        return motion.ended, motion.reason
+        state = _state(motion, np.array([motion.end_s]))
+        self._rest, self._path = state.q[0], (float(state.path_s[0]), state.on_path)
+        self._motion = self._setpoint = None
+        return motion.ending
 
     def freeze(self, now_s: float) -> None:
         """Rest at once where the motion is, because nothing follows the set-points any more."""
         now = self.now(now_s)
         self._rest, self._path = now.q, (now.path_s, now.on_path)
-        self._motion = self._told = None
+        self._motion = self._setpoint = None
 
     def samples(self, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return joints and velocities (n, 6) at these times of the clock, none in the past."""
         if self._motion is None:
             shape = (len(times_s), 6)
             return np.broadcast_to(self._rest, shape), np.zeros(shape)
-        q, velocity, *_ = self._at(times_s)
-        return q, velocity
+        state = _state(self._motion, times_s)
+        return state.q, state.velocity
 
     def now(self, now_s: float) -> SetPoint:
         """Return the command at this time of the clock; all callers within one tick get the same, read-only."""
-        if self._told is None or self._told.time_s != now_s:
-            self._told = self._set_point(now_s)
-            self._told.q.flags.writeable = self._told.velocity.flags.writeable = False
-        return self._told
+        if self._setpoint is None or self._setpoint.time_s != now_s:
+            self._setpoint = self._at(now_s)
+            self._setpoint.q.flags.writeable = self._setpoint.velocity.flags.writeable = False
+        return self._setpoint
 
-    def _set_point(self, now_s: float) -> SetPoint:
+    def _at(self, now_s: float) -> SetPoint:
         if self._motion is None:
             path_s, on_path = self._path
             return SetPoint(now_s, self._rest.copy(), np.zeros(6), False, path_s, 0.0, on_path)
-        q, velocity, path_s, rate, on_path = self._at(np.array([now_s]))
-        return SetPoint(now_s, q[0], velocity[0], True, float(path_s[0]), float(rate[0]), on_path)
+        state = _state(self._motion, np.array([now_s]))
+        return SetPoint(
+            now_s, state.q[0], state.velocity[0], True, float(state.path_s[0]), float(state.rate[0]), state.on_path
+        )
 
-    def _at(
-        self, times_s: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], bool]:
-        """Return joints, velocities, time along the path from its start, its rate; and whether the path is kept."""
-        motion = self._motion
-        assert motion is not None  # the callers make sure of this
-        trajectory, first_s = motion.trajectory, motion.trajectory.times_s[0]
-        if motion.braked is None:
-            path_s = np.minimum(np.maximum(times_s - motion.start_s, 0.0), trajectory.duration_s)
-            rate = np.where(times_s < motion.end_s - DONE_S, 1.0, 0.0)
-        else:
-            since, stop = times_s - motion.braked[0], motion.braked[1]
-            path_s, rate = stop.at(since)
-            path_s = path_s - first_s
-            if stop.off_path is not None:
-                return stop.off_path(since), stop.off_path(since, 1), path_s, rate, False
-        at = first_s + path_s
-        return trajectory(at), rate[:, None] * trajectory(at, 1), path_s, rate, True
+
+def _state(motion: _Motion, times_s: NDArray[np.float64]) -> _State:
+    """Return where a motion is at these times of the clock."""
+    trajectory, first_s = motion.trajectory, motion.trajectory.times_s[0]
+    if motion.braked is None:
+        path_s = np.minimum(np.maximum(times_s - motion.start_s, 0.0), trajectory.duration_s)
+        rate = np.where(times_s < motion.end_s - DONE_S, 1.0, 0.0)
+    else:
+        since, stop = times_s - motion.braked[0], motion.braked[1]
+        path_s, rate = stop.at(since)
+        path_s = path_s - first_s
+        if stop.off_path is not None:
+            return _State(stop.off_path(since), stop.off_path(since, 1), path_s, rate, False)
+    at = first_s + path_s
+    return _State(trajectory(at), rate[:, None] * trajectory(at, 1), path_s, rate, True)

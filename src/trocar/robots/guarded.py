@@ -11,15 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, fk
-from trocar.cell import JointReading, MotionResult, SetPoint
-from trocar.errors import TrocarError
+from trocar.cell import JointReading, MotionResult, Robot, SetPoint
+from trocar.errors import (
+    ArmMoving,
+    InvalidInput,
+    LimitExceeded,
+    OutOfReach,
+    OutsideWorkspace,
+    StaleReading,
+    StartMismatch,
+    TooNear,
+    TrocarError,
+    UnknownName,
+)
 from trocar.geometry import SE3, shown
 from trocar.motion.clearance import swept_clearance
 from trocar.motion.limits import limit_use, require_range
 from trocar.motion.moving_arm import MovingArm
-from trocar.robots.driver import TICK_S, Driver
+from trocar.robots.driver import TICK_S
 from trocar.trajectory import Trajectory
 
+TO_BE_GUARDED = "a guard needs what `Driver` has: `remaining`, `braking`, `widest_jaw_rad`, `fault`"
 START_TOLERANCE = 1e-6
 """A motion may start this far (rad, m) from the arm's set-point: rounding, not a jump."""
 WORKSPACE_STEP_S = 0.010
@@ -47,6 +59,27 @@ class ArmGuard:
 
 
 @runtime_checkable
+class GuardableRobot(Robot, Protocol):
+    """A robot that a guard can watch: it tells what it is about to do, and lets the guard stop it."""
+
+    def remaining(self, arm: str, /) -> tuple[Trajectory, float] | None:
+        """Return what an arm is still executing and the clock at its start; None at rest."""
+        ...
+
+    def braking(self, arm: str, /) -> bool:
+        """Return whether an arm is coming to rest before the end of its motion."""
+        ...
+
+    def widest_jaw_rad(self, arm: str, /) -> float:
+        """Return the widest opening of an arm's jaws from now until they reach their goal."""
+        ...
+
+    def fault(self, *arms: str, reason: TrocarError | str) -> None:
+        """Bring these arms to rest because something is wrong; their motions end as ``FAULT`` for this reason."""
+        ...
+
+
+@runtime_checkable
 class JointEstimator(Protocol):
     """Compensates an arm's cables, and so knows where its commands lead."""
 
@@ -67,41 +100,44 @@ class Guarded:
     coming. It logs what it had to change as the event ``guard``.
 
     Args:
-        driver: what it wraps.
+        robot: what it wraps.
         arms: what each arm is allowed; an arm that is not here cannot be moved.
         min_distance_m: between the instruments of two arms; 0 or less: not checked.
         stale_s: a reading older than this stops its arm.
         note: called as ``note("guard", arm=..., ...)`` with what was changed.
 
     Attributes:
-        belief: compensates the cables. Distances between arms are checked where the joints are estimated to be; the
+        estimator: compensates the cables. Distances between arms are checked where the joints are estimated to be; the
             commands differ from that by the cables' errors, millimetres at the tip. None: commands are taken at face
             value.
     """
 
     def __init__(
         self,
-        driver: Driver,
+        robot: GuardableRobot,
         arms: Mapping[str, ArmGuard],
         *,
         min_distance_m: float = 0.0,
         stale_s: float = 0.1,
         note: Callable[..., None] = lambda name, **values: None,
     ):
-        self._driver, self._arms = driver, dict(arms)
+        if not isinstance(robot, GuardableRobot):
+            missing = [name for name in dir(GuardableRobot) if name[0] != "_" and not hasattr(robot, name)]
+            raise InvalidInput(f"a robot of type {type(robot).__name__}", f"has no {', '.join(missing)}", TO_BE_GUARDED)
+        self._robot, self._arms = robot, dict(arms)
         self._min_distance_m, self._stale_s, self._note = min_distance_m, stale_s, note
-        self.belief: JointEstimator | None = None
+        self.estimator: JointEstimator | None = None
         self._stretch = dict.fromkeys(arms, 1.0)
         self._silent: set[str] = set()
         self._braking: set[str] = set()
 
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state as last read."""
-        return self._driver.read(arm)
+        return self._robot.read(arm)
 
     def setpoint(self, arm: str) -> SetPoint:
         """Return what the arm is commanded now; the time along the path is that of the motion as it was handed over."""
-        now, factor = self._driver.setpoint(arm), self._stretch.get(arm, 1.0)
+        now, factor = self._robot.setpoint(arm), self._stretch.get(arm, 1.0)
         if factor == 1.0:
             return now
         return SetPoint(
@@ -112,17 +148,17 @@ class Guarded:
         """Run trajectories from rest, all slowed down by one factor if one exceeds its limits.
 
         Raises:
-            TrocarError: a motion leaves what is allowed; nothing has moved then.
+            MotionRefused: a motion leaves what is allowed; nothing has moved then.
         """
-        return await self._driver.move(self._allowed(motions, replaces=False))
+        return await self._robot.move(self._allowed(motions, replaces=False))
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Let trajectories take over; one that starts moving cannot be slowed down and is refused if it is too fast.
 
         Raises:
-            TrocarError: a motion leaves what is allowed; the current motion then goes on.
+            MotionRefused: a motion leaves what is allowed; the current motion then goes on.
         """
-        return await self._driver.replace(self._allowed(motions, replaces=True))
+        return await self._robot.replace(self._allowed(motions, replaces=True))
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Do nothing: a motion is checked when it starts, since the other arms may move until then."""
@@ -131,16 +167,21 @@ class Guarded:
         """Drive the jaws to an opening within their range."""
         jaw = self._guard(arm).model.jaw
         if not (math.isfinite(angle_rad) and jaw.lower <= angle_rad <= jaw.upper):
-            raise TrocarError(f"jaw angle {angle_rad} rad is outside [{jaw.lower:.4f}, {jaw.upper:.4f}] of arm {arm!r}")
-        return await self._driver.jaw(arm, angle_rad)
+            raise OutOfReach(
+                f"jaw angle {angle_rad} rad is outside [{jaw.lower:.4f}, {jaw.upper:.4f}] of arm {arm!r}",
+                arm=arm,
+                joint=jaw.name,
+                by=max(jaw.lower - angle_rad, angle_rad - jaw.upper),
+            )
+        return await self._robot.jaw(arm, angle_rad)
 
-    def hold(self, *arms: str, reason: str = "") -> None:
+    def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest."""
-        self._driver.hold(*arms, reason=reason)
+        self._robot.hold(*arms, reason=reason)
 
     async def rest(self, *arms: str) -> None:
         """Return when these arms, or all, are at rest."""
-        await self._driver.rest(*arms)
+        await self._robot.rest(*arms)
 
     def check(self) -> None:
         """Stop every arm whose readings have stopped coming, and every arm that would run into one that stopped.
@@ -148,98 +189,106 @@ class Guarded:
         The owner of the loop calls this each tick.
         """
         self._require_readings()
-        braking = {name for name in self._arms if self._driver.braking(name)}
+        braking = {name for name in self._arms if self._robot.braking(name)}
         if braking - self._braking:  # other motions were free of collisions only as long as that arm moved on
             self._stop_before(braking)
         self._braking = braking
 
     def _require_readings(self) -> None:
         for name in self._arms:
-            now = self._driver.setpoint(name)
-            age_s = now.time_s - self._driver.read(name).time_s
+            now = self._robot.setpoint(name)
+            age_s = now.time_s - self._robot.read(name).time_s
             stale = now.moving and age_s > self._stale_s
             if stale:
-                reason = f"arm {name!r} has not been read for {age_s:.2f} s, more than {self._stale_s:.2f} s"
-                self._driver.fault(name, reason=reason)
+                stale_reading = StaleReading(name, age_s, self._stale_s)
+                self._robot.fault(name, reason=stale_reading)
                 if name not in self._silent:  # its motion is known while it brakes
-                    self._note("guard", arm=name, reason=reason)
+                    self._note("guard", arm=name, reason=str(stale_reading))
             (self._silent.add if stale else self._silent.discard)(name)
 
     def _stop_before(self, braking: set[str]) -> None:
         """Stop the arms whose motions come too close to what these arms are doing now."""
         for name in self._arms:
-            remaining = self._driver.remaining(name)
+            remaining = self._robot.remaining(name)
             if name not in braking and remaining is not None:
-                reason = self._too_near({name: remaining})
-                if reason:
-                    self._driver.fault(name, reason=reason)
-                    self._note("guard", arm=name, reason=reason)
+                too_near = self._too_near({name: remaining})
+                if too_near is not None:
+                    self._robot.fault(name, reason=too_near)
+                    self._note("guard", arm=name, reason=str(too_near))
 
     def _guard(self, arm: str) -> ArmGuard:
         if arm not in self._arms:
-            raise TrocarError(f"arm {arm!r} is not guarded here; choose one of {', '.join(self._arms)}")
+            raise UnknownName("arm", arm, self._arms)
         return self._arms[arm]
 
     def _allowed(self, motions: Mapping[str, Trajectory], replaces: bool) -> dict[str, Trajectory]:
         """Return the motions in the form in which they may be sent, on one common time scale."""
+        if not motions:
+            raise InvalidInput("a motion", "names no arm", "give a trajectory for each arm that is to move")
         for name in motions:
             self._guard(name)
-            if not replaces and self._driver.setpoint(name).moving:
-                raise TrocarError(f"arm {name!r} is already moving; await its motion, or replace it")
+            if not replaces and self._robot.setpoint(name).moving:
+                raise ArmMoving(name)
         factors = {name: self._factor(name, trajectory) for name, trajectory in motions.items()}
         slowest = max(factors, key=lambda name: factors[name])
         factor = factors[slowest]
         if factor <= 1.0 + STRETCH_TOLERANCE:
             factor = 1.0
-        elif any(self._driver.setpoint(name).velocity.any() for name in motions):
-            raise TrocarError(
+        elif any(self._robot.setpoint(name).velocity.any() for name in motions):
+            raise LimitExceeded(
                 f"the motion of arm {slowest!r} takes over from a moving arm and is {factor:.3f} times too fast for "
-                "its limits; plan it within them"
+                "its limits; plan it within them",
+                arm=slowest,
+                ratio=factor,
             )
         else:
             self._note("guard", arm=slowest, reason="slowed down to its limits", stretch=round(factor, 6))
         sent = {name: trajectory.stretched(factor) for name, trajectory in motions.items()}
         for name, trajectory in sent.items():
             self._require_workspace(name, trajectory)
-        now = self._driver.setpoint(slowest).time_s
-        reason = self._too_near({name: (trajectory, now) for name, trajectory in sent.items()})
-        if reason:
-            raise TrocarError(f"{reason}; plan it further away, or wait")
+        now = self._robot.setpoint(slowest).time_s
+        too_near = self._too_near({name: (trajectory, now) for name, trajectory in sent.items()})
+        if too_near is not None:
+            raise too_near.worded(f"{too_near}; plan it further away, or wait")
         for name in sent:
             self._stretch[name] = factor
         return sent
 
-    def _too_near(self, motions: Mapping[str, tuple[Trajectory, float]]) -> str:
-        """Return in words how motions, each with its start on the clock, bring arms too close; empty if they do not."""
+    def _too_near(self, motions: Mapping[str, tuple[Trajectory, float]]) -> TooNear | None:
+        """Return how motions, each with its start on the clock, bring arms too close; None if they do not."""
         if self._min_distance_m <= 0 or len(self._arms) < 2:
-            return ""
-        now = self._driver.setpoint(next(iter(motions))).time_s
+            return None
+        now = self._robot.setpoint(next(iter(motions))).time_s
         movers = {name: self._mover(name, motion) for name, motion in motions.items()}
-        others = {name: self._mover(name, self._driver.remaining(name)) for name in self._arms if name not in motions}
+        others = {name: self._mover(name, self._robot.remaining(name)) for name in self._arms if name not in motions}
         end = max(arm.end_s for arm in movers.values())
         clear = swept_clearance(movers, others=others, span_s=(now, max(now, end)), enough_m=self._min_distance_m)
         if clear.distance_m >= self._min_distance_m:
-            return ""
+            return None
         here = swept_clearance(movers, others=others, span_s=(now, now))
         if here.distance_m < self._min_distance_m and clear.distance_m >= here.distance_m - CLOSER_M:
-            return ""  # arms that are already too close may move apart
+            return None  # arms that are already too close may move apart
         first, second = clear.between
-        return (
+        return TooNear(
             f"{first} comes within {shown(max(0.0, clear.distance_m), 'm')} of {second} after "
-            f"{clear.time_s - now:.2f} s, where {shown(self._min_distance_m, 'm')} are to be kept"
+            f"{clear.time_s - now:.2f} s, where {shown(self._min_distance_m, 'm')} are to be kept",
+            first=first,
+            second=second,
+            distance_m=clear.distance_m,
+            required_m=self._min_distance_m,
+            arms=clear.arms,
         )
 
     def _mover(self, name: str, motion: tuple[Trajectory, float] | None) -> MovingArm:
         """Return an arm moving on a motion that starts at this clock; None: at rest."""
-        guard, jaw_rad = self._arms[name], self._driver.widest_jaw_rad(name)
-        belief = self.belief
-        told = self._driver.setpoint(name).q
-        off = np.zeros_like(told) if belief is None else belief.setpoint(name).q - told
+        guard, jaw_rad = self._arms[name], self._robot.widest_jaw_rad(name)
+        estimator, q_cmd = self.estimator, self._robot.setpoint(name).q
+        off = np.zeros_like(q_cmd) if estimator is None else estimator.setpoint(name).q - q_cmd
         if motion is None:
-            return MovingArm.resting(guard.model, told + off, guard.T_world_base, jaw_rad)
+            return MovingArm.resting(guard.model, q_cmd + off, guard.T_world_base, jaw_rad)
         trajectory, start_s = motion
-        expected = None if belief is None else belief.expected(name)
-        if expected is not None and not self._driver.braking(name):
+        expected = None if estimator is None else estimator.expected(name)
+        if expected is not None and not self._robot.braking(name):
             factor = trajectory.duration_s / expected.duration_s
             return MovingArm(guard.model, expected.stretched(factor), guard.T_world_base, start_s, jaw_rad)
         shifted = trajectory.coefficients.copy()
@@ -249,29 +298,25 @@ class Guarded:
 
     def _factor(self, name: str, trajectory: Trajectory) -> float:
         """Return the factor by which a motion has to be slowed down (1 or less: not at all); refuse invalid motions."""
-        guard, now = self._guard(name), self._driver.setpoint(name)
+        guard, now = self._guard(name), self._robot.setpoint(name)
         joints = trajectory.coefficients.shape[2]
         if joints != len(guard.model.joints):
-            raise TrocarError(f"the motion of arm {name!r} has {joints} joints; give {len(guard.model.joints)}")
+            raise InvalidInput(f"the motion of arm {name!r}", f"has {joints} joints", f"give {len(guard.model.joints)}")
         start = trajectory.times_s[0]
         jump = float(np.max(np.abs(trajectory(start) - now.q)))
         if jump > START_TOLERANCE:
-            raise TrocarError(
-                f"the motion of arm {name!r} starts {jump:.6f} rad (or m) away from its set-point; start it there"
-            )
+            raise start_mismatch(name, jump)
         kick = np.abs(trajectory(start, 1) - now.velocity) - guard.limits.acceleration * TICK_S
         if (kick > 0).any():
             joint = guard.model.joints[int(np.argmax(kick / guard.limits.acceleration))]
-            raise TrocarError(
-                f"the motion of arm {name!r} starts with a jump in the velocity of joint {joint.name!r}; start it with "
-                "the velocity of its set-point"
-            )
+            problem = f"starts with a jump in the velocity of joint {joint.name!r}"
+            raise StartMismatch(name, problem, "start it with the velocity of its set-point")
         require_range(guard.model, trajectory)
         use = limit_use(guard.model, trajectory, guard.limits)
         return max(use.velocity_ratio, math.sqrt(use.acceleration_ratio))
 
     def _require_workspace(self, name: str, trajectory: Trajectory) -> None:
-        """Raise a sentence if the tip leaves its box."""
+        """Refuse a motion that takes the tip out of its box."""
         guard = self._arms[name]
         if guard.workspace_m is None:
             return
@@ -280,7 +325,10 @@ class Guarded:
         outside = np.maximum(lower - tips, tips - upper)
         row, axis = np.unravel_index(int(np.argmax(outside)), outside.shape)
         if outside[row, axis] > 0:
-            raise TrocarError(
-                f"the motion of arm {name!r} takes its tip to {'xyz'[axis]} = {shown(tips[row, axis], 'm')}, outside "
-                f"[{shown(lower[axis], 'm')}, {shown(upper[axis], 'm')}] of its workspace; plan it inside"
-            )
+            bounds = f"[{shown(lower[axis], 'm')}, {shown(upper[axis], 'm')}]"
+            raise OutsideWorkspace(name, f"{'xyz'[axis]} = {shown(tips[row, axis], 'm')}", bounds)
+
+
+def start_mismatch(arm: str, jump: float) -> StartMismatch:
+    """Return the refusal of a motion that starts this far (rad, m) from where its arm is."""
+    return StartMismatch(arm, f"starts {jump:.6f} rad (or m) away from its set-point", "start it there")

@@ -22,7 +22,7 @@ LEAST_INFORMATION = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Observation:
     """One sighting, and when it was.
 
     Attributes:
@@ -35,11 +35,11 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """A recording made of looks.
+class Combined:
+    """A recording made of observations of the instrument.
 
     Attributes:
-        recording: all commands; measured where there was a look.
+        recording: all commands; measured where there was an observation.
         sd_rad: (n, 3) of the wrist's measurements.
         shift_m: (3,) shift of the instrument from where the commanded outer joints put it, in the arm's base.
     """
@@ -49,35 +49,35 @@ class Seen:
     shift_m: NDArray[np.float64]
 
 
-def put_together(arm: ArmModel, name: str, q_cmd: NDArray[np.float64], looks: Sequence[Look]) -> Seen:
-    """Return the recording made of looks.
+def combine(arm: ArmModel, name: str, q_cmd: NDArray[np.float64], observations: Sequence[Observation]) -> Combined:
+    """Return the recording made of observations.
 
-    The shift of the instrument is common to all looks and is found from all of them; then each look gives its wrist
-    joints.
+    The shift of the instrument is common to all observations and is found from all of them; then each of them gives its
+    wrist joints.
 
     Args:
         arm: whose instrument was seen.
         name: of the recording.
         q_cmd: (n, 6) all commands that were sent, including where they reversed; rad and m.
-        looks: in order.
+        observations: in order.
     """
-    good = [look for look in looks if look.sighting.left_m < WORST_M]
+    good = [observation for observation in observations if observation.sighting.left_m < WORST_M]
     shift_m = _common_shift(good)
     measured, sd = np.full_like(q_cmd, np.nan), np.ones((len(q_cmd), 3))
-    for look in good:
-        measured[look.row], covariance = joints_seen(arm, look.sighting, shift_m)
-        sd[look.row] = np.sqrt(np.diag(covariance))
+    for observation in good:
+        measured[observation.row], covariance = joints_seen(arm, observation.sighting, shift_m)
+        sd[observation.row] = np.sqrt(np.diag(covariance))
     times = np.arange(len(q_cmd), dtype=np.float64)
     valid: NDArray[np.bool_] = np.asarray(np.isfinite(measured).all(axis=1))
     recording = Recording(q_cmd, measured, valid, times, name)
-    return Seen(recording, sd, shift_m)
+    return Combined(recording, sd, shift_m)
 
 
-def _common_shift(looks: Sequence[Look]) -> NDArray[np.float64]:
-    """Return the most likely shift (3,) given all looks, whatever the wrist joints were in each."""
+def _common_shift(observations: Sequence[Observation]) -> NDArray[np.float64]:
+    """Return the most likely shift (3,) given all observations, whatever the wrist joints were in each."""
     information, pull = np.eye(3) / SHIFT_SD_M**2, np.zeros(3)
-    for look in looks:
-        seen = look.sighting
+    for observation in observations:
+        seen = observation.sighting
         across = seen.information[3:, :3] @ _of_wrist(seen)
         known = seen.information[3:, 3:] - across @ seen.information[:3, 3:]
         information += known

@@ -9,39 +9,27 @@ from typing import Any
 
 import numpy as np
 import trio
-from numpy.typing import NDArray
 from trio.testing import MockClock, wait_all_tasks_blocked
 
 from trocar.cell import Cell, Result
-from trocar.errors import TrocarError
-from trocar.lab import SensorFlaws, StationCamera
+from trocar.lab import SensorFlaws
 from trocar.lab.session import Session
 from trocar.lab.transmission import DriveTrain
 from trocar.log import CellLog
-from trocar.perception.image import (
-    CameraModel,
-    Image,
-    Intrinsics,
-    RgbdImage,
-    StereoImage,
-    StereoRig,
-    StereoWindow,
-    Window,
-)
 from trocar.robots import TICK_S, ArmGuard, Guarded, JointEstimator
-from trocar.sim.camera import RayCamera
-from trocar.sim.contacts import ContactMonitor
-from trocar.sim.mjcf import CellModel, Servo, Surface
+from trocar.sim.cameras import CameraRenderer, SimCamera
 from trocar.sim.pace import Pace, Script, Stepping, Virtual, repeat_scheduling
 from trocar.sim.record import Record
-from trocar.sim.recorder import Recorder
+from trocar.sim.recorder import ContactMonitor, Recorder
 from trocar.sim.robot import SimRobot
-from trocar.sim.station_cameras import EYE_GAINS, eyes_of
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import World
+from trocar.sim.spec import Servo, Surface
+from trocar.sim.world import TaskWorld, World
 
 REST_S = 0.5
 """The bodies settle for this long before the clock starts."""
+GRACE_S, HURRY_S = 1.0, 10.0
+"""A script may use this much time after its budget to clean up under a shield; then its sleeps pass at this much a
+tick."""
 
 
 class SimClock:
@@ -61,59 +49,6 @@ class SimClock:
         seconds = time.perf_counter() - begin
         await trio.sleep(budget_s)
         return result, seconds
-
-
-class SimCamera:
-    """A simulated camera behind the ``Camera`` protocol.
-
-    Attributes:
-        taken: (time in s, image) of all whole images that it took.
-    """
-
-    def __init__(self, world: World, camera: StationCamera, eyes: list[RayCamera], rng: np.random.Generator):
-        self._world, self._camera, self._eyes, self._rng = world, camera, eyes, rng
-        self.model = camera.model_registered
-        self.taken: list[Image] = []
-        self._binned = {1: eyes}
-
-    async def capture(self, window: Window | StereoWindow | None = None) -> Image:
-        """Expose one image; it shows the end of the exposure."""
-        model, windows = self._read_out(window)
-        await trio.sleep(self._camera.exposure_s)
-        data, now = self._world.data, self._world.time_s
-        binning = window.binning if isinstance(window, StereoWindow) else 1
-        if binning not in self._binned:
-            self._binned[binning] = [eye.binned(binning) for eye in self._eyes]
-        eyes = [
-            eye if part is None else eye.cropped(data, *_divided(part, binning))
-            for eye, part in zip(self._binned[binning], windows, strict=True)
-        ]
-        if isinstance(model, StereoRig):
-            left, right = (eye.render_color(data, self._rng, gain) for eye, gain in zip(eyes, EYE_GAINS, strict=True))
-            image: Image = StereoImage(left, right, model, now)
-        else:
-            seen = eyes[0].render(data, self._rng)
-            image = RgbdImage(seen.color, seen.depth_m, seen.intrinsics, now)
-        if window is None:
-            self.taken.append(image)
-        return image
-
-    def _read_out(self, window: Window | StereoWindow | None) -> tuple[CameraModel, list[Window | None]]:
-        """Return the camera that reads out only a window, and the window of each eye."""
-        if window is None:
-            return self.model, [None] * len(self._eyes)
-        if isinstance(self.model, StereoRig) and isinstance(window, StereoWindow):
-            return window.of(self.model), [window.left, window.right]
-        if isinstance(self.model, Intrinsics) and isinstance(window, Window):
-            return self.model.cropped(window.corner_px, window.size_px), [window]
-        kind = "a StereoWindow" if isinstance(self.model, StereoRig) else "a Window"
-        raise TrocarError(f"this camera has {len(self._eyes)} eye(s) and cannot read out {window!r}; give {kind}")
-
-
-def _divided(window: Window, by: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return corner and size of a window in binned pixels."""
-    (u, v), (width, height) = window.corner_px, window.size_px
-    return (u // by, v // by), (width // by, height // by)
 
 
 class SimLaboratory:
@@ -154,9 +89,7 @@ class SimLaboratory:
         station, self.session, self.task = session.station, session, task or TaskWorld()
         self._ticks = 0
         cable_rng, camera_rng = (rng or np.random.default_rng(0)).spawn(2)
-        self.world = World(
-            CellModel(session.models, session.T_world_base, self.task, servo or Servo(), surface or Surface())
-        )
+        self.world = World(session.models, session.T_world_base, self.task, servo=servo, surface=surface)
         self.driver = SimRobot(self.world, self.now_s)
         for name, arm in station.arms.items():
             q_cmd = arm.park_q()
@@ -168,7 +101,10 @@ class SimLaboratory:
         self.log = CellLog(self.now_s, listener=listener)
         self.cameras = {
             name: SimCamera(
-                self.world, camera, eyes_of(self.world.model, camera, session.T_world_camera[name], flaws), camera_rng
+                self.world,
+                CameraRenderer(self.world.model, camera, session.T_world_camera[name], flaws),
+                camera.exposure_s,
+                camera_rng,
             )
             for name, camera in station.cameras.items()
         }
@@ -178,7 +114,7 @@ class SimLaboratory:
         }
         guarded = Guarded(self.driver, guards, min_distance_m=station.min_distance_m, note=self.log.event)
         self._guard = guarded
-        self._touches = ContactMonitor(self.world, self.task.hit, self.task.counts)
+        self._contacts = ContactMonitor(self.world)
         self.recorder = Recorder(self.world, guarded)
         self.cell = Cell(
             robot=guarded,
@@ -204,7 +140,7 @@ class SimLaboratory:
         self.recorder.asked_of = self.cell.robot
         robot = self.cell.robot
         if isinstance(robot, JointEstimator):
-            self._guard.belief = robot
+            self._guard.estimator = robot
         return self.cell
 
     def tick(self) -> None:
@@ -219,11 +155,11 @@ class SimLaboratory:
         now = self.now_s()
         self.recorder.observe(now)
         self.task.observe(now)
-        self._touches.observe(now)
+        self._contacts.observe(now)
 
     def record(self) -> Record:
         """Return what has happened so far; simulator truth."""
-        return self.recorder.record(self._touches.collisions())
+        return self.recorder.record(self._contacts.collisions())
 
     def truth(self) -> Any:
         """Return the referee's account of it, only for the task's score."""
@@ -246,11 +182,7 @@ class SimLaboratory:
         clock = MockClock()
         repeat_scheduling()
         try:
-            return trio.run(
-                self._run, script, budget_s, pace or Virtual(), clock,
-                clock=clock,
-                restrict_keyboard_interrupt_to_checkpoints=True,
-            )  # fmt: skip
+            return trio.run(self._run, script, budget_s, pace or Virtual(), clock, clock=clock)
         except BaseExceptionGroup as group:
             raise _cause(group) from None
 
@@ -262,23 +194,26 @@ class SimLaboratory:
         """Start another script beside the one that runs."""
         if self._nursery is None:
             raise RuntimeError("a script can be started only while the cell runs")
-        self._nursery.start_soon(script, self.cell)
+        self._nursery.start_soon(_interruptible(script), self.cell)
 
     def end(self) -> None:
         """Cancel all scripts that run; the arms come to rest."""
         if self._nursery is not None:
             self._nursery.cancel_scope.cancel()
 
+    # Ctrl-C raises at once in a script, also in one that never waits; in what brings the arms to rest it waits.
+    @trio.lowlevel.enable_ki_protection
     async def _run(self, script: Script, budget_s: float, pace: Pace, clock: MockClock) -> bool:
         ended = False
         async with trio.open_nursery() as outer:
-            outer.start_soon(self._turn, pace, clock)
+            budget = trio.CancelScope(deadline=trio.current_time() + budget_s)
+            outer.start_soon(self._turn, pace, clock, budget.deadline + GRACE_S)
             try:
-                with trio.move_on_after(budget_s):
+                with budget:
                     async with trio.open_nursery() as scripts:
                         self._nursery = scripts
-                        await script(self.cell)
-                        ended = True
+                        await _interruptible(script)(self.cell)
+                        ended = not budget.cancel_called
                         scripts.cancel_scope.cancel()
             finally:
                 # the physics continues until arms that scripts left moving have come to rest
@@ -289,19 +224,30 @@ class SimLaboratory:
                 outer.cancel_scope.cancel()
         return ended
 
-    async def _turn(self, pace: Pace, clock: MockClock) -> None:
+    @trio.lowlevel.enable_ki_protection
+    async def _turn(self, pace: Pace, clock: MockClock, latest_s: float) -> None:
         """Run the clock: let every script run until it waits, then advance 10 ms; forever."""
         try:
             while True:
                 await wait_all_tasks_blocked()
                 await pace.wait(self.now_s())
                 self.tick()
-                clock.jump(TICK_S)
+                shielded = self._nursery is not None and clock.current_time() > latest_s
+                clock.jump(HURRY_S if shielded else TICK_S)
         except Exception as error:
             # otherwise a script that cleans up under a shield would wait forever, for an arm or for the clock
             self.driver.abandon(f"the simulation has ended: {error}")
             clock.autojump_threshold = 0.0
             raise
+
+
+def _interruptible(script: Script) -> Script:
+    """Return a script that Ctrl-C ends at whatever line it is."""
+
+    async def interruptible(cell: Cell) -> Any:
+        return await trio.lowlevel.disable_ki_protection(script)(cell)
+
+    return interruptible
 
 
 def _cause(group: BaseExceptionGroup) -> BaseException:
@@ -315,14 +261,3 @@ def _cause(group: BaseExceptionGroup) -> BaseException:
         else:
             leaves.append(error)
     return next((leaf for leaf in leaves if not isinstance(leaf, Exception)), leaves[0])
-
-
-def arrays_of(recorder: Recorder) -> dict[str, NDArray]:
-    """Return what is saved of every cell: joints of the arms and poses of free bodies at 100 Hz."""
-    arrays: dict[str, NDArray] = {}
-    for kind in ("asked", "commanded", "measured", "true"):
-        for name, rows in recorder.joints(kind).items():
-            arrays[f"{kind}_{name}"] = rows
-    for body, rows in recorder.free_poses().items():
-        arrays[f"body_{body}"] = rows
-    return arrays

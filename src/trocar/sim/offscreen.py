@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from xml.etree.ElementTree import Element, tostring
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws
+from trocar.perception.image import Intrinsics
 from trocar.replay import Replay, Solid, Viewpoint
-from trocar.sim.camera import RayCamera
-from trocar.sim.elements import add, placed, text
-from trocar.sim.framing import framed
+from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
+from trocar.sim.spec import INTANGIBLE, SHAPES, digits, placed
 
 AMBIENT = 0.42
 LAMP_M = (0.12, 0.0, 0.0)
@@ -26,6 +26,18 @@ FAR = 3.2
 """Without a view defined by the task, the eye is this many times as far away as the motion is wide."""
 ROOM_M = 0.02
 """Least half-width of a picture; less would show only a tip."""
+
+
+WIDTH = 640
+"""Width of a picture in pixels at scale 1."""
+HEIGHTS = (0.56, 0.75)
+"""Least and greatest height as a share of the width: flat objects get a flat picture, tall ones at most 4 to 3."""
+FILLED = 0.94
+"""Share of the frame to be filled; the rest is margin."""
+NEAREST_M = 0.02
+"""Points nearer to the camera, or behind it, count as this far away."""
+AIMS = 6
+"""Iterations: turning the camera to the middle of what it sees shifts that middle a little, less each time."""
 
 
 class OffscreenCamera:
@@ -50,13 +62,13 @@ class OffscreenCamera:
         frame_m = handled(replay) if frame_m is None else frame_m
         view = view or overview(frame_m)
         self._replay = replay
-        self._model = mujoco.MjModel.from_xml_string(_mjcf(replay, colours or {}))
+        self._model = _spec(replay, colours or {}).compile()
         self._data = mujoco.MjData(self._model)
         self._moving = [body for body, T in replay.T_world_body.items() if T.matrix.ndim == 3]
-        framing = framed(np.array(view.eye_m), frame_m, scale)
+        T_world_camera, lens = framed(np.array(view.eye_m), frame_m, scale)
         light = Light(ambient=AMBIENT, gain=view.gain)
         flaws = replace(SensorFlaws.none(), shadow=True)
-        self._camera = RayCamera(self._model, framing.lens, framing.T_world_camera, LAMP_M, flaws, light)
+        self._camera = RayCamera(self._model, lens, T_world_camera, LAMP_M, flaws, light)
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
         """Return a colour picture (height, width, 3) of this time."""
@@ -82,6 +94,43 @@ def handled(replay: Replay) -> NDArray[np.float64]:
     return np.concatenate([points, middle + ROOM_M * np.array([[-1, -1, -1], [1, 1, 1]])])
 
 
+def framed(eye_m: NDArray[np.float64], points_m: NDArray[np.float64], scale: float = 1.0) -> tuple[SE3, Intrinsics]:
+    """Return the level camera at a place in whose picture these points reach from edge to edge.
+
+    Args:
+        eye_m: (3,) where it stands, in the world.
+        points_m: (n, 3) points to fill the frame, in the world; two or more, in front of the eye.
+        scale: of the picture's pixels.
+    """
+    target = points_m.mean(axis=0)
+    for _ in range(AIMS):
+        T_world_camera = look_at(eye_m, target)
+        low, high = _extent(T_world_camera, points_m)
+        target = T_world_camera.apply(np.append((low + high) / 2, 1.0))
+    T_world_camera = look_at(eye_m, target)
+    low, high = _extent(T_world_camera, points_m)
+    wide, tall = np.maximum(high - low, 1e-6)
+    width = round(WIDTH * scale)
+    height = round(width * float(np.clip(tall / wide, *HEIGHTS)))
+    focal = FILLED * min(width / wide, height / tall)
+    return T_world_camera, Intrinsics(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+
+
+def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64]) -> SE3:
+    """Return ``T_world_camera`` (OpenCV axes) of a level camera at ``eye_m`` that looks at ``target_m``."""
+    z = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    return SE3.from_parts(SO3(np.column_stack([x, np.cross(z, x), z])), eye_m)
+
+
+def _extent(T_world_camera: SE3, points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners (2,), (2,) of what the points cover at a distance of 1 from the camera."""
+    seen = T_world_camera.inverse().apply(points_m)
+    flat = seen[:, :2] / np.maximum(seen[:, 2:], NEAREST_M)
+    return flat.min(axis=0), flat.max(axis=0)
+
+
 def overview(points_m: NDArray[np.float64]) -> Viewpoint:
     """Return a viewpoint in front of and above these points (n, 3)."""
     low, high = points_m.min(axis=0), points_m.max(axis=0)
@@ -90,47 +139,44 @@ def overview(points_m: NDArray[np.float64]) -> Viewpoint:
     return Viewpoint(tuple(eye.tolist()))  # type: ignore[arg-type]
 
 
-def _mjcf(replay: Replay, colours: Mapping[str, tuple[float, float, float]]) -> str:
-    """Return the replay's solids as MJCF: what moves as free bodies, the rest fixed, on a table."""
-    root = Element("mujoco", model="replay")
-    add(root, "compiler", angle="radian")
-    assets, world = add(root, "asset"), add(root, "worldbody")
+def _spec(replay: Replay, colours: Mapping[str, tuple[float, float, float]]) -> mujoco.MjSpec:
+    """Return the replay's solids: what moves as free bodies, the rest fixed, on a table."""
+    spec = mujoco.MjSpec()
+    spec.modelname = "replay"
     hulls: dict[bytes, str] = {}
-    bodies: dict[str, Element] = {}
+    bodies: dict[str, mujoco.MjsBody] = {}
     for name, T in replay.T_world_body.items():
         if T.matrix.ndim == 3:
-            bodies[name] = add(world, "body", name=f"moving {name}")
-            add(bodies[name], "freejoint")
-            add(bodies[name], "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
+            bodies[name] = spec.worldbody.add_body(
+                name=f"moving {name}", explicitinertial=True, mass=1, inertia=(1, 1, 1)
+            )
+            bodies[name].add_freejoint()
         else:
-            bodies[name] = add(world, "body", name=f"fixed {name}", **placed(T))
+            bodies[name] = spec.worldbody.add_body(name=f"fixed {name}", **placed(T))
     for solid in replay.solids:
         if solid.body in bodies:
             rgb = next((rgb for prefix, rgb in colours.items() if solid.body.startswith(prefix)), solid.rgba[:3])
-            _add_solid(bodies[solid.body], assets, solid, rgb, hulls)
-    add(
-        world,
-        "geom",
-        type="plane",
-        size="2 2 0.01",
-        pos=text((0, 0, _floor_m(replay) - BELOW_M)),
-        rgba=text((*TABLE_RGB, 1)),
-    )
-    return tostring(root, encoding="unicode")
+            _add_solid(spec, bodies[solid.body], solid, rgb, hulls)
+    plane = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": (2, 2, 0.01), "rgba": (*TABLE_RGB, 1)}
+    spec.worldbody.add_geom(pos=digits((0, 0, _floor_m(replay) - BELOW_M)), **plane)
+    return spec
 
 
-def _add_solid(body: Element, assets: Element, solid: Solid, rgb: tuple[float, ...], hulls: dict[bytes, str]) -> None:
-    look = {"rgba": text((*rgb, solid.rgba[3])), "contype": "0", "conaffinity": "0"}
+def _add_solid(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, rgb: tuple[float, ...], hulls: dict[bytes, str]
+) -> None:
+    look = {"rgba": (*rgb, solid.rgba[3]), **INTANGIBLE}
     if solid.shape != "hull":
-        add(body, "geom", type=solid.shape, size=text(solid.size_m), **placed(solid.T_body_solid), **look)
+        size = (*digits(solid.size_m), 0, 0)[:3]
+        body.add_geom(type=SHAPES[solid.shape], size=size, **placed(solid.T_body_solid), **look)
         return
     # MuJoCo itself shifts a mesh to its centre of mass, so the corners are given in the body's frame
     corners = solid.T_body_solid.apply(solid.vertices_m)
     key = np.round(corners, 9).tobytes()
     if key not in hulls:
         hulls[key] = f"hull{len(hulls)}"
-        add(assets, "mesh", name=hulls[key], vertex=text(corners))
-    add(body, "geom", type="mesh", mesh=hulls[key], **look)
+        spec.add_mesh(name=hulls[key], uservert=digits(corners).ravel())
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=hulls[key], **look)
 
 
 def _floor_m(replay: Replay) -> float:

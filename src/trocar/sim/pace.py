@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import trio
 from trio._core import _run
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidValue
 from trocar.robots.driver import TICK_S
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class RealTime:
 
     def __init__(self, speed: float = 1.0):
         if not (math.isfinite(speed) and speed > 0):
-            raise TrocarError(f"the speed of a real-time clock is {speed}; give a number above 0")
+            raise InvalidValue("the speed of a real-time clock", speed, "give a number above 0")
         self._speed, self._origin_s = speed, math.nan
 
     async def wait(self, now_s: float) -> None:

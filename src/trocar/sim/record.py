@@ -1,15 +1,52 @@
-"""Everything that happened in a simulated cell, tick by tick. Simulator truth, for referees, files and replays."""
+"""What happened in a simulated cell, tick by tick. Simulator truth, for referees, files and replays."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.sim.contacts import Collision
+
+
+class CollidingPair(NamedTuple):
+    """Who collides with what.
+
+    Attributes:
+        arm: name of the arm.
+        what: ``arm``, or what it holds.
+        against: the other arm's name, or the object that is hit.
+    """
+
+    arm: str
+    what: str
+    against: str
+
+
+@dataclass(frozen=True)
+class Collision:
+    """One collision of an arm or of what it holds.
+
+    Attributes:
+        time_s: when it began, on the trial's clock.
+        end_s: when it ended.
+        arm: name of the arm.
+        what: ``arm``, or what it holds.
+        against: another arm's name, or the object that is hit.
+        force_n: largest force while it lasted.
+        p_world_m: where that was.
+    """
+
+    time_s: float
+    end_s: float
+    arm: str
+    what: str
+    against: str
+    force_n: float
+    p_world_m: tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +66,3 @@ class Record:
     T_world_body: Mapping[str, SE3]
     T_world_tip: Mapping[str, SE3]
     collisions: tuple[Collision, ...]
-
-    def row(self, time_s: float) -> int:
-        """Return the row of the last tick not after this time."""
-        return max(0, int(np.searchsorted(self.times_s, time_s + 1e-9)) - 1)
-
-    def rows(self, start_s: float, end_s: float) -> slice:
-        """Return the rows between two times, both included."""
-        first, last = np.searchsorted(self.times_s, [start_s - 1e-9, end_s + 1e-9])
-        return slice(int(first), int(last))

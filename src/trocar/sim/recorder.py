@@ -1,6 +1,8 @@
-"""Records what the arms and bodies of a simulated cell do, tick by tick."""
+"""What is observed of a simulated cell, tick by tick: arms, bodies, and collisions, each counted once."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -10,10 +12,15 @@ from trocar.arms import fk
 from trocar.cell import Robot
 from trocar.geometry import SE3, SO3
 from trocar.replay import Solid
-from trocar.sim.contacts import Collision
-from trocar.sim.record import Record
+from trocar.sim.record import CollidingPair, Collision, Record
+from trocar.sim.spec import SHAPES
 from trocar.sim.world import World
 
+KINDS = ("asked", "commanded", "measured", "true")
+COLLISION_N = 0.5
+"""A touch with less force than this is sliding, not a collision; .5 N does not visibly bend a peg (assumed)."""
+APART_S = 0.2
+"""A touch that recurs within this time is the same collision."""
 VISIBLE_GROUPS = (0, 1, 2)
 
 
@@ -30,7 +37,7 @@ class Recorder:
         self._times: list[float] = []
         self._free: list[NDArray[np.float64]] = []
         self._rows: dict[str, dict[str, list[NDArray[np.float64]]]] = {
-            name: {kind: [] for kind in ("asked", "commanded", "measured", "true")} for name in world.arm_names
+            name: {kind: [] for kind in KINDS} for name in world.arm_names
         }
 
     def observe(self, time_s: float) -> None:
@@ -49,7 +56,6 @@ class Recorder:
         """Return the record so far."""
         poses = np.array(self._free).reshape(len(self._times), -1, 7)
         joints = self.joints("true")
-        cell = self._world.cell
         return Record(
             times_s=np.array(self._times),
             joints=joints,
@@ -58,7 +64,8 @@ class Recorder:
                 for k, body in enumerate(self._world.free_bodies)
             },
             T_world_tip={
-                name: cell.T_world_base[name] @ fk(arm, joints[name][:, :6]) for name, arm in cell.arms.items()
+                name: self._world.T_world_base[name] @ fk(arm, joints[name][:, :6])
+                for name, arm in self._world.models.items()
             },
             collisions=collisions,
         )
@@ -71,6 +78,55 @@ class Recorder:
         """Return positions and quaternions wxyz (n, 7) of each free body."""
         poses = np.array(self._free).reshape(len(self._times), -1, 7)
         return {body: poses[:, k] for k, body in enumerate(self._world.free_bodies)}
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Return what is saved of every cell: joints of the arms and poses of free bodies at 100 Hz."""
+        arrays = {f"{kind}_{name}": rows for kind in KINDS for name, rows in self.joints(kind).items()}
+        return arrays | {f"body_{body}": rows for body, rows in self.free_poses().items()}
+
+
+class ContactMonitor:
+    """Collects collisions: contacts that a world's task counts, and all between two arms."""
+
+    def __init__(self, world: World):
+        self._world = world
+        self._last: dict[CollidingPair, Collision] = {}
+        self._earlier: list[Collision] = []
+
+    def observe(self, time_s: float) -> None:
+        """Take in the contacts of this tick."""
+        world, data, names = self._world, self._world.data, self._world.arm_names
+        pairs = data.contact.geom[: data.ncon]
+        for contact in range(len(pairs)):
+            first, second = int(pairs[contact, 0]), int(pairs[contact, 1])
+            a, b = int(world.geom_arm[first]), int(world.geom_arm[second])
+            between_arms = a >= 0 and b >= 0
+            pair = CollidingPair(names[a], "arm", names[b]) if between_arms else world.task.collision(first, second)
+            if pair is None:
+                continue
+            force = np.zeros(6)
+            mujoco.mj_contactForce(world.model, data, contact, force)
+            if force[0] > COLLISION_N and world.task.counts(pair, data.contact.frame[contact][:3]):
+                x, y, z = np.round(data.contact.pos[contact], 6).tolist()
+                self._add(pair, Collision(time_s, time_s, *pair, float(force[0]), (x, y, z)))
+
+    def _add(self, pair: CollidingPair, now: Collision) -> None:
+        """Prolong this pair's last collision, or begin another one if they were apart."""
+        last = self._last.get(pair)
+        if last is None or now.time_s - last.end_s > APART_S:
+            self._earlier += [] if last is None else [last]
+            self._last[pair] = now
+        else:
+            strongest = now if now.force_n > last.force_n else last
+            self._last[pair] = replace(strongest, time_s=last.time_s, end_s=now.end_s)
+
+    def collisions(self) -> tuple[Collision, ...]:
+        """Return all so far, in order of time."""
+        found = [
+            replace(c, time_s=round(c.time_s, 6), end_s=round(c.end_s, 6), force_n=round(c.force_n, 3))
+            for c in (*self._earlier, *self._last.values())
+        ]
+        return tuple(sorted(found, key=lambda c: (c.time_s, c.arm, c.against)))
 
 
 def solids_of(world: World) -> tuple[Solid, ...]:
@@ -101,11 +157,5 @@ def _vertices(model: mujoco.MjModel, mesh: int) -> NDArray[np.float64]:
     return model.mesh_vert[start : start + count].astype(np.float64)
 
 
-_SHAPES = {
-    int(mujoco.mjtGeom.mjGEOM_BOX): "box",
-    int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
-    int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
-    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
-    int(mujoco.mjtGeom.mjGEOM_MESH): "hull",
-}
+_SHAPES = {int(shape): name for name, shape in SHAPES.items()}
 _SIZES = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2, "hull": 0}

@@ -11,7 +11,7 @@ from trocar.arms import ArmModel, MotionLimits
 from trocar.cell import JointReading
 from trocar.lab.transmission import DriveTrain, JawCable
 from trocar.robots.driver import TICK_S, Driver
-from trocar.sim.mjcf import TIMESTEP_S
+from trocar.sim.spec import TIMESTEP_S
 from trocar.sim.world import World
 
 SERVO_STEPS = 2

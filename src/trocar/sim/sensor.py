@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.lab.sensor_flaws import SensorFlaws
+from trocar.lab.station import SensorFlaws
 
 
 @dataclass(frozen=True)

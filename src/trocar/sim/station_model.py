@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import atan, degrees
-from xml.etree.ElementTree import Element, indent, tostring
 
 import mujoco
 import numpy as np
@@ -11,10 +10,9 @@ import numpy as np
 from trocar.arms import ArmModel, fk, frames
 from trocar.geometry import SE3, SO3
 from trocar.lab import Station, StationCamera
-from trocar.perception.image import Intrinsics, StereoRig
-from trocar.sim.elements import add, placed, scene_bits, text
-from trocar.sim.mjcf import JAW_STIFFNESS_NM_RAD, CellModel, Servo, cell_element
-from trocar.sim.task_world import TaskWorld
+from trocar.perception.image import StereoRig
+from trocar.sim.spec import JAW_STIFFNESS_NM_RAD, SOLID, CellArms, Servo, cell_spec, digits, placed
+from trocar.sim.world import TaskWorld
 
 PARK = "park"
 """Name of the keyframe in which the arms rest where the station parks them."""
@@ -25,24 +23,15 @@ CAMERA_FROM_OPENCV = SE3.from_parts(SO3.axis("x", np.pi))
 """MuJoCo's cameras look along -z, y up; the station's along z, y down."""
 
 
-class _Table(TaskWorld):
-    """Only a table: at the station's fixture of that name, else a plane at the lowest fixture."""
-
-    def __init__(self, station: Station):
-        self._station = station
-
-    def add(self, world: Element, assets: Element) -> None:
-        fixtures = self._station.T_world_fixture
-        if not fixtures:
-            return
-        lowest = min(float(T.translation_m[2]) for T in fixtures.values())
-        pose = fixtures.get(TABLE, SE3.from_parts(translation_m=[0.0, 0.0, lowest]))
-        look = {"rgba": text((*TABLE_RGB, 1)), **placed(pose), **scene_bits()}
-        add(world, "geom", name=TABLE, type="plane", size="0.5 0.5 0.01", **look)
-
-
 def station_mjcf(station: Station, task: TaskWorld | None = None) -> str:
-    """Return a station as self-contained MJCF text: the nominal laboratory, with joints that follow exactly.
+    """Return :func:`station_spec` as self-contained MJCF text, to MuJoCo's six digits."""
+    spec = station_spec(station, task)
+    spec.compile()
+    return spec.to_xml()
+
+
+def station_spec(station: Station, task: TaskWorld | None = None) -> mujoco.MjSpec:
+    """Return a station as a MuJoCo model specification: the nominal laboratory, with joints that follow exactly.
 
     As loaded, each arm is, and is commanded to be, as near to zero as its joints' ranges allow; the keyframe
     :data:`PARK` has it where the station parks it. Of each arm ``ARM`` and joint ``JOINT`` there are the joint and the
@@ -56,73 +45,86 @@ def station_mjcf(station: Station, task: TaskWorld | None = None) -> str:
         task: what lies on the table; None: nothing.
     """
     starts = {name: np.clip(np.zeros(6), arm.lower, arm.upper) for name, arm in station.models.items()}
-    bases = {name: arm.T_world_base for name, arm in station.arms.items()}
-    root = cell_element(CellModel(station.models, bases, task or _Table(station), q_start=starts))
-    root.set("model", station.name)
-    _add_light(root, station)
-    world = _section(root, "worldbody")
+    arms = CellArms(station.models, {name: arm.T_world_base for name, arm in station.arms.items()}, q_start=starts)
+    if task is None:
+        spec = cell_spec(arms, lambda spec: _add_table(spec, station))
+    else:
+        spec = cell_spec(arms, task.add, sleeps=task.sleeps)
+    spec.modelname = station.name
+    _add_light(spec, station)
     for name, T in station.T_world_fixture.items():
-        add(world, "site", name=name, type="box", size="0.004 0.004 0.0005", rgba=text((*FIXTURE_RGB, 1)), **placed(T))
+        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": (0.004, 0.004, 0.0005)}
+        spec.worldbody.add_site(name=name, rgba=(*FIXTURE_RGB, 1), **box, **placed(T))
     for name, camera in station.cameras.items():
-        _add_camera(world, name, camera)
-    tendons, sensors = add(root, "tendon"), add(root, "sensor")
+        _add_camera(spec, name, camera)
     for name, arm in station.models.items():
-        _add_sites(world, name, arm)
-        _set_drives(_section(root, "actuator"), tendons, name, arm)
-        _add_sensors(sensors, name, arm)
-    _add_park(root, station)
-    indent(root)
-    return tostring(root, encoding="unicode")
+        _add_sites(spec, name, arm)
+        _set_drives(spec, name, arm)
+        _add_sensors(spec, name, arm)
+    _add_park(spec, station)
+    return spec
 
 
-def _section(root: Element, tag: str) -> Element:
-    found = root.find(tag)
-    assert found is not None  # the cell has it
-    return found
+def _add_table(spec: mujoco.MjSpec, station: Station) -> None:
+    """Add a table at the station's fixture of that name, else a plane at the lowest fixture."""
+    fixtures = station.T_world_fixture
+    if not fixtures:
+        return
+    lowest = min(float(T.translation_m[2]) for T in fixtures.values())
+    pose = fixtures.get(TABLE, SE3.from_parts(translation_m=[0.0, 0.0, lowest]))
+    plane = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": (0.5, 0.5, 0.01), "rgba": (*TABLE_RGB, 1)}
+    spec.worldbody.add_geom(name=TABLE, **plane, **placed(pose), **SOLID)
 
 
-def _body(world: Element, name: str) -> Element:
-    return next(body for body in world.iter("body") if body.get("name") == name)
-
-
-def _add_light(root: Element, station: Station) -> None:
+def _add_light(spec: mujoco.MjSpec, station: Station) -> None:
     """Light the scene, and start a viewer where all tips and remote centres are visible."""
     places = [arm.T_world_base.translation_m for arm in station.arms.values()]
     places += [(arm.T_world_base @ fk(arm.model, arm.park_q())).translation_m for arm in station.arms.values()]
     middle, extent = np.mean(places, axis=0), 0.15 + float(np.ptp(places, axis=0).max())
-    add(root, "statistic", center=text(np.round(middle, 3)), extent=text(round(extent, 3)))
-    visual = add(root, "visual")
-    add(visual, "global", azimuth="120", elevation="-25", offwidth="1280", offheight="960")
-    add(visual, "headlight", ambient="0.35 0.35 0.35", diffuse="0.5 0.5 0.5", specular="0.1 0.1 0.1")
-    sky = {"type": "skybox", "builtin": "gradient", "width": "64", "height": "384"}
-    add(_section(root, "asset"), "texture", name="sky", rgb1="0.80 0.84 0.88", rgb2="0.40 0.45 0.52", **sky)
-    light = {"pos": text(middle + [0, 0, 1]), "dir": "0.2 0.3 -1", "diffuse": "0.5 0.5 0.5"}
-    add(_section(root, "worldbody"), "light", name="lamp", type="directional", castshadow="false", **light)
+    spec.stat.center, spec.stat.extent = np.round(middle, 3), round(extent, 3)
+    view, headlight = spec.visual.global_, spec.visual.headlight
+    view.azimuth, view.elevation, view.offwidth, view.offheight = 120, -25, 1280, 960
+    headlight.ambient, headlight.diffuse, headlight.specular = [0.35] * 3, [0.5] * 3, [0.1] * 3
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        width=64,
+        height=384,
+        rgb1=(0.80, 0.84, 0.88),
+        rgb2=(0.40, 0.45, 0.52),
+    )
+    sun = {"type": mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, "dir": (0.2, 0.3, -1), "diffuse": [0.5] * 3}
+    spec.worldbody.add_light(name="lamp", castshadow=False, pos=digits(middle + [0, 0, 1]), **sun)
 
 
-def _add_camera(world: Element, name: str, camera: StationCamera) -> None:
-    """Add an ideal camera with the field of view of a station's: of a pair, one for each eye."""
+def _add_camera(spec: mujoco.MjSpec, name: str, camera: StationCamera) -> None:
+    """Add an ideal camera with the field of view of a station's: of a pair, one for each side."""
     if isinstance(camera.model, StereoRig):
         right = camera.T_world_camera @ camera.model.T_left_right
-        eyes = {"left": (camera.model.left, camera.T_world_camera), "right": (camera.model.right, right)}
-        found: dict[str, tuple[Intrinsics, SE3]] = {f"{name}_{eye}": lens for eye, lens in eyes.items()}
+        lenses = {
+            f"{name}_left": (camera.model.left, camera.T_world_camera),
+            f"{name}_right": (camera.model.right, right),
+        }
     else:
-        found = {name: (camera.model, camera.T_world_camera)}
-    for label, (lens, T) in found.items():
-        fovy = degrees(2 * atan(0.5 * lens.height / lens.fy))
-        size = {"fovy": text(fovy), "resolution": f"{lens.width} {lens.height}"}
-        add(world, "camera", name=label, **size, **placed(T @ CAMERA_FROM_OPENCV))
+        lenses = {name: (camera.model, camera.T_world_camera)}
+    for label, (lens, T) in lenses.items():
+        fovy = float(digits(degrees(2 * atan(0.5 * lens.height / lens.fy))))
+        size = {"fovy": fovy, "resolution": (lens.width, lens.height)}
+        spec.worldbody.add_camera(name=label, **size, **placed(T @ CAMERA_FROM_OPENCV))
 
 
-def _add_sites(world: Element, name: str, arm: ArmModel) -> None:
+def _add_sites(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
     """Add the frames of the base, which is the remote centre, and of the tip."""
     at_zero = frames(arm, np.zeros(6))
     tip = at_zero[6].inverse() @ at_zero[7]
-    add(_body(world, f"{name}_base"), "site", name=f"{name}_base", size="0.002", rgba="0.1 0.6 0.2 1")
-    add(_body(world, f"{name}_link6"), "site", name=f"{name}_tip", size="0.001", rgba="0.8 0.1 0.1 1", **placed(tip))
+    spec.body(f"{name}_base").add_site(name=f"{name}_base", size=(0.002, 0.005, 0.005), rgba=(0.1, 0.6, 0.2, 1))
+    spec.body(f"{name}_link6").add_site(
+        name=f"{name}_tip", size=(0.001, 0.005, 0.005), rgba=(0.8, 0.1, 0.1, 1), **placed(tip)
+    )
 
 
-def _set_drives(actuators: Element, tendons: Element, name: str, arm: ArmModel) -> None:
+def _set_drives(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
     """Leave one actuator a joint, within its range, and one for the opening between both fingers.
 
     The simulator's own jaw drive pulls at half the opening; a tendon over both fingers has the same stiffness and force
@@ -130,45 +132,48 @@ def _set_drives(actuators: Element, tendons: Element, name: str, arm: ArmModel) 
     """
     for joint in arm.joints:
         label = f"{name}_{joint.name}"
-        drive, feed = (actuators.find(f"*[@name='{each}']") for each in (label, f"{label}_feed"))
-        assert drive is not None and feed is not None  # the cell has them
-        drive.set("ctrlrange", text((joint.lower, joint.upper)))
-        actuators.remove(feed)
-    half = actuators.find(f"*[@name='{name}_jaw']")
-    assert half is not None
-    actuators.remove(half)
-    jaw = add(tendons, "fixed", name=f"{name}_jaw")
+        spec.actuator(label).ctrlrange = digits((joint.lower, joint.upper))
+        spec.delete(spec.actuator(f"{label}_feed"))
+    label = f"{name}_jaw"
+    spec.delete(spec.actuator(label))
+    opening = spec.add_tendon(name=label)
     for side, sign in (("left", 1), ("right", -1)):
-        add(jaw, "joint", joint=f"{name}_jaw_{side}", coef=str(sign))
+        opening.wrap_joint(f"{label}_{side}", sign)
     servo, stiffness = Servo(), JAW_STIFFNESS_NM_RAD / 4
-    add(
-        actuators,
-        "position",
-        name=f"{name}_jaw",
-        tendon=f"{name}_jaw",
-        kp=text(stiffness),
-        kv=text(np.sqrt(2 * stiffness * servo.jaw_inertia_kg_m2)),
-        ctrlrange=text((arm.jaw.lower, arm.jaw.upper)),
-        forcerange=text((-servo.jaw_torque_nm, servo.jaw_torque_nm)),
+    drive = spec.add_actuator(
+        name=label,
+        trntype=mujoco.mjtTrn.mjTRN_TENDON,
+        target=label,
+        ctrlrange=digits((arm.jaw.lower, arm.jaw.upper)),
+        forcerange=(-servo.jaw_torque_nm, servo.jaw_torque_nm),
     )
+    drive.set_to_position(kp=stiffness, kv=float(digits(np.sqrt(2 * stiffness * servo.jaw_inertia_kg_m2))))
 
 
-def _add_sensors(sensors: Element, name: str, arm: ArmModel) -> None:
-    for joint in arm.joints:
-        label = f"{name}_{joint.name}"
-        add(sensors, "jointpos", name=f"{label}_position", joint=label)
-        add(sensors, "jointvel", name=f"{label}_velocity", joint=label)
-        add(sensors, "actuatorfrc", name=f"{label}_effort", actuator=label)
-    add(sensors, "tendonpos", name=f"{name}_jaw_position", tendon=f"{name}_jaw")
-    add(sensors, "tendonvel", name=f"{name}_jaw_velocity", tendon=f"{name}_jaw")
-    at = {"objtype": "site", "objname": f"{name}_tip", "reftype": "site", "refname": f"{name}_base"}
-    add(sensors, "framepos", name=f"{name}_tip_position", **at)
-    add(sensors, "framequat", name=f"{name}_tip_orientation", **at)
+def _add_sensors(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
+    kinds, objects = mujoco.mjtSensor, mujoco.mjtObj
+    sensors = []
+    for label in (f"{name}_{joint.name}" for joint in arm.joints):
+        sensors += [
+            (f"{label}_position", kinds.mjSENS_JOINTPOS, objects.mjOBJ_JOINT, label),
+            (f"{label}_velocity", kinds.mjSENS_JOINTVEL, objects.mjOBJ_JOINT, label),
+            (f"{label}_effort", kinds.mjSENS_ACTUATORFRC, objects.mjOBJ_ACTUATOR, label),
+        ]
+    sensors += [
+        (f"{name}_jaw_position", kinds.mjSENS_TENDONPOS, objects.mjOBJ_TENDON, f"{name}_jaw"),
+        (f"{name}_jaw_velocity", kinds.mjSENS_TENDONVEL, objects.mjOBJ_TENDON, f"{name}_jaw"),
+    ]
+    for label, kind, objtype, objname in sensors:
+        spec.add_sensor(name=label, type=kind, objtype=objtype, objname=objname)
+    tip = {"objtype": objects.mjOBJ_SITE, "objname": f"{name}_tip"}
+    base = {"reftype": objects.mjOBJ_SITE, "refname": f"{name}_base"}
+    spec.add_sensor(name=f"{name}_tip_position", type=kinds.mjSENS_FRAMEPOS, **tip, **base)
+    spec.add_sensor(name=f"{name}_tip_orientation", type=kinds.mjSENS_FRAMEQUAT, **tip, **base)
 
 
-def _add_park(root: Element, station: Station) -> None:
+def _add_park(spec: mujoco.MjSpec, station: Station) -> None:
     """Add the keyframe in which the arms rest as defined by the station; all else is as loaded."""
-    model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
+    model = spec.compile()
     qpos, ctrl = model.qpos0.copy(), np.zeros(model.nu)
     for name, arm in station.arms.items():
         for joint, value in zip(arm.model.joints, arm.park_q(), strict=True):
@@ -177,4 +182,4 @@ def _add_park(root: Element, station: Station) -> None:
         for side, share in (("left", 0.5), ("right", -0.5)):
             qpos[model.joint(f"{name}_jaw_{side}").qposadr[0]] = share * arm.park_jaw_rad
         ctrl[model.actuator(f"{name}_jaw").id] = arm.park_jaw_rad
-    add(add(root, "keyframe"), "key", name=PARK, qpos=text(qpos), ctrl=text(ctrl))
+    spec.add_key(name=PARK, qpos=digits(qpos), ctrl=digits(ctrl))

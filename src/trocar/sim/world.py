@@ -1,8 +1,10 @@
-"""The physics of one cell: MuJoCo's model and state behind our own names."""
+"""The physics of one cell, and a task's part of it: bodies, what acts on them, what its referee observes."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,7 +13,9 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.sim.mjcf import TIMESTEP_S, CellModel, build_mjcf
+from trocar.perception.fiducials import Fixture
+from trocar.sim.record import CollidingPair, Record
+from trocar.sim.spec import TIMESTEP_S, CellArms, Servo, Surface, cell_spec
 
 _WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 UNSTABLE = tuple(int(warning) for warning in _WARNINGS)
@@ -19,7 +23,67 @@ UNSTABLE = tuple(int(warning) for warning in _WARNINGS)
 
 
 class PhysicsError(TrocarError):
-    """The simulation became unstable; the trial is void."""
+    """The simulation became unstable; the trial is void.
+
+    Attributes:
+        time_s: when, on the clock of the physics.
+    """
+
+    def __init__(self, time_s: float):
+        self.time_s = time_s
+        super().__init__(f"the physics became unstable at {time_s:.3f} s; the trial is void: report its seed")
+
+
+class TaskWorld:
+    """A task's side of the simulator. The base class is an empty world; a task overrides what it needs.
+
+    Attributes:
+        sleeps: whether bodies at rest may be left out of the physics until something touches them.
+    """
+
+    sleeps = False
+
+    def add(self, spec: mujoco.MjSpec) -> None:
+        """Add bodies to MuJoCo's model specification, ``spec.worldbody`` first of all.
+
+        ``trocar.sim.spec`` has attributes for poses and collisions. A body with a free joint is recorded and replayed
+        by its name.
+        """
+
+    def start(self, world: World) -> None:
+        """Look up ids in the finished world; called once, with the arms in their places."""
+
+    def act(self) -> None:
+        """Apply effects that MuJoCo does not model; called before every few steps of the physics."""
+
+    def collision(self, first: int, second: int) -> CollidingPair | None:
+        """Return who collides with what if a contact between these two geoms counts as a collision, else None.
+
+        Contacts between two arms are already handled.
+        """
+        del first, second
+        return None
+
+    def counts(self, pair: CollidingPair, normal: NDArray[np.float64]) -> bool:
+        """Return whether a contact with this normal (3,) counts; asked only of contacts with some force."""
+        del pair, normal
+        return True
+
+    def observe(self, time_s: float) -> None:
+        """Observe the world; called after each tick of the controller, before ``collision`` is for its contacts."""
+
+    def truth(self, record: Record) -> Any:
+        """Return what really happened, only for the task's score."""
+        return record
+
+    def arrays(self, record: Record) -> Mapping[str, NDArray]:
+        """Return what is saved for the task's own pictures, beside joints and poses."""
+        del record
+        return {}
+
+    def assistants(self) -> Mapping[str, Any]:
+        """Return the people beside the robot, by what they do."""
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,23 +103,44 @@ class ArmIndex:
 class World:
     """Bodies, contacts and drives of the simulated cell. Only the simulator and the referee may look inside.
 
+    Args:
+        models: of the arms by name.
+        T_world_base: true pose of each arm's base.
+        task: what the task puts into the world; None: nothing.
+        servo: how the joints are driven.
+        surface: contact parameters.
+        fixtures: spheres for calibration, by the arm whose instrument carries them.
+
     Attributes:
-        cell: its description.
+        models: likewise.
+        T_world_base: likewise.
+        task: likewise.
         model: MuJoCo's.
         data: MuJoCo's.
-        arms: by name.
+        arms: indices of each arm by name.
         arm_names: in order.
         geom_arm: for each geom the number of its arm, or -1.
         free_bodies: names of the bodies with a free joint.
     """
 
-    def __init__(self, cell: CellModel):
-        self.cell = cell
-        self.model = mujoco.MjModel.from_xml_string(build_mjcf(cell))
+    def __init__(
+        self,
+        models: Mapping[str, ArmModel],
+        T_world_base: Mapping[str, SE3],
+        task: TaskWorld | None = None,
+        *,
+        servo: Servo | None = None,
+        surface: Surface | None = None,
+        fixtures: Mapping[str, Fixture] | None = None,
+    ):
+        self.models, self.T_world_base, self.task = models, T_world_base, task or TaskWorld()
+        self._servo = servo or Servo()
+        arms = CellArms(models, T_world_base, self._servo, surface or Surface(), fixtures or {})
+        self.model = cell_spec(arms, self.task.add, sleeps=self.task.sleeps).compile()
         self.data = mujoco.MjData(self.model)
         self._warnings = self.data.warning.number  # number of each kind; MuJoCo writes into it
-        self.arms = {name: self._index(name, arm) for name, arm in cell.arms.items()}
-        self.arm_names = tuple(cell.arms)
+        self.arms = {name: self._index(name, arm) for name, arm in models.items()}
+        self.arm_names = tuple(models)
         self.geom_arm = np.full(self.model.ngeom, -1)
         for number, name in enumerate(self.arm_names):
             self.geom_arm[self.geoms(f"{name}_")] = number
@@ -72,7 +157,7 @@ class World:
             dof=np.array([j.dofadr[0] for j in joints]),
             drive=np.array([m.actuator(f"{name}_{j.name}").id for j in arm.joints]),
             feed=np.array([m.actuator(f"{name}_{j.name}_feed").id for j in arm.joints]),
-            damping=np.array(self.cell.servo.damping),
+            damping=np.array(self._servo.damping),
             jaw_qpos=int(m.joint(f"{name}_jaw_left").qposadr[0]),
             jaw_drive=m.actuator(f"{name}_jaw").id,
             fingers=(m.geom(f"{name}_finger_left").id, m.geom(f"{name}_finger_right").id),
@@ -102,12 +187,10 @@ class World:
 
     def step(self, count: int) -> None:
         """Advance the physics by ``count`` steps."""
-        self.cell.task.act()
+        self.task.act()
         mujoco.mj_step(self.model, self.data, count)
         if any(self._warnings[kind] for kind in UNSTABLE):
-            raise PhysicsError(
-                f"the physics became unstable at {self.data.time:.3f} s; the trial is void: report its seed"
-            )
+            raise PhysicsError(self.data.time)
 
     @property
     def time_s(self) -> float:

@@ -26,7 +26,7 @@ def shaped(monkeypatch):
     """Make the search for radii and coupling find ``SHAPE``."""
     values = {key: getattr(PSM1_GREY, key) for key in PSM1_GREY.__dataclass_fields__}
     plant = type(PSM1_GREY)(**(values | {"radii": SHAPE.radii, "a": SHAPE.a, "b": SHAPE.b}))
-    monkeypatch.setattr(loop_fit, "fit_plant", lambda recording: plant)
+    monkeypatch.setattr(loops, "fit_plant", lambda recording: plant)
 
 
 def generalised(x, y, penalty, rows):

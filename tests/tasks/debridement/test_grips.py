@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from debridement_story import FIRST, HOME, OVER, TABLE_M, Story
-from trocar.tasks.debridement.grips import DELIVERED, DROPOFF, KEPT, PUT_BACK, closings_of, fate, legs
-from trocar.tasks.debridement.thresholds import CLOSING_RAD
+from trocar.tasks.debridement.grips import CLOSING_RAD, DELIVERED, DROPOFF, KEPT, PUT_BACK, closings_of, fate, legs
 
 RNG = np.random.default_rng(0)
 

@@ -12,14 +12,15 @@ from trocar.tasks.debridement.scene import (
     CLING_SHARE,
     CORNERS,
     GAP_M,
+    HALF_M,
     HEIGHT_M,
     LENGTH_M,
+    PROUD_M,
     SHIFT_M,
     TURN_RAD,
     WIDTH_M,
     lay_out,
 )
-from trocar.tasks.debridement.tissue import HALF_M, PROUD_M
 from trocar.tasks.debridement.workspace import Workspace
 
 TABLE = SE3.from_parts(translation_m=[-0.0745, 0.0, -0.162])

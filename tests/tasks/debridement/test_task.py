@@ -9,7 +9,7 @@ from trocar.errors import TrocarError
 from trocar.eval import TASKS
 from trocar.eval.config import RunConfig
 from trocar.lab import load_station
-from trocar.tasks.debridement.outcomes import FragmentOutcome
+from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.task import Debridement
 
 
@@ -49,7 +49,7 @@ def test_the_referee_looks_from_both_eyes(station):
         ({"arms": 3}, "the number of arms is 3; give 1 or 2 with --arms"),
         ({"fragments": 0}, "the number of fragments is 0; give 1 to 12 with --fragments"),
         ({"fragments": 13}, "give 1 to 12"),
-        ({"backdrop": "sea"}, "backdrop 'sea' of debridement is unknown; choose one of plain, tissue"),
+        ({"backdrop": "sea"}, "backdrop 'sea' is unknown; choose one of plain, tissue"),
         ({"budget_s": 0.0}, "the budget of a trial is 0.0 s"),
     ],
 )

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.outcomes import SutureOutcome
-from trocar.tasks.suture.planning.drive import Suture
-from trocar.tasks.suture.planning.primitive import exit_turn_rad, needle_poses, steps, tip_poses
+from trocar.tasks.suture.planning.primitive import Suture, needle_poses, steps, tip_poses
 from trocar.tasks.suture.score import (
     FLICKER_S,
     MEANT_M,
@@ -21,6 +20,7 @@ from trocar.tasks.suture.score import (
     SETTLED_S,
     SLIP_M,
     SLIP_RAD,
+    NeedleTruth,
     at_surface,
     crossings,
     grips_of,
@@ -28,7 +28,6 @@ from trocar.tasks.suture.score import (
     path_distance_m,
 )
 from trocar.tasks.suture.task import CircleSutures
-from trocar.tasks.suture.truth import NeedleTruth
 
 TASK = CircleSutures()
 SUTURES = TASK.goals()
@@ -186,7 +185,7 @@ def test_a_needle_that_goes_in_and_does_not_come_out_is_off_target():
 
 
 def test_a_plan_whose_needle_stays_inside_asks_for_no_exit():
-    short = replace(SETUP, insertion=replace(SETUP.insertion, rotation_rad=0.5 * exit_turn_rad(SETUP), pushes=0))
+    short = replace(SETUP, insertion=replace(SETUP.insertion, rotation_rad=0.5 * SETUP.exit_turn_rad, pushes=0))
     assert Suture(short, 0.0, 1).exit_m is None
     task = CircleSutures(sutures=1)
     object.__setattr__(task, "goals", lambda: (Suture(short, SUTURES[0].theta_rad, SUTURES[0].direction),))

@@ -11,9 +11,9 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.tasks.suture.planning import CLOCKWISE, DIRECTIONS, PRESETS, suture_joints
-from trocar.tasks.suture.planning.drive import drive
 from trocar.tasks.suture.planning.plan_file import PlannedSutures, setup_from
 from trocar.tasks.suture.planning.primitive import grasp_pose
+from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.task import CircleSutures
 
 TASK = CircleSutures()
@@ -79,7 +79,7 @@ def test_the_presets_plan_given_is_the_preset(tmp_path):
 def test_the_calibrations_motion_covers_the_plan():
     box = TASK.calibration(STATION, "psm1")
     for suture in TASK.goals():
-        q = np.concatenate([piece.q for piece in drive(suture)])
+        q = np.concatenate([piece.q for piece in suture_segments(suture)])
         assert (q >= box.lower).all() and (q <= box.upper).all()
 
 
@@ -129,7 +129,7 @@ ONE = planned()
     ("plan", "options", "words"),
     [
         (None, {"preset": "paper-demo"}, "cannot be driven.*flat jaws.*default"),
-        (None, {"preset": "nowhere"}, "preset 'nowhere' of suture is unknown; choose one of default"),
+        (None, {"preset": "nowhere"}, "preset 'nowhere' is unknown; choose one of default"),
         (None, {"direction": "up"}, "direction 'up'.*clockwise"),
         (None, {"sutures": 0}, "number of sutures is 0"),
         (None, {"budget_s": 0.0}, "budget of a trial is 0.0 s.*--budget"),
@@ -149,5 +149,5 @@ def test_a_plan_for_another_arm_is_refused_where_the_station_has_none(tmp_path):
     task = CircleSutures(plan_file=kept(planned(arm=ARMS["psm-si"]), tmp_path))
     with pytest.raises(TrocarError, match=r"plan is for 'psm-si'.*'psm-classic'.*plan with --arm psm-classic"):
         task.at(STATION)
-    with pytest.raises(TrocarError, match=r"preset 'default' is for 'psm-classic'; arm 'left'.*'raven2-left'"):
+    with pytest.raises(TrocarError, match=r"preset 'default' is for 'psm-classic', but arm 'left'.*'raven2-left'"):
         TASK.at(load_station("raven-pair"))

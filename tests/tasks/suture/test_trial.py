@@ -14,7 +14,7 @@ from trocar.eval.trial import trial_file
 from trocar.lab import station_text
 from trocar.report.files import report_of
 from trocar.report.summary import summarise
-from trocar.tasks.suture.report.driven import joint_errors
+from trocar.tasks.suture.report.driven_sutures import joint_errors
 from trocar.tasks.suture.task import CircleSutures
 
 LOOKED_S = 8.0

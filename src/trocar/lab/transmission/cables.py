@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.calibration.plant import WRIST, CablePlant, PlayState
 from trocar.checks import require_numbers
-from trocar.lab.flaws import MILD, Difficulty
+from trocar.lab.flaws import FLAWS, MILD, Difficulty
 from trocar.lab.transmission.history_field import HistoryField
 from trocar.lab.transmission.outer import OuterErrors, OuterState
 
@@ -52,7 +52,7 @@ class Cables:
 
     plant: CablePlant
     usual: CablePlant | None = None
-    noise_sd: NDArray[np.float64] = field(default_factory=lambda: Difficulty.of(MILD)["noise"])
+    noise_sd: NDArray[np.float64] = field(default_factory=lambda: FLAWS["noise"].values(MILD))
     wander_sd: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     residual: HistoryField | None = None
     outer: OuterErrors | None = None

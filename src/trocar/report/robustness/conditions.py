@@ -79,7 +79,7 @@ def conditions_of(
         if pick_method(type(task), method).calibrated and not calibration:
             of_method[method] |= {"calibration": JOINTS}
     first = RunConfig(task=task, method=picked[0], difficulty=difficulty, **of_method[picked[0]], **run)
-    varied = chosen(flaws, first.laboratory.relevant_flaws, "flaws")
+    varied = chosen(flaws, first.laboratory.relevant_flaws(type(task).name), "flaws")
     sizes = _numbers(scales) if scales else list(USUAL_SCALES)
     cells: dict[Path, Cell] = {}
     found = []

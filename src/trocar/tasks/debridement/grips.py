@@ -7,20 +7,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.tasks.debridement.thresholds import (
-    BESIDE_M,
-    CARRIED_M,
-    CLOSING_RAD,
-    ENOUGH_RAD,
-    FLICKER_S,
-    GRIP_S,
-    LIFTED_M,
-    NEAR_TABLE_M,
-    REST_S,
-    RISEN_M,
-    STALL_S,
-)
 from trocar.tasks.debridement.truth import DebridementTruth
+
+CLOSING_RAD = 0.15
+"""Jaws that close by less have only trembled: .15 rad are 3 mm at the fingers' ends, half of the smallest fragment."""
+ENOUGH_RAD = 0.02
+"""Jaws have closed when they are this close to their final opening; foam under the teeth creeps by a hundredth."""
+STALL_S = 0.3
+"""Jaws that have not moved for this long have stopped; commands that close them in steps come more often."""
+RISEN_M = 0.005
+"""A closing is over when the jaws have risen this far; later actions are in the air."""
+NEAR_TABLE_M = 0.030
+"""Jaws that close higher above the surface than this cannot reach a fragment, which is 9 mm high at most: the
+controlled point is 10 mm behind the fingers' ends, and open jaws close downwards by 4 mm."""
+GRIP_S = 0.2
+"""Once closed, the jaws are judged for this long: foam that squirts out is gone by then, and no arm has risen by 10 mm,
+at 5 cm/s."""
+FLICKER_S = 0.1
+"""A grip that opens for less was not lost, since contacts flicker for single ticks."""
+LIFTED_M = 0.030
+"""Lost before the jaws have risen this far: a pickup failure; later: dropped on the way. The paper lifts by 50 mm, and
+from 30 mm on nothing that stays on the surface can hold a fragment back."""
+BESIDE_M = 0.040
+"""Jaws that open within this distance of the receptacle were aimed at it: their pose is off by 38 mm at worst."""
+CARRIED_M = 0.020
+"""And only if they moved this far, seen from above: jaws that open where they closed put the fragment back."""
+REST_S = 0.5
+"""A free fragment is judged after this time: it falls 10 cm in .14 s, and then it may roll."""
 
 PICKUP, DROP, DROPOFF, STUCK, PUT_BACK, DELIVERED, KEPT = (
     "pickup failure", "drop en route", "dropoff failure", "stuck", "put back", "delivered", "kept"

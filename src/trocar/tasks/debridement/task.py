@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from trocar.calibration.excitation import MotionBox
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval import Method, Task, check_budget, option
 from trocar.lab import Station, StationArm
 from trocar.perception.image import StereoRig
@@ -21,7 +21,7 @@ from trocar.tasks.debridement.truth import DebridementTruth
 from trocar.tasks.debridement.workspace import Workspace
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 MOST_FRAGMENTS = 12
 """More would not fit into the region where fragments lie."""
@@ -85,15 +85,13 @@ class Debridement(Task):
 
     def __post_init__(self) -> None:
         if self.arms not in (1, 2):
-            raise TrocarError(f"the number of arms is {self.arms}; give 1 or 2 with --arms")
+            raise InvalidValue("the number of arms", self.arms, "give 1 or 2 with --arms")
         if not 1 <= self.fragments <= MOST_FRAGMENTS:
-            raise TrocarError(
-                f"the number of fragments is {self.fragments}; give 1 to {MOST_FRAGMENTS} with --fragments"
+            raise InvalidValue(
+                "the number of fragments", self.fragments, f"give 1 to {MOST_FRAGMENTS} with --fragments"
             )
         if self.backdrop not in BACKDROPS:
-            raise TrocarError(
-                f"backdrop {self.backdrop!r} of debridement is unknown; choose one of {', '.join(BACKDROPS)}"
-            )
+            raise UnknownName("backdrop", self.backdrop, BACKDROPS)
         check_budget(self.budget_s)
 
     @property
@@ -103,20 +101,15 @@ class Debridement(Task):
 
     def at(self, station: Station) -> Station:
         """Return the station, if it has what the task needs."""
+        this = f"station {station.name!r}"
         for fixture in FIXTURES:
             if fixture not in station.T_world_fixture:
-                raise TrocarError(
-                    f"station {station.name!r} has no fixture {fixture!r}, which debridement needs; add it"
-                )
+                raise InvalidInput(this, f"has no fixture {fixture!r}, which debridement needs", "add it")
         camera = station.cameras.get(CAMERA)
         if camera is None or not isinstance(camera.model, StereoRig):
-            raise TrocarError(
-                f"station {station.name!r} has no camera {CAMERA!r} with two eyes, which debridement needs; add it"
-            )
+            raise InvalidInput(this, f"has no camera {CAMERA!r} with two eyes, which debridement needs", "add it")
         if len(station.arms) < self.arms:
-            raise TrocarError(
-                f"station {station.name!r} has one arm, and debridement --arms {self.arms} needs two; add one"
-            )
+            raise InvalidInput(this, f"has one arm, and debridement --arms {self.arms} needs two", "add one")
         idle = {name: _withdrawn(arm) for name, arm in list(station.arms.items())[self.arms :]}
         return replace(station, arms={**station.arms, **idle})
 

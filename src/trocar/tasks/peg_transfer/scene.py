@@ -5,8 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from trocar.geometry import SE3
+from trocar.lab.flaws import Flaw
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.pegboard import Pegboard
+
+PRINT = Flaw(
+    "print",
+    "deviation of pegs and blocks from their drawings: places of the pegs, sizes of both (SD)",
+    "m",
+    (0.0001,),
+    (0.0,),
+    "assumed: tolerance of printers, as for the spheres of a calibration",
+    tasks=("peg-transfer",),
+)
+"""How well board and blocks are printed (entry point ``trocar.flaws``)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,12 +16,12 @@ from trocar.registry import Lazy
 from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import GOALS, PegSet, Transfer
 from trocar.tasks.peg_transfer.pegboard import Pegboard
-from trocar.tasks.peg_transfer.scene import PegScene
+from trocar.tasks.peg_transfer.scene import PRINT, PegScene
 from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
 from trocar.tasks.peg_transfer.truth import PegTruth
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 BOARD_SHIFT_M = 2e-3
 BOARD_TURN_RAD = np.radians(3.0)
@@ -123,7 +123,7 @@ class PegTransfer(Task):
 
     def scene(self, rng: np.random.Generator, station: Station) -> PegScene:
         """Return a board moved by millimetres with a block lying loosely on each of its left six pegs, as printed."""
-        (sd_m,) = station.difficulty["print"]
+        (sd_m,) = station.difficulty.values(PRINT)
         board, block = printed(self.nominal().board, self.nominal().block, float(sd_m), rng.spawn(1)[0])
         shift = np.append(rng.uniform(-BOARD_SHIFT_M, BOARD_SHIFT_M, 2), 0.0)
         turn = SO3.axis("z", rng.uniform(-BOARD_TURN_RAD, BOARD_TURN_RAD))

@@ -8,23 +8,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3, SO3
+from trocar.lab.flaws import Flaw
+from trocar.tasks.suture.needle import Needle
 
 LONGEST_CHORD_RAD = np.radians(10.0)
 """Longest chord of the polygon that approximates the wire: .03 mm off the arc at a needle radius of 8 mm."""
+NEEDLE = Flaw(
+    "needle",
+    "place of a needle that a person loads against the agreed one (1 x: SD of .3 mm on each axis, 3 deg about it)",
+    "",
+    (0.0003, 0.0524),
+    (0.0, 0.0),
+    "assumed",
+    tasks=("suture",),
+)
+"""How well a person loads the needle (entry point ``trocar.flaws``)."""
 
 
 @dataclass(frozen=True)
 class SutureScene:
     """A flat phantom, and a needle that a person places between the open jaws.
 
-    The needle's frame has its origin at the centre of curvature, the tip at -y, and x along the motion of the tip.
-
     Attributes:
         T_world_circle: pose of the circle: z out of the phantom's surface, origin at the circle's centre.
         circle_radius_m: radius of the circle.
-        needle_radius_m: radius of the needle's curvature.
-        needle_arc_rad: arc from tip to tail.
-        wire_m: thickness of the needle's wire.
+        needle: the needle.
         T_tip_needle: agreed pose of the needle in the arm's tip when it is placed.
         T_needle_loaded: where a person truly places it, one pose for each time, in turn.
         phantom_m: width, depth and thickness of the phantom.
@@ -32,20 +40,13 @@ class SutureScene:
 
     T_world_circle: SE3
     circle_radius_m: float
-    needle_radius_m: float
-    needle_arc_rad: float
-    wire_m: float
+    needle: Needle
     T_tip_needle: SE3
     T_needle_loaded: tuple[SE3, ...] = (SE3.identity(),)
     phantom_m: tuple[float, float, float] = (0.110, 0.110, 0.012)
 
     @property
-    def p_needle_tip_m(self) -> NDArray[np.float64]:
-        """Return the needle's tip (3,) in its frame."""
-        return np.array([0.0, -self.needle_radius_m, 0.0])
-
-    @property
     def wire_points_m(self) -> NDArray[np.float64]:
         """Return points (n, 3) along the wire in the needle's frame, from the tip to the tail."""
-        count = int(np.ceil(self.needle_arc_rad / LONGEST_CHORD_RAD)) + 1
-        return SO3.axis("z", -np.linspace(0.0, self.needle_arc_rad, count)).apply(self.p_needle_tip_m)
+        count = int(np.ceil(self.needle.arc_rad / LONGEST_CHORD_RAD)) + 1
+        return SO3.axis("z", -np.linspace(0.0, self.needle.arc_rad, count)).apply(self.needle.p_tip_m)

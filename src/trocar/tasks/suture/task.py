@@ -11,23 +11,22 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from trocar.calibration.excitation import PSM1_BOX, MotionBox
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, OutOfReach, UnknownName
 from trocar.eval import Method, Task, check_budget, option
 from trocar.geometry import SE3, shown
 from trocar.lab import Station
 from trocar.registry import Lazy
-from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, SutureSetup, dexterity, plan_even
-from trocar.tasks.suture.planning.drive import Suture, drive
+from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, Suture, SutureSetup, dexterity, plan_even
 from trocar.tasks.suture.planning.plan import check_count
 from trocar.tasks.suture.planning.plan_file import PlannedSutures, load_plan
 from trocar.tasks.suture.planning.primitive import grasp_pose
-from trocar.tasks.suture.planning.reach import plan_out_of_reach
-from trocar.tasks.suture.scene import SutureScene
-from trocar.tasks.suture.score import SutureScore, score_sutures
-from trocar.tasks.suture.truth import NeedleTruth
+from trocar.tasks.suture.planning.problems import plan_out_of_reach
+from trocar.tasks.suture.planning.segments import suture_segments
+from trocar.tasks.suture.scene import NEEDLE, SutureScene
+from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
 
 if TYPE_CHECKING:
-    from trocar.sim.task_world import TaskWorld
+    from trocar.sim.world import TaskWorld
 
 DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
 
@@ -82,46 +81,45 @@ class CircleSutures(Task):
             "encoder readings taken at face value; no looks at the needle", calibrated=False, **_BLIND
         ),
     }
-    report = Lazy("trocar.tasks.suture.report:SutureReport")
+    report = Lazy("trocar.tasks.suture.report.driven_sutures:SutureReport")
 
     def __post_init__(self) -> None:
-        if self.planned is None:
+        if self.planned:
+            for what in ("preset", "direction"):
+                if getattr(self, what) is not None:
+                    value = repr(getattr(self, what))
+                    raise InvalidInput(f"{what} {value}", "cannot be combined with a plan", "give only one of them")
+            count = len(self.planned.sutures)
+            if self.sutures not in (None, count):
+                raise InvalidInput(
+                    "the number of sutures", f"is {self.sutures}, but the plan has {count}", "give only one of them"
+                )
+            object.__setattr__(self, "sutures", count)
+        else:
             for name, usual in (("preset", PRESET), ("direction", DIRECTION), ("sutures", SUTURES)):
                 if getattr(self, name) is None:
                     object.__setattr__(self, name, usual)
         for what, value, choices in (
-            ("preset", self.preset, tuple(PRESETS)),
-            ("direction", self.direction, tuple(DIRECTIONS_BY_NAME)),
+            ("preset", self.preset, PRESETS),
+            ("direction", self.direction, DIRECTIONS_BY_NAME),
         ):
             if value is not None and value not in choices:
-                raise TrocarError(f"{what} {value!r} of suture is unknown; choose one of {', '.join(choices)}")
-        if self.sutures is not None:
-            check_count(self.sutures)
+                raise UnknownName(f"the {what}", value, choices)
+        check_count(self.sutures or 0)
         check_budget(self.budget_s)
-        if self.planned is not None:
-            self._keep_to(self.planned)
-        what = f"preset {self.preset!r}" if self.preset else "the plan"
-        if not self.setup.grasp.holdable:
+        grasp = self.setup.grasp
+        if not grasp.holdable:
             can = ", ".join(name for name, preset in PRESETS.items() if preset.setup.grasp.holdable)
-            raise TrocarError(
-                f"{what} cannot be driven: its wire stands "
-                f"{shown(self.setup.grasp.out_of_jaws_rad, 'rad', '.0f')} out of the plane in which flat jaws meet; "
-                + (f"choose one of {can}" if self.preset else "plan with --grasp-skew-deg 0")
+            raise InvalidInput(
+                self._plan_in_words,
+                "cannot be driven: its wire stands "
+                f"{shown(grasp.out_of_jaws_rad, 'rad', '.0f')} out of the plane in which flat jaws meet",
+                f"choose one of {can}" if self.preset else "plan with --grasp-skew-deg 0",
             )
 
-    def _keep_to(self, planned: PlannedSutures) -> None:
-        """Raise a sentence if other options contradict a given plan; count its sutures."""
-        for what in ("preset", "direction"):
-            if getattr(self, what) is not None:
-                raise TrocarError(
-                    f"{what} {getattr(self, what)!r} cannot be combined with a plan; give only one of them"
-                )
-        count = len(planned.sutures)
-        if self.sutures not in (None, count):
-            raise TrocarError(
-                f"the number of sutures is {self.sutures}, but the plan has {count}; give only one of them"
-            )
-        object.__setattr__(self, "sutures", count)
+    @property
+    def _plan_in_words(self) -> str:
+        return f"preset {self.preset!r}" if self.preset else "the plan"
 
     def options(self) -> dict[str, Any]:
         """Return the options; for a plan its whole content, because its file may change."""
@@ -151,10 +149,10 @@ class CircleSutures(Task):
         name = self.working_arms(station)[0]
         arm = station.arm(name)
         if arm.model.name != self.setup.arm.name:
-            what = f"preset {self.preset!r}" if self.preset else "the plan"
-            raise TrocarError(
-                f"{what} is for {self.setup.arm.name!r}; arm {name!r} of station {station.name!r} is {arm.model.name!r}"
-                + ("" if self.preset else f": plan with --arm {arm.model.name}")
+            raise InvalidInput(
+                self._plan_in_words,
+                f"is for {self.setup.arm.name!r}, but arm {name!r} of station {station.name!r} is {arm.model.name!r}",
+                "" if self.preset else f"plan with --arm {arm.model.name}",
             )
         arms = dict(station.arms) | {name: replace(arm, T_world_base=self.setup.T_world_base)}
         fixtures = dict(station.T_world_fixture) | {"circle": self.setup.circle.T_world_circle}
@@ -169,32 +167,24 @@ class CircleSutures(Task):
         """Return the range of joints of the plan, widened a little.
 
         Raises:
-            TrocarError: the plan is out of reach, and leaves no room to move in.
+            OutOfReach: the plan is, and leaves no room to move in.
         """
-        q = np.concatenate([segment.q for suture in self.goals() for segment in drive(suture)])
+        q = np.concatenate([segment.q for suture in self.goals() for segment in suture_segments(suture)])
         model = self.setup.arm
         inside = (model.lower + 1e-3, model.upper - 1e-3)
         q = q[np.isfinite(q).all(1)]
         lower = np.clip(q.min(0, initial=np.inf) - ROOM, *inside)
         upper = np.clip(q.max(0, initial=-np.inf) + ROOM, *inside)
         if not (lower < upper).all():
-            raise TrocarError(plan_out_of_reach(self.setup, self.plan))
+            raise OutOfReach(plan_out_of_reach(self.plan.sutures), arm=arm)
         return MotionBox(lower, upper, PSM1_BOX.step)
 
     def scene(self, rng: np.random.Generator, station: Station) -> tuple[SutureScene, str]:
         """Return the phantom where the plan expects it, how a person loads the needle, and the arm that drives."""
-        sd = np.repeat(station.difficulty["needle"], 3)
+        sd = np.repeat(station.difficulty.values(NEEDLE), 3)
         loaded = tuple(SE3.exp(sd * rng.standard_normal(6)) for _ in self.goals())
-        needle = self.setup.needle
-        scene = SutureScene(
-            station.T_world_fixture["circle"],
-            self.setup.circle.radius_m,
-            needle.radius_m,
-            needle.arc_rad,
-            needle.wire_m,
-            grasp_pose(self.setup).inverse(),
-            loaded,
-        )
+        T_world_circle, T_tip_needle = station.T_world_fixture["circle"], grasp_pose(self.setup).inverse()
+        scene = SutureScene(T_world_circle, self.setup.circle.radius_m, self.setup.needle, T_tip_needle, loaded)
         return scene, self.working_arms(station)[0]
 
     def world(self, scene: tuple[SutureScene, str]) -> TaskWorld:

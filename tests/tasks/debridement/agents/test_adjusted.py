@@ -47,7 +47,7 @@ class FakeRobot:
         (self.sent,) = motions.values()
         await self.over.wait()
         ended = MotionEnd.REPLACED if self.replaced else MotionEnd.DONE
-        return {"left": MotionResult(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), ended, "")}
+        return {"left": MotionResult(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)), ended)}
 
     async def replace(self, motions):
         self.replaced.append(motions["left"])

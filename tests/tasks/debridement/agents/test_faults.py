@@ -1,16 +1,11 @@
 """Every fault has a name, both arms come to rest, and the trial is saved."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from debridement_stage import Eyes, play
 from trocar.eval.trial import Trial
-from trocar.geometry import SE3
-from trocar.tasks.debridement.agents import debrider
-from trocar.tasks.debridement.agents.letting_go import SHAKES
-from trocar.tasks.debridement.outcomes import FragmentOutcome
+from trocar.tasks.debridement.goals import FragmentOutcome
 
 RESTING = 1e-4
 """Change of a joint (rad, m) in the last tick; at the limit of acceleration the last step of braking is half of it."""
@@ -64,45 +59,6 @@ def test_marks_that_are_hidden_for_three_seconds_cost_time_only(monkeypatch, tmp
     eyes.hidden = (("left", 2.5, 5.5), ("right", 3.0, 6.0))
     trial = play(monkeypatch, tmp_path, eyes, fragments=2, budget_s=120.0)
     assert trial.ended == "done" and done(trial) == 2
-    assert still(trial, "left") and still(trial, "right")
-
-
-@pytest.mark.slow
-def test_a_fragment_out_of_reach_is_named_and_left(monkeypatch, tmp_path):
-    def far(scene):
-        *near, last = scene.fragments
-        place = last.T_world_fragment
-        moved = SE3.from_parts(place.rotation, [-0.005, -0.111, place.translation_m[2]])
-        return replace(scene, fragments=(*near, replace(last, T_world_fragment=moved)))
-
-    trial = play(monkeypatch, tmp_path, Eyes(), change=far, arms=1, fragments=2, budget_s=120.0)
-    assert outcomes(trial)[-1] in (FragmentOutcome.OUT_OF_REACH.name, FragmentOutcome.DONE.name)
-    if outcomes(trial)[-1] == FragmentOutcome.OUT_OF_REACH.name:
-        assert (
-            done(trial) == 1 and "(-5, -111) mm" in [e for e in trial.events if e["name"] == "fragment"][-1]["reason"]
-        )
-    assert still(trial, "left")
-
-
-@pytest.mark.slow
-def test_a_fragment_that_sticks_to_the_jaws_is_for_a_person(monkeypatch, tmp_path):
-    class Sticky(Eyes):
-        def holding(self, *args):
-            return True
-
-    monkeypatch.setattr(debrider, "WAYS", SHAKES + 2)  # fewer strokes than there are, which take a minute
-    trial = play(monkeypatch, tmp_path, Sticky(), arms=1, fragments=1, budget_s=120.0)
-    assert outcomes(trial) == [FragmentOutcome.STUCK_IN_JAWS.name]
-    assert trial.ended == "done" and still(trial, "left")
-
-
-@pytest.mark.slow
-def test_a_receptacle_that_is_full_is_for_a_person(monkeypatch, tmp_path):
-    eyes = Eyes()
-    eyes.more = tuple([x, 0.004, -0.162 + 0.012] for x in (-0.095, -0.0745, -0.055))
-    trial = play(monkeypatch, tmp_path, eyes, fragments=6, budget_s=120.0)
-    assert FragmentOutcome.RECEPTACLE_FULL.name in outcomes(trial)
-    assert done(trial) <= 5 and trial.ended == "done"
     assert still(trial, "left") and still(trial, "right")
 
 

@@ -1,5 +1,6 @@
-"""One arm's actions, with a fake robot and mover that only answer and record."""
+"""One arm's actions, with a fake robot and runner that only answer and record."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,26 +8,34 @@ import pytest
 import trio
 
 from debridement_stage import Eyes, play
+from trocar.arms import fk
 from trocar.geometry import SE3
 from trocar.lab import load_station
 from trocar.tasks.debridement.agents.places import Places
-from trocar.tasks.debridement.agents.raven_arm import LOW_M, RavenArm
+from trocar.tasks.debridement.agents.raven_arm import LOW_M, SHAKEN_RAD, STROKES, WAYS, RavenArm
 from trocar.tasks.debridement.agents.settings import best
 
 STATION = load_station("raven-pair")
 TABLE, RECEPTACLE = (STATION.T_world_fixture[name] for name in ("table", "receptacle"))
 
 
-class Mover:
-    """Brings the tip where each step of a list says, and notes what was asked."""
+class Runner:
+    """Brings the tip where each step of a list says, or refuses as it says, and notes what it was to do."""
 
     def __init__(self, robot, steps):
-        self.robot, self.steps, self.asked = robot, list(steps), []
+        self.robot, self.steps, self.goals, self.motions = robot, list(steps), [], []
 
-    async def step(self, arm, asked, way_m):
-        del arm, way_m
-        self.asked.append(asked)
-        self.robot.p = np.array(self.steps.pop(0))
+    async def step(self, arm, goal):
+        del arm
+        self.goals.append(goal)
+        step = self.steps.pop(0)
+        if isinstance(step, Exception):
+            raise step
+        self.robot.p = np.array(step)
+
+    async def run(self, arm, motion):
+        del arm
+        self.motions.append(motion)
 
 
 def raven_arm(p, steps):
@@ -34,17 +43,17 @@ def raven_arm(p, steps):
     bases = {"left": STATION.arms["left"].T_world_base}
     problems = SimpleNamespace(cell=SimpleNamespace(T_world_base_registered=bases), robot=robot)
     places = Places(TABLE, RECEPTACLE, best())
-    mover = Mover(robot, steps)
-    return RavenArm(problems, "left", None, mover, places, best()), mover
+    runner = Runner(robot, steps)
+    return RavenArm(problems, "left", None, runner, places, best()), runner
 
 
 def test_an_arm_that_was_stopped_low_on_its_way_rises_before_it_goes_on():
     table = float(TABLE.translation_m[2])
-    low, risen, goal = table + 0.5 * LOW_M, table + LOW_M, table + 0.03
-    arm, mover = raven_arm([0, 0, goal], [[0.02, 0, low], [0.02, 0, risen], [0.04, 0, goal]])
-    trio.run(arm.go, SE3.from_parts(translation_m=[0.04, 0.0, goal]))
-    assert [asked.straight for asked in mover.asked] == [False, True, False]
-    np.testing.assert_allclose(mover.asked[1].T_world_goal.translation_m, [0.02, 0.0, risen])
+    low, risen, high = table + 0.5 * LOW_M, table + LOW_M, table + 0.03
+    arm, runner = raven_arm([0, 0, high], [[0.02, 0, low], [0.02, 0, risen], [0.04, 0, high]])
+    trio.run(arm.go, SE3.from_parts(translation_m=[0.04, 0.0, high]))
+    assert [goal.straight for goal in runner.goals] == [False, True, False]
+    np.testing.assert_allclose(runner.goals[1].T_world_tip.translation_m, [0.02, 0.0, risen])
 
 
 @pytest.mark.slow
@@ -57,3 +66,100 @@ def test_a_fragment_over_which_an_arm_is_not_seen_is_soon_for_the_other_one(monk
     assert "hidden" in blocked[0]["reason"]
     assert blocked[0]["time_s"] < 12.0
     assert sum(score["succeeded"] for score in trial.scores) == 2
+
+
+CLING_N, DENSITY_KG_M3 = 1.4e-3, 160.0
+
+
+class Touching(Eyes):
+    def holding(self, image, T_world_camera, model, T_world_tip, jaw_rad):
+        return bool(self.lab.truth().touched_by[self.arm_of(model)][-1].any())
+
+
+def charged(scene):
+    light = [replace(f, cling_n=CLING_N, density_kg_m3=DENSITY_KG_M3) for f in scene.fragments]
+    return replace(scene, fragments=tuple(light))
+
+
+def test_a_fragment_that_both_fingers_draw_up_between_them_comes_off(monkeypatch, tmp_path):
+    trial = play(monkeypatch, tmp_path, Touching(), seed=4, change=charged, arms=1, fragments=1, budget_s=120.0)
+    *_, said = [e for e in trial.events if e["name"] == "fragment"]  # one that falls beside the receptacle comes again
+    *_, released = [e for e in trial.events if e["name"] == "releasing"]
+    assert said["time_s"] - released["time_s"] > 1.0, "it clung"
+    assert trial.scores[0]["succeeded"] and said["outcome"] == "DONE"
+
+
+def test_what_has_not_helped_in_one_way_is_tried_in_another():
+    done = []
+
+    class Arm(RavenArm):
+        def __init__(self):
+            self.places = SimpleNamespace(table_m=-0.162)
+
+        async def jaw(self, angle_rad):
+            done.append(("jaw", angle_rad))
+
+        async def rise(self, by_m):
+            done.append(("rise", by_m))
+
+        async def stroke(self, height_m, open_rad):
+            done.append(("stroke", height_m, open_rad))
+
+    async def shed():
+        arm = Arm()
+        for number in range(WAYS):
+            await arm.shed(number)
+            assert done[-1] == ("jaw", SHAKEN_RAD), "a fragment is looked for at jaws that are wide open"
+
+    trio.run(shed)
+    strokes = [way for way in done if way[0] == "stroke"]
+    assert len(strokes) == len(set(strokes)) == len(STROKES)
+    assert all(0.010 < height_m + 0.162 < 0.015 for _, height_m, _ in strokes), "over the receptacle's floor"
+
+
+LIFT_M = best().lift_m
+HIDDEN_S = 1.6
+
+
+def times(trial, name):
+    return [e["time_s"] for e in trial.events if e["name"] == name]
+
+
+def tips_m(trial, arm):
+    scenery = trial.scenery
+    q = trial.arrays[f"true_{arm}"][:, :6].astype(float)
+    return (scenery.T_world_base[arm] @ fk(scenery.arms[arm], q)).translation_m
+
+
+def test_an_arm_lifts_straight_up_and_goes_on_without_a_stop(monkeypatch, tmp_path):
+    trial = play(monkeypatch, tmp_path, Eyes(), arms=1, fragments=1, budget_s=60.0)
+    first, last = (round(100 * times(trial, name)[0]) for name in ("closing", "releasing"))
+    tip = tips_m(trial, "left")[first:last]
+    assert np.linalg.norm(tip[-1, :2] - tip[0, :2]) > 0.03, "the receptacle is elsewhere"
+    lifted = int(np.flatnonzero(tip[:, 2] > tip[0, 2] + LIFT_M)[0])
+    assert np.linalg.norm(tip[lifted, :2] - tip[0, :2]) < 0.5 * LIFT_M
+    leaves = int(np.flatnonzero(tip[:, 2] > tip[0, 2] + 0.2 * LIFT_M)[0])
+    arrives = int(np.flatnonzero(np.linalg.norm(tip - tip[-1], axis=-1) < 0.02)[0])
+    speeds = np.linalg.norm(tip[leaves + 10 : arrives] - tip[leaves : arrives - 10], axis=-1) / 0.1
+    assert speeds.min() > 0.005, "m/s"
+
+
+def test_jaws_that_are_hidden_are_not_taken_to_be_empty(monkeypatch, tmp_path):
+    class Crossed(Eyes):
+        """Something passes before the jaws, and what they hold, just after they have closed."""
+
+        def crossed(self):
+            closed = [e["time_s"] for e in self.lab.log.events if e["name"] == "closing"]
+            return bool(closed) and self.lab.now_s() - closed[-1] < HIDDEN_S
+
+        def gripper(self, *args):
+            return None if self.crossed() else super().gripper(*args)
+
+        def holding(self, *args):
+            return not self.crossed() and super().holding(*args)
+
+    trial = play(monkeypatch, tmp_path, Crossed(), arms=1, fragments=1, budget_s=60.0)
+    (said,) = [e for e in trial.events if e["name"] == "pickup"]
+    assert said["holding"]
+    assert said["image_s"] > times(trial, "closing")[0] + HIDDEN_S - 0.1
+    assert trial.scores[0]["first_attempt"]

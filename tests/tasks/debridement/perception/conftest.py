@@ -3,11 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
-from stereo_scenes import CAMERA, RIG, STATION, T_WORLD_TABLE, Awake, eyes_of, set_arm, show
+from stereo_scenes import CAMERA, RIG, STATION, T_WORLD_TABLE, Awake, set_arm, show, stereo_cameras
 
 from trocar.arms import ik
 from trocar.perception.image import StereoRig
-from trocar.sim.mjcf import CellModel
 from trocar.sim.world import World
 from trocar.tasks.debridement.scene import lay_out
 from trocar.tasks.debridement.workspace import Workspace
@@ -23,11 +22,11 @@ class Stage:
         self.scene = lay_out(fixtures["table"], fixtures["receptacle"], Workspace(), rng)
         task = Awake(self.scene)
         bases = {name: arm.T_world_base for name, arm in STATION.arms.items()}
-        self.world = World(CellModel(STATION.models, bases, task))
+        self.world = World(STATION.models, bases, task)
         self.park()
         task.start(self.world)
         self.world.settle(0.5)
-        self.eyes = eyes_of(self.world, SMALL)
+        self.eyes = stereo_cameras(self.world, SMALL)
         self.T_world_camera, self.T_world_table = CAMERA.T_world_camera, T_WORLD_TABLE
         self.rest = self.world.data.qpos.copy()
 

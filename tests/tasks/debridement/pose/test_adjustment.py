@@ -6,7 +6,7 @@ import pytest
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.tasks.debridement.pose import PaperAdjustment
-from trocar.tasks.debridement.pose.adjustment import interpolate
+from trocar.tasks.debridement.pose.estimators import interpolate
 
 ERROR = SE3.exp([0.02, -0.004, 0.03, 0.1, -0.2, 0.3])
 NONE = SE3.identity()

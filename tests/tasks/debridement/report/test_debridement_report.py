@@ -8,8 +8,7 @@ from rich.console import Console
 from made_up_debridement import made_up, score
 from trocar.report.files import report_of, write_report
 from trocar.tasks.debridement.report import DebridementReport
-from trocar.tasks.debridement.report.figures import figures_of
-from trocar.tasks.debridement.report.row import row_of
+from trocar.tasks.debridement.report.figures import figures_of, row_of
 from trocar.tasks.debridement.report.table_one import lines_of, within
 
 

@@ -13,10 +13,9 @@ from trocar.geometry import SE3
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
-from trocar.sim.laboratory import arrays_of
+from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.motions import Motions
 from trocar.tasks.peg_transfer.agents.peg_arm import LETS_GO_RAD, PegArm
-from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
 from trocar.tasks.peg_transfer.goals import THERE, PegSet, Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.pegboard import Pegboard
@@ -116,7 +115,7 @@ def test_a_transfer_ends_with_the_block_on_its_target(clean):
 
 def test_jaws_open_beside_a_peg_no_further_than_lets_go_and_wide_only_over_the_pegs(clean):
     lab, _, (_, score) = clean
-    rows, times_s = arrays_of(lab.recorder), lab.truth().times_s
+    rows, times_s = lab.recorder.arrays(), lab.truth().times_s
     jaw_rad, asked = rows["measured_psm1"][:, 6], rows["asked_psm1"]
     tip_m = (T_WORLD_BASE["psm1"] @ fk(PSM_CLASSIC, asked[:, :6].astype(float))).translation_m
     after = times_s > score.end_s - 0.2
@@ -271,7 +270,7 @@ def test_an_arm_that_is_blocked_over_its_target_keeps_its_block_and_tries_again(
     async def lower(arm, *how, told=PegArm._lower):
         if len(blocked) < 1:
             blocked.append(arm.holds)
-            raise Blocked
+            raise Blocked("psm1")
         return await told(arm, *how)
 
     monkeypatch.setattr(PegArm, "_lower", lower)

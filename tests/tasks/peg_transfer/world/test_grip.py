@@ -7,7 +7,7 @@ import trio
 
 from simulated import TWICE, Hand, blocks_of, ideal_laboratory, joints_at, standing, world_with_arms
 from trocar.sim.laboratory import SimLaboratory
-from trocar.sim.mjcf import Surface
+from trocar.sim.spec import Surface
 
 LIFT_M = 0.03
 BLOCK = 0

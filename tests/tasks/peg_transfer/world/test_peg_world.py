@@ -22,8 +22,8 @@ from simulated import (
 from trocar.arms import fk, frames
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.sim.contacts import Hit
 from trocar.sim.laboratory import SimLaboratory
+from trocar.sim.record import CollidingPair
 from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
@@ -190,7 +190,7 @@ def test_the_stations_guard_does_not_let_them():
 def test_the_top_of_a_peg_is_no_collision_and_its_side_is():
     world = PegWorld(scene_of(standing(0)))
     for normal, counts in (((0.0, 0.0, 1.0), False), ((0.6, 0.0, -0.8), False), ((1.0, 0.0, 0.0), True)):
-        assert world.counts(Hit("psm1", "held block", "peg 3"), np.array(normal)) == counts
+        assert world.counts(CollidingPair("psm1", "held block", "peg 3"), np.array(normal)) == counts
 
 
 # What the referee keeps for the score.

@@ -8,7 +8,7 @@ import pytest
 
 from simulated import coarse, ideal_session
 from trocar.arms import limit_violations
-from trocar.errors import TrocarError
+from trocar.errors import ArmStopped, InvalidInput, OutOfReach, TrocarError
 from trocar.eval import AgentContext
 from trocar.lab import SensorFlaws, load_station
 from trocar.motion import PLANNERS
@@ -17,8 +17,8 @@ from trocar.tasks.suture.agents import circle
 from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings, along, run_up
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import suture_joints
-from trocar.tasks.suture.planning.drive import Suture
-from trocar.tasks.suture.planning.drive import drive as plan
+from trocar.tasks.suture.planning.primitive import Suture
+from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.score import score_sutures
 from trocar.tasks.suture.task import CircleSutures
 
@@ -129,8 +129,9 @@ def test_a_joint_limit_stops_it_there_and_it_says_which():
 class Refusing:
     """A robot that refuses motions which bring a joint beyond a limit, as one does that makes up for cables."""
 
-    def __init__(self, robot, joint, most_rad):
+    def __init__(self, robot, joint, most_rad, error=None):
         self._robot, self._joint, self._most_rad = robot, joint, most_rad
+        self._error = error or OutOfReach("joint would need the command 82.0 deg to make up for its cables")
 
     def __getattr__(self, name):
         return getattr(self._robot, name)
@@ -138,29 +139,34 @@ class Refusing:
     async def move(self, motions):
         for motion in motions.values():
             if motion.sample(0.01)[1][:, self._joint].max() > self._most_rad:
-                raise TrocarError("joint would need the command 82.0 deg to make up for its cables")
+                raise self._error
         return await self._robot.move(motions)
 
 
-def refused(sutures, joint, most_rad, settings=QUICK):
+def refused(sutures, joint, most_rad, settings=QUICK, error=None):
     """Return the laboratory in which these sutures were driven by a robot that refuses to go further, and scores."""
     lab = laboratory()
-    lab.cell = replace(lab.cell, robot=Refusing(lab.cell.robot, joint, most_rad))
+    lab.cell = replace(lab.cell, robot=Refusing(lab.cell.robot, joint, most_rad, error))
     agent = CircleSuturing(briefed(lab.cell, sutures, settings=settings))
     assert lab.run(lambda cell: agent.run(), TASK.budget_s)
     return lab, score_sutures(sutures, lab.truth(), lab.log.events)
 
 
 def test_the_arm_comes_down_from_as_high_as_commands_allow():
-    lower = plan(GOALS[3])[0].q[:, 5]
+    lower = suture_segments(GOALS[3])[0].q[:, 5]
     lab, (score,) = refused([GOALS[3]], 5, float(lower[0]) - math.radians(1.0), UNSEEN)
     assert outcomes(lab) == [SutureOutcome.DONE.name] and score.succeeded
+
+
+def test_an_arm_that_has_stopped_ends_the_trial_and_not_one_suture():
+    with pytest.raises(ArmStopped, match="drive is off"):
+        refused(GOALS[:2], 5, -10.0, UNSEEN, ArmStopped("psm1", "its drive is off"))
 
 
 @pytest.mark.slow
 def test_a_command_that_leaves_a_joints_range_costs_one_suture_only(monkeypatch):
     monkeypatch.setattr(circle, "SHORT", ())
-    pushed = plan(GOALS[1])[3].q[:, 4]
+    pushed = suture_segments(GOALS[1])[3].q[:, 4]
     lab, scores = refused([GOALS[1], GOALS[0]], 4, float(pushed.max()) - math.radians(5.0))
     assert outcomes(lab) == [SutureOutcome.JOINT_LIMIT.name, SutureOutcome.DONE.name]
     assert "suture 1, rotate: joint would need the command 82.0 deg" in named(lab, "suture")[0]["reason"]
@@ -171,7 +177,7 @@ def test_a_command_that_leaves_a_joints_range_costs_one_suture_only(monkeypatch)
 
 @pytest.mark.slow
 def test_a_turn_that_commands_do_not_allow_to_the_end_stops_short_of_it():
-    pushed = plan(GOALS[1])[3].q[:, 4]
+    pushed = suture_segments(GOALS[1])[3].q[:, 4]
     lab, (score,) = refused([GOALS[1]], 4, float(pushed.max()) - math.radians(4.0))
     assert outcomes(lab) == [SutureOutcome.DONE.name]
     assert score.entry_error_m < 0.5e-3 and score.exit_error_m < 1e-3
@@ -193,9 +199,9 @@ def test_jaws_that_were_given_nothing_say_so():
 
 def test_a_cell_without_an_assistant_is_refused():
     lab = laboratory()
-    with pytest.raises(TrocarError, match="nobody in this cell loads the needle"):
+    with pytest.raises(InvalidInput, match="nobody in this cell loads the needle"):
         CircleSuturing(briefed(replace(lab.cell, assistants={})))
-    with pytest.raises(TrocarError, match="arm 'psm3' is not in this cell; choose one of psm1"):
+    with pytest.raises(TrocarError, match=r"arm 'psm3' is unknown; .*choose one of psm1"):
         CircleSuturing(briefed(lab.cell, arms=("psm3",)))
 
 

@@ -6,10 +6,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from trocar.tasks.suture.commands.suture_options import base_numbers, changed_setup
-from trocar.tasks.suture.planning import PRESETS, base_beside
-
-NONE = {part: {} for part in ("circle", "base", "needle", "grasp", "insertion")}
+from trocar.tasks.suture.commands.options import setup_of
+from trocar.tasks.suture.planning import PRESETS
 
 
 @pytest.fixture
@@ -51,17 +49,12 @@ def test_the_paper_demo_has_its_table_near_the_papers(answer):
     assert found["switches_deg"] == pytest.approx([67, 228], abs=5)
 
 
-def test_enumerating_every_plan_finds_the_same(answer):
-    fast, full = answer("--preset paper-demo"), answer("--preset paper-demo --exhaustive")
-    for key in ("positions_deg", "directions", "rewards"):
-        assert fast[key] == full[key]
-
-
 def test_wider_gaps_are_never_worse_and_any_angles_neither(answer):
     even, gaps = answer(), answer("--min-gap-deg 75 --max-gap-deg 105")
     anywhere = answer("--min-gap-deg 75 --max-gap-deg 105 --continuous")
     assert all(75 <= gap <= 105 for gap in gaps["gaps_deg"])
-    assert even["reward"] < gaps["reward"] <= anywhere["reward"] <= anywhere["bound"] < anywhere["reward"] + 2e-3
+    assert even["reward"] < gaps["reward"] <= anywhere["reward"] < gaps["reward"] + 2e-3
+    assert anywhere["bound"] is None and "nothing is proven" in anywhere["certified"]
 
 
 def test_fixed_and_forbidden_places_are_kept(answer):
@@ -78,16 +71,6 @@ def test_demonstrations_change_the_manipulability_and_are_named(answer):
     assert found["rewards"] != answer()["rewards"]
 
 
-def test_the_robust_plan_stands_the_worst_case_best(answer):
-    found = answer("--robust --scenarios 5 --seed 3")
-    robust, judged = found["robust"], found["sensitivity"]
-    assert robust["worst_reward"] > robust["nominal_worst_reward"]
-    assert robust["planned_reward"] <= robust["nominal_planned_reward"]
-    assert judged["robust"]["scenarios"] == judged["nominal"]["scenarios"] == 5
-    assert judged["robust"]["planned_reward"] == pytest.approx(robust["worst_reward"])
-    assert judged["nominal"]["reward_worst_p5_p50"] != judged["robust"]["reward_worst_p5_p50"]
-
-
 def test_options_change_what_they_name(answer):
     assert answer("--margin clipped --weight 0.5 --at stations")["weight"] == 0.5
     nearer, farther = answer("--circle-radius-mm 20"), answer("--circle-radius-mm 45")
@@ -98,14 +81,9 @@ def test_options_change_what_they_name(answer):
     assert shift == pytest.approx([1, 1]), "base and circle's centre turned by 1 deg: all plans turn with it"
 
 
-def test_a_base_is_taken_apart_into_the_numbers_that_make_it():
-    given = {"azimuth_rad": 2.1, "sideways_m": 0.06, "up_m": 0.09, "tilt_rad": -0.5, "spin_rad": 2.8}
-    assert base_numbers(base_beside(**given)) == pytest.approx(given)
-
-
 def test_nothing_given_leaves_the_preset_alone():
     preset = PRESETS["default"]
-    same = changed_setup(preset, **NONE)
+    same = setup_of(preset, None, {})
     assert np.array_equal(same.T_base_circle.matrix, preset.setup.T_base_circle.matrix)
     assert (same.needle, same.grasp, same.insertion) == (
         preset.setup.needle,
@@ -115,14 +93,14 @@ def test_nothing_given_leaves_the_preset_alone():
 
 
 def test_the_circle_goes_and_leans_where_it_is_told():
-    leaning = changed_setup(PRESETS["default"], normal=(1, 0, 1), center_mm=(5, 0, 2), **NONE).circle.T_world_circle
+    leaning = setup_of(PRESETS["default"], None, {"normal": (1, 0, 1), "center_mm": (5, 0, 2)}).circle.T_world_circle
     assert leaning.apply([0, 0, 1]) == pytest.approx(np.array([0.005, 0, 0.002]) + np.array([1, 0, 1]) / np.sqrt(2))
-    under = changed_setup(PRESETS["default"], normal=(0, 0, -1), **NONE).circle.T_world_circle
+    under = setup_of(PRESETS["default"], None, {"normal": (0, 0, -1)}).circle.T_world_circle
     assert under.apply([0, 0, 1]) == pytest.approx([0, 0, -1])
 
 
 @pytest.mark.parametrize(
-    "line, words",
+    ("line", "words"),
     [
         ("--circle-radius-mm 90 --count 12", ["168 to 211 deg", "joint 'pitch'", "-61.5 deg", "8.5 deg beyond"]),
         ("--base-up-mm 20 --base-sideways-mm 20", ["mm less than the safe depth of 45 mm"]),
@@ -155,7 +133,7 @@ def test_the_json_holds_the_setup_that_was_asked_for(answer):
 
 
 @pytest.mark.parametrize(
-    "line, words",
+    ("line", "words"),
     [
         ("--preset magic", "default, paper-demo"),
         ("--count 7", "multiple"),
@@ -167,15 +145,10 @@ def test_the_json_holds_the_setup_that_was_asked_for(answer):
         ("--center-mm nan 0 0", "centre"),
         ("--margin best", "smallest, normalised, clipped, paper"),
         ("--weight 2", "lambda"),
-        ("--robust --continuous", "choose one"),
-        ("--exhaustive --fix-deg 90", "--exhaustive"),
-        ("--robust --seed -1", "seed -1"),
         ("--demonstrations nowhere", "nowhere"),
-        ("--fix-deg nan", "nan deg; give finite"),
-        ("--forbid-deg nan:3", "nan, 3 deg; give finite"),
+        ("--fix-deg nan", "fixed positions"),
+        ("--forbid-deg nan:3", "forbidden arc"),
         ("--forbid-deg 10:700", "from 10 deg to 700 deg"),
-        ("--scenarios 5", "add --robust"),
-        ("--seed 5", "add --robust"),
         ("--base-azimuth-deg nan", "base azimuth is nan deg"),
         ("--base-tilt-deg inf", "base tilt is inf deg"),
         ("--base-spin-deg nan", "base spin is nan deg"),
@@ -200,7 +173,7 @@ def test_sutures_that_cross_are_reported(answer, plan):
 
 
 @pytest.mark.parametrize(
-    "line, words",
+    ("line", "words"),
     [
         ("--pushes 0", "turned by 70.0 deg, but its tip comes out at 104.7 deg"),
         ("--rotation-deg 10 --pushes 0", "turned by 10.0 deg"),

@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC, RAVEN2_LEFT, jacobian
 from trocar.errors import TrocarError
-from trocar.tasks.suture.demonstrations import synthetic_demonstrations
-from trocar.tasks.suture.demonstrations.demonstrations import demonstrations_from_joints
+from trocar.tasks.suture.demonstrations import demonstrations_from_joints, synthetic_demonstrations
 from trocar.tasks.suture.planning import PRESETS, dexterity
 
 TWO = (PSM_CLASSIC, RAVEN2_LEFT)
@@ -69,7 +68,7 @@ def test_one_place_alone_is_refused(thetas):
 def test_a_plan_takes_manipulability_from_demonstrations():
     demos = synthetic_demonstrations()
     setup = PRESETS["default"].setup
-    map = dexterity(setup, manipulability_at=demos.manipulability_at, source=demos.source)
+    map = dexterity(setup, recorded=demos)
     assert map.source == demos.source
     assert_allclose(map.manipulability[::45], demos.at_places)
     assert not np.allclose(map.values, dexterity(setup).values, atol=0.02)

@@ -8,7 +8,7 @@ from trocar.arms import ARMS, fk
 from trocar.geometry import SE3
 from trocar.tasks.suture.planning import PRESETS, suture_joints
 from trocar.tasks.suture.planning.joints import unwound
-from trocar.tasks.suture.planning.primitive import places, tip_poses, turned_to
+from trocar.tasks.suture.planning.primitive import path_samples, tip_poses, turned_to
 
 THETAS = np.radians(np.arange(0.0, 360.0, 5.0))
 
@@ -27,7 +27,7 @@ def over(arm):
 def test_the_joints_put_the_tip_on_the_primitive(arm):
     setup = over(arm)
     joints = suture_joints(setup, THETAS)
-    along = places(setup)
+    along = path_samples(setup)
     wanted = turned_to(tip_poses(setup, along.advance_m, along.jaws_rad), THETAS).matrix
     real = np.isfinite(joints.q).all(-1)
     assert real.mean() > 0.5

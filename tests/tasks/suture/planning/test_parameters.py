@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.tasks.suture.planning import PRESETS, SutureSetup, base_beside, suture_joints
-from trocar.tasks.suture.planning.parameters import RANGES, parameters_of, with_parameters
+from trocar.tasks.suture.planning.parameters import PARAMETERS, parameters_of, with_parameters
 
-NAMES = [name for name in RANGES if not name.startswith("center")]
+BOUNDS = {name: found.bounds for name, found in PARAMETERS.items() if found.bounds and found.part != "center"}
 
 
 def drawn(seed):
     rng = np.random.default_rng(seed)
-    return {name: rng.uniform(RANGES[name].low, RANGES[name].high) for name in NAMES}
+    return {name: rng.uniform(*ends) for name, ends in BOUNDS.items()}
 
 
 @settings(deadline=None)
@@ -67,5 +67,5 @@ def test_a_shift_of_the_centre_leaves_the_base_where_it_is():
 
 
 def test_an_unknown_parameter_is_told_with_the_choices():
-    with pytest.raises(TrocarError, match=r"no parameter 'radius'.*circle_radius_m"):
+    with pytest.raises(TrocarError, match=r"parameter of a setup 'radius' is unknown.*circle_radius_m"):
         with_parameters(SutureSetup(), {"radius": 0.03})

@@ -10,12 +10,10 @@ from hypothesis import strategies as st
 from trocar.geometry import SE3
 from trocar.tasks.suture.planning import PRESETS, Insertion, SutureSetup
 from trocar.tasks.suture.planning.primitive import (
-    bite_m,
     driven_steps,
-    exit_turn_rad,
     grasp_pose,
     needle_poses,
-    places,
+    path_samples,
     steps,
     tip_poses,
     turned_to,
@@ -54,20 +52,20 @@ def test_the_needle_turns_about_a_centre_that_stays():
 
 
 def test_the_tip_comes_out_where_the_bite_ends():
-    out = needle_tip(SETUP, [0.01], [exit_turn_rad(SETUP)])[:, 0]
+    out = needle_tip(SETUP, [0.01], [SETUP.exit_turn_rad])[:, 0]
     assert np.abs(out[:, 2]).max() < 1e-15
-    np.testing.assert_allclose(np.abs(out[:, 1]), bite_m(SETUP), atol=1e-15)
-    assert steps(SETUP)[-1].needle_rad[1] > exit_turn_rad(SETUP)
+    np.testing.assert_allclose(np.abs(out[:, 1]), SETUP.bite_m, atol=1e-15)
+    assert steps(SETUP)[-1].needle_rad[1] > SETUP.exit_turn_rad
 
 
 def test_a_flat_turn_of_a_tiny_needle_never_comes_out():
     deep = replace(SETUP, needle=replace(SETUP.needle, radius_m=0.002))
-    assert math.isnan(exit_turn_rad(deep))
+    assert math.isnan(deep.exit_turn_rad)
 
 
 def test_theta_in_the_middle_centres_the_bite():
     middle = replace(SETUP, insertion=Insertion(theta_is="middle"))
-    ends = [needle_tip(middle, [a], [t])[:, 0] for a, t in ((0.0, 0.0), (0.01, exit_turn_rad(middle)))]
+    ends = [needle_tip(middle, [a], [t])[:, 0] for a, t in ((0.0, 0.0), (0.01, middle.exit_turn_rad))]
     np.testing.assert_allclose((ends[0] + ends[1]) / 2, [[0.03, 0, 0]] * 2, atol=1e-15)
 
 
@@ -88,7 +86,7 @@ def test_the_steps_follow_on_and_the_needle_moves_only_with_the_jaws(order):
 def lets_go_deg(setup, order):
     """Return the needle's rotations at which the jaws let go of it, against that at which its tip comes out."""
     return [
-        math.degrees(step.needle_rad[0] - exit_turn_rad(setup)) for step in order(setup) if step.name.startswith("reg")
+        math.degrees(step.needle_rad[0] - setup.exit_turn_rad) for step in order(setup) if step.name.startswith("reg")
     ]
 
 
@@ -129,9 +127,9 @@ def test_a_suture_anywhere_is_the_first_turned_about_the_circles_axis(theta):
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_places_hold_every_end_of_a_movement(name):
+def test_samples_hold_every_end_of_a_movement(name):
     setup = PRESETS[name].setup
-    along = places(setup)
+    along = path_samples(setup)
     ends = {(step.advance_m[i], round(step.jaws_rad[i], 9)) for step in steps(setup) for i in (0, 1)}
     marked = set(zip(along.advance_m[along.station], np.round(along.jaws_rad[along.station], 9), strict=True))
     assert ends == marked

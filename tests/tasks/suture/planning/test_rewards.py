@@ -5,6 +5,7 @@ import pytest
 
 from trocar.arms import jacobian
 from trocar.errors import TrocarError
+from trocar.tasks.suture.demonstrations import Demonstrations
 from trocar.tasks.suture.planning import MARGINS, PRESETS, Reward, dexterity
 from trocar.tasks.suture.planning.rewards import SURROGATE, surrogate_manipulability
 
@@ -63,9 +64,11 @@ def test_the_better_margin_decides_unless_only_one_direction_is_possible():
 def test_given_manipulability_takes_the_surrogates_place_and_is_named():
     setup = PRESETS["default"].setup
     assert dexterity(setup, positions=8).source == SURROGATE
-    given = dexterity(setup, Reward(weight=0.0), 8, lambda thetas: 2.0 + np.cos(thetas), "sixteen sutures")
-    assert given.source == "sixteen sutures"
-    np.testing.assert_allclose(given.best, (2.0 + np.cos(given.thetas_rad)) / 3.0)
+    places, squares = np.radians([0.0, 90.0, 180.0, 270.0]), np.array([[3.0, 2.0, 1.0, 2.0], [5.0, 4.0, 3.0, 4.0]])
+    recorded = Demonstrations(places, squares, np.ones(4, dtype=int), ("left", "right"), "sixteen sutures")
+    given = dexterity(setup, Reward(weight=0.0), 8, recorded)
+    assert given.source == given.at([0.1]).source == "sixteen sutures"
+    np.testing.assert_allclose(given.best, np.array([8, 7, 6, 5, 4, 5, 6, 7]) / 8)
 
 
 def test_all_joints_can_count():
@@ -93,8 +96,3 @@ def test_all_joints_can_count():
 def test_bad_options_are_named(options, says):
     with pytest.raises(TrocarError, match=says):
         Reward(**options)
-
-
-def test_too_few_positions_are_refused():
-    with pytest.raises(TrocarError, match="give 4 to 100000"):
-        dexterity(PRESETS["default"].setup, positions=3)

@@ -45,7 +45,7 @@ def test_only_the_default_presets_needle_can_be_held():
         (lambda: Circle(radius_m=-0.01), "circle radius is -10 mm; give 2 to 200 mm"),
         (lambda: Needle(radius_m=math.nan), "needle radius is nan mm"),
         (lambda: Insertion(entry_angle_rad=2.0), "entry angle is 114.592 deg; give 0 to 90 deg"),
-        (lambda: Insertion(theta_is="exit"), "choose entry or middle"),
+        (lambda: Insertion(theta_is="exit"), "choose one of entry, middle"),
         (lambda: Insertion(pushes=-1), "give 0 to 10"),
         (lambda: NeedleGrasp(skew_rad=10.0), "grasp skew"),
         (lambda: base_beside(0.0, 2.0, 0.1), "base sideways is 2000 mm"),

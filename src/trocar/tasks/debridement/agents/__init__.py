@@ -1,14 +1,21 @@
-"""Scripts for debridement: the paper's method, and ours."""
+"""Scripts for debridement: the paper's method, and ours; one script for each arm that works."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from trocar.arms import ArmModel
+from trocar.arms import ArmModel, MotionLimits
 from trocar.cell import Cell, Robot
+from trocar.errors import InvalidInput
 from trocar.eval import AgentContext
+from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import Adjusted
-from trocar.tasks.debridement.agents.debriders import Debriders
+from trocar.tasks.debridement.agents.allocation import Allocation
+from trocar.tasks.debridement.agents.debrider import Debrider, run_all
+from trocar.tasks.debridement.agents.motions import MotionProblems, MotionRunner
+from trocar.tasks.debridement.agents.observer import StereoObserver
+from trocar.tasks.debridement.agents.places import Places
+from trocar.tasks.debridement.agents.raven_arm import RavenArm
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.debridement.pose import ErrorField, PaperAdjustment, PoseEstimator
 
@@ -23,9 +30,42 @@ def with_adjustment(cell: Cell, settings: Settings) -> Robot:
     return Adjusted(cell, ESTIMATORS[settings.estimator])
 
 
-def agent_of(context: AgentContext) -> Debriders:
+class DebridementAgent:
+    """Clears the work surface with all working arms.
+
+    Raises:
+        InvalidInput: the robot of the cell does not estimate where its joints are.
+    """
+
+    def __init__(self, context: AgentContext):
+        cell, settings, robot = context.cell, context.settings, context.cell.robot
+        if not isinstance(robot, Adjusted):
+            raise InvalidInput(
+                "debridement", "needs a robot that is adjusted by what a camera sees", "wrap it in Adjusted"
+            )
+        if not isinstance(settings, Settings):
+            raise InvalidInput("debridement", f"needs its own settings, got {type(settings).__name__}")
+        table, receptacle = cell.T_world_fixture["table"], cell.T_world_fixture["receptacle"]
+        places = Places(table, receptacle, settings)
+        sides = {name: places.side(T) for name, T in cell.T_world_base_registered.items()}
+        coordinator = Coordinator(cell, context.arms)
+        allocation = Allocation(coordinator, context.nominal, table, receptacle, sides, len(context.goals))
+        observer = StereoObserver(cell, context.perception, robot, settings)
+        share = settings.limits_share
+        limits = {
+            name: MotionLimits(share * model.motion_limits.velocity, share * model.motion_limits.acceleration)
+            for name, model in cell.arms.items()
+        }
+        problems = MotionProblems(cell, robot, context.nominal, limits, settings.margin_m)
+        runner = MotionRunner(problems, coordinator, context.planner, settings)
+        arms = [RavenArm(problems, name, observer, runner, places, settings) for name in context.arms]
+        self._debriders = [Debrider(arm, allocation) for arm in arms]
+
+    async def run(self) -> None:
+        """Clear all fragments that can be cleared."""
+        await run_all(self._debriders)
+
+
+def agent_of(context: AgentContext) -> DebridementAgent:
     """Return the agent of a trial."""
-    return Debriders(context)
-
-
-__all__ = ["Debriders", "agent_of", "with_adjustment"]
+    return DebridementAgent(context)

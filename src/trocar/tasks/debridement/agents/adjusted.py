@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trio
@@ -12,21 +12,72 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, ik
 from trocar.cell import Cell, JointReading, MotionEnd, MotionResult, SetPoint
-from trocar.errors import OutOfReach, TrocarError
+from trocar.errors import ArmStopped, MotionRefused, OutOfReach, StartMismatch, TrocarError
 from trocar.geometry import SE3
-from trocar.tasks.debridement.agents.courses import Course, Successor
 from trocar.tasks.debridement.agents.inverse_control import command_for, commands_for, corrected
 from trocar.tasks.debridement.pose import PoseEstimator
 from trocar.trajectory import Trajectory
 
-STEP_ENDED = "a step of the way is done"
-"""Reason given for stopping an arm that has to plan again."""
+REST_STEP_S = 0.05
+"""The rest of a motion is sampled at this interval when it is taken over."""
+LATE_S = 0.25
+"""Nothing is corrected within this time before the end of a motion."""
 MOST_OFF_RAD = 0.05
 """A motion that starts further than this (rad, m) from its arm's estimated place was planned for another moment."""
 INSIDE = 0.012
 """A pose counts as within reach if each joint keeps this share of its range from its ends: estimates change."""
 LEAST_RATE = 0.5
 """A motion that runs at less than this share of its speed is braking; it is not corrected."""
+
+
+class StepEnded(ArmStopped):
+    """An arm was stopped because it has to plan again, from a newer estimate."""
+
+    def __init__(self, arm: str):
+        super().__init__(arm, "a step of the way is done")
+
+
+class Successor:
+    """The result of commands that took over from others."""
+
+    def __init__(self) -> None:
+        self.ended = trio.Event()
+        self.result: MotionResult | None = None
+
+
+@dataclass(eq=False)
+class Course:
+    """The last motion of an arm.
+
+    Attributes:
+        desired: motion of the estimated joints.
+        commands: those sent for it, on the same time.
+        stop_s: time of the motion at which it is going to be stopped; None: at its end.
+        successor: corrected commands that took over, if any.
+    """
+
+    desired: Trajectory
+    commands: Trajectory
+    stop_s: float | None = None
+    successor: Successor | None = None
+
+    def drift(self, path_s: float) -> NDArray[np.float64]:
+        """Return the change (6,) of estimated joints minus commands from its start to this time of it."""
+        first = self.commands.times_s[0]
+        return (self.desired(path_s) - self.commands(path_s)) - (self.desired(first) - self.commands(first))
+
+    def left(self, path_s: float, rate: float) -> Course | None:
+        """Return the rest of it from this time on, on the clock's time, for this rate; None near its end."""
+        if (float(self.desired.times_s[-1]) - path_s) / rate < LATE_S:
+            return None
+        stop_s = None if self.stop_s is None else (self.stop_s - path_s) / rate
+        return Course(_rest_of(self.desired, path_s, rate), _rest_of(self.commands, path_s, rate), stop_s)
+
+
+def _rest_of(motion: Trajectory, path_s: float, rate: float) -> Trajectory:
+    left_s = float(motion.times_s[-1]) - path_s
+    times = np.linspace(path_s, motion.times_s[-1], max(2, int(np.ceil(left_s / REST_STEP_S)) + 1))
+    return Trajectory.hermite((times - path_s) / rate, motion(times), rate * motion(times, 1))
 
 
 class Adjusted:
@@ -160,7 +211,7 @@ class Adjusted:
                 not used beyond that.
 
         Raises:
-            TrocarError: as the robot; or a pose on the way cannot be commanded.
+            MotionRefused: as the robot; or a pose on the way cannot be commanded.
         """
         return await self._send(self._robot.move, motions, stop_s)
 
@@ -184,8 +235,8 @@ class Adjusted:
             model, until_s, settled = self._arms[arm], self._foreseen(arm, left.stop_s), self._estimators[arm].settled
             commands = corrected(model, left.desired, left.commands, settled, model.motion_limits, until_s)
             self._courses[arm] = replace(left, commands=commands)
-            successor.execution = (await self._robot.replace({arm: commands}))[arm]
-        except TrocarError:  # exceeds the limits: the current motion goes on
+            successor.result = (await self._robot.replace({arm: commands}))[arm]
+        except MotionRefused:  # exceeds the limits: the current motion goes on
             course.successor = None
             self._courses[arm] = course
         finally:
@@ -198,7 +249,7 @@ class Adjusted:
         """Drive the jaws; they are not corrected by the camera."""
         return await self._robot.jaw(arm, angle_rad)
 
-    def hold(self, *arms: str, reason: str = "") -> None:
+    def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest."""
         self._braking.update(arms or self._arms)
         self._robot.hold(*arms, reason=reason)
@@ -235,9 +286,9 @@ class Adjusted:
         self._braking.difference_update(motions)
         self.learn(*motions)
         try:
-            executions = await verb({arm: course.commands for arm, course in courses.items()})
-            return {arm: await self._last(arm, executions[arm], course) for arm, course in courses.items()}
-        except TrocarError:  # refused: the current motion goes on
+            results = await verb({arm: course.commands for arm, course in courses.items()})
+            return {arm: await self._last(arm, results[arm], course) for arm, course in courses.items()}
+        except MotionRefused:  # the current motion goes on
             for arm, course in before.items():
                 if course is None:
                     del self._courses[arm]
@@ -245,28 +296,26 @@ class Adjusted:
                     self._courses[arm] = course
             raise
 
-    async def _last(self, arm: str, execution: MotionResult, course: Course) -> MotionResult:
+    async def _last(self, arm: str, result: MotionResult, course: Course) -> MotionResult:
         """Return how a motion ended, whichever of its commands were the last."""
-        while execution.ended is MotionEnd.REPLACED and course.successor is not None:
+        while result.ended is MotionEnd.REPLACED and course.successor is not None:
             successor, course = course.successor, self._courses[arm]
             try:
                 await successor.ended.wait()
             except trio.Cancelled:  # the robot brakes for the script that waits, which is not the cancelled one here
                 self.hold(arm, reason="nobody waits for the motion any more")
                 raise
-            if successor.execution is None:
+            if successor.result is None:
                 break
-            execution = successor.execution
-        return execution
+            result = successor.result
+        return result
 
     def _course(self, arm: str, desired: Trajectory, stop_s: float | None) -> Course:
         current = self.setpoint(arm).q
         off = float(np.abs(desired(desired.times_s[0]) - current).max())
         if off > MOST_OFF_RAD:
-            raise TrocarError(
-                f"the motion of arm {arm!r} starts {off:.4f} rad (or m) away from where it is estimated to be; plan it "
-                "from its set-point"
-            )
+            problem = f"starts {off:.4f} rad (or m) away from where it is estimated to be"
+            raise StartMismatch(arm, problem, "plan it from its set-point")
         sent, settled = self._robot.setpoint(arm), self._estimators[arm].settled
         start = {"q_start": sent.q, "velocity": sent.velocity}
         commands = commands_for(self._arms[arm], desired, settled, **start, until_s=self._foreseen(arm, stop_s))

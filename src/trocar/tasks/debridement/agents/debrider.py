@@ -6,15 +6,14 @@ from functools import partial
 
 import trio
 
+from trocar.errors import ArmStopped
 from trocar.robots.concurrency import together
-from trocar.tasks.debridement.agents.eyes import CameraFrozen
-from trocar.tasks.debridement.agents.fleet import Failure, Fleet
-from trocar.tasks.debridement.agents.letting_go import WAYS, try_to_shed
-from trocar.tasks.debridement.agents.movers import ArmStopped, NoWay
+from trocar.tasks.debridement.agents.allocation import Allocation, Failure
+from trocar.tasks.debridement.agents.motions import NoMotion
+from trocar.tasks.debridement.agents.observer import CameraFrozen
 from trocar.tasks.debridement.agents.places import Grasp
-from trocar.tasks.debridement.agents.raven_arm import RavenArm
-from trocar.tasks.debridement.agents.searching import come_into_sight
-from trocar.tasks.debridement.outcomes import FragmentOutcome
+from trocar.tasks.debridement.agents.raven_arm import WAYS, RavenArm
+from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.perception.seen import SeenFragment
 
 TOO_MANY = 8
@@ -22,6 +21,8 @@ TOO_MANY = 8
 LIFTED_SHARE = 0.8
 """Jaws that have risen by this share of their lift have left the work surface."""
 SHORT_S = 0.05
+RECEPTACLE = "receptacle"
+"""The space over the receptacle is for one arm at a time (V-C.2: the arms pass a token)."""
 IDLE_S = 5.0
 """An idle arm looks again after this time, or once the other one has made progress."""
 
@@ -47,40 +48,43 @@ class Debrider:
 
     Args:
         arm: with its actions.
-        fleet: state shared with the other arm.
+        allocation: of fragments to the arms.
     """
 
-    def __init__(self, arm: RavenArm, fleet: Fleet):
-        self.arm, self.fleet, self.places = arm, fleet, arm.places
+    def __init__(self, arm: RavenArm, allocation: Allocation):
+        self.arm, self.allocation, self.places = arm, allocation, arm.places
+        self.coordinator = allocation.coordinator
         self.cell, self.name, self.s = arm.cell, arm.name, arm.s
-        self.side = fleet.sides[arm.name]
+        self.side = allocation.sides[arm.name]
         self._began_s, self._in_a_row = 0.0, 0
         self._is_home = self._looked_again = False
 
     async def run(self) -> None:
         """Clear fragments until there are none, or none within reach."""
-        self.fleet.busy.add(self.name)
+        self.allocation.busy.add(self.name)
         try:
-            await come_into_sight(self.arm)
+            await self.arm.come_into_sight()
             while await self._one_more():
                 pass
             await self._home()
-            self.fleet.give(self.name, None)
+            self.allocation.claim(self.name, None)
         except ArmStopped as stop:  # where it is now, it blocks the other arm
-            self.fleet.give(self.name, self.arm.robot.T_world_tip(self.name).translation_m)
+            self.allocation.claim(self.name, self.arm.robot.T_world_tip(self.name).translation_m)
             self.note(FragmentOutcome.ARM_STOPPED, str(stop))
         except GiveUp as end:
             self.note(end.outcome, str(end))
             await self._home()
-            self.fleet.give(self.name, None)
+            self.allocation.claim(self.name, None)
         finally:
-            self.fleet.busy.discard(self.name)
-            self.fleet.change()
-            self.arm.mover.resting(self.name).__enter__()
+            self.allocation.busy.discard(self.name)
+            self.coordinator.progress()
+            self.coordinator.leave(self.name)
 
     async def _one_more(self) -> bool:
         """Clear one fragment, or wait for one; return whether there may be more."""
-        if self._in_a_row >= TOO_MANY or (self.fleet.cleared >= self.fleet.goals and await self._all_cleared()):
+        if self._in_a_row >= TOO_MANY:
+            return False
+        if self.allocation.cleared >= self.allocation.goals and await self._all_cleared():
             return False
         self._began_s = self.cell.clock.now_s()
         found = await self._allocated()
@@ -89,15 +93,15 @@ class Debrider:
         fragment, grasp = found
         try:
             outcome, reason = await self._clear(fragment, grasp)
-        except NoWay as error:
+        except NoMotion as error:
             outcome, reason = FragmentOutcome.BLOCKED, str(error)
             await self._back()
         self._in_a_row = 0 if outcome is FragmentOutcome.DONE else self._in_a_row + 1
         if outcome is not FragmentOutcome.DONE:
             blocked = outcome is FragmentOutcome.BLOCKED
-            self.fleet.failures.append(Failure(self.name, fragment.p_world_m, self.cell.clock.now_s(), blocked))
+            self.allocation.failures.append(Failure(self.name, fragment.p_world_m, self.cell.clock.now_s(), blocked))
         self.note(outcome, reason)
-        self.fleet.give(self.name, None)
+        self.allocation.claim(self.name, None)
         return True
 
     async def _all_cleared(self) -> bool:
@@ -105,10 +109,10 @@ class Debrider:
         await self._home()
         while self._others_at_work():  # and may leave one behind that only this arm reaches
             await self._other_goes_on()
-        look = await self.arm.eyes.look(self.name)
-        left = len(self.fleet.loose([*look.fragments, *look.hidden]))
-        self.fleet.cleared = self.fleet.known.fragments - left
-        return self.fleet.cleared >= self.fleet.goals
+        observed = await self.arm.observer.observe(self.name)
+        left = len(self.allocation.loose([*observed.fragments, *observed.hidden]))
+        self.allocation.cleared = self.allocation.workspace.fragments - left
+        return self.allocation.cleared >= self.allocation.goals
 
     async def _allocated(self) -> tuple[SeenFragment, Grasp] | None:
         """Look, and claim the outermost fragment within reach, or the last one if it is nearer."""
@@ -117,36 +121,37 @@ class Debrider:
         if self.s.vision_lag_s > 0:
             with self.cell.log.span(self.name, "perception"):
                 await self.cell.clock.sleep(self.s.vision_lag_s)
-        look = await self.arm.eyes.look(self.name)
-        if self.fleet.full(look.fragments, [self.arm.robot.T_world_tip(n).translation_m for n in self.cell.arms]):
+        observed = await self.arm.observer.observe(self.name)
+        tips = [self.arm.robot.T_world_tip(name).translation_m for name in self.cell.arms]
+        if self.allocation.full(observed.fragments, tips):
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
-        seen, hidden, now_s = self.fleet.loose(look.fragments), self.fleet.loose(look.hidden), self.cell.clock.now_s()
-        loose = [*seen, *hidden]
-        choices = [self.fleet.choice(self.name, part, self.s.apart_m, now_s) for part in (seen, hidden)]
+        seen, hidden = self.allocation.loose(observed.fragments), self.allocation.loose(observed.hidden)
+        loose, now_s = [*seen, *hidden], self.cell.clock.now_s()
+        choices = [self.allocation.choices(self.name, part, self.s.apart_m, now_s) for part in (seen, hidden)]
         for fragment in [*choices[0], *choices[1]]:
             others = [f for f in loose if f is not fragment]
             grasps = self.places.grasps(fragment, others, self.arm.model, self.arm.turn_rad)
-            again = self.fleet.failures_at(fragment.p_world_m) % len(grasps)
+            again = self.allocation.failures_at(fragment.p_world_m) % len(grasps)
             grasp = self.arm.possible([*grasps[again:], *grasps[:again]])  # a different way from the one that failed
             if grasp is None:
                 continue
             if self._enough():  # while this arm looked, the other one has claimed one
                 return None
-            self.fleet.give(self.name, fragment.p_world_m)
+            self.allocation.claim(self.name, fragment.p_world_m)
             self.cell.log.event("allocated", arm=self.name, place=fragment.p_world_m.tolist())
             return fragment, grasp
-        if loose and not self.fleet.busy - {self.name}:
+        if loose and not self.allocation.busy - {self.name}:
             where = ", ".join(f"({1e3 * f.p_world_m[0]:.0f}, {1e3 * f.p_world_m[1]:.0f}) mm" for f in loose)
             self.note(FragmentOutcome.OUT_OF_REACH, f"no grasp at {where} is within reach")
         return None
 
     def _enough(self) -> bool:
         """Return whether the other arm's fragment is the last that is to be cleared."""
-        return self.fleet.cleared + len(self._others_at_work()) >= self.fleet.goals
+        return self.allocation.cleared + len(self._others_at_work()) >= self.allocation.goals
 
     def _others_at_work(self) -> set[str]:
         """Return the other arms that have claimed a fragment and are still working."""
-        return (self.fleet.busy - {self.name}) & self.fleet.taken.keys()
+        return (self.allocation.busy - {self.name}) & self.allocation.claimed.keys()
 
     async def _wait(self) -> bool:
         """Let the other arm continue; return whether to look again."""
@@ -162,21 +167,21 @@ class Debrider:
 
     async def _other_goes_on(self) -> None:
         """Return when the other arm has made progress, or after a while."""
-        with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
+        with self.cell.log.span(self.name, "waiting"), self.coordinator.idle(self.name):
             with trio.move_on_after(IDLE_S):
-                await self.fleet.changed()
+                await self.coordinator.progressed()
 
     async def _clear(self, fragment: SeenFragment, grasp: Grasp) -> tuple[FragmentOutcome, str]:
         """Take a fragment and bring it into the receptacle; return how that ended."""
         self._is_home = self._looked_again = False
         await self.arm.take(grasp)
-        self.arm.eyes.memory.take(self.name, fragment.p_world_m)
+        self.arm.observer.memory.take(self.name, fragment.p_world_m)
         try:
             if self.s.lifts_on_the_way:
                 await together(self._check_lifted, partial(self._bring, self.s.lift_m))
             else:
                 await self.arm.rise(self.s.lift_m)
-                self.fleet.carry(self.name)
+                self.allocation.carry(self.name)
                 await self._check()
                 await self._bring()
             return await self._let_go()
@@ -184,8 +189,8 @@ class Debrider:
             await self.arm.jaw(grasp.open_rad)
             return FragmentOutcome.GRASP_FAILURE, "no fragment was seen in the jaws after they closed"
         finally:
-            self.arm.eyes.memory.let_go(self.name)
-            self.fleet.token.drop(self.name)
+            self.arm.observer.memory.let_go(self.name)
+            self.coordinator.release(self.name, RECEPTACLE)
 
     async def _check(self) -> None:
         """Look whether the jaws hold a fragment.
@@ -193,7 +198,7 @@ class Debrider:
         Raises:
             NothingHeld: they do not.
         """
-        if not await self.arm.eyes.holds(self.name):
+        if not await self.arm.observer.holds(self.name):
             raise NothingHeld
 
     async def _check_lifted(self) -> None:
@@ -205,15 +210,15 @@ class Debrider:
         from_m = self.arm.height_m
         while self.arm.height_m < from_m + LIFTED_SHARE * self.s.lift_m:
             await self.cell.clock.sleep(SHORT_S)
-        self.fleet.carry(self.name)
+        self.allocation.carry(self.name)
         await self._check()
 
     async def _bring(self, lift_m: float = 0.0) -> None:
-        """Go over the receptacle, first straight up by this height; the arm then has the receptacle's token."""
-        if self.s.holds_first or not self.fleet.token.take_now(self.name):
+        """Go over the receptacle, first straight up by this height; the receptacle is then reserved for the arm."""
+        if self.s.holds_first or not self.coordinator.try_reserve(self.name, RECEPTACLE):
             await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad), lift_m)
-            with self.cell.log.span(self.name, "waiting"), self.arm.mover.resting(self.name):
-                await self.fleet.token.take(self.name)
+            with self.cell.log.span(self.name, "waiting"), self.coordinator.idle(self.name):
+                await self.coordinator.reserve(self.name, RECEPTACLE)
             lift_m = 0.0
         await self.arm.go_to_one(self.places.drop(self.side, self.arm.turn_rad), lift_m)
 
@@ -222,11 +227,11 @@ class Debrider:
         self.cell.log.event("releasing", arm=self.name)
         await self.arm.jaw(self.s.open_rad)
         for number in range(WAYS + 1):
-            if not self.s.checks_release or not await self.arm.eyes.clings(self.name):
-                self.fleet.cleared += 1
+            if not self.s.checks_release or not await self.arm.observer.clings(self.name):
+                self.allocation.cleared += 1
                 return FragmentOutcome.DONE, ""
             if number < WAYS:
-                await try_to_shed(self.arm, number)
+                await self.arm.shed(number)
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
 
     async def _back(self) -> None:
@@ -234,7 +239,7 @@ class Debrider:
         try:
             await self.arm.jaw(self.s.open_rad)
             await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad))
-        except NoWay:
+        except NoMotion:
             self.cell.log.event("stayed", arm=self.name)
 
     async def _home(self) -> None:
@@ -244,7 +249,7 @@ class Debrider:
         try:
             await self.arm.go_to_one(self.places.home(self.side, self.arm.turn_rad))
             self._is_home = True
-        except NoWay:
+        except NoMotion:
             self.cell.log.event("stayed", arm=self.name)
 
     def note(self, outcome: FragmentOutcome, reason: str) -> None:
@@ -254,7 +259,7 @@ class Debrider:
         )
 
 
-async def work(debriders: list[Debrider]) -> None:
+async def run_all(debriders: list[Debrider]) -> None:
     """Run the scripts of all arms; a camera failure ends them all, wherever they are."""
     frozen: list[CameraFrozen] = []
 
@@ -269,7 +274,7 @@ async def work(debriders: list[Debrider]) -> None:
 
         async def watch(debrider: Debrider) -> None:
             try:
-                await debrider.arm.eyes.watch(debrider.name)
+                await debrider.arm.observer.follow(debrider.name)
             except CameraFrozen as error:
                 frozen.append(error)
                 nursery.cancel_scope.cancel()

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
 from trocar.arms import ArmModel, ik
-from trocar.errors import OutOfReach
+from trocar.errors import ArmStopped, NoPlan, OutOfReach
 from trocar.geometry import SE3
 from trocar.motion import rest_to_rest
 from trocar.robots.concurrency import together
-from trocar.tasks.debridement.agents.eyes import Eyes
-from trocar.tasks.debridement.agents.motion_asked import Asked, Problems
-from trocar.tasks.debridement.agents.movers import WAIT_S, ArmStopped, Mover, NoWay, names_another_arm, run
+from trocar.tasks.debridement.agents.motions import MotionProblems, MotionRunner, NoMotion, TipGoal
+from trocar.tasks.debridement.agents.observer import StereoObserver
 from trocar.tasks.debridement.agents.places import Grasp, Places, raised, turn_of
 from trocar.tasks.debridement.agents.settings import Settings
 
-TRIES = 60
-"""An arm that finds no path asks this many times, a quarter of a second apart, before it gives up."""
+TRIES, WAIT_S = 60, 0.25
+"""An arm that finds no path asks this many times, this long apart, before it gives up; the other one moves on
+meanwhile."""
 HIDDEN_TRIES = 8
 """It waits for this many looks (3 s) until its marks are visible. In that time the other arm passes, or it rests in
 front of them; then the fragment is left to that arm, which would otherwise stay where it hides the marks."""
@@ -48,6 +50,36 @@ FIRST_SHARE = 0.5
 CLOSING_STEPS = 25
 """A slow closing of the jaws consists of this many small steps."""
 
+SEARCH_M = (
+    (0.0, 0.0, 0.0),
+    (0.0, 0.0, -0.02),
+    (-0.02, 0.0, -0.02),
+    (-0.04, 0.0, -0.02),
+    (-0.02, 0.02, -0.04),
+    (-0.02, -0.03, -0.02),
+    (0.0, -0.03, 0.0),
+    (-0.04, 0.03, 0.01),
+    (-0.02, 0.0, 0.03),
+    (0.02, 0.0, 0.0),
+)
+"""Displacements that an unseen arm tries, one after the other: down and towards the middle first (x), then across and
+up. Its true position is unknown; if it were low, it would be in the picture."""
+SHAKES, SHAKEN_RAD = 2, 2.0
+"""Jaws to which a fragment clings close and open this wide, this many times. Both fingers pull a charged fragment up
+between them, to where it is as wide as their gap; opened this far, mostly only one of them keeps it, hanging below its
+face, and closing changes how it hangs."""
+SHAKEN_M = 0.008
+"""The first time they rise by this meanwhile, so that a fragment that merely lay behind the jaws stays behind."""
+STROKES = tuple(product((1.2, 2.0, 0.7), (0.014, 0.013, 0.012)))
+"""If it still clings, the tip goes down with this jaw opening (rad) to this height over the work surface (m), and the
+jaws close there: the fingers' ends, then 10 mm below the tip, rub what hangs from one of them on the receptacle's
+floor, or grasp it. If one way does not help, another is tried."""
+WAYS = SHAKES + len(STROKES)
+
+
+class NotSeen(ArmStopped):
+    """No camera sees the gripper, wherever it is moved."""
+
 
 class RavenArm:
     """Actions of one arm.
@@ -55,15 +87,23 @@ class RavenArm:
     Args:
         problems: the laboratory and its obstacles.
         name: of the arm.
-        eyes: the camera.
-        mover: plans and moves.
+        observer: the camera.
+        runner: plans and moves.
         places: where things are.
         settings: of the method.
     """
 
-    def __init__(self, problems: Problems, name: str, eyes: Eyes, mover: Mover, places: Places, settings: Settings):
+    def __init__(
+        self,
+        problems: MotionProblems,
+        name: str,
+        observer: StereoObserver,
+        runner: MotionRunner,
+        places: Places,
+        settings: Settings,
+    ):
         self.problems, self.cell, self.robot = problems, problems.cell, problems.robot
-        self.name, self.eyes, self.mover, self.places, self.s = name, eyes, mover, places, settings
+        self.name, self.observer, self.runner, self.places, self.s = name, observer, runner, places, settings
         self.side = places.side(problems.cell.T_world_base_registered[name])
         self._been_down = False
 
@@ -93,7 +133,7 @@ class RavenArm:
             lift_m: the first step begins straight up by this height.
 
         Raises:
-            NoWay: no plan was found for a long time.
+            NoMotion: no plan was found for a long time.
             ArmStopped: the arm does not move as commanded.
         """
         speed = speed_m_s or self.s.tip_speed_m_s
@@ -104,15 +144,15 @@ class RavenArm:
         visits, nearest_m, in_vain = 0, np.inf, 0
         while True:
             if lift_m > 0:
-                await self._lift(Asked(T_world_goal, speed), lift_m)
+                await self._lift(TipGoal(T_world_goal, speed), lift_m)
                 lift_m = 0.0
             else:
                 if not straight:
                     await self._rise()  # an arm that was stopped because it was off its path may be low
-                await self._step(Asked(T_world_goal, speed, straight, beside_wall))
+                await self._step(TipGoal(T_world_goal, speed, straight, beside_wall))
             if precise:
                 await self.settle()
-                await self.eyes.glance(self.name)
+                await self.observer.track(self.name)
             T_world_tip = self.robot.T_world_tip(self.name)
             off = np.abs(T_world_tip.translation_m - T_world_goal.translation_m)
             away_m = float(np.linalg.norm(off))
@@ -122,10 +162,14 @@ class RavenArm:
             if (off < [aside_m, aside_m, high_m]).all() or visits > self.s.max_visits:
                 return
             if in_vain == IN_VAIN:
-                raise NoWay(f"arm {self.name!r} gets no nearer than {1e3 * nearest_m:.0f} mm to its goal", lasting=True)
+                raise self._no_motion(
+                    f"arm {self.name!r} gets no nearer than {1e3 * nearest_m:.0f} mm to its goal", True
+                )
             high = float(T_world_tip.translation_m[2] - T_world_goal.translation_m[2])
             if precise and straight and in_vain >= PRESSING and high > PRESSING_M:
-                raise NoWay(f"the fingers of arm {self.name!r} stand on something {1e3 * high:.0f} mm over the grasp")
+                raise self._no_motion(
+                    f"the fingers of arm {self.name!r} stand on something {1e3 * high:.0f} mm over the grasp"
+                )
             if straight and (T_world_tip.rotation.inverse() @ T_world_goal.rotation).angle() < ASKEW_RAD:
                 T_world_goal = SE3.from_parts(T_world_tip.rotation, T_world_goal.translation_m)
 
@@ -134,40 +178,39 @@ class RavenArm:
         T_world_tip = self.robot.T_world_tip(self.name)
         low = self.places.table_m + LOW_M - float(T_world_tip.translation_m[2])
         if low > 0:
-            await self._step(Asked(raised(T_world_tip, low), self.s.descent_speed_m_s, straight=True))
+            await self._step(TipGoal(raised(T_world_tip, low), self.s.descent_speed_m_s, straight=True))
 
-    async def _lift(self, asked: Asked, by_m: float) -> None:
+    async def _lift(self, goal: TipGoal, by_m: float) -> None:
         """Go straight up, and on without a stop; if no such path is found, only go up."""
         up = raised(self.robot.T_world_tip(self.name), by_m)
         try:
-            await self.mover.step(self.name, replace(asked, T_world_through=up), self.s.step_m)
-        except NoWay:
+            await self.runner.step(self.name, replace(goal, T_world_through=up))
+        except NoMotion:
             await self.rise(by_m)
 
-    async def _step(self, asked: Asked) -> None:
+    async def _step(self, goal: TipGoal) -> None:
         """Go one step, as soon as there is a path."""
         for number in range(TRIES):
             try:
-                return await self.mover.step(self.name, asked, self.s.step_m)
-            except NoWay as error:
+                return await self.runner.step(self.name, goal)
+            except NoMotion as error:
                 if error.begins_too_near:
-                    await self._withdraw(str(error))
+                    await self._withdraw(error.at_another_arm)
                     continue
                 if number == TRIES - 1 or (error.lasting and number >= FEW):
                     raise
                 with self.cell.log.span(self.name, "waiting"):
                     await self.cell.clock.sleep(WAIT_S)
-                await self.eyes.glance(self.name)  # the same estimate gives the same path, or none
+                await self.observer.track(self.name)  # the same estimate gives the same path, or none
 
-    async def _withdraw(self, reason: str) -> None:
+    async def _withdraw(self, from_arm: bool) -> None:
         """Move a little away from what the arm is estimated to be too close to, after a change of the estimate.
 
         No plan can begin there; the robot's guard lets arms that are too close move apart, but no closer.
         """
         T_world_tip, aside = self.robot.T_world_tip(self.name), np.array([self.side, 0.0, 0.0])
         up = np.array([0.0, 0.0, 1.0])
-        another = names_another_arm(reason, self.name, self.cell.arms)
-        ways = (aside, aside + up, up, -aside) if another else (up, aside + up)
+        ways = (aside, aside + up, up, -aside) if from_arm else (up, aside + up)
         for way in ways:
             goal = SE3.from_parts(T_world_tip.rotation, T_world_tip.translation_m + WITHDRAWN_M * way)
             try:
@@ -177,9 +220,12 @@ class RavenArm:
                     reference=self.robot.setpoint(self.name).q,
                 )
                 motion = rest_to_rest(self.robot.setpoint(self.name).q, goal_q, self.model.motion_limits)
-                return await run(self.cell, self.robot, self.name, motion, None)
-            except (NoWay, OutOfReach):
+                return await self.runner.run(self.name, motion)
+            except (NoMotion, OutOfReach):
                 continue
+
+    def _no_motion(self, reason: str, lasting: bool = False) -> NoMotion:
+        return NoMotion(self.name, NoPlan(reason), lasting=lasting)
 
     @property
     def turn_rad(self) -> float:
@@ -199,20 +245,21 @@ class RavenArm:
         """Go to the first of several places that is within reach, after rising straight up by this height.
 
         Raises:
-            NoWay: none is; or as ``go``.
+            NoMotion: none is; or as ``go``.
         """
-        reason, tried = f"no place of {len(places)} is within reach of arm {self.name!r}", 0
+        refusal = self._no_motion(f"no place of {len(places)} is within reach of arm {self.name!r}", lasting=True)
+        tried = 0
         for place in places:
             if tried == ENOUGH_PLACES or not self.reachable(place):  # according to the present estimate
                 continue
             try:
                 tried += 1
                 return await self.go(place, lift_m=lift_m)
-            except NoWay as error:
+            except NoMotion as error:
                 if not error.lasting:
                     raise
-                reason, lift_m = str(error), 0.0
-        raise NoWay(reason, lasting=True)
+                refusal, lift_m = error, 0.0
+        raise refusal
 
     def possible(self, grasps: Sequence[Grasp]) -> Grasp | None:
         """Return the first grasp that is within reach, with the path up after it."""
@@ -241,7 +288,7 @@ class RavenArm:
             for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
                 execution = await self.cell.robot.jaw(self.name, start + share * (angle_rad - start))
                 if not execution.done:
-                    raise ArmStopped(execution.reason)
+                    raise ArmStopped(self.name, execution.reason)
                 await self.cell.clock.sleep(over_s / steps)
 
     async def take(self, grasp: Grasp) -> None:
@@ -274,7 +321,7 @@ class RavenArm:
             up = raised(self.robot.T_world_tip(self.name), share * by_m)
             try:
                 return await self.go(up, straight=True)
-            except NoWay as error:
+            except NoMotion as error:
                 if not error.lasting:
                     raise
         self.cell.log.event("not_lifted", arm=self.name)
@@ -283,12 +330,45 @@ class RavenArm:
         """Wait until the camera has recently seen the gripper.
 
         Raises:
-            NoWay: it has not seen it for a long time.
+            NoMotion: it has not seen it for a long time.
         """
         for _ in range(HIDDEN_TRIES):
             if self.robot.age_s(self.name) <= self.s.fresh_s:
                 return
-            await self.eyes.glance(self.name)
+            await self.observer.track(self.name)
             with self.cell.log.span(self.name, "waiting"):
                 await self.cell.clock.sleep(WAIT_S)
-        raise NoWay("the marks on the gripper are hidden")
+        raise self._no_motion("the marks on the gripper are hidden")
+
+    async def come_into_sight(self) -> None:
+        """Get the gripper seen once, however wrong its kinematics are.
+
+        Raises:
+            NotSeen: it is not seen anywhere.
+        """
+        T_world_start = self.robot.T_world_tip(self.name)
+        for x, y, z in SEARCH_M:
+            off = np.array([self.side * x, y, z])
+            goal = SE3.from_parts(T_world_start.rotation, T_world_start.translation_m + off)
+            with suppress(NoMotion):
+                await self.runner.step(self.name, TipGoal(goal, self.s.tip_speed_m_s, straight=True))
+                await self.settle()
+                await self.observer.observe(self.name)
+            if self.robot.age_s(self.name) < np.inf:
+                return
+        raise NotSeen(self.name, f"no camera sees the gripper of arm {self.name!r}")
+
+    async def shed(self, number: int) -> None:
+        """Try way ``number`` of ``WAYS`` to shake off a fragment that clings; then the jaws are wide open.
+
+        Args:
+            number: 0 and on, in shakes; then, over the floor of the receptacle, in strokes.
+        """
+        if number == 0:
+            await together(partial(self.jaw, 0.0), partial(self.rise, SHAKEN_M))
+        elif number < SHAKES:
+            await self.jaw(0.0)
+        else:
+            open_rad, height_m = STROKES[number - SHAKES]
+            await self.stroke(self.places.table_m + height_m, open_rad)
+        await self.jaw(SHAKEN_RAD)

@@ -14,9 +14,18 @@ from trocar.geometry import SE3
 from trocar.perception.color import to_hsv
 from trocar.perception.depth import project
 from trocar.perception.image import StereoImage, StereoRig
-from trocar.tasks.debridement.perception.mark_fit import JAW_RANGE, Fit, Spot, fit_marks, rough_fit
 from trocar.tasks.debridement.perception.mark_picture import Drawing, draw_marks
-from trocar.tasks.debridement.perception.marks import MarkPair, mark_points_m, pair_blobs, seen_blobs
+from trocar.tasks.debridement.perception.marks import (
+    JAW_RANGE,
+    Fit,
+    MarkPair,
+    Spot,
+    fit_marks,
+    mark_points_m,
+    pair_blobs,
+    rough_fit,
+    seen_blobs,
+)
 from trocar.tasks.debridement.perception.seen import SeenGripper
 
 MIN_MARKS, MIN_SPOTS = 3, 6

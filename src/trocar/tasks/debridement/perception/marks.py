@@ -1,8 +1,10 @@
-"""The coloured marks on a gripper's fingers, in both eyes (Kehoe 2014, V-A.2)."""
+"""The coloured marks on a gripper's fingers in both eyes, and the pose that explains them (Kehoe 2014, V-A.2)."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations, product
 
 import cv2
@@ -10,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms.instrument import FingerMarks
+from trocar.geometry import SE3, SO3
 from trocar.perception.color import HueRange
+from trocar.perception.depth import rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.perception.stereo import triangulate
 
@@ -136,3 +140,116 @@ def seen_blobs(
         (find_blobs(hsv[0], color, lenses[0], marks), find_blobs(hsv[1], color, lenses[1], marks))
         for color in mark_colors(marks)
     ]
+
+
+JAW_GUESSES = np.radians(np.arange(0.0, 125.0, 15.0))
+JAW_RANGE = np.radians([-12.0, 135.0])
+MAX_ROUGH_M = 3e-3
+"""Maximum RMS distance of the marks from their places for a guess good enough to refine."""
+STEPS = 8
+STEP_DONE = 1e-6
+SPOT_SD_PX = 0.25
+"""Standard deviation of a spot's middle from which the uncertainty of a fit is computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A mark as seen by one eye.
+
+    Attributes:
+        mark: its number, as in ``mark_points_m``.
+        right: whether the right eye saw it.
+        blob: the spot.
+        middle_px: (2,) u, v of the mark's middle: that of the spot, corrected for occlusion by the fingers.
+    """
+
+    mark: int
+    right: bool
+    blob: Blob
+    middle_px: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A gripper that explains the spots.
+
+    Attributes:
+        T_camera_tip: pose in the left eye's frame.
+        jaw_rad: opening.
+        residual_px: root mean square of u and v.
+        sd_m: standard deviation of the place, in its worst direction.
+        sd_rad: likewise of the rotation.
+        marks: how many were used.
+    """
+
+    T_camera_tip: SE3
+    jaw_rad: float
+    residual_px: float = np.inf
+    sd_m: float = np.inf
+    sd_rad: float = np.inf
+    marks: int = 0
+
+
+def rough_fit(named: Mapping[int, MarkPair], marks: FingerMarks, tip_length_m: float) -> Fit | None:
+    """Return the best rigid fit to the triangulated points over all openings (Kabsch), or None if there is none."""
+    seen = np.array([pair.point_m for pair in named.values()])
+    models = _guessed(marks, tip_length_m)[:, list(named)]
+    middles = models.mean(1, keepdims=True)
+    u, _, vt = np.linalg.svd(np.einsum("ji,kjl->kil", seen - seen.mean(0), models - middles))
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    turns = u @ vt
+    moved = np.einsum("kil,kjl->kji", turns, models - middles) + seen.mean(0)
+    rms = np.sqrt(np.mean(np.sum((moved - seen) ** 2, -1), -1))
+    best = int(np.argmin(rms))
+    if rms[best] > MAX_ROUGH_M:
+        return None
+    place = seen.mean(0) - turns[best] @ middles[best, 0]
+    return Fit(SE3.from_parts(SO3.unchecked(turns[best]), place), float(JAW_GUESSES[best]))
+
+
+def fit_marks(spots: Sequence[Spot], rig: StereoRig, marks: FingerMarks, tip_length_m: float, guess: Fit) -> Fit:
+    """Return the pose and opening that bring the marks nearest to the spots in both eyes (Gauss-Newton)."""
+    R, t, jaw = guess.T_camera_tip.rotation.matrix, guess.T_camera_tip.translation_m, guess.jaw_rad
+    R_left_right, shift = rig.T_left_right.rotation.matrix, rig.T_left_right.translation_m
+    mark, in_right = np.array([spot.mark for spot in spots]), np.array([spot.right for spot in spots])
+    flat_seen = np.array([rays_through((rig.left, rig.right)[spot.right], spot.middle_px)[:2] for spot in spots])
+    residual, full = np.zeros_like(flat_seen), np.zeros((2 * len(spots), 7))
+    for _ in range(STEPS):
+        points, slopes = _model(marks, tip_length_m, jaw)
+        turned = points[mark] @ R.T
+        seen = turned + t
+        jacobian = np.empty((len(seen), 3, 7))
+        jacobian[:, :, :3] = np.eye(3)
+        x, y, z = turned.T
+        zero = np.zeros_like(x)
+        jacobian[:, :, 3:6] = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], -1).reshape(-1, 3, 3)
+        jacobian[:, :, 6] = slopes[mark] @ R.T
+        seen[in_right] = (seen[in_right] - shift) @ R_left_right
+        jacobian[in_right] = R_left_right.T @ jacobian[in_right]
+        flat = seen[:, :2] / seen[:, 2:]
+        residual = flat_seen - flat
+        full = ((jacobian[:, :2] - flat[..., None] * jacobian[:, 2:]) / seen[:, 2:, None]).reshape(-1, 7)
+        step = np.linalg.lstsq(full, residual.ravel(), rcond=1e-9)[0]
+        t = t + step[:3]
+        R = SO3.exp(step[3:6]).matrix @ R
+        jaw = float(np.clip(jaw + step[6], JAW_RANGE[0] - 0.2, JAW_RANGE[1] + 0.2))
+        if np.abs(step).max() < STEP_DONE:
+            break
+    rms = float(np.sqrt(np.mean(residual**2)))
+    covariance = np.linalg.pinv(full.T @ full) * (SPOT_SD_PX / rig.left.fx) ** 2
+    sd_m, sd_rad = (float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (covariance[:3, :3], covariance[3:6, 3:6]))
+    return Fit(SE3.from_parts(SO3.unchecked(R), t), jaw, rms * rig.left.fx, sd_m, sd_rad, len(set(mark.tolist())))
+
+
+def _model(marks: FingerMarks, tip_length_m: float, jaw_rad: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the marks' middles (4, 3) in the tip frame, and how they move with the opening (4, 3)."""
+    in_finger = np.concatenate([marks.centers_m(side, jaw_rad) for side in (1, -1)])
+    half = np.array([0.5, 0.5, -0.5, -0.5])
+    turning = np.column_stack([-half * in_finger[:, 1], half * in_finger[:, 0], np.zeros(4)])
+    return tip_from_finger(in_finger, tip_length_m), tip_from_finger(turning, 0.0)
+
+
+@lru_cache(maxsize=16)
+def _guessed(marks: FingerMarks, tip_length_m: float) -> NDArray[np.float64]:
+    """Return the marks' middles (n, 4, 3) in the tip frame for each opening that is tried."""
+    return np.array([mark_points_m(marks, tip_length_m, jaw) for jaw in JAW_GUESSES])

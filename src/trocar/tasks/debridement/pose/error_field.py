@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from trocar.arms import ArmModel, fk, ik_near
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3
-from trocar.tasks.debridement.pose.estimator import check_order
+from trocar.tasks.debridement.pose.estimators import check_order
 
 FIELD_SD = np.array([0.04, 0.04, 0.007, 0.1, 0.1, 0.1])
 """SD of the part of a joint's error that changes with position, rad and m: 7 mm at 17 cm, the error of the recorded

@@ -6,12 +6,154 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidValue
 from trocar.geometry import SE3, SO3
-from trocar.tasks.debridement.pose.error_belief import ErrorEstimate
-from trocar.tasks.debridement.pose.estimator import check_order
-from trocar.tasks.debridement.pose.kinematic_history import KinematicHistory
+from trocar.tasks.debridement.pose.estimators import check_order
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicHistory:
+    """Kinematic poses up to now.
+
+    Attributes:
+        T_base_first: where they began; gains act on the change since then, to be independent of the constant.
+        T_base_last: the last pose.
+        t_s: its time.
+        lag: (6,) translation in m and rotation vector in rad, both in the base frame, from the last pose to one that
+            follows the poses with a first-order lag.
+        lag_s: time constant of that lag.
+    """
+
+    T_base_first: SE3
+    T_base_last: SE3
+    t_s: float
+    lag: NDArray[np.float64]
+    lag_s: float
+
+    @staticmethod
+    def begin(t_s: float, T_base_kinematic: SE3, lag_s: float) -> KinematicHistory:
+        """Return the history of a first pose, assumed to be at rest."""
+        return KinematicHistory(T_base_kinematic, T_base_kinematic, t_s, np.zeros(6), lag_s)
+
+    def then(self, t_s: float, T_base_kinematic: SE3) -> KinematicHistory:
+        """Return the history after one more pose, reached at constant velocity."""
+        dt_s = t_s - self.t_s
+        if dt_s <= 0:
+            return self if dt_s < 0 else replace(self, T_base_last=T_base_kinematic)
+        kept = np.exp(-dt_s / self.lag_s)
+        velocity = _change(self.T_base_last, T_base_kinematic) / dt_s
+        lag = kept * self.lag - (1 - kept) * self.lag_s * velocity
+        return replace(self, T_base_last=T_base_kinematic, t_s=t_s, lag=lag)
+
+    def translation_design(self) -> NDArray[np.float64]:
+        """Return (3, 19): constant, drift, lag, offset in the tool frame (3), gain matrix on the position (9)."""
+        first, last = self.T_base_first, self.T_base_last
+        tool = last.rotation.matrix - first.rotation.matrix
+        position = np.kron(last.translation_m - first.translation_m, np.eye(3))
+        return np.hstack([np.eye(3), np.eye(3), self.lag[:3, None], tool, position], dtype=np.float64)
+
+    def rotation_design(self) -> NDArray[np.float64]:
+        """Return (3, 16): constant, drift, lag, gain matrix on the rotation vector (9)."""
+        turn = _change(self.T_base_first, self.T_base_last)[3:]
+        return np.hstack([np.eye(3), np.eye(3), self.lag[3:, None], np.kron(turn, np.eye(3))], dtype=np.float64)
+
+
+def _change(T_from: SE3, T_to: SE3) -> NDArray[np.float64]:
+    """Return translation and rotation vector (6,) in the base frame."""
+    turn = (T_to.rotation @ T_from.rotation.inverse()).log()
+    return np.concatenate([T_to.translation_m - T_from.translation_m, turn])
+
+
+GATE = float(chi2.ppf(0.999, 3))
+"""Squared Mahalanobis distance that one in a thousand good observations (3,) exceeds."""
+NOISE_PASSES = 2
+"""Fixed-point iterations between state and noise; a third changes the noise by less than a percent."""
+DRIFT = slice(3, 6)
+"""Indices of the drift in the state: after the constant (3,), before the gains."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorEstimate:
+    """The estimate of ``error = H x + noise`` with state x = (constant, drift, gains).
+
+    The drift is an Ornstein-Uhlenbeck process, the rest is constant. The noise is normal with an unknown covariance
+    (inverse Wishart), learned beside the state by variational Bayes (Sarkka and Nummenmaa 2009).
+
+    Attributes:
+        mean: (n,) of the state.
+        covariance: (n, n).
+        scatter: (3, 3) weighted sum of squared residuals so far, the prior's included.
+        count: how many observations the scatter stands for.
+        drift_sd: of each axis of the drift, in the unit of the error.
+        drift_s: time in which the drift decays by 63 %.
+    """
+
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    scatter: NDArray[np.float64]
+    count: float
+    drift_sd: float
+    drift_s: float
+
+    @staticmethod
+    def prior(
+        constant_sd: float, gain_sds: list[float], noise: tuple[float, float], drift: tuple[float, float]
+    ) -> ErrorEstimate:
+        """Return the belief before any observation.
+
+        Args:
+            constant_sd: of each axis of the constant.
+            gain_sds: of each gain.
+            noise: standard deviation per axis, and the number of observations that this guess is worth.
+            drift: ``drift_sd`` and ``drift_s``.
+        """
+        sds = np.array([constant_sd] * 3 + [drift[0]] * 3 + gain_sds)
+        return ErrorEstimate(
+            np.zeros(len(sds)), np.diag(sds**2), noise[1] * noise[0] ** 2 * np.eye(3), noise[1], *drift
+        )
+
+    @property
+    def noise(self) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of the noise."""
+        return self.scatter / self.count
+
+    def after(self, dt_s: float, wandered_sd: float = 0.0) -> ErrorEstimate:
+        """Return the belief a time ``dt_s`` later, after an additional wander of the drift on each axis."""
+        kept = np.exp(-dt_s / self.drift_s)
+        decay = np.ones(len(self.mean))
+        decay[DRIFT] = kept
+        covariance = decay[:, None] * self.covariance * decay
+        covariance[DRIFT, DRIFT] += (self.drift_sd**2 * (1 - kept**2) + wandered_sd**2) * np.eye(3)
+        return replace(self, mean=decay * self.mean, covariance=covariance)
+
+    def observed(self, H: NDArray[np.float64], error: NDArray[np.float64], weight: float = 1.0) -> ErrorEstimate:
+        """Return the belief after an observation.
+
+        One beyond the gate loses weight with its squared distance: a gross outlier hardly counts, but an error that
+        really jumped is followed eventually, which a hard gate might never do.
+
+        Args:
+            H: (3, n).
+            error: (3,) as observed.
+            weight: in (0, 1], as a share of an independent observation.
+        """
+        surprise = error - H @ self.mean
+        spread = H @ self.covariance @ H.T
+        distance2 = surprise @ np.linalg.solve(spread + self.noise / weight, surprise)
+        weight *= float(GATE / max(distance2, GATE))
+        count, noise = self.count + weight, self.noise
+        mean, covariance, scatter = self.mean, self.covariance, self.scatter
+        for _ in range(NOISE_PASSES):
+            gain = np.linalg.solve(spread + noise / weight, H @ self.covariance).T
+            mean, covariance = self.mean + gain @ surprise, self.covariance - gain @ H @ self.covariance
+            residual = error - H @ mean
+            scatter = self.scatter + weight * (np.outer(residual, residual) + H @ covariance @ H.T)
+            noise = scatter / count
+        covariance = (covariance + covariance.T) / 2
+        return replace(self, mean=mean, covariance=covariance, scatter=scatter, count=count)
+
 
 WAY_M = 0.010
 """Distance travelled by the gripper to which ``FilterSettings.way_m`` and ``way_rad`` refer."""
@@ -64,7 +206,7 @@ class FilterSettings:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not 0 < value < np.inf:
-                raise TrocarError(f"filter setting {name} is {value}; give a finite number above 0")
+                raise InvalidValue(f"filter setting {name}", value, "give a finite number above 0")
 
 
 @dataclass(frozen=True, eq=False)

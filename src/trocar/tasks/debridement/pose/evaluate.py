@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
-from trocar.tasks.debridement.pose.estimator import PoseEstimator
+from trocar.errors import InvalidInput, InvalidValue
+from trocar.tasks.debridement.pose.estimators import PoseEstimator
 from trocar.tasks.debridement.pose.pairs import PosePairs
 
 E = TypeVar("E", bound=PoseEstimator)
@@ -70,10 +70,10 @@ def replay(make: Callable[[], E], pairs: PosePairs, horizon_s: float) -> Iterato
     a detection that old are not targets.
 
     Raises:
-        TrocarError: the horizon is not above 0.
+        InvalidValue: the horizon is not above 0.
     """
     if not horizon_s > 0:
-        raise TrocarError(f"a horizon of {horizon_s} s leaves nothing to predict; give a number above 0")
+        raise InvalidValue("the horizon", f"{horizon_s} s", "give a number above 0")
     t_s, detected, kinematic = pairs.times_s, pairs.T_base_detected, pairs.T_base_kinematic
     estimator, known = make(), 0
     for k in range(len(pairs)):
@@ -92,7 +92,7 @@ def prediction_errors(make: Callable[[], PoseEstimator], pairs: PosePairs, horiz
     """Return the errors of a fresh estimator over all targets of :func:`replay`.
 
     Raises:
-        TrocarError: the recording is shorter than the horizon.
+        InvalidInput: the recording is shorter than the horizon.
     """
     rows = []
     for k, last, estimator in replay(make, pairs, horizon_s):
@@ -102,7 +102,9 @@ def prediction_errors(make: Callable[[], PoseEstimator], pairs: PosePairs, horiz
         turn_rad = (T.rotation.inverse() @ seen.rotation).angle()
         rows.append((k, pairs.times_s[k] - pairs.times_s[last], shift_m, turn_rad))
     if not rows:
-        raise TrocarError(f"no pair comes {horizon_s} s after another; give a longer recording or a shorter horizon")
+        raise InvalidInput(
+            "the recording", f"has no pair {horizon_s} s after another", "give a longer one or a shorter horizon"
+        )
     k, ages_s, translation_m, rotation_rad = np.array(rows, dtype=np.float64).T
     return PredictionErrors(horizon_s, k.astype(int), ages_s, translation_m, rotation_rad)
 
@@ -139,7 +141,7 @@ def detection_noise(pairs: PosePairs, within_s: float = 0.7) -> NDArray[np.float
     subtracting the kinematic position. Slower changes, of the camera or of the arm, are not included.
 
     Raises:
-        TrocarError: there are no three such images.
+        InvalidInput: there are no three such images.
     """
     # The first pair of each image; those that follow within a few milliseconds repeat its position.
     rows = np.flatnonzero(np.diff(pairs.times_s, prepend=-np.inf) > SAME_IMAGE_S)
@@ -147,7 +149,7 @@ def detection_noise(pairs: PosePairs, within_s: float = 0.7) -> NDArray[np.float
     error_m = (pairs.T_base_detected.translation_m - pairs.T_base_kinematic.translation_m)[rows]
     near = np.flatnonzero(t_s[2:] - t_s[:-2] <= within_s)
     if not len(near):
-        raise TrocarError(f"no three images lie within {within_s} s; give a recording with more detections")
+        raise InvalidInput("the recording", f"has no three images within {within_s} s", "give one with more detections")
     share = ((t_s[1:-1] - t_s[:-2]) / (t_s[2:] - t_s[:-2]))[near, None]
     bend = error_m[near + 1] - (1 - share) * error_m[near] - share * error_m[near + 2]
     bend /= np.sqrt(1 + share**2 + (1 - share) ** 2)

@@ -1,18 +1,117 @@
-"""Table I from the rows of trials, with 95 % intervals that count sessions."""
+"""Trials in numbers, and the figures of Table I from them, with 95 % intervals that count sessions."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from trocar.report.parts import parts_of
+from trocar.tasks.debridement.report.table_one import MODES, PARTS
+
+if TYPE_CHECKING:
+    from trocar.eval.trial import Trial
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
 from trocar.eval.statistics import session_interval
 from trocar.report.comparison import ratio_estimate, session_estimate
-from trocar.tasks.debridement.report.published import MODES, PARTS
-from trocar.tasks.debridement.report.row import Row
+
+COUNTED = {
+    **dict.fromkeys(("capture", "perception", "settling"), "perception"),
+    "planning": "planning",
+    **dict.fromkeys(("motion", "jaw"), "motion"),
+}
+"""Part of Table I for which a span counts. Everything else is waiting: for the other arm, its token or its plan, for
+the camera or, if an arm notes nothing, with nothing left to do."""
+
+OF_FRAGMENTS = ("fragment_false_negatives", "fragment_false_positives")
+"""Modes that are counted per fragment, each at most once; the others are counted per attempt."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial.
+
+    Attributes:
+        fingerprint: of its run.
+        session: number.
+        index: of the trial in its session.
+        fragments: their number.
+        cleared: how many were cleared.
+        first_attempts: fragments that were cleared at the first attempt, without any failure on the way.
+        attempts: closings of jaws, at all fragments.
+        recoveries: failures of grasping or movement after which the fragment was still cleared.
+        duration_s: of the whole trial.
+        parts_s: by part of Table I, mean of the working arms; they add up to the duration.
+        plans: requested by all arms.
+        modes: for each failure mode, how often it occurred, and out of how many fragments or attempts.
+        collisions: contacts of arms with the receptacle, the table and each other.
+        ended: ``done``, or what stopped the script.
+        failures: names of the outcomes of fragments that were not cleared, with their number.
+        wall_s: real time of the trial; 0 if it was lost.
+    """
+
+    fingerprint: str
+    session: int
+    index: int
+    fragments: int
+    cleared: int
+    first_attempts: int
+    attempts: int
+    recoveries: int
+    duration_s: float
+    parts_s: dict[str, float]
+    plans: int
+    modes: dict[str, list[int]]
+    collisions: int
+    ended: str
+    failures: dict[str, int]
+    wall_s: float
+
+
+def row_of(trial: Trial) -> Row:
+    """Return a trial's row."""
+    scores = trial.scores
+    return Row(
+        fingerprint=trial.about["fingerprint"],
+        session=trial.about["session"],
+        index=trial.about["index"],
+        fragments=len(scores),
+        cleared=sum(bool(score["succeeded"]) for score in scores),
+        first_attempts=sum(bool(score["first_attempt"]) for score in scores),
+        attempts=sum(score["attempts"] for score in scores),
+        recoveries=sum(score["recoveries"] for score in scores),
+        duration_s=trial.duration_s,
+        parts_s=_parts(trial),
+        plans=sum(span.name == "planning" for span in trial.spans),
+        modes={
+            mode: [sum(pair) for pair in zip(*(_counted(score, mode) for score in scores), strict=True)] or [0, 0]
+            for mode in MODES
+        },
+        collisions=len(trial.collisions),
+        ended=trial.ended,
+        failures=dict(Counter(str(score["failure"]) for score in scores if score["failure"])),
+        wall_s=trial.wall_s,
+    )
+
+
+def _counted(score: Mapping[str, Any], mode: str) -> tuple[int, int]:
+    """Return how often a mode occurred, and how often it could have."""
+    of = 1 if mode in OF_FRAGMENTS else score["attempts"]
+    return min(score[mode], of), of
+
+
+def _parts(trial: Trial) -> dict[str, float]:
+    seconds: dict[str, float] = dict.fromkeys(PARTS, 0.0)
+    arms = trial.about["arms"]
+    for arm in arms:
+        for name, part_s in parts_of(trial.spans, arm, trial.duration_s).items():
+            seconds[COUNTED.get(name, "waiting")] += part_s / len(arms)
+    return seconds
 
 
 def figures_of(rows: Sequence[Row]) -> dict[str, Any]:

@@ -11,8 +11,7 @@ from trocar.files.output import write_json
 from trocar.report.page.elements import captioned, table
 from trocar.report.page.study_page import study_page
 from trocar.report.tables import figure
-from trocar.tasks.debridement.report.debridement_report import ASSUMED
-from trocar.tasks.debridement.report.failures import draw_failures
+from trocar.tasks.debridement.report import ASSUMED, draw_failures
 from trocar.tasks.debridement.report.table_one import estimated, head_of, lines_of
 from trocar.tasks.debridement.study.results import Result, speedups
 from trocar.tasks.debridement.study.times import draw_times

@@ -11,10 +11,8 @@ from trocar.eval.conditions import Cell
 from trocar.eval.rows import kept_row
 from trocar.report.cells import CellRows, rows_of_cells
 from trocar.report.comparison import ratio_of_ratios
-from trocar.tasks.debridement.report.figures import figures_of
-from trocar.tasks.debridement.report.published import MODES, SPEEDUP, TABLE_1
-from trocar.tasks.debridement.report.row import Row, row_of
-from trocar.tasks.debridement.report.table_one import within
+from trocar.tasks.debridement.report.figures import Row, figures_of, row_of
+from trocar.tasks.debridement.report.table_one import MODES, SPEEDUP, TABLE_1, within
 
 VERSION = 1
 """Version of rows: a change causes stored ones to be made again."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from trocar.report import style
 from trocar.report.timechart import COLOURS
-from trocar.tasks.debridement.report.published import PARTS, PERSON, TABLE_1
+from trocar.tasks.debridement.report.table_one import PARTS, PERSON, TABLE_1
 
 WAITING = style.QUIET
 

@@ -1,15 +1,16 @@
-"""Work surface, receptacle and fragments in MJCF."""
+"""Work surface, receptacle and fragments as bodies of the simulator."""
 
 from __future__ import annotations
 
-from xml.etree.ElementTree import Element
+from typing import Any
 
+import mujoco
+from mujoco import mjtGeom
 from scipy.spatial import ConvexHull
 
 from trocar.geometry import SE3, SO3
-from trocar.sim.elements import NOTHING, add, placed, scene_bits, text
-from trocar.tasks.debridement.scene import DebridementScene, Fragment
-from trocar.tasks.debridement.tissue import GROUND
+from trocar.sim.spec import INTANGIBLE, SOLID, digits, placed
+from trocar.tasks.debridement.scene import GROUND, DebridementScene, Fragment
 
 RED_FOAM = (0.62, 0.05, 0.05)
 WHITE_SURFACE = (0.75, 0.75, 0.74)
@@ -44,55 +45,38 @@ CONTACT_S = 0.003
 CLING_REACH_M = 0.3e-3
 """A charged fragment clings to a finger that it touched until it is this far away."""
 
-DRY = {"priority": "2", "friction": text(DRY_FRICTION)}
+DRY = {"priority": 2, "friction": DRY_FRICTION}
 
 
-def add_workspace(world: Element, assets: Element, scene: DebridementScene) -> None:
+def add_workspace(spec: mujoco.MjSpec, scene: DebridementScene) -> None:
     """Add the work surface, the receptacle, and the fragments as free bodies."""
     for name, (grain, wet, sharp) in FINISHES.items():
-        add(assets, "material", name=name, roughness=text(grain), specular=text(wet), shininess=text(sharp))
-    _add_table(world, scene)
-    _add_tissue(world, assets, scene)
-    _add_receptacle(world, scene)
-    _add_fragments(world, assets, scene)
+        spec.add_material(name=name, roughness=grain, specular=wet, shininess=sharp)
+    _add_table(spec, scene)
+    _add_tissue(spec, scene)
+    _add_receptacle(spec, scene)
+    _add_fragments(spec, scene)
 
 
-def _add_table(world: Element, scene: DebridementScene) -> None:
-    add(
-        world,
-        "geom",
-        name="table",
-        type="plane",
-        size="0.5 0.5 0.01",
-        rgba=text((*(GROUND if scene.tissue else WHITE_SURFACE), 1)),
-        material="paper",
-        **DRY,
-        **placed(scene.T_world_table),
-        **scene_bits(),
-    )
+def _add_table(spec: mujoco.MjSpec, scene: DebridementScene) -> None:
+    rgb = GROUND if scene.tissue else WHITE_SURFACE
+    plane = {"type": mjtGeom.mjGEOM_PLANE, "size": (0.5, 0.5, 0.01), "rgba": (*rgb, 1), "material": "paper"}
+    spec.worldbody.add_geom(name="table", **plane, **DRY, **placed(scene.T_world_table), **SOLID)
 
 
-def _add_tissue(world: Element, assets: Element, scene: DebridementScene) -> None:
+def _add_tissue(spec: mujoco.MjSpec, scene: DebridementScene) -> None:
     if not scene.tissue:
         return
-    body = add(world, "body", name="tissue")
+    body = spec.worldbody.add_body(name="tissue")
     for number, patch in enumerate(scene.tissue):
-        add(assets, "mesh", name=f"tissue{number}", vertex=text(patch.corners_m()))
-        add(
-            body,
-            "geom",
-            name=f"tissue{number}",
-            type="mesh",
-            mesh=f"tissue{number}",
-            rgba=text((*patch.color, 1)),
-            material="flesh",
-            **placed(patch.T_world_patch),
-            **NOTHING,
-        )
+        name = f"tissue{number}"
+        spec.add_mesh(name=name, uservert=digits(patch.corners_m()).ravel())
+        shape = {"type": mjtGeom.mjGEOM_MESH, "meshname": name, "rgba": (*patch.color, 1), "material": "flesh"}
+        body.add_geom(name=name, **shape, **placed(patch.T_world_patch), **INTANGIBLE)
 
 
-def _add_receptacle(world: Element, scene: DebridementScene) -> None:
-    body = add(world, "body", name="receptacle", **placed(scene.T_world_receptacle))
+def _add_receptacle(spec: mujoco.MjSpec, scene: DebridementScene) -> None:
+    body = spec.worldbody.add_body(name="receptacle", **placed(scene.T_world_receptacle))
     shape = scene.receptacle
     length, width = shape.size_m
     half, wall = 0.5 * shape.height_m, shape.wall_m
@@ -103,42 +87,31 @@ def _add_receptacle(world: Element, scene: DebridementScene) -> None:
         "front": ((length / 2 + wall, wall / 2, half), (0.0, (width + wall) / 2, half)),
         "back": ((length / 2 + wall, wall / 2, half), (0.0, -(width + wall) / 2, half)),
     }
+    look = {"type": mjtGeom.mjGEOM_BOX, "rgba": (*GREY_BOX, 1), "material": "plastic"}
     for name, (size, place) in sides.items():
-        add(
-            body,
-            "geom",
-            name=f"receptacle_{name}",
-            type="box",
-            size=text(size),
-            rgba=text((*GREY_BOX, 1)),
-            **DRY,
-            material="plastic",
-            **placed(SE3.from_parts(SO3.identity(), place)),
-            **scene_bits(),
-        )
+        at = placed(SE3.from_parts(SO3.identity(), place))
+        body.add_geom(name=f"receptacle_{name}", size=digits(size), **look, **DRY, **at, **SOLID)
 
 
-def _add_fragments(world: Element, assets: Element, scene: DebridementScene) -> None:
+def _add_fragments(spec: mujoco.MjSpec, scene: DebridementScene) -> None:
     for number, fragment in enumerate(scene.fragments):
         name = f"fragment{number}"
-        add(assets, "mesh", name=name, vertex=text(fragment.vertices_m))
-        body = add(world, "body", name=name, **placed(fragment.T_world_fragment))
-        add(body, "freejoint", name=name)
-        add(
-            body,
-            "geom",
+        spec.add_mesh(name=name, uservert=digits(fragment.vertices_m).ravel())
+        body = spec.worldbody.add_body(name=name, **placed(fragment.T_world_fragment))
+        body.add_freejoint(name=name)
+        body.add_geom(
             name=name,
-            type="mesh",
-            mesh=name,
-            density=text(fragment.density_kg_m3),
-            rgba=text((*RED_FOAM, 1)),
+            type=mjtGeom.mjGEOM_MESH,
+            meshname=name,
+            density=digits(fragment.density_kg_m3),
+            rgba=(*RED_FOAM, 1),
             material="wet foam",
             **_foam(fragment),
-            **scene_bits(),
+            **SOLID,
         )
 
 
-def _foam(fragment: Fragment) -> dict[str, str]:
+def _foam(fragment: Fragment) -> dict[str, Any]:
     """Return the attributes of a geom of foam, as soft as foam is under fingers and under other foam.
 
     MuJoCo's contacts are as stiff as the lighter body is heavy, ``d / (1 - d) m / t^2`` with impedance d and time
@@ -149,11 +122,11 @@ def _foam(fragment: Fragment) -> dict[str, str]:
     impedance = min(ratio / (1.0 + ratio), FOAM_STRONGEST)
     reach = CLING_REACH_M if fragment.cling_n else 0.0
     return {
-        "solmix": text(FOAM_WEIGHT),
-        "condim": "6",
-        "friction": text(FOAM_FRICTION),
-        "solref": text((CONTACT_S, 1.0)),
-        "solimp": text((impedance, impedance, 1e-3)),
-        "margin": text(reach),
-        "gap": text(reach),
+        "solmix": FOAM_WEIGHT,
+        "condim": 6,
+        "friction": FOAM_FRICTION,
+        "solref": (CONTACT_S, 1.0),
+        "solimp": digits((impedance, impedance, 1e-3, 0.5, 2.0)),
+        "margin": reach,
+        "gap": reach,
     }

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.sim.contacts import Hit
-from trocar.sim.record import Record
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import World
+from trocar.sim.record import CollidingPair, Record
+from trocar.sim.world import TaskWorld, World
 from trocar.tasks.debridement.scene import DebridementScene
 from trocar.tasks.debridement.truth import DebridementTruth
 from trocar.tasks.debridement.world.bodies import JAW_FRICTION, add_workspace
@@ -38,9 +35,9 @@ class DebridementWorld(TaskWorld):
         self._touched: list[NDArray[np.bool_]] = []
         self._held: list[NDArray[np.bool_]] = []
 
-    def add(self, world: Element, assets: Element) -> None:
+    def add(self, spec: mujoco.MjSpec) -> None:
         """Add the work surface, the receptacle and the fragments."""
-        add_workspace(world, assets, self._scene)
+        add_workspace(spec, self._scene)
 
     def start(self, world: World) -> None:
         """Number the geoms of fragments, fingers and furniture; let the jaws' teeth hold foam."""
@@ -62,14 +59,14 @@ class DebridementWorld(TaskWorld):
         self._held.append(self._fingers.held(touched))
         self._looks.observe(time_s)
 
-    def hit(self, first: int, second: int) -> Hit | None:
-        """Return a hit if an arm touches the receptacle, or the work surface other than lightly in a grasp."""
+    def collision(self, first: int, second: int) -> CollidingPair | None:
+        """Return who collides if an arm touches the receptacle, or the work surface other than lightly in a grasp."""
         for geom, other in ((first, second), (second, first)):
             arm = int(self._world.geom_arm[geom])
             if arm >= 0 and other in self._walls:
-                return Hit(self._world.arm_names[arm], "arm", "receptacle")
+                return CollidingPair(self._world.arm_names[arm], "arm", "receptacle")
             if arm >= 0 and other == self._table and not self._brushes(geom, first, second):
-                return Hit(self._world.arm_names[arm], "arm", "table")
+                return CollidingPair(self._world.arm_names[arm], "arm", "table")
         return None
 
     def _brushes(self, geom: int, first: int, second: int) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from trocar.eval import AgentContext
 from trocar.robots.concurrency import together
-from trocar.tasks.peg_transfer.agents.pace import Pace
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.agents.two_arms import TwoArms
 from trocar.tasks.peg_transfer.goals import PAIRS
@@ -13,16 +12,15 @@ LEFT_GOALS = frozenset(left for left, _ in PAIRS)
 
 
 class Bilateral(TwoArms):
-    """Two scripts, one per arm; they share the board, the camera and the traffic, and keep pace."""
+    """Two scripts, one per arm; they share the board, the camera and the coordinator, and keep pace."""
 
     def __init__(self, context: AgentContext):
         super().__init__(context)
-        self.pace = Pace(self.cell, context.arms, self.settings.pace_s)
         lefts = [goal for goal in self.goals if goal in LEFT_GOALS]
         rights = [goal for goal in self.goals if goal not in LEFT_GOALS]
         self.scripts = (
-            OneArm(self.left, lefts, beside=True, pace=self.pace),
-            OneArm(self.right, rights, beside=True, pace=self.pace),
+            OneArm(self.left, lefts, beside=True, keeps_pace=True),
+            OneArm(self.right, rights, beside=True, keeps_pace=True),
         )
 
     def first_looks(self):
@@ -36,7 +34,7 @@ class Bilateral(TwoArms):
     def _script(self, script: OneArm):
         async def run() -> None:
             await script.transfer_all()
-            self.pace.come(script.arm.name)
+            self.coordinator.reached(script.arm.name)
             await self.leave(script.arm)
 
         return run

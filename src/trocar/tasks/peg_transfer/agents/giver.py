@@ -12,11 +12,11 @@ from trocar.geometry import SE3
 from trocar.motion import TimedPath
 from trocar.robots import TICK_S
 from trocar.robots.concurrency import Pending, with_helpers
+from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.meeting import Offer, choose_offer
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.side import HandoverState, Side
-from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm, Seen
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
@@ -181,7 +181,7 @@ class Giver(Side):
                 approach.path.trajectory,
                 begun=begun,
                 margin_m=self.settings.meeting_margin_m,
-                meets_s=(0.0, float(times_s[1] - times_s[0])),
+                contact_s=(0.0, float(times_s[1] - times_s[0])),
                 waits=False,  # leaving again is not checked, because the other arm goes as soon as this one has risen
             )
         except Blocked:

@@ -9,11 +9,11 @@ from math import inf
 
 from trocar.eval import AgentContext
 from trocar.robots.concurrency import together
+from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.giver import Giver
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
 from trocar.tasks.peg_transfer.agents.receiver import Receiver
 from trocar.tasks.peg_transfer.agents.side import AGAIN, HandoverState
-from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.agents.two_arms import TwoArms
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome

@@ -16,8 +16,8 @@ from trocar.perception.image import RgbdImage
 from trocar.perception.instrument import Sighting, sight
 from trocar.robots import Adaptive
 from trocar.robots.adaptive import Knowledge
+from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.grasps import Grasp
 
 PLACE_M = (0.0, 0.0, 0.045)

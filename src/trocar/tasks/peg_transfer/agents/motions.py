@@ -13,10 +13,12 @@ from trocar.arms import fk, ik, ik_with_fixed_wrist
 from trocar.errors import OutOfReach
 from trocar.eval import AgentContext
 from trocar.geometry import SE3, SO3
+from trocar.geometry.capsules import Capsules
 from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
 from trocar.robots.arm_script import ArmScript
+from trocar.robots.coordinator import Departure
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.traffic import Leaving
+from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.tasks.peg_transfer.places import choose_place, held_block, hole_over
 from trocar.trajectory import Trajectory
@@ -32,6 +34,8 @@ MAX_TURNED_RAD = 0.15
 """A tool whose rotation differs from the grasp's by more than this is turned before it goes down."""
 CENTRED = 2
 """Number of shifts of a pose until the hole is where it should be; the second leaves an error of some um."""
+LAYERS = 3
+"""Heights at which the sides of a held block are modelled as capsules."""
 SAME_RAD = 1e-6
 """Joints this close (rad, m) to the planned start count as being there."""
 
@@ -42,11 +46,11 @@ class Approach:
 
     Attributes:
         path: over the pegs, then down.
-        leaving: how the arm then lifts the block; None: no block is known to be there.
+        departure: how the arm then lifts the block; None: no block is known to be there.
     """
 
     path: TimedPath
-    leaving: Leaving | None
+    departure: Departure | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +60,13 @@ class Carriage:
     Attributes:
         path: lift, travel, lower.
         T_board_placed: where the block comes to lie.
-        leaving: how the arm then rises from it.
+        departure: how the arm then rises from it.
         beside: the other blocks, by peg, as known when this was planned.
     """
 
     path: TimedPath
     T_board_placed: SE3
-    leaving: Leaving
+    departure: Departure
     beside: dict[int, SE3]
 
 
@@ -118,6 +122,10 @@ class Motions:
             planner=self._planner,
         )
         return TimedPath(self.prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
+
+    def held(self, T_tip_block: SE3 | None) -> Capsules | None:
+        """Return the solids of a block in the jaws, in the frame of the tip; None: there is none."""
+        return None if T_tip_block is None else _sides(self._table.block).moved(T_tip_block)
 
     def prepared(self, motion: Trajectory) -> Trajectory:
         """Return a motion whose commands have already been found."""
@@ -183,15 +191,15 @@ class Motions:
         over = self.above(down, over_m)
         if np.abs(over - first[-1]).max() < SAME_RAD:
             first.pop()
-        return Approach(self.through([*first, over, down]), self._leaving(down, source))
+        return Approach(self.through([*first, over, down]), self._departure(down, source))
 
-    def _leaving(self, q: Joints, source: int) -> Leaving | None:
+    def _departure(self, q: Joints, source: int) -> Departure | None:
         """Return how the arm lifts the block that it is about to grasp at these joints."""
         block = self._table.blocks.get(source)
         if block is None:
             return None
         lifted = self.above(q, float(self.tip(q).translation_m[2]) + self._settings.lift_m)
-        return Leaving(rest_to_rest(q, lifted, self._settings.limits), self.gripped(q, block))
+        return Departure(rest_to_rest(q, lifted, self._settings.limits), self.held(self.gripped(q, block)))
 
     def carriage(self, q: Joints, T_tip_block: SE3, source: int | None, target: int) -> Carriage | None:
         """Return how to lift a block, travel and lower it; None, with the reason in the log, if no pose is possible.
@@ -225,11 +233,11 @@ class Motions:
         over, placed = self._over(down, T_tip_block, target, height), place.T_board_tip @ T_tip_block
         still = self._still_when_placing
         if self._settings.looks_before_placing:
-            leaving = Leaving(rest_to_rest(over, down, self._settings.limits), T_tip_block)
-            return Carriage(self.through([*points, over], still), placed, leaving, beside)
+            departure = Departure(rest_to_rest(over, down, self._settings.limits), self.held(T_tip_block))
+            return Carriage(self.through([*points, over], still), placed, departure, beside)
         risen = self.above(down, self._settings.clear_height_m)
-        leaving = Leaving(rest_to_rest(down, risen, self._settings.limits), None)
-        return Carriage(self.through([*points, over, down], still), placed, leaving, beside)
+        departure = Departure(rest_to_rest(down, risen, self._settings.limits))
+        return Carriage(self.through([*points, over, down], still), placed, departure, beside)
 
     def lowering(self, q: Joints, T_tip_block: SE3, target: int) -> TimedPath:
         """Return how to lower a block that hangs over its target: first sideways until its hole is over the peg."""
@@ -300,3 +308,13 @@ def turned_rad(T_board_a: SE3, T_board_b: SE3) -> float:
 def yaw_of(T_board_tip: SE3) -> float:
     """Return the yaw of a vertical tool about the board's z."""
     return float(np.arctan2(T_board_tip.matrix[1, 0], T_board_tip.matrix[0, 0]))
+
+
+def _sides(block: Block) -> Capsules:
+    """Return the sides of a block between its corners' circles, at some heights, as capsules in its frame."""
+    corners = block.corners_m()
+    sides = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    inset = block.corner_radius_m / 2
+    heights = np.linspace(inset, block.height_m - inset, LAYERS)
+    ends = np.concatenate([sides + [0.0, 0.0, z] for z in heights])
+    return Capsules(ends, np.full(len(ends), block.corner_radius_m))

@@ -17,11 +17,11 @@ from trocar.motion import TimedPath
 from trocar.robots import TICK_S
 from trocar.robots.arm_script import ArmScript
 from trocar.robots.concurrency import together
+from trocar.robots.coordinator import Blocked, Coordinator, Departure
+from trocar.robots.moving_body import NEVER
 from trocar.tasks.peg_transfer.agents.eyes import Eyes
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
-from trocar.tasks.peg_transfer.agents.moving_body import NEVER
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.traffic import Blocked, Leaving, Traffic
 from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.trajectory import Trajectory
 
@@ -47,12 +47,12 @@ class ArmStopped(Exception):
 
 
 class PegArm:
-    """One arm, the table that it shares, and the traffic that admits its motions.
+    """One arm, the table that it shares, and the coordinator that admits its motions.
 
     Attributes:
         hand: moves and computes.
         table: board and blocks.
-        traffic: admits all motions.
+        coordinator: admits all motions.
         motions: plans its motions.
         home: (6,) where the arm is out of the camera's view.
         name: of the arm.
@@ -63,11 +63,10 @@ class PegArm:
         stopped: whether it failed to reach the end of a motion, and is not used again.
     """
 
-    def __init__(self, context: AgentContext, name: str, table: Table, traffic: Traffic):
+    def __init__(self, context: AgentContext, name: str, table: Table, coordinator: Coordinator):
         self.cell, self.settings, self.goals = context.cell, context.settings, context.goals
-        self.table, self.traffic = table, traffic
+        self.table, self.coordinator = table, coordinator
         self.hand = ArmScript(context.cell, name, context.settings.limits, context.settings.settle_s)
-        traffic.join(self.hand)
         self.motions = Motions(context, self.hand, table)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
         self.hands_over = self.stopped = False
@@ -128,14 +127,14 @@ class PegArm:
                     begun=partial(begun, ready) if begun else None,
                     jaw_rad=opening,
                     margin_m=margin_m,
-                    leaving=ready.leaving,
+                    departure=ready.departure,
                 )
             except Blocked:
                 await self.give_way()
                 continue
             await self.hand.settle()
             return True
-        raise Blocked
+        raise Blocked(self.name)
 
     def opening_rad(self, grasp: Grasp) -> float:
         """Return how wide the jaws open for a grasp."""
@@ -152,14 +151,14 @@ class PegArm:
     async def grip(self, T_tip_block: SE3 | None = None) -> bool:
         """Close the jaws; return whether they hold something: a block, where one is expected."""
         await self.hand.jaw(self.settings.jaw_closed_rad)
-        self.traffic.carries(self.name, T_tip_block if self.holds else None)
+        self.coordinator.carry(self.name, self.motions.held(T_tip_block) if self.holds else None)
         return self.holds
 
     async def open(self, jaw_rad: float | None = None) -> None:
         """Open the jaws; None: just far enough to release what they hold, since a peg may be beside a finger."""
         lets_go = np.clip(self.hand.jaw_rad + LETS_GO_RAD, self.settings.release_rad, self.settings.jaw_open_rad)
         await self.hand.jaw(float(lets_go) if jaw_rad is None else jaw_rad)
-        self.traffic.carries(self.name, None)
+        self.coordinator.carry(self.name, None)
         if self.learner is not None:
             self.learner.adopt()
 
@@ -190,18 +189,18 @@ class PegArm:
                         ready.path.trajectory,
                         begun=partial(begun, ready) if begun else None,
                         margin_m=margin_m,
-                        leaving=ready.leaving,
+                        departure=ready.departure,
                     )
                     await self.hand.settle()
                 if not self.settings.looks_before_placing:
                     return ready.T_board_placed
                 hangs_over_target = True
-                return await self._lower(T_tip_block, target, ready.leaving)
+                return await self._lower(T_tip_block, target, ready.departure)
             except Blocked:
                 await self.give_way()
-        raise Blocked
+        raise Blocked(self.name)
 
-    async def _lower(self, T_tip_block: SE3, target: int, planned: Leaving) -> SE3:
+    async def _lower(self, T_tip_block: SE3, target: int, planned: Departure) -> SE3:
         """Look how a block hangs over its target, lower it, and return where it should be now.
 
         If the corrected pose is out of reach, it is lowered as planned before the look.
@@ -217,7 +216,7 @@ class PegArm:
                 continue
             await self.hand.settle()
             return self.T_board_tip @ T_tip_block
-        raise Blocked
+        raise Blocked(self.name)
 
     def _fits(self, carriage: Carriage, target: int) -> bool:
         """Return whether a motion planned before still starts here, with the same blocks beside its target."""
@@ -238,11 +237,11 @@ class PegArm:
             if path is not None:
                 await self.move(path.trajectory, margin_m=self.settings.min_margin_m)
 
-    async def shift(self, line_m: Sequence[float], margin_m: float, meets_s: tuple[float, float] = NEVER) -> None:
+    async def shift(self, line_m: Sequence[float], margin_m: float, contact_s: tuple[float, float] = NEVER) -> None:
         """Move the tip straight, in the board's axes."""
         motion = await self.plan(lambda: self.motions.along(self.hand.q, line_m))
         if motion is not None:
-            await self.move(motion, margin_m=margin_m, meets_s=meets_s)
+            await self.move(motion, margin_m=margin_m, contact_s=contact_s)
 
     async def go_home(self, begun: Callable[[TimedPath], None] | None = None) -> None:
         """Rise and leave the camera's view of the board; ``begun`` is called with the motion when it begins."""
@@ -259,7 +258,7 @@ class PegArm:
     async def give_way(self) -> None:
         """Leave room for the other arm: go home, or at least rise; wait if neither is possible, or with a block."""
         self.cell.log.event("gives way", arm=self.name)
-        for leave in () if self.traffic.holds(self.name) else (self.go_home, self.retreat):
+        for leave in () if self.coordinator.carries(self.name) else (self.go_home, self.retreat):
             try:
                 await leave()
                 return
@@ -274,8 +273,8 @@ class PegArm:
         begun: Callable[[], None] | None = None,
         jaw_rad: float | None = None,
         margin_m: float | None = None,
-        meets_s: tuple[float, float] = NEVER,
-        leaving: Leaving | None = None,
+        contact_s: tuple[float, float] = NEVER,
+        departure: Departure | None = None,
         waits: bool = True,
     ) -> None:
         """Run a motion as soon as the other arm leaves room for it, and meanwhile drive the jaws.
@@ -285,8 +284,8 @@ class PegArm:
             begun: called when it begins.
             jaw_rad: opening of the jaws once the arm has risen over the pegs; None: as they are.
             margin_m: to keep to the other arm; None: the default.
-            meets_s: interval of the motion in which the jaws may touch the block in the other arm's jaws.
-            leaving: how the arm gets away from where the motion ends.
+            contact_s: interval of the motion in which the jaws may touch the block in the other arm's jaws.
+            departure: how the arm gets away from where the motion ends.
             waits: whether to wait until the other arm does something else, if its announced motion leaves no room.
 
         Raises:
@@ -294,7 +293,16 @@ class PegArm:
             ArmStopped: the arm did not reach the end.
             TrocarError: the robot refuses the motion of an arm that is alone.
         """
-        await self.traffic.admit(self.hand, motion, jaw_rad, margin_m, meets_s, leaving, waits)
+        widest_rad = max(0.0, self.hand.jaw_rad, jaw_rad or 0.0)
+        await self.coordinator.admit(
+            self.name,
+            motion,
+            jaw_rad=widest_rad,
+            margin_m=margin_m,
+            contact_s=contact_s,
+            departure=departure,
+            waits=waits,
+        )
         if begun is not None:
             begun()
         if jaw_rad is None:
@@ -306,10 +314,10 @@ class PegArm:
                 execution = await self._run(motion)
                 ended.set()
         if isinstance(execution, TrocarError):
-            if self.traffic.alone:
+            if self.coordinator.alone:
                 raise execution
             self.cell.log.event("refused", arm=self.name, reason=str(execution))
-            raise Blocked
+            raise Blocked(self.name)
         if not execution.done:
             raise ArmStopped(execution.reason)
 
@@ -322,7 +330,7 @@ class PegArm:
     async def _run(self, motion: Trajectory) -> MotionResult | TrocarError:
         """Run an admitted motion; return why the robot refuses to start it, if it does."""
         try:
-            return await self.traffic.run(self.hand, motion)
+            return await self.coordinator.run(self.name, motion)
         except TrocarError as error:
             return error
 

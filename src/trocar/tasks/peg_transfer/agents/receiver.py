@@ -8,10 +8,10 @@ import trio
 
 from trocar.geometry import SE3
 from trocar.robots.concurrency import with_helpers
+from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.motions import Carriage
 from trocar.tasks.peg_transfer.agents.side import HandoverState
 from trocar.tasks.peg_transfer.agents.taker import Taker
-from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 
 
@@ -68,7 +68,7 @@ class Receiver(Taker):
         T_tip_block = await self.arm.eyes.see_own(T_tip_block)
         ready = await self.arm.plan(lambda: self.arm.motions.carriage(self.arm.hand.q, T_tip_block, None, target))
         await self.wait_for(meeting.parted)
-        self.arm.traffic.carries(self.arm.name, T_tip_block)
+        self.arm.coordinator.carry(self.arm.name, self.arm.motions.held(T_tip_block))
 
         def begun(carriage: Carriage) -> None:
             self.table.blocks[target] = carriage.T_board_placed

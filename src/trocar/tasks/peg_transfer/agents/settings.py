@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
+from trocar.robots.coordinator import Margins
 
 GRASP_RULES = (
     (False, 0.15e-3, np.radians(70.0)),
@@ -116,6 +117,11 @@ class Settings:
     teaching_looks: int = 0
     sighting_budget_s: float = 0.12
     fit_budget_s: float = 0.6
+
+    @property
+    def margins(self) -> Margins:
+        """Return what the coordinator keeps between the arms."""
+        return Margins(self.margin_m, self.min_margin_m, self.patience_s, self.traffic_budget_s)
 
 
 def compensated() -> Settings:

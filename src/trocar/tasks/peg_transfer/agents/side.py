@@ -88,7 +88,7 @@ class Side:
 
     async def rise(self) -> None:
         """Rise straight out of a block that the other arm holds."""
-        await self.arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, meets_s=(0.0, inf))
+        await self.arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, contact_s=(0.0, inf))
 
     async def wait_for(self, *events: trio.Event) -> None:
         """Wait for the other arm: for the first of several events."""

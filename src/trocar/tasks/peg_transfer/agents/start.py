@@ -9,9 +9,9 @@ import trio
 
 from trocar.motion import TimedPath
 from trocar.robots.concurrency import Pending, together, with_helpers
+from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.traffic import Blocked
 
 
 async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[], Awaitable[None]]] = ()) -> bool:

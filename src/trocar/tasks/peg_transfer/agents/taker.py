@@ -12,12 +12,12 @@ import trio
 from trocar.geometry import SE3, SO3
 from trocar.motion import TimedPath
 from trocar.robots.concurrency import Pending
+from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.meeting import choose_taking
 from trocar.tasks.peg_transfer.agents.motions import Joints, end_of, raised, starts_at, yaw_of
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.side import HandoverState, Side
 from trocar.tasks.peg_transfer.agents.start import withdraw
-from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.tasks.peg_transfer.places import held_block
@@ -223,7 +223,7 @@ class Taker(Side):
                     ready.path.trajectory,
                     jaw_rad=self.settings.taking_rad,
                     margin_m=self.settings.meeting_margin_m,
-                    meets_s=(ready.down_s, inf),
+                    contact_s=(ready.down_s, inf),
                     waits=attempt == self.settings.detours,
                 )
                 break
@@ -234,7 +234,7 @@ class Taker(Side):
                     await self.arm.go_home()
                     avoid = list(failed)
         else:
-            raise Blocked
+            raise Blocked(self.arm.name)
         await self.arm.hand.settle()
         self.cell.log.event("taking", arm=self.arm.name, room_mm=round(1e3 * ready.grasp.clearance_m, 2))
         return ready.grasp

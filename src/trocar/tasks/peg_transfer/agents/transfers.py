@@ -13,10 +13,9 @@ from trocar.geometry import SE3
 from trocar.motion import TimedPath
 from trocar.perception.image import RgbdImage
 from trocar.robots.concurrency import Pending, with_helpers
+from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.motions import Approach, Carriage, end_of
-from trocar.tasks.peg_transfer.agents.pace import Pace
 from trocar.tasks.peg_transfer.agents.peg_arm import ArmStopped, PegArm
-from trocar.tasks.peg_transfer.agents.traffic import Blocked
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
 
@@ -53,12 +52,13 @@ class OneArm:
         table: what it knows of the board.
         goals: its transfers.
         beside: whether another arm works here too.
-        pace: to keep with it; None: none.
+        keeps_pace: whether it keeps pace with the other arm, side by side.
         seen: the next block, if it was looked at beforehand.
     """
 
-    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False, pace: Pace | None = None):
-        self.arm, self.table, self.goals, self.beside, self.pace = arm, arm.table, goals, beside, pace
+    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False, keeps_pace: bool = False):
+        self.arm, self.table, self.goals, self.beside = arm, arm.table, goals, beside
+        self.keeps_pace = keeps_pace
         self.cell, self.settings = arm.cell, arm.settings
         self.seen: Pending[Seen] = Pending()
 
@@ -143,12 +143,12 @@ class OneArm:
         return None
 
     def _come(self, number: int, step: Step) -> None:
-        if self.pace is not None:
-            self.pace.come(self.arm.name, number + step.value)
+        if self.keeps_pace:
+            self.arm.coordinator.reached(self.arm.name, number + step.value)
 
     async def _keep_pace(self, number: int, step: Step) -> None:
-        if self.pace is not None:
-            await self.pace.wait(self.arm.name, number + step.value)
+        if self.keeps_pace:
+            await self.arm.coordinator.wait_for_others(self.arm.name, number + step.value, self.arm.settings.pace_s)
 
     async def _transfer(self, number: int, helpers: trio.Nursery) -> TransferOutcome:
         """Move one block; every way in which this can end is an outcome.

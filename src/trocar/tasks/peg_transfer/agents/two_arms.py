@@ -7,11 +7,11 @@ from collections.abc import Awaitable, Callable, Sequence
 
 from trocar.errors import TrocarError
 from trocar.eval import AgentContext
+from trocar.robots.coordinator import Coordinator
 from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.start import begin, finish, withdraw
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.traffic import Traffic
 
 
 class TwoArms(ABC):
@@ -21,6 +21,7 @@ class TwoArms(ABC):
         left: the arm whose base is further left, seen from the camera.
         right: the other.
         table: board and blocks, as both know them.
+        coordinator: of both arms.
     """
 
     def __init__(self, context: AgentContext):
@@ -28,8 +29,8 @@ class TwoArms(ABC):
             raise TrocarError(f"this variant of peg-transfer needs two arms, and was given {', '.join(context.arms)}")
         self.cell, self.settings, self.goals = context.cell, context.settings, context.goals
         self.table = Table(context)
-        self.traffic = Traffic(context.cell, context.nominal.block, context.settings)
-        arms = [PegArm(context, name, self.table, self.traffic) for name in context.arms]
+        self.coordinator = Coordinator(context.cell, context.arms, context.settings.margins)
+        arms = [PegArm(context, name, self.table, self.coordinator) for name in context.arms]
         self.left, self.right = sorted(arms, key=lambda arm: float(arm.motions.T_base_board.inverse().translation_m[0]))
         self._gone = 0
 

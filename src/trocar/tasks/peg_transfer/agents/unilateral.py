@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from trocar.eval import AgentContext
+from trocar.robots.coordinator import Coordinator
 from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.agents.start import begin, finish
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.traffic import Traffic
 from trocar.tasks.peg_transfer.agents.transfers import OneArm
 
 __all__ = ["Settings", "Unilateral"]
@@ -19,8 +19,8 @@ class Unilateral(OneArm):
 
     def __init__(self, context: AgentContext):
         table = Table(context)
-        traffic = Traffic(context.cell, context.nominal.block, context.settings)
-        super().__init__(PegArm(context, context.arms[0], table, traffic), context.goals)
+        coordinator = Coordinator(context.cell, context.arms[:1], context.settings.margins)
+        super().__init__(PegArm(context, context.arms[0], table, coordinator), context.goals)
 
     async def run(self) -> None:
         """Do the transfers one after the other, and look once more at the end."""

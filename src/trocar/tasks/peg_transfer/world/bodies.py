@@ -1,11 +1,12 @@
-"""A pegboard and its blocks in MJCF."""
+"""A pegboard and its blocks as bodies of the simulator."""
 
 from __future__ import annotations
 
-from xml.etree.ElementTree import Element
+import mujoco
+from mujoco import mjtGeom
 
 from trocar.geometry import SE3
-from trocar.sim.elements import UNSEEN_GROUP, add, placed, scene_bits, text
+from trocar.sim.spec import SOLID, UNSEEN_GROUP, digits, placed
 from trocar.tasks.peg_transfer.scene import PegScene
 
 FOOT_M = 0.05e-3
@@ -17,78 +18,51 @@ ABS_RED_BLOCK = (0.80, 0.20, 0.07)
 BLACK_TABLE = (0.035, 0.035, 0.04)
 
 
-def add_pegboard(world: Element, assets: Element, scene: PegScene) -> None:
+def add_pegboard(spec: mujoco.MjSpec, scene: PegScene) -> None:
     """Add table, plates and pegs, and the blocks as free bodies."""
-    _add_board(world, scene)
-    _add_blocks(world, assets, scene)
+    _add_board(spec, scene)
+    _add_blocks(spec, scene)
 
 
-def _add_board(world: Element, scene: PegScene) -> None:
-    board = add(world, "body", name="board", **placed(scene.T_world_board))
+def _add_board(spec: mujoco.MjSpec, scene: PegScene) -> None:
+    board = spec.worldbody.add_body(name="board", **placed(scene.T_world_board))
     below = min(height for *_, height in scene.board.plates_m) - 0.005
+    red = {"rgba": (*ABS_RED, 1), **SOLID}
     for index, (width, depth, height) in enumerate(scene.board.plates_m):
         half = 0.5 * (height - below)
-        add(
-            board,
-            "geom",
-            name=f"plate{index}",
-            type="box",
-            size=text((width / 2, depth / 2, half)),
-            pos=text((0, 0, height - half)),
-            rgba=text((*ABS_RED, 1)),
-            **scene_bits(),
-        )
+        size, place = digits((width / 2, depth / 2, half)), digits((0, 0, height - half))
+        board.add_geom(name=f"plate{index}", type=mjtGeom.mjGEOM_BOX, size=size, pos=place, **red)
     radius, height = scene.board.peg_radius_m, scene.board.peg_height_m
     for index, (x, y, z) in enumerate(scene.board.pegs_m):
-        add(
-            board,
-            "geom",
-            name=f"peg{index}",
-            type="capsule",
-            size=text(radius),
-            fromto=text((x, y, z, x, y, z + height - radius)),
-            rgba=text((*ABS_RED, 1)),
-            **scene_bits(),
-        )
-    add(
-        world,
-        "geom",
-        name="table",
-        type="plane",
-        size="0.5 0.5 0.01",
-        pos=text((0, 0, below)),
-        rgba=text((*BLACK_TABLE, 1)),
-        **scene_bits(),
-    )
+        axis = digits((x, y, z, x, y, z + height - radius))
+        size = digits((radius, 0, 0))
+        board.add_geom(name=f"peg{index}", type=mjtGeom.mjGEOM_CAPSULE, size=size, fromto=axis, **red)
+    plane = {"type": mjtGeom.mjGEOM_PLANE, "size": (0.5, 0.5, 0.01), "rgba": (*BLACK_TABLE, 1)}
+    spec.worldbody.add_geom(name="table", pos=digits((0, 0, below)), **plane, **SOLID)
 
 
-def _add_blocks(world: Element, assets: Element, scene: PegScene) -> None:
+def _add_blocks(spec: mujoco.MjSpec, scene: PegScene) -> None:
     pieces = [piece - [0, 0, FOOT_M] * (piece[:, 2:] > 0) for piece in scene.block.convex_pieces()]
     for index, piece in enumerate(pieces):
-        add(assets, "mesh", name=f"block_piece{index}", vertex=text(piece))
+        spec.add_mesh(name=f"block_piece{index}", uservert=digits(piece).ravel())
+    red, radius = {"rgba": (*ABS_RED_BLOCK, 1), **SOLID}, FOOT_M * 10
     for number, pose in enumerate(scene.T_world_blocks.matrix):
-        body = add(world, "body", name=f"block{number}", **placed(SE3.unchecked(pose)))
-        add(body, "freejoint", name=f"block{number}")
+        body = spec.worldbody.add_body(name=f"block{number}", **placed(SE3.unchecked(pose)))
+        body.add_freejoint(name=f"block{number}")
         for index, corner in enumerate(scene.block.corners_m()):
-            add(
-                body,
-                "geom",
+            body.add_geom(
                 name=f"block{number}_foot{index}",
-                type="sphere",
-                size=text(FOOT_M * 10),
-                pos=text(corner + [0, 0, scene.block.height_m - FOOT_M * 10]),
+                type=mjtGeom.mjGEOM_SPHERE,
+                size=digits((radius, 0, 0)),
+                pos=digits(corner + [0, 0, scene.block.height_m - radius]),
                 group=UNSEEN_GROUP,
-                rgba=text((*ABS_RED_BLOCK, 1)),
-                **scene_bits(),
+                **red,
             )
         for index in range(len(pieces)):
-            add(
-                body,
-                "geom",
+            body.add_geom(
                 name=f"block{number}_{index}",
-                type="mesh",
-                mesh=f"block_piece{index}",
-                density=text(scene.block.density_kg_m3),
-                rgba=text((*ABS_RED_BLOCK, 1)),
-                **scene_bits(),
+                type=mjtGeom.mjGEOM_MESH,
+                meshname=f"block_piece{index}",
+                density=digits(scene.block.density_kg_m3),
+                **red,
             )

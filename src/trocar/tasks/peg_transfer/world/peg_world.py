@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from xml.etree.ElementTree import Element
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.sim.contacts import Hit
-from trocar.sim.record import Record
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import World
+from trocar.sim.record import CollidingPair, Record
+from trocar.sim.world import TaskWorld, World
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.truth import PegTruth
 from trocar.tasks.peg_transfer.world.bodies import add_pegboard
@@ -31,9 +29,9 @@ class PegWorld(TaskWorld):
         self._held_at: dict[str, list[NDArray[np.bool_]]] = {}
         self._held: dict[int, str] = {}
 
-    def add(self, world: Element, assets: Element) -> None:
+    def add(self, spec: mujoco.MjSpec) -> None:
         """Add table, board and blocks."""
-        add_pegboard(world, assets, self._scene)
+        add_pegboard(spec, self._scene)
 
     def start(self, world: World) -> None:
         """Number the geoms of blocks and pegs."""
@@ -64,19 +62,19 @@ class PegWorld(TaskWorld):
             for name, index in self._world.arms.items()
         }
 
-    def hit(self, first: int, second: int) -> Hit | None:
-        """Return a hit if an arm, or a block that it holds, touches a peg."""
+    def collision(self, first: int, second: int) -> CollidingPair | None:
+        """Return who collides if an arm, or a block that it holds, touches a peg."""
         for a, b in ((first, second), (second, first)):
             peg, arm, block = int(self._peg[b]), int(self._world.geom_arm[a]), int(self._block[a])
             if peg >= 0 and arm >= 0:
-                return Hit(self._world.arm_names[arm], "arm", f"peg {peg}")
+                return CollidingPair(self._world.arm_names[arm], "arm", f"peg {peg}")
             if peg >= 0 and block in self._held:
-                return Hit(self._held[block], "held block", f"peg {peg}")
+                return CollidingPair(self._held[block], "held block", f"peg {peg}")
         return None
 
-    def counts(self, hit: Hit, normal: NDArray[np.float64]) -> bool:
+    def counts(self, pair: CollidingPair, normal: NDArray[np.float64]) -> bool:
         """Return whether it is a peg's side that is touched, or an arm."""
-        return not (hit.against.startswith("peg") and abs(normal[2]) > STEEP)
+        return not (pair.against.startswith("peg") and abs(normal[2]) > STEEP)
 
     def truth(self, record: Record) -> PegTruth:
         """Return where blocks and tips were in the board's frame, and when blocks were held."""

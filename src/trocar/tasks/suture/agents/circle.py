@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, MotionRefused
 from trocar.eval import AgentContext
 from trocar.robots.arm_script import ArmScript
-from trocar.tasks.suture.agents.watch import ENOUGH_M, RUN_UP_M, Aim, NeedleWatch, Stretch, stretches
+from trocar.tasks.suture.agents.needle_tracker import NeedleTracker
+from trocar.tasks.suture.agents.stretches import Aim, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
-from trocar.tasks.suture.planning import SutureSetup
-from trocar.tasks.suture.planning.drive import Segment, Suture, cut_short, drive, ranges, way_out
+from trocar.tasks.suture.planning import Suture
+from trocar.tasks.suture.planning.segments import Segment, cut_short, ranges, retreat, suture_segments
 from trocar.trajectory import Trajectory
 
 KNOT_S = 0.020
@@ -29,12 +30,19 @@ TRAVELS = ("lower", "withdraw", "rise")
 JOINED = 1e-3
 """A segment that starts within this distance (rad, m) of the arm's position continues from there."""
 
+RUN_UP_M = 1.0e-3
+"""A corrected start of a path is approached from this far behind it, along the path, so that the outer joints have
+taken up their play in the direction of the motion."""
+
+ENOUGH_M = 0.2e-3
+"""A needle's tip estimated to be this close to where it should be is not moved and looked at again. The threshold is
+multiplied by the number of looks there, because each move disturbs the cables again, by some .6 mm."""
 
 LOWERED = (1.0, 2 / 3, 1 / 3, 0.0)
 """Shares of the way down that are tried, since its upper end matters least."""
 
 TURNS, SHORT = ("rotate", "push"), (3, 6, 9)
-"""If the commands' limits cut a rotation of the needle short, it stops this many places, of 1 deg, early. The path
+"""If the commands' limits cut a rotation of the needle short, it stops this many waypoints, of 1 deg, early. The path
 after it makes up for the rest, starting from where the needle is seen."""
 
 LOAD = "load needle"
@@ -105,12 +113,18 @@ class CircleSuturing:
         cell, settings = context.cell, context.settings
         self.hand = ArmScript(cell, context.arms[0], settings.limits, settings.settle_s)
         if LOAD not in cell.assistants:
-            raise TrocarError("nobody in this cell loads the needle; give the cell an assistant for 'load needle'")
-        self.cell, self.settings, self.load, self.sutures = cell, settings, cell.assistants[LOAD], context.goals
-        self.arm, self.name = self.hand.model, self.hand.name
-        self.home = self.hand.q
-        self.watch = (
-            NeedleWatch(cell, self.hand, settings.images, settings.sighting_budget_s, settings.searching_budget_s)
+            raise InvalidInput("nobody in this cell", "loads the needle", f"give it an assistant for {LOAD!r}")
+        self.log, self.clock, self.settings, self.load = cell.log, cell.clock, settings, cell.assistants[LOAD]
+        self.arm, self.home = self.hand.model, self.hand.q
+        planned = context.goals[0].setup
+        circle = replace(planned.circle, T_world_circle=cell.T_world_fixture["circle"])
+        base = cell.T_world_base_registered[self.hand.name]
+        setup = replace(planned, arm=self.arm, T_world_base=base, circle=circle)
+        self.sutures: list[Suture] = [replace(suture, setup=setup) for suture in context.goals]
+        self.tracker = (
+            NeedleTracker(
+                cell, self.hand, setup, settings.images, settings.sighting_budget_s, settings.searching_budget_s
+            )
             if settings.images
             else None
         )
@@ -120,11 +134,11 @@ class CircleSuturing:
         await self.hand.exercise_wrist()
         await self.hand.zero_jaw(self.settings.jaw_closed_rad)
         for number, suture in enumerate(self.sutures):
-            start_s = self.cell.clock.now_s()
+            start_s = self.clock.now_s()
             outcome, reason, stops = await self._suture(number, suture)
             if not stops:
                 await self.hand.go(self.home)
-            self.cell.log.event(
+            self.log.event(
                 "suture",
                 suture=number,
                 theta_rad=suture.theta_rad,
@@ -134,7 +148,7 @@ class CircleSuturing:
                 reason=reason,
             )
             if stops:
-                self.cell.log.event("stopped", outcome=outcome.name, reason=reason)
+                self.log.event("stopped", outcome=outcome.name, reason=reason)
                 return
 
     async def _suture(self, number: int, suture: Suture) -> _End:
@@ -143,160 +157,119 @@ class CircleSuturing:
         If the plan of a suture is within the joints' ranges but its corrections for cables and needle are not, the
         suture is given up.
         """
-        here = self._here(suture)
-        segments = await self.hand.compute("planning", self.settings.planning_budget_s, lambda: drive(here))
+        budget_s = self.settings.planning_budget_s
+        *way_in, withdraw, rise = await self.hand.compute("planning", budget_s, lambda: suture_segments(suture))
         if not await self._load():
             return _missed(number, "the jaws did not hold the needle that they were given")
-        *way_in, withdraw, rise = segments
-        way = [Stretch(segment) for segment in way_in]
-        if self.watch:
-            self.watch.loaded(here.setup)
-            way = stretches(way_in, here.setup)
-        for stretch in way:
-            end = await self._stretch(number, stretch, here.setup, withdraw, rise)
+        path = [Stretch(segment) for segment in way_in]
+        if self.tracker:
+            self.tracker.loaded()
+            path = stretches(way_in, suture.setup)
+        for stretch in path:
+            end = await self._stretch(number, stretch, suture, withdraw, rise)
             if end:
                 return end
         await self._open()
         await self._leave(number, withdraw, rise)
         return _End(SutureOutcome.DONE)
 
-    async def _stretch(self, number: int, stretch: Stretch, setup: SutureSetup, *leaving: Segment) -> _End | None:
+    async def _stretch(self, number: int, stretch: Stretch, suture: Suture, *leaving: Segment) -> _End | None:
         """Look, follow a stretch and close the jaws if they were open; return how the suture ended, if it did."""
-        segment = stretch.segment
+        segment, tracker = stretch.segment, self.tracker
         if stretch.first:
-            self.cell.log.event("step", suture=number, step=segment.name)
-        if self.watch:
-            await self._look(stretch, self.watch)
+            self.log.event("step", suture=number, step=segment.name)
+        if tracker:
+            await self._look(stretch, tracker)
             if segment.name == "approach" and stretch.first:
-                await self._reload(stretch, self.watch)
+                await self._reload(stretch, tracker)
         if segment.regrasps:
             await self._open()
-        if self.watch:
-            segment = self.watch.way(stretch)
+        if tracker:
+            segment = tracker.path(stretch)
         if reason := await self._go_along(number, segment, self._speed_m_s(stretch)):
             if stretch.segment.first_outside(self.arm) is not None:
                 return _End(SutureOutcome.JOINT_LIMIT, reason, stops=True)
             await self._open()
-            await self._leave(number, *way_out(setup, self.hand.q))
+            await self._leave(number, *retreat(suture.setup, self.hand.q))
             return _End(SutureOutcome.JOINT_LIMIT, reason)
         if not segment.regrasps:
             return None
-        if stretch.looks and self.watch:
-            await self.watch.look()
+        if stretch.looks and tracker:
+            await tracker.look()
         if not await self._grip():
             await self.hand.jaw(self.settings.jaw_open_rad)
             await self._leave(number, *leaving)
             return _missed(number, f"the jaws closed on nothing after {segment.name}")
-        if self.watch:
-            self.watch.gripped()
+        if tracker:
+            tracker.gripped()
         return None
+
+    async def _load(self) -> bool:
+        """Have a person put the needle into the jaws; return whether they hold it."""
+        for _ in range(self.settings.loadings):
+            await self.hand.jaw(self.settings.jaw_open_rad)
+            with self.log.span(self.hand.name, "loading"):
+                await self.load(self.hand.name)
+            if await self._grip():
+                return True
+        return False
+
+    async def _reload(self, stretch: Stretch, tracker: NeedleTracker) -> None:
+        """Have the needle loaded again if it is not seen in the jaws, or if its pose is too bad for driving."""
+        for _ in range(self.settings.loadings - 1):
+            if tracker.well_loaded:
+                return
+            self.log.event("loaded anew")
+            tracker.forget()
+            if await self._load():
+                tracker.loaded()
+                await self._look(stretch, tracker)
+
+    async def _look(self, stretch: Stretch, tracker: NeedleTracker) -> None:
+        """Look at the needle before a stretch and, if another look is allowed, go to where it should be."""
+        for number in range(stretch.looks):
+            doubted = await tracker.look()
+            if stretch.looks == 1:
+                return
+            if doubted:
+                continue
+            tracker.aim(stretch)
+            path = tracker.corrected(stretch.segment).q
+            start = path[:1].ravel()
+            shift_m = tracker.tip_shift_m(start) if len(start) and np.isfinite(path).all() else 0.0
+            if shift_m < (number + 1) * ENOUGH_M:
+                return
+            try:
+                if stretch.aim is Aim.TIP:
+                    await self.hand.go(run_up(path, stretch.segment.length_m))
+                await self.hand.go(start)
+            except MotionRefused:  # a joint's range ends there; following the path will report it
+                return
+            tracker.adjusted()
+
+    async def _open(self) -> None:
+        if self.tracker:
+            self.tracker.released()
+        await self.hand.jaw(self.settings.jaw_open_rad)
+
+    async def _grip(self) -> bool:
+        """Close the jaws; return whether they stalled on a wire."""
+        await self.hand.settle()
+        await self.hand.jaw(self.settings.jaw_closed_rad)
+        await self.hand.settle()
+        return self.hand.jaw_rad > self.settings.jaw_empty_rad
 
     async def _go_along(self, number: int, segment: Segment, speed_m_s: float | None) -> str:
         """Follow a segment and, if it goes beyond its end, return to it; return a sentence if the arm cannot."""
         if segment.name == "lower":
             return await self._lower(number, segment)
         reason = await self._follow(number, segment, speed_m_s)
-        if reason and self.watch and segment.name.startswith(TURNS) and segment.first_outside(self.arm) is None:
-            for lacking in SHORT:
-                q = segment.q[:-lacking]
-                length_m = segment.length_m * len(q) / len(segment.q)
-                if len(q) > 1 and not await self._follow(number, replace(segment, q=q, length_m=length_m), speed_m_s):
+        if reason and self.tracker and segment.name.startswith(TURNS) and segment.first_outside(self.arm) is None:
+            for missing in SHORT:
+                shorter = segment.first(max(0, len(segment.q) - missing))
+                if len(shorter.q) > 1 and not await self._follow(number, shorter, speed_m_s):
                     return ""
         return await self._follow(number, segment.back) if segment.beyond and not reason else reason
-
-    async def _load(self) -> bool:
-        """Have a person put the needle into the jaws; return whether they hold it."""
-        for _ in range(self.settings.loadings):
-            await self.hand.jaw(self.settings.jaw_open_rad)
-            with self.cell.log.span(self.name, "loading"):
-                await self.load(self.name)
-            if await self._grip():
-                return True
-        return False
-
-    async def _reload(self, stretch: Stretch, watch: NeedleWatch) -> None:
-        """Have the needle loaded again if it is not seen in the jaws, or if its pose is too bad for driving."""
-        for _ in range(self.settings.loadings - 1):
-            if watch.well_loaded:
-                return
-            self.cell.log.event("loaded anew")
-            watch.forget()
-            if await self._load():
-                watch.loaded(watch.setup)
-                await self._look(stretch, watch)
-
-    async def _look(self, stretch: Stretch, watch: NeedleWatch) -> None:
-        """Look at the needle before a stretch and, if another look is allowed, go to where it should be."""
-        for number in range(stretch.looks):
-            doubted = await watch.look()
-            if stretch.looks == 1:
-                return
-            if doubted:
-                continue
-            watch.aim(stretch)
-            way = watch.corrected(stretch.segment).q
-            start = way[:1].ravel()
-            off_m = watch.off_m(start) if len(start) and np.isfinite(way).all() else 0.0
-            if off_m < (number + 1) * ENOUGH_M:
-                return
-            try:
-                if stretch.aim is Aim.TIP:
-                    await self.hand.go(run_up(way, stretch.segment.length_m))
-                await self.hand.go(start)
-            except TrocarError:  # a joint's range ends there; following the path will report it
-                return
-            watch.stirred()
-
-    async def _open(self) -> None:
-        if self.watch:
-            self.watch.let_go()
-        await self.hand.jaw(self.settings.jaw_open_rad)
-
-    def _here(self, suture: Suture) -> Suture:
-        """Return the suture as this laboratory's registration places arm and circle."""
-        setup = suture.setup
-        circle = replace(setup.circle, T_world_circle=self.cell.T_world_fixture["circle"])
-        base = self.cell.T_world_base_registered[self.name]
-        return replace(suture, setup=replace(setup, arm=self.arm, T_world_base=base, circle=circle))
-
-    def _speed_m_s(self, stretch: Stretch) -> float | None:
-        """Return the mean speed of a stretch through the surface, where it is not the usual one."""
-        if stretch.aim is not Aim.TIP or not stretch.looks:
-            return None
-        return self.settings.entry_speed_m_s if stretch.rests else self.settings.exit_speed_m_s
-
-    async def _follow(self, number: int, segment: Segment, speed_m_s: float | None = None) -> str:
-        """Move along a segment, as far as the joints' ranges allow; return a sentence if they do not."""
-        outside = segment.first_outside(self.arm)
-        q = segment.q if outside is None else segment.q[: outside[0]]
-        reason = "" if outside is None else self._limit(number, segment, *outside)
-        usual = self.settings.travel_speed_m_s if segment.name in TRAVELS else self.settings.driving_speed_m_s
-        speed = usual if speed_m_s is None else speed_m_s
-        seconds = segment.length_m / speed * len(q) / max(1, len(segment.q))
-        try:
-            if len(q) and np.abs(q[0] - self.hand.q).max() > JOINED:
-                await self.hand.go(q[0])
-            if len(q) > 1:
-                await self.hand.move(along(np.concatenate([self.hand.q[None], q[1:]]), seconds))
-            if self.watch:
-                self.watch.moved(segment.length_m)
-        except TrocarError as error:
-            return f"suture {number + 1}, {segment.name}: {error}; stopped before it"
-        return reason
-
-    def _limit(self, number: int, segment: Segment, place: int, joint: int) -> str:
-        """Return in words what a path demands of a joint that is out of its range."""
-        where = f"suture {number + 1}, {segment.name}"
-        if joint < 0:
-            return f"{where}: no configuration of {self.arm.name} reaches the pose {place} of {len(segment.q)}"
-        limits, values = self.arm.joints[joint], segment.q[place:, joint]
-        lower, upper = (float(bound[joint]) for bound in ranges(self.arm))
-        lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
-        wanted = lowest if lower - lowest > highest - upper else highest
-        return (
-            f"{where}: joint '{limits.name}' would go to {limits.shown(wanted)}, outside "
-            f"[{limits.shown(lower)}, {limits.shown(upper)}]; stopped there"
-        )
 
     async def _lower(self, number: int, segment: Segment) -> str:
         """Come down along a segment, from as far up as possible; return a sentence if it is impossible."""
@@ -317,16 +290,47 @@ class CircleSuturing:
         off = self.hand.q - next((segment.q[0] for segment in planned if len(segment.q)), self.hand.q)
         from_here = [replace(segment, q=segment.q + off) for segment in planned]
         for segment in cut_short(from_here, self.arm):
-            self.cell.log.event("step", suture=number, step=segment.name)
+            self.log.event("step", suture=number, step=segment.name)
             if len(segment.q) and await self._follow(number, segment):
                 return
 
-    async def _grip(self) -> bool:
-        """Close the jaws; return whether they stalled on a wire."""
-        await self.hand.settle()
-        await self.hand.jaw(self.settings.jaw_closed_rad)
-        await self.hand.settle()
-        return self.hand.jaw_rad > self.settings.jaw_empty_rad
+    async def _follow(self, number: int, segment: Segment, speed_m_s: float | None = None) -> str:
+        """Move along a segment, as far as the joints' ranges allow; return a sentence if they do not."""
+        outside = segment.first_outside(self.arm)
+        q = segment.q if outside is None else segment.q[: outside[0]]
+        reason = "" if outside is None else self._limit(number, segment, *outside)
+        usual = self.settings.travel_speed_m_s if segment.name in TRAVELS else self.settings.driving_speed_m_s
+        seconds = segment.length_m / (speed_m_s or usual) * len(q) / max(1, len(segment.q))
+        try:
+            if len(q) and np.abs(q[0] - self.hand.q).max() > JOINED:
+                await self.hand.go(q[0])
+            if len(q) > 1:
+                await self.hand.move(along(np.concatenate([self.hand.q[None], q[1:]]), seconds))
+            if self.tracker:
+                self.tracker.moved(segment.length_m)
+        except MotionRefused as error:
+            return f"suture {number + 1}, {segment.name}: {error}; stopped before it"
+        return reason
+
+    def _limit(self, number: int, segment: Segment, waypoint: int, joint: int) -> str:
+        """Return in words what a path demands of a joint that is out of its range."""
+        where = f"suture {number + 1}, {segment.name}"
+        if joint < 0:
+            return f"{where}: no configuration of {self.arm.name} reaches waypoint {waypoint} of {len(segment.q)}"
+        limits, values = self.arm.joints[joint], segment.q[waypoint:, joint]
+        lower, upper = (float(bound[joint]) for bound in ranges(self.arm))
+        lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
+        wanted = lowest if lower - lowest > highest - upper else highest
+        return (
+            f"{where}: joint '{limits.name}' would go to {limits.shown(wanted)}, outside "
+            f"[{limits.shown(lower)}, {limits.shown(upper)}]; stopped there"
+        )
+
+    def _speed_m_s(self, stretch: Stretch) -> float | None:
+        """Return the mean speed of a stretch through the surface, where it is not the usual one."""
+        if stretch.aim is not Aim.TIP or not stretch.looks:
+            return None
+        return self.settings.entry_speed_m_s if stretch.fixed_wrist else self.settings.exit_speed_m_s
 
 
 def _missed(number: int, why: str) -> _End:

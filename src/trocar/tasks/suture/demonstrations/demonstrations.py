@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, manipulability
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import TURN
 
 SAME_PLACE_RAD = 1e-9
@@ -43,7 +43,7 @@ class Demonstrations:
         return self.per_arm.mean(0)
 
     def manipulability_at(self, thetas_rad: ArrayLike) -> NDArray[np.float64]:
-        """Return M (n,) at any angles (n,); pass this method to ``dexterity`` as ``manipulability_at``."""
+        """Return M (n,) at any angles (n,)."""
         return np.interp(np.asarray(thetas_rad, dtype=np.float64), self.places_rad, self.at_places, period=TURN)
 
     def per_arm_at(self, thetas_rad: ArrayLike) -> NDArray[np.float64]:
@@ -64,7 +64,7 @@ def demonstrations_from_joints(
         source: origin of the recordings, in words.
 
     Raises:
-        TrocarError: there are fewer than two places.
+        InvalidInput: there are fewer than two places.
     """
     thetas = np.mod(np.asarray(thetas_rad, dtype=np.float64), TURN)
     thetas[TURN - thetas < SAME_PLACE_RAD] = 0.0
@@ -72,9 +72,10 @@ def demonstrations_from_joints(
     order = np.argsort(thetas, kind="stable")
     place = np.cumsum(np.diff(thetas[order], prepend=-1.0) > SAME_PLACE_RAD) - 1
     if len(place) == 0 or place[-1] == 0:
-        raise TrocarError(
-            f"the demonstrations cover {len(set(place.tolist()))} place(s) of the circle; record sutures at two or "
-            "more, so that manipulability can be interpolated between them (the paper: eight)"
+        raise InvalidInput(
+            "the demonstrations",
+            f"cover {len(set(place.tolist()))} place(s) of the circle",
+            "record sutures at two or more, so that manipulability can be interpolated between them (the paper: eight)",
         )
     counts = np.bincount(place)
     per_arm = np.stack([np.bincount(place, column) / counts for column in squares[order].T])

@@ -6,14 +6,12 @@
     arms = ["psm-classic", "psm-classic"]                    # the recorded arms, in the order of the columns
     angles = "deg"                                           # or "rad", the default
     lengths = "mm"                                           # or "m", the default
-    columns = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12]        # optional: the joints' columns, by number or name
-    state = "observation.state"                              # optional: the column of a parquet file
+    columns = ["j1", "j2", "j3", "j4", "j5", "j6", ...]      # optional: the joints' columns, six per arm
 
     [[sutures]]
     file = "place_0_first.csv"
     theta_deg = 0                                            # counterclockwise from x of the circle
     rows = [120, 840]                                        # optional: first row, and the row after the last
-    episode = 3                                              # optional: of a parquet file
 
     [[bases]]                                                # optional, JIGSAWS: pose of each arm's base in the
     xyz_m = [0.1, 0.0, 0.2]                                  # frame of the recorded poses
@@ -32,18 +30,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ARMS
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, InvalidInput, InvalidValue
 from trocar.geometry import SE3, SO3
-from trocar.tasks.suture.demonstrations.convention import Convention
 from trocar.tasks.suture.demonstrations.demonstrations import Demonstrations, demonstrations_from_joints
-from trocar.tasks.suture.demonstrations.poses import joints_from_poses
-from trocar.tasks.suture.demonstrations.readers import read_recording
+from trocar.tasks.suture.demonstrations.jigsaws import joints_from_poses, read_jigsaws
+from trocar.tasks.suture.demonstrations.recordings import Convention, read_table
 
 NAME = "demonstrations.toml"
-KEYS = {"source", "arms", "angles", "lengths", "columns", "state", "sutures", "bases", "recorded_tip_wxyz"}
-SUTURE_KEYS = {"file", "theta_deg", "rows", "episode"}
-BASE_KEYS = {"xyz_m", "wxyz"}
-DEFAULTS = {"angles": "rad", "lengths": "m", "state": "observation.state"}
+KIND = "manifest of demonstrations"
+TABLE, JIGSAWS = ".csv", ".txt"
 
 
 @dataclass(frozen=True)
@@ -54,13 +49,11 @@ class RecordedSuture:
         file: its recording.
         theta_rad: its position on the circle.
         rows: first row, and the row after the last; None: all.
-        episode: of a parquet file; None: the only one.
     """
 
     file: Path
     theta_rad: float
     rows: tuple[int, int] | None = None
-    episode: int | None = None
 
 
 @dataclass(frozen=True)
@@ -82,128 +75,128 @@ def load_demonstrations(path: str | Path) -> Demonstrations:
     """Return the demonstrations of a ``demonstrations.toml``, given as that file or its folder.
 
     Raises:
-        TrocarError: the manifest or a recording is missing or broken, or a recording contradicts the manifest.
+        BadFile: the manifest or a recording is missing or broken, or a recording contradicts the manifest.
     """
     manifest = load_manifest(path)
-    convention, joints, poses = manifest.convention, {}, {}
+    convention, source = manifest.convention, manifest.source
+    joints: dict[int, NDArray[np.float64]] = {}
+    poses: dict[int, tuple[Path, SE3]] = {}
     for index, suture in enumerate(manifest.sutures):
-        found = read_recording(suture.file, convention, suture.episode)
-        length = len(found.matrix) if isinstance(found, SE3) else len(found)
-        rows = slice(*suture.rows) if suture.rows else slice(None)
-        if suture.rows and suture.rows[1] > length:
-            raise TrocarError(
-                f"{suture.file}: the manifest asks for rows {suture.rows[0]} to {suture.rows[1]}; it has {length} rows"
-            )
+        found = read_recording(suture, convention)
         if isinstance(found, SE3):
-            poses[index] = found[rows]
+            poses[index] = suture.file, found
         else:
-            joints[index] = convention.joints(found[rows], str(suture.file))
-    source = manifest.source
+            joints[index] = convention.joints(found, suture.file)
     if poses:
-        names = [str(manifest.sutures[index].file) for index in poses]
-        solved, assumed = joints_from_poses(list(poses.values()), convention, names)
+        solved, assumed = joints_from_poses(list(poses.values()), convention)
         joints |= dict(zip(poses, solved, strict=True))
         source = f"{source}; {assumed}"
     thetas = [suture.theta_rad for suture in manifest.sutures]
-    recordings = [joints[index] for index in range(len(thetas))]
-    return demonstrations_from_joints(thetas, recordings, convention.arms, source)
+    return demonstrations_from_joints(thetas, [joints[index] for index in range(len(thetas))], convention.arms, source)
+
+
+def read_recording(suture: RecordedSuture, convention: Convention) -> NDArray[np.float64] | SE3:
+    """Return the rows of a recorded suture: joint values (n, 6 arms) as recorded or, from JIGSAWS, poses (n, arms).
+
+    Raises:
+        BadFile: the file is missing, empty or broken, or its extension or content is unknown.
+    """
+    path = suture.file
+    if path.suffix not in (TABLE, JIGSAWS):
+        raise BadFile(path, f"ends in {path.suffix!r}", f"recordings end in {TABLE} or {JIGSAWS}")
+    if not path.is_file() or path.stat().st_size == 0:
+        problem = "is empty" if path.is_file() else "does not exist"
+        raise BadFile(path, problem, "correct its name in the manifest, or copy it again", kind="recording")
+    found = read_jigsaws(path, convention) if path.suffix == JIGSAWS else read_table(path, convention)
+    if suture.rows is None:
+        return found
+    length = len(found.matrix) if isinstance(found, SE3) else len(found)
+    if suture.rows[1] > length:
+        raise BadFile(path, f"has {length} rows", f"the manifest asks for {suture.rows[0]} to {suture.rows[1]}")
+    return found[slice(*suture.rows)]
 
 
 def load_manifest(path: str | Path) -> Manifest:
     """Return the manifest at a path, which is the file or its folder.
 
     Raises:
-        TrocarError: it is missing, broken, has unknown keys or wrong values.
+        BadFile: it is missing, broken, has unknown keys or wrong values.
     """
-    path = Path(path)
-    if path.is_dir():
-        path = path / NAME
-    if not path.is_file():
-        raise TrocarError(
-            f"demonstrations {str(path)!r} do not exist; give a folder with a {NAME} that names the recordings"
-        )
+    path = Path(path) / NAME if Path(path).is_dir() else Path(path)
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BadFile(path, "does not exist", f"give a folder with a {NAME}", kind=KIND) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise TrocarError(f"{str(path)!r} cannot be read as TOML: {error}; correct it") from None
-    where = str(path)
-    _check_keys(content, KEYS, where)
-    sutures = content.get("sutures", [])
-    if not (isinstance(sutures, list) and sutures and all(isinstance(entry, dict) for entry in sutures)):
-        raise TrocarError(f"{where} lists no sutures; add [[sutures]] with file and theta_deg for each recording")
-    source = content.get("source", f"demonstrations in {path.parent.name}")
-    if not isinstance(source, str):
-        raise TrocarError(f"{where}: source is {source!r}; say in words where the recordings come from")
-    found = tuple(_suture(entry, path.parent, f"{where}, suture {i + 1}") for i, entry in enumerate(sutures))
-    return Manifest(source, _convention(content, where), found)
-
-
-def _convention(content: dict[str, Any], where: str) -> Convention:
-    arms = content.get("arms")
-    if not isinstance(arms, list) or not all(isinstance(name, str) and name in ARMS for name in arms):
-        raise TrocarError(f"{where}: arms is {arms!r}; list the recorded arms, each one of {', '.join(ARMS)}")
-    words = {key: content.get(key, default) for key, default in DEFAULTS.items()}
-    for key, value in words.items():
-        if not isinstance(value, str):
-            raise TrocarError(f"{where}: {key} is {value!r}; give a word, such as {DEFAULTS[key]!r}")
-    columns = content.get("columns")
-    if columns is not None:
-        kinds = {type(column) for column in columns} if isinstance(columns, list) else set()
-        if kinds not in ({int}, {str}):
-            raise TrocarError(f"{where}: columns is {columns!r}; list numbers from 0, or names, six per arm")
-        columns = tuple(columns)
-    bases = content.get("bases")
-    if bases is not None:
-        if not (isinstance(bases, list) and all(isinstance(base, dict) for base in bases)):
-            raise TrocarError(f"{where}: bases is {bases!r}; add [[bases]] with xyz_m and wxyz for each arm")
-        bases = tuple(_base(base, f"{where}, base {i + 1}") for i, base in enumerate(bases))
-    tip = _numbers(content.get("recorded_tip_wxyz", [1, 0, 0, 0]), 4, f"{where}: recorded_tip_wxyz")
+        raise BadFile(path, f"cannot be read as TOML: {error}", "correct it", kind=KIND) from None
     try:
-        return Convention(
-            tuple(ARMS[name] for name in arms),
-            columns=columns,
-            T_frame_base=bases,
-            R_recorded_tip=SO3.from_quaternion(tip),
-            **words,
-        )
-    except TrocarError as error:
-        raise TrocarError(f"{where}: {error}") from None
+        return _manifest(content, path.parent)
+    except InvalidInput as error:
+        raise BadFile(path, f"is wrong: {error}", kind=KIND) from None
 
 
-def _suture(entry: dict[str, Any], folder: Path, where: str) -> RecordedSuture:
-    _check_keys(entry, SUTURE_KEYS, where)
-    file, theta, rows, episode = (entry.get(key) for key in ("file", "theta_deg", "rows", "episode"))
+def _manifest(content: dict[str, Any], folder: Path) -> Manifest:
+    _check_keys(content, ("source", "arms", "angles", "lengths", "columns", "sutures", "bases", "recorded_tip_wxyz"))
+    arms, columns, bases = content.get("arms"), content.get("columns"), content.get("bases")
+    if not isinstance(arms, list) or not all(isinstance(name, str) and name in ARMS for name in arms):
+        raise InvalidValue("arms", repr(arms), f"list the recorded arms, each one of {', '.join(ARMS)}")
+    words = {"source": f"demonstrations in {folder.name}", "angles": "rad", "lengths": "m"}
+    words |= {key: content[key] for key in words if key in content}
+    for key, word in words.items():
+        if not isinstance(word, str):
+            raise InvalidValue(key, repr(word), "give a word")
+    if columns is not None and not (isinstance(columns, list) and all(isinstance(name, str) for name in columns)):
+        raise InvalidValue("columns", repr(columns), "list names, six per arm")
+    sutures = _tables(content.get("sutures", []), "sutures")
+    if not sutures:
+        raise InvalidInput("it", "lists no sutures", "add [[sutures]] with file and theta_deg for each recording")
+    convention = Convention(
+        tuple(ARMS[name] for name in arms),
+        words["angles"],
+        words["lengths"],
+        None if columns is None else tuple(columns),
+        None if bases is None else tuple(_base(base) for base in _tables(bases, "bases")),
+        SO3.from_quaternion(_numbers(content.get("recorded_tip_wxyz", [1, 0, 0, 0]), 4, "recorded_tip_wxyz")),
+    )
+    return Manifest(words["source"], convention, tuple(_suture(entry, folder) for entry in sutures))
+
+
+def _suture(entry: dict[str, Any], folder: Path) -> RecordedSuture:
+    _check_keys(entry, ("file", "theta_deg", "rows"))
+    file, rows = entry.get("file"), entry.get("rows")
     if not isinstance(file, str) or not file:
-        raise TrocarError(f"{where} has the file {file!r}; name its recording")
-    if not isinstance(theta, int | float) or isinstance(theta, bool) or not math.isfinite(theta):
-        raise TrocarError(
-            f"{where} ({file}) has theta_deg = {theta!r}; give its position on the circle in degrees, "
-            "counterclockwise from x"
-        )
-    if rows is not None and not (
-        isinstance(rows, list) and len(rows) == 2 and all(type(row) is int for row in rows) and 0 <= rows[0] < rows[1]
-    ):
-        raise TrocarError(f"{where} ({file}) has rows = {rows!r}; give the first row and the one after the last")
-    if episode is not None and type(episode) is not int:
-        raise TrocarError(f"{where} ({file}) has episode = {episode!r}; give a whole number")
-    return RecordedSuture(folder / file, math.radians(theta), tuple(rows) if rows else None, episode)
+        raise InvalidValue("file of a suture", repr(file), "name its recording")
+    theta_deg = entry.get("theta_deg")
+    if not isinstance(theta_deg, int | float) or isinstance(theta_deg, bool) or not math.isfinite(theta_deg):
+        raise InvalidValue(f"theta_deg of {file}", repr(theta_deg), "give its position, counterclockwise from x")
+    if rows is not None:
+        good = isinstance(rows, list) and len(rows) == 2 and all(type(row) is int for row in rows)
+        if not (good and 0 <= rows[0] < rows[1]):
+            raise InvalidValue(f"rows of {file}", repr(rows), "give the first row and the one after the last")
+    return RecordedSuture(folder / file, math.radians(theta_deg), tuple(rows) if rows else None)
 
 
-def _base(entry: dict[str, Any], where: str) -> SE3:
-    _check_keys(entry, BASE_KEYS, where)
-    xyz, wxyz = _numbers(entry.get("xyz_m"), 3, f"{where}: xyz_m"), entry.get("wxyz", [1, 0, 0, 0])
-    return SE3.from_parts(SO3.from_quaternion(_numbers(wxyz, 4, f"{where}: wxyz")), xyz)
+def _base(entry: dict[str, Any]) -> SE3:
+    _check_keys(entry, ("xyz_m", "wxyz"))
+    wxyz = _numbers(entry.get("wxyz", [1, 0, 0, 0]), 4, "wxyz of a base")
+    return SE3.from_parts(SO3.from_quaternion(wxyz), _numbers(entry.get("xyz_m"), 3, "xyz_m of a base"))
 
 
-def _numbers(values: Any, count: int, where: str) -> NDArray[np.float64]:
-    """Return ``count`` finite numbers (four are a quaternion, and not all zero), or raise TrocarError."""
+def _tables(value: Any, name: str) -> list[dict[str, Any]]:
+    if not (isinstance(value, list) and all(isinstance(entry, dict) for entry in value)):
+        raise InvalidValue(name, repr(value), f"give tables [[{name}]]")
+    return value
+
+
+def _numbers(values: Any, count: int, what: str) -> NDArray[np.float64]:
+    """Return ``count`` finite numbers; four are a quaternion, and not all zero."""
     good = isinstance(values, list) and len(values) == count and all(type(v) in (int, float) for v in values)
     if not good or not np.isfinite(values).all() or (count == 4 and not np.any(values)):
-        raise TrocarError(f"{where} is {values!r}; give {count} finite numbers")
+        raise InvalidValue(what, repr(values), f"give {count} finite numbers")
     return np.array(values, dtype=np.float64)
 
 
-def _check_keys(entry: dict[str, Any], known: set[str], where: str) -> None:
-    unknown = [key for key in entry if key not in known]
-    if unknown:
-        raise TrocarError(f"{where} has the unknown key {unknown[0]!r}; known are {', '.join(sorted(known))}")
+def _check_keys(entry: dict[str, Any], known: tuple[str, ...]) -> None:
+    for key in entry:
+        if key not in known:
+            raise InvalidInput("it", f"has the unknown key {key!r}", f"known are {', '.join(known)}")

@@ -1,20 +1,18 @@
 """Where to place stay sutures round a circle, and in which direction to drive each (Thananjeyan et al. 2019)."""
 
-from trocar.tasks.suture.planning.continuous import plan_continuous
-from trocar.tasks.suture.planning.enclosure import DexterityEnclosure, interpolated_bounds
-from trocar.tasks.suture.planning.even import plan_even, plan_exhaustive
-from trocar.tasks.suture.planning.gaps import plan_gaps
+from trocar.tasks.suture.needle import Needle
+from trocar.tasks.suture.planning.grid import plan_even, plan_gaps
 from trocar.tasks.suture.planning.joints import SutureJoints, suture_joints
 from trocar.tasks.suture.planning.plan import Spacing, SuturePlan
-from trocar.tasks.suture.planning.presets import PRESETS, Preset
-from trocar.tasks.suture.planning.rewards import MARGINS, DexterityMap, Reward, dexterity
+from trocar.tasks.suture.planning.primitive import Suture, sutures_at
+from trocar.tasks.suture.planning.refine import refined
+from trocar.tasks.suture.planning.rewards import MARGINS, PRESETS, DexterityMap, Preset, Reward, dexterity
 from trocar.tasks.suture.planning.setup import (
     CLOCKWISE,
     COUNTERCLOCKWISE,
     DIRECTIONS,
     Circle,
     Insertion,
-    Needle,
     NeedleGrasp,
     SutureSetup,
     base_beside,
@@ -27,7 +25,6 @@ __all__ = [
     "MARGINS",
     "PRESETS",
     "Circle",
-    "DexterityEnclosure",
     "DexterityMap",
     "Insertion",
     "Needle",
@@ -35,15 +32,15 @@ __all__ = [
     "Preset",
     "Reward",
     "Spacing",
+    "Suture",
     "SutureJoints",
     "SuturePlan",
     "SutureSetup",
     "base_beside",
     "dexterity",
-    "interpolated_bounds",
-    "plan_continuous",
     "plan_even",
-    "plan_exhaustive",
     "plan_gaps",
+    "refined",
     "suture_joints",
+    "sutures_at",
 ]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms import ArmModel, ik_unbounded, wrist_depth_m
 from trocar.geometry import SE3, TURN
 from trocar.geometry.arrays import finite
-from trocar.tasks.suture.planning.primitive import Places, places, tip_poses
+from trocar.tasks.suture.planning.primitive import path_samples, tip_poses
 from trocar.tasks.suture.planning.setup import SutureSetup
 
 LIMIT_TOLERANCE = 1e-9
@@ -25,10 +25,10 @@ class SutureJoints:
     Attributes:
         arm: the arm.
         thetas_rad: (n,) positions on the circle.
-        q: (2, n, k, 6) one row per direction of ``DIRECTIONS``, at the k places along the suture that ``places`` lists;
-            rad and m. NaN where the arm has no real solution. The roll is continuous, in the winding that stays nearest
-            to the middle of its range.
-        station: (k,) which places are stations.
+        q: (2, n, k, 6) one row per direction of ``DIRECTIONS``, at the k samples of ``path_samples``; rad and m. NaN
+            where the arm has no real solution. The roll is continuous, in the winding that stays nearest to the middle
+            of its range.
+        station: (k,) which samples are stations.
     """
 
     arm: ArmModel
@@ -45,8 +45,8 @@ class SutureJoints:
     @cached_property
     def too_shallow_m(self) -> NDArray[np.float64]:
         """Return by how much (2, n) the wrist falls short of the safe depth at worst; infinite where q is NaN."""
-        lacking = self.arm.safe_depth_m - wrist_depth_m(self.arm, self.q).min(2)
-        return np.where(np.isfinite(lacking), np.maximum(lacking, 0.0), np.inf)
+        short_m = self.arm.safe_depth_m - wrist_depth_m(self.arm, self.q).min(2)
+        return np.where(np.isfinite(short_m), np.maximum(short_m, 0.0), np.inf)
 
     @cached_property
     def feasible(self) -> NDArray[np.bool_]:
@@ -63,37 +63,36 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
     """Return the joints along the sutures at these positions (n,), in both directions, in closed form.
 
     Raises:
-        TrocarError: a position is not finite.
+        InvalidInput: a position is not finite.
     """
     thetas = np.atleast_1d(finite("positions of sutures", thetas_rad, ...))
-    along = places(setup)
-    harmonics = tip_harmonics(setup, along)
+    samples = path_samples(setup)
+    # A suture at theta is the one at 0 rotated about the circle's axis, T_base_circle Rz(theta) T_circle_tip, and Rz is
+    # linear in 1, cos and sin: a sum of three terms replaces two matrix products per sample and position.
+    parts = np.zeros((3, 4, 4))
+    parts[0, 2, 2] = parts[0, 3, 3] = parts[1, 0, 0] = parts[1, 1, 1] = parts[2, 1, 0] = 1.0
+    parts[2, 0, 1] = -1.0
+    at_zero = tip_poses(setup, samples.advance_m, samples.jaws_rad).matrix
+    harmonics = (setup.T_base_circle.matrix @ parts)[:, None, None] @ at_zero
     turns = np.stack([np.ones_like(thetas), np.cos(thetas), np.sin(thetas)], -1)
     poses = turns @ np.moveaxis(harmonics.reshape(*harmonics.shape[:3], 16), 0, 2).swapaxes(0, 1)
-    # places are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
+    # samples are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
     q = np.moveaxis(ik_unbounded(setup.arm, SE3.unchecked(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
-    return SutureJoints(setup.arm, thetas, q, along.station)
+    return SutureJoints(setup.arm, thetas, q, samples.station)
 
 
-def tip_harmonics(setup: SutureSetup, along: Places) -> NDArray[np.float64]:
-    """Return (3, 2, k, 4, 4): the tip's pose in the base is ``h[0] + h[1] cos(theta) + h[2] sin(theta)``.
-
-    A suture at theta is the one at 0 rotated about the circle's axis, ``T_base_circle Rz(theta) T_circle_tip``, and
-    ``Rz`` is linear in 1, cos and sin: a sum of three terms replaces two matrix products.
-    """
-    turns = np.zeros((3, 4, 4))
-    turns[0, 2, 2] = turns[0, 3, 3] = turns[1, 0, 0] = turns[1, 1, 1] = turns[2, 1, 0] = 1.0
-    turns[2, 0, 1] = -1.0
-    at_zero = tip_poses(setup, along.advance_m, along.jaws_rad).matrix
-    return (setup.T_base_circle.matrix @ turns)[:, None, None] @ at_zero
-
-
-def unwound(roll: NDArray[np.float64], middle: float = 0.0) -> NDArray[np.float64]:
+def unwound(roll: NDArray[np.float64], middle: float = 0.0, of: slice = slice(None)) -> NDArray[np.float64]:
     """Return roll (..., k) rad without jumps along its last axis, in the winding that stays nearest to the middle.
 
     The roll is known only up to whole turns; wrapped naively, it jumps at some positions (``facts/suture.md``).
+
+    Args:
+        roll: rad.
+        middle: of the joint's range.
+        of: the part of the last axis whose extremes decide.
     """
     roll = np.unwrap(roll, axis=-1)
-    center = (roll.max(-1) + roll.min(-1)) / 2
+    deciding = roll[..., of]
+    center = (deciding.max(-1) + deciding.min(-1)) / 2
     return roll - TURN * np.rint((center - middle) / TURN)[..., None]

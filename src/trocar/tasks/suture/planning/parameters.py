@@ -1,112 +1,145 @@
-"""The free parameters of a setup, by name: those that are drawn at random, searched over or fitted."""
+"""The numbers of a setup by name: options of ``plan suture``, and what ``plan setup`` searches over."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from trocar.errors import TrocarError
+import numpy as np
+
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import SE3, SO3, TURN, shown, shown_scale
-from trocar.tasks.suture.planning.setup import Circle, Needle, NeedleGrasp, SutureSetup, base_beside
-
-
-@dataclass(frozen=True)
-class Range:
-    """Bounds of a parameter, inclusive, in m or rad."""
-
-    low: float
-    high: float
-
-
-def _degrees(low: float, high: float) -> Range:
-    return Range(math.radians(low), math.radians(high))
-
-
-RANGES: dict[str, Range] = {
-    "center_x_m": Range(-0.010, 0.010),  # shift of the circle's centre along its own x
-    "center_y_m": Range(-0.010, 0.010),  # likewise along y
-    "circle_radius_m": Range(0.020, 0.040),
-    "base_azimuth_rad": _degrees(0, 360),  # direction from the unshifted centre to the base
-    "base_sideways_m": Range(0.030, 0.090),  # distance of the base from the circle's axis
-    "base_up_m": Range(0.080, 0.150),  # height of the base above the circle
-    "base_tilt_rad": _degrees(-60, 60),  # lean of the base towards the circle
-    "base_spin_rad": _degrees(-180, 180),  # rotation of the base about its z
-    "needle_radius_m": Range(0.006, 0.010),  # radius of the needle's curvature
-    "grasp_behind_tip_rad": _degrees(90, 150),  # arc from the needle's tip back to the jaws
-    "grasp_approach_rad": _degrees(-180, 180),  # rotation of the jaws about the wire
-    "grasp_lean_rad": _degrees(0, 90),  # rotation about the closing direction; below 0 the wrist meets the tissue
-    "grasp_skew_rad": _degrees(-180, 180),  # rotation about the jaws' long axis; flat jaws can hold 0 and 180 deg only
-}
-"""Default bounds, assumed: what fits under an abdominal wall beside a phantom, with needles 17 to 28 mm across."""
+from trocar.tasks.suture.planning.setup import SutureSetup, base_beside
 
 MAX_SHIFT_M = 0.5
 """Largest shift of the circle's centre along an axis."""
 
 
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a setup, in m or rad.
+
+    Attributes:
+        part: attribute of the setup that holds it, or ``base``, or ``center``.
+        field: its name there; of ``base`` an argument of ``base_beside``.
+        about: one line for the help.
+        bounds: between which it is searched by default, assumed: what fits under an abdominal wall beside a phantom,
+            with needles 17 to 28 mm across. None: it is not searched over.
+    """
+
+    part: str
+    field: str
+    about: str
+    bounds: tuple[float, float] | None = None
+
+
+def _degrees(low: float, high: float) -> tuple[float, float]:
+    return math.radians(low), math.radians(high)
+
+
+PARAMETERS: dict[str, Parameter] = {
+    "center_x_m": Parameter("center", "x_m", "Shift of the circle's centre along its own x.", (-0.010, 0.010)),
+    "center_y_m": Parameter("center", "y_m", "Shift of the circle's centre along its own y.", (-0.010, 0.010)),
+    "circle_radius_m": Parameter("circle", "radius_m", "Radius of the circle of sutures.", (0.020, 0.040)),
+    "base_azimuth_rad": Parameter(
+        "base", "azimuth_rad", "Direction of the arm's base, counterclockwise from x.", _degrees(0, 360)
+    ),
+    "base_sideways_m": Parameter(
+        "base", "sideways_m", "Horizontal distance of the base from the world's origin.", (0.030, 0.090)
+    ),
+    "base_up_m": Parameter("base", "up_m", "Height of the base.", (0.080, 0.150)),
+    "base_tilt_rad": Parameter(
+        "base", "tilt_rad", "Lean of the resting instrument towards the origin.", _degrees(-60, 60)
+    ),
+    "base_spin_rad": Parameter("base", "spin_rad", "Rotation of the base about its z.", _degrees(-180, 180)),
+    "needle_radius_m": Parameter("needle", "radius_m", "Radius of the needle's curvature.", (0.006, 0.010)),
+    "needle_arc_rad": Parameter("needle", "arc_rad", "Arc of the needle from tip to tail."),
+    "grasp_behind_tip_rad": Parameter(
+        "grasp", "behind_tip_rad", "Arc from the needle's tip back to the jaws.", _degrees(90, 150)
+    ),
+    "grasp_approach_rad": Parameter(
+        "grasp", "approach_rad", "Rotation of the jaws about the wire.", _degrees(-180, 180)
+    ),
+    # below 0 the wrist meets the tissue
+    "grasp_lean_rad": Parameter(
+        "grasp", "lean_rad", "Rotation of the jaws about their closing direction.", _degrees(0, 90)
+    ),
+    # flat jaws can hold 0 and 180 deg only
+    "grasp_skew_rad": Parameter(
+        "grasp", "skew_rad", "Rotation of the jaws about their long axis.", _degrees(-180, 180)
+    ),
+    "entry_angle_rad": Parameter("insertion", "entry_angle_rad", "Angle between the entering needle and the surface."),
+    "straight_m": Parameter("insertion", "straight_m", "Length of the straight penetration."),
+    "rotation_rad": Parameter("insertion", "rotation_rad", "Rotation about the needle's centre that follows."),
+    "regrasp_rad": Parameter("insertion", "regrasp_rad", "How far the jaws move back along the needle."),
+}
+
+SEARCHED = tuple(name for name, parameter in PARAMETERS.items() if parameter.bounds)
+"""Names of the parameters that can be searched over."""
+
+
 def parameters_of(setup: SutureSetup) -> dict[str, float]:
-    """Return the parameters of a setup; pose of the circle, arm and insertion are not among them."""
-    T = setup.T_base_circle.inverse()
-    x, y, up = T.translation_m
-    azimuth = math.atan2(y, x)
-    _, tilt, spin = _facing(T.rotation, azimuth)
+    """Return the parameters of a setup; the centre's shift is 0, whatever the pose of the circle."""
+    base = _base_numbers(setup.T_world_base)
+    base["azimuth_rad"] %= TURN
+    made_up = {"base": base, "center": {"x_m": 0.0, "y_m": 0.0}}
     return {
-        "center_x_m": 0.0,
-        "center_y_m": 0.0,
-        "circle_radius_m": setup.circle.radius_m,
-        "base_azimuth_rad": azimuth % TURN,
-        "base_sideways_m": math.hypot(x, y),
-        "base_up_m": float(up),
-        "base_tilt_rad": tilt,
-        "base_spin_rad": spin,
-        "needle_radius_m": setup.needle.radius_m,
-        "grasp_behind_tip_rad": setup.grasp.behind_tip_rad,
-        "grasp_approach_rad": setup.grasp.approach_rad,
-        "grasp_lean_rad": setup.grasp.lean_rad,
-        "grasp_skew_rad": setup.grasp.skew_rad,
+        name: made_up[of.part][of.field] if of.part in made_up else getattr(getattr(setup, of.part), of.field)
+        for name, of in PARAMETERS.items()
     }
 
 
-def with_parameters(setup: SutureSetup, values: Mapping[str, float]) -> SutureSetup:
+def with_parameters(setup: SutureSetup, values: Mapping[str, float], **changes: Any) -> SutureSetup:
     """Return the setup with some parameters replaced; the others stay.
 
-    A change of the base's azimuth rotates the whole base about the circle's axis.
+    Args:
+        setup: where the others come from.
+        values: of parameters, by name.
+        changes: parts of the setup that are replaced first.
 
     Raises:
-        TrocarError: a name is unknown, or no setup has these values.
+        InvalidInput: a name is unknown, or no setup has these values.
     """
     check_names(values)
-    now = parameters_of(setup)
-    new = {**now, **values}
-    T_circle_base = setup.T_base_circle.inverse()
-    facing, _, _ = _facing(T_circle_base.rotation, now["base_azimuth_rad"])
-    facing += new["base_azimuth_rad"] - now["base_azimuth_rad"]
-    azimuth, sideways = new["base_azimuth_rad"], new["base_sideways_m"]
-    attitude = SO3.axis("z", facing) @ SO3.axis("y", new["base_tilt_rad"]) @ SO3.axis("z", new["base_spin_rad"])
-    place = [sideways * math.cos(azimuth), sideways * math.sin(azimuth), new["base_up_m"]]
-    shift = SE3.from_parts(translation_m=[new["center_x_m"], new["center_y_m"], 0.0])
-    T_world_circle = setup.circle.T_world_circle
-    return replace(
-        setup,
-        T_world_base=T_world_circle @ SE3.from_parts(attitude, place),
-        circle=replace(setup.circle, radius_m=new["circle_radius_m"], T_world_circle=T_world_circle @ shift),
-        needle=replace(setup.needle, radius_m=new["needle_radius_m"]),
-        grasp=replace(
-            setup.grasp,
-            behind_tip_rad=new["grasp_behind_tip_rad"],
-            approach_rad=new["grasp_approach_rad"],
-            lean_rad=new["grasp_lean_rad"],
-            skew_rad=new["grasp_skew_rad"],
-        ),
-    )
+    parts: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        parts.setdefault(PARAMETERS[name].part, {})[PARAMETERS[name].field] = value
+    base, center = parts.pop("base", {}), parts.pop("center", {})
+    changes |= {part: replace(changes.get(part, getattr(setup, part)), **fields) for part, fields in parts.items()}
+    if base:
+        now = _base_numbers(setup.T_world_base)
+        changes["T_world_base"] = base_beside(**{**now, **base})
+        rest = base_beside(**now).inverse() @ setup.T_world_base
+        if not np.allclose(rest.matrix, np.eye(4), rtol=0.0, atol=1e-12):  # its attitude needs more than two angles
+            changes["T_world_base"] @= rest
+    if center:
+        circle = changes.get("circle", setup.circle)
+        shift = SE3.from_parts(translation_m=[center.get("x_m", 0.0), center.get("y_m", 0.0), 0.0])
+        changes["circle"] = replace(circle, T_world_circle=circle.T_world_circle @ shift)
+    return replace(setup, **changes)
 
 
-def check_names(names: Mapping[str, object] | tuple[str, ...]) -> None:
-    """Raise TrocarError if a name is not in ``RANGES``."""
+def _base_numbers(T_world_base: SE3) -> dict[str, float]:
+    """Return the arguments of ``base_beside`` that give this base."""
+    x, y, up = T_world_base.translation_m.tolist()
+    azimuth = math.atan2(y, x)
+    leaning = (SO3.axis("z", -azimuth) @ T_world_base.rotation).matrix
+    return {
+        "azimuth_rad": azimuth,
+        "sideways_m": math.hypot(x, y),
+        "up_m": up,
+        "tilt_rad": math.atan2(leaning[0, 2], leaning[2, 2]),
+        "spin_rad": math.atan2(leaning[1, 0], leaning[1, 1]),
+    }
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Raise UnknownName if a name is none of a parameter."""
     for name in names:
-        if name not in RANGES:
-            raise TrocarError(f"a setup has no parameter {name!r}; choose one of {', '.join(RANGES)}")
+        if name not in PARAMETERS:
+            raise UnknownName("the parameter of a setup", name, PARAMETERS)
 
 
 def shown_parameter(name: str) -> tuple[float, str]:
@@ -116,48 +149,19 @@ def shown_parameter(name: str) -> tuple[float, str]:
     return scale, f"{stem}_{shown_unit}"
 
 
-def check_bounds(name: str, low: float, high: float) -> None:
-    """Raise TrocarError unless a parameter can be searched between these bounds."""
+def check_bounds(setup: SutureSetup, name: str, low: float, high: float) -> None:
+    """Raise InvalidInput unless a parameter of this setup can be searched between these bounds."""
     scale, said = shown_parameter(name)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise TrocarError(
-            f"{said} is bounded by {scale * low:g} and {scale * high:g}; give two finite numbers, the lower first"
+        raise InvalidInput(
+            said, f"is bounded by {scale * low:g} and {scale * high:g}", "give two finite numbers, the lower first"
         )
+    parameter = PARAMETERS[name]
     for end in (low, high):
-        _check_value(name, end)
-
-
-def _check_value(name: str, value: float) -> None:
-    """Raise TrocarError if no setup can have this value of a parameter."""
-    group, _, field = name.partition("_")
-    part: dict[str, Any] = {field: value}
-    if group == "circle":
-        Circle(**part)
-    elif group == "needle":
-        Needle(**part)
-    elif group == "grasp":
-        NeedleGrasp(**part)
-    elif group == "base":
-        base_beside(**{"azimuth_rad": 0.0, "sideways_m": 0.0, "up_m": 0.0, **part})
-    elif abs(value) > MAX_SHIFT_M:
-        raise TrocarError(
-            f"the shift of the circle's centre is {shown(value, 'm', 'g')}; give {shown(-MAX_SHIFT_M, 'm', 'g')} to "
-            f"{shown(MAX_SHIFT_M, 'm', 'g')}"
-        )
-
-
-def _facing(rotation: SO3, azimuth_rad: float) -> tuple[float, float, float]:
-    """Return a, b, c of ``Rz(a) Ry(b) Rz(c)`` with a within a quarter turn of the azimuth; b may have either sign."""
-    m = rotation.matrix
-    b = math.atan2(math.hypot(m[0, 2], m[1, 2]), m[2, 2])
-    if b < 1e-9:  # a and c turn about the same axis: only their sum is known
-        return azimuth_rad, 0.0, _half_turn(math.atan2(m[1, 0], m[0, 0]) - azimuth_rad)
-    a, c = math.atan2(m[1, 2], m[0, 2]), math.atan2(m[2, 1], -m[2, 0])
-    if abs(_half_turn(a - azimuth_rad)) > math.pi / 2:
-        a, b, c = a + math.pi, -b, c + math.pi
-    return a, b, _half_turn(c)
-
-
-def _half_turn(angle_rad: float) -> float:
-    """Return the angle within half a turn of 0."""
-    return math.remainder(angle_rad, TURN)
+        if parameter.part == "base":
+            with_parameters(setup, {name: end})
+        elif parameter.part != "center":
+            replace(getattr(setup, parameter.part), **{parameter.field: end})
+        elif abs(end) > MAX_SHIFT_M:
+            limits = f"{shown(-MAX_SHIFT_M, 'm', 'g')} to {shown(MAX_SHIFT_M, 'm', 'g')}"
+            raise InvalidValue("the shift of the circle's centre", shown(end, "m", "g"), f"give {limits}")

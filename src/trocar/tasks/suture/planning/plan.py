@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue
 from trocar.geometry import TURN, shown
+from trocar.geometry.arrays import finite
 from trocar.notebook import table
 from trocar.tasks.suture.planning.rewards import DexterityMap
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, DIRECTIONS
@@ -27,8 +28,9 @@ class SuturePlan:
         directions: (n,) each one of ``DIRECTIONS``.
         rewards: (n,) dexterity of each suture.
         feasible: whether every suture stays within the joints' limits and keeps the safe depth.
-        bound: proven upper bound on the ``value`` of all plans of this problem. If no plan is feasible although the
-            reward puts feasibility first, it bounds the worst infeasible suture of all plans, minus the tension cost.
+        bound: proven upper bound on the ``value`` of all plans on the grid; infinite for plans at any angles. If no
+            plan is feasible although the reward puts feasibility first, it bounds the worst infeasible suture of all
+            plans, minus the tension cost.
         certified: which plans ``bound`` covers, in words.
         tension_cost: cost of uneven gaps (``Spacing.tension``).
     """
@@ -48,9 +50,9 @@ class SuturePlan:
 
     def _repr_html_(self) -> str:
         rows = (
-            (number + 1, shown(theta, "rad"), DIRECTION_NAMES[int(direction)], f"{reward:.4f}")
+            (number, shown(theta, "rad"), DIRECTION_NAMES[int(direction)], f"{reward:.4f}")
             for number, (theta, direction, reward) in enumerate(
-                zip(self.positions_rad, self.directions, self.rewards, strict=True)
+                zip(self.positions_rad, self.directions, self.rewards, strict=True), start=1
             )
         )
         return table(self, ("suture", "position", "direction", "dexterity"), rows)
@@ -99,25 +101,21 @@ class Spacing:
     def __post_init__(self) -> None:
         low, high = self.min_gap_rad, self.max_gap_rad
         if not (math.isfinite(low) and math.isfinite(high) and 0 < low <= high <= TURN):
-            raise TrocarError(
-                f"the gaps between sutures are bounded by {shown(low, 'rad', 'g')} and {shown(high, 'rad', 'g')}; "
-                "give a smallest gap above 0 and at most the largest, and a largest gap of at most 360 deg"
+            raise InvalidInput(
+                "the gaps between sutures",
+                f"are bounded by {shown(low, 'rad', 'g')} and {shown(high, 'rad', 'g')}",
+                "give a smallest gap above 0 and at most the largest, and a largest gap of at most 360 deg",
             )
         if not (math.isfinite(self.tension) and self.tension >= 0):
-            raise TrocarError(f"the tension weight is {self.tension:g}; give a finite number of at least 0")
+            raise InvalidValue("the tension weight", f"{self.tension:g}", "give a finite number of at least 0")
         object.__setattr__(self, "forbidden_rad", tuple(_arc(arc) for arc in self.forbidden_rad))
-        fixed = _angles("the fixed positions", self.fixed_rad) % TURN
+        fixed = finite("the fixed positions in rad", self.fixed_rad, "n") % TURN
         object.__setattr__(self, "fixed_rad", tuple(sorted(set(fixed.tolist()))))
 
     @staticmethod
     def even(count: int) -> Spacing:
         """Return the spacing of the paper: all gaps equal."""
         return Spacing(TURN / count, TURN / count)
-
-    def max_unevenness(self, count: int) -> float:
-        """Return the largest ``SuturePlan.unevenness`` that the bounds on the gaps allow."""
-        even = TURN / count
-        return max(self.max_gap_rad - even, even - self.min_gap_rad, 0.0) / even
 
     def allows(self, thetas_rad: ArrayLike) -> NDArray[np.bool_]:
         """Return which positions (n,) lie outside all forbidden arcs."""
@@ -134,9 +132,9 @@ Planner = Callable[[DexterityMap], SuturePlan]
 
 
 def check_count(count: int) -> None:
-    """Raise TrocarError unless ``count`` sutures can be planned."""
+    """Raise InvalidValue unless ``count`` sutures can be planned."""
     if count not in range(1, MAX_SUTURES + 1):
-        raise TrocarError(f"the number of sutures is {count}; give a whole number from 1 to {MAX_SUTURES}")
+        raise InvalidValue("the number of sutures", count, f"give a whole number from 1 to {MAX_SUTURES}")
 
 
 def ranks(map: DexterityMap) -> NDArray[np.intp]:
@@ -168,48 +166,32 @@ def plan_on_grid(
     where, choice = where[order], choice[order]
     rewards, feasible = map.values[choice, where], map.joints.feasible[choice, where]
     worst = rewards if feasible.all() or not map.reward.feasible_first else rewards[~feasible]
-    said = f"no plan on the grid of {len(map.thetas_rad)} positions scores higher"
-    if not feasible.all():
-        said = (
-            f"no plan on the grid of {len(map.thetas_rad)} positions is feasible, and none has a better worst "
-            "infeasible suture"
-            if map.reward.feasible_first
-            else said + ", within the joints' limits or not"
-        )
+    grid = f"no plan on the grid of {len(map.thetas_rad)} positions"
+    if feasible.all():
+        certified = f"{grid} scores higher"
+    elif map.reward.feasible_first:
+        certified = f"{grid} is feasible, and none has a better worst infeasible suture"
+    else:
+        certified = f"{grid} scores higher, within the joints' limits or not"
     return SuturePlan(
         map.thetas_rad[where],
         np.array(DIRECTIONS)[choice],
         rewards,
         bool(feasible.all()),
         float(worst.min()) - tension_cost,
-        said,
+        certified,
         tension_cost,
     )
 
 
-def _angles(what: str, values: Sequence[float]) -> NDArray[np.float64]:
-    """Return finite angles, or raise TrocarError."""
-    try:
-        angles = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        angles = np.array(np.nan)
-    if angles.ndim != 1:
-        raise TrocarError(f"{what} are {values!r}; give finite angles in rad, as in (0.0, 1.57)")
-    if not np.isfinite(angles).all():
-        said = ", ".join(f"{math.degrees(angle):g}" for angle in angles)
-        raise TrocarError(f"{what} are {said} deg; give finite angles")
-    return angles
-
-
 def _arc(arc: Sequence[float]) -> tuple[float, float]:
-    """Return a forbidden arc with 0 <= from < 2 pi and from < to < from + 2 pi, or raise TrocarError."""
-    angles = _angles("the ends of a forbidden arc", arc)
-    if angles.shape != (2,):
-        raise TrocarError(f"a forbidden arc is {arc!r}; give two angles in rad, from and to, counterclockwise")
+    """Return a forbidden arc with 0 <= from < 2 pi and from < to < from + 2 pi."""
+    angles = finite("the ends of a forbidden arc in rad", arc, 2)
     start, length = float(angles[0] % TURN), float((angles[1] - angles[0]) % TURN)
     if length == 0.0 or abs(angles[1] - angles[0]) > TURN:
-        raise TrocarError(
-            f"a forbidden arc goes from {shown(angles[0], 'rad', 'g')} to {shown(angles[1], 'rad', 'g')}; "
-            "its ends must differ by less than a whole turn"
+        raise InvalidInput(
+            "a forbidden arc",
+            f"goes from {shown(angles[0], 'rad', 'g')} to {shown(angles[1], 'rad', 'g')}",
+            "its ends must differ by less than a whole turn",
         )
     return start, start + length

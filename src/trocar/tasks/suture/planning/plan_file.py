@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
@@ -13,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ARMS, ArmModel
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, InvalidInput, InvalidValue
 from trocar.files.reading import read_json
 from trocar.geometry import SE3, TURN
-from trocar.tasks.suture.planning.drive import Suture
 from trocar.tasks.suture.planning.plan import check_count
+from trocar.tasks.suture.planning.primitive import Suture, sutures_at
 from trocar.tasks.suture.planning.setup import DIRECTIONS, SutureSetup
 
 RIGID = 1e-6
@@ -43,27 +42,30 @@ class PlannedSutures:
     def __post_init__(self) -> None:
         thetas, directions = np.asarray(self.positions_rad, dtype=np.float64), np.asarray(self.directions)
         if thetas.ndim != 1 or directions.shape != thetas.shape:
-            raise TrocarError(
-                f"a plan has positions {thetas.shape} and directions {directions.shape}; give one of each per suture"
+            raise InvalidInput(
+                "a plan",
+                f"has positions {thetas.shape} and directions {directions.shape}",
+                "give one of each per suture",
             )
         check_count(len(thetas))
         if not np.all((thetas >= 0) & (thetas <= TURN)):
-            raise TrocarError(f"the positions of a plan are {np.degrees(thetas).tolist()} deg; give 0 to 360 deg")
+            raise InvalidInput("a plan", f"has positions {np.degrees(thetas).tolist()} deg", "give 0 to 360 deg")
         if not np.isin(directions, DIRECTIONS).all():
-            raise TrocarError(
-                f"the directions of a plan are {directions.tolist()}; give 1 (clockwise) or -1 (counterclockwise)"
+            raise InvalidInput(
+                "a plan", f"has directions {directions.tolist()}", "give 1 (clockwise) or -1 (counterclockwise)"
             )
         object.__setattr__(self, "positions_rad", thetas)
         object.__setattr__(self, "directions", directions.astype(np.intp))
 
     def __repr__(self) -> str:
-        return f"<PlannedSutures: {len(self.positions_rad)}, in order at {_degrees(self.positions_rad)} deg>"
+        angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(self.positions_rad[:12]))
+        more = ", ..." if len(self.positions_rad) > 12 else ""
+        return f"<PlannedSutures: {len(self.positions_rad)}, in order at {angles}{more} deg>"
 
     @cached_property
     def sutures(self) -> tuple[Suture, ...]:
         """Return the sutures one by one."""
-        both = zip(self.positions_rad.tolist(), self.directions.tolist(), strict=True)
-        return tuple(Suture(self.setup, theta, direction) for theta, direction in both)
+        return sutures_at(self.setup, self.positions_rad, self.directions)
 
     def values(self) -> dict[str, Any]:
         """Return the plan as JSON values."""
@@ -78,30 +80,25 @@ def load_plan(path: str | Path) -> PlannedSutures:
     """Return the sutures of a ``plan.json`` that ``trocar plan suture`` saved.
 
     Raises:
-        TrocarError: the file does not exist, or holds no such plan.
+        BadFile: the file cannot be read, or holds no such plan.
     """
-    path = Path(path)
     try:
         values = read_json(path)
-    except FileNotFoundError:
-        raise TrocarError(f"there is no file {str(path)!r}; {MADE_BY}") from None
     except OSError as error:
-        raise TrocarError(f"cannot read plan {str(path)!r} ({error.strerror}); {MADE_BY}") from None
+        raise BadFile(path, f"cannot be read ({error.strerror})", MADE_BY, kind="plan") from None
     except ValueError:
-        raise TrocarError(f"{str(path)!r} is not JSON; {MADE_BY}") from None
+        raise BadFile(path, "is not JSON", MADE_BY, kind="plan") from None
     if not isinstance(values, dict):
-        raise TrocarError(f"{str(path)!r} holds no plan; {MADE_BY}")
+        raise BadFile(path, "holds no plan", MADE_BY, kind="plan")
     for key in ("setup", "positions_deg", "directions"):
         if key not in values:
-            raise TrocarError(
-                f"{str(path)!r} has no key {key!r}: made by an older trocar or not by `trocar plan suture`; plan again"
-            )
+            raise BadFile(path, f"has no key {key!r}", "plan again with `trocar plan suture --out DIR`", kind="plan")
     try:
         positions = np.radians(_numbers(values["positions_deg"], "positions_deg"))
         directions = np.array(_numbers(values["directions"], "directions"))
         return PlannedSutures(setup_from(values["setup"]), positions, directions)
-    except TrocarError as error:
-        raise TrocarError(f"plan {str(path)!r}: {error}") from None
+    except InvalidInput as error:
+        raise BadFile(path, f"holds no plan: {error}", kind="plan") from None
 
 
 def setup_values(setup: SutureSetup) -> dict[str, Any]:
@@ -113,7 +110,7 @@ def setup_from(values: object) -> SutureSetup:
     """Return the setup that ``setup_values`` described.
 
     Raises:
-        TrocarError: a key is missing or unknown, or no setup can have one of the values.
+        InvalidInput: a key is missing or unknown, or no setup can have one of the values.
     """
     return _made(values, SutureSetup(), "setup")
 
@@ -139,72 +136,54 @@ def _made(value: object, like: Any, where: str) -> Any:
     """
     if isinstance(like, ArmModel):
         if not isinstance(value, str) or value not in ARMS:
-            raise TrocarError(f"{where} is {_short(value)}; choose one of {', '.join(ARMS)}")
+            raise InvalidValue(where, _short(value), f"choose one of {', '.join(ARMS)}")
         return ARMS[value]
     if isinstance(like, SE3):
         return _pose(value, where)
-    if is_dataclass(like):
-        names = [field.name for field in fields(like)]
-        found = _table(value, names, where)
-        parts = {name: _made(found[name], getattr(like, name), f"{where}.{name}") for name in names}
-        return type(like)(**parts)  # type: ignore[operator]
     if isinstance(like, float):
         return _number(value, where)
-    if not isinstance(value, type(like)) or isinstance(value, bool):
-        raise TrocarError(f"{where} is {_short(value)}; give {'a whole number' if isinstance(like, int) else 'a word'}")
-    return value
-
-
-def _table(value: object, names: list[str], where: str) -> Mapping[str, object]:
-    """Return a table that has exactly these keys, or raise TrocarError."""
+    if not is_dataclass(like):
+        if not isinstance(value, type(like)) or isinstance(value, bool):
+            raise InvalidValue(where, _short(value), f"give {'a whole number' if isinstance(like, int) else 'a word'}")
+        return value
+    names = [field.name for field in fields(like)]
     if not isinstance(value, Mapping):
-        raise TrocarError(f"{where} is {_short(value)}; give a table of {', '.join(names)}")
-    for what, wrong in (
-        ("has no key", [name for name in names if name not in value]),
-        ("has an unknown key", [name for name in value if name not in names]),
-    ):
+        raise InvalidValue(where, _short(value), f"give a table of {', '.join(names)}")
+    for what, wrong in (("has no key", set(names) - set(value)), ("has an unknown key", set(value) - set(names))):
         if wrong:
-            raise TrocarError(f"{where} {what} {wrong[0]!r}; give {', '.join(names)}")
-    return value
+            raise InvalidInput(where, f"{what} {min(wrong)!r}", f"give {', '.join(names)}")
+    parts = {name: _made(value[name], getattr(like, name), f"{where}.{name}") for name in names}
+    return type(like)(**parts)  # type: ignore[operator]
 
 
 def _pose(value: object, where: str) -> SE3:
-    """Return a rigid pose, or raise TrocarError."""
     rows = value if isinstance(value, list) else []
     matrix = np.array([_numbers(row, where) for row in rows if isinstance(row, list) and len(row) == 4])
     if len(rows) != 4 or matrix.shape != (4, 4):
-        raise TrocarError(f"{where} is {_short(value)}; give a pose, four rows of four numbers")
+        raise InvalidValue(where, _short(value), "give a pose, four rows of four numbers")
     R = matrix[:3, :3]
     off = max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(matrix[3] - [0, 0, 0, 1]).max())
     if not off <= RIGID or np.linalg.det(R) < 0:
-        raise TrocarError(
-            f"{where} is not a rigid pose; give a rotation in its first three rows and columns, and 0, 0, 0, 1 below"
+        raise InvalidInput(
+            where,
+            "is not a rigid pose",
+            "give a rotation in its first three rows and columns, and 0, 0, 0, 1 below",
         )
     return SE3(matrix)
 
 
 def _numbers(value: object, where: str) -> list[float]:
-    """Return a list of finite numbers, or raise TrocarError."""
     if not isinstance(value, list):
-        raise TrocarError(f"{where} is {_short(value)}; give a list of numbers")
+        raise InvalidValue(where, _short(value), "give a list of numbers")
     return [_number(item, where) for item in value]
 
 
 def _number(value: object, where: str) -> float:
-    """Return a finite number, or raise TrocarError."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        number = float(value) if abs(value) < 1e300 else math.inf
-        if math.isfinite(number):
-            return number
-    raise TrocarError(f"{where} is {_short(value)}; give finite numbers")
-
-
-def _degrees(angles: NDArray[np.float64]) -> str:
-    text = [f"{angle:.0f}" for angle in np.degrees(angles[:12])]
-    return ", ".join(text + ["..."] * (len(angles) > 12))
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300:
+        return float(value)
+    raise InvalidValue(where, _short(value), "give finite numbers")
 
 
 def _short(value: object) -> str:
-    """Return a value as shown in an error sentence, shortened if it is long."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -16,11 +16,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.geometry import SE3, SO3
-from trocar.tasks.suture.planning.setup import DIRECTIONS, SutureSetup
+from trocar.errors import InvalidValue
+from trocar.geometry import SE3, SO3, shown
+from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
 """An arm that drives the needle does not release it within these rotations before and after its tip comes out."""
+SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
+"""Spacing of the waypoints along a path."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ def driven_steps(setup: SutureSetup) -> tuple[Step, ...]:
     can go back far enough before that, or else earlier. The jaws' poses are among those of :func:`steps`, whose
     rotation starts at 0.
     """
-    insertion, exit_rad = setup.insertion, exit_turn_rad(setup)
+    insertion, exit_rad = setup.insertion, setup.exit_turn_rad
     ends = _holds_rad(setup)
     for k, end in enumerate(ends[:-1]):
         if exit_rad - BEFORE_EXIT_RAD < end < exit_rad + PAST_EXIT_RAD:
@@ -85,51 +88,17 @@ def _holds_rad(setup: SutureSetup) -> list[float]:
 def _steps(setup: SutureSetup, ends: Sequence[float]) -> tuple[Step, ...]:
     """Return the movements in which the jaws hold the needle up to these rotations of it, one after the other."""
     straight = setup.insertion.straight_m
-    still, top, turned = (straight, straight), setup.insertion.rotation_rad, ends[0]
+    still, top, jaws = (straight, straight), setup.insertion.rotation_rad, ends[0]
     found = [
         Step("penetrate", (0.0, straight), (0.0, 0.0), (0.0, 0.0)),
-        Step("rotate", still, (0.0, turned), (0.0, turned)),
+        Step("rotate", still, (0.0, jaws), (0.0, jaws)),
     ]
-    jaws = turned
     for number, (needle, end) in enumerate(pairwise(ends), 1):
         again = top - (end - needle)
         found.append(Step(f"regrasp {number}", still, (jaws, again), (needle, needle)))
         found.append(Step(f"push {number}", still, (again, top), (needle, end)))
         jaws = top
     return tuple(found)
-
-
-def exit_turn_rad(setup: SutureSetup) -> float:
-    """Return the needle's rotation at which its tip leaves the tissue's surface again; NaN if it never would."""
-    return setup.insertion.exit_turn_rad(setup.needle.radius_m)
-
-
-def comes_out(setup: SutureSetup) -> bool:
-    """Return whether the needle is rotated far enough for its tip to come out of the tissue."""
-    return setup.insertion.turn_rad >= exit_turn_rad(setup) - 1e-9
-
-
-def bite_m(setup: SutureSetup) -> float:
-    """Return the distance along the surface from entry to exit; NaN if the tip never comes out."""
-    return _along_m(setup, exit_turn_rad(setup))
-
-
-def tip_end_m(setup: SutureSetup) -> float:
-    """Return how far from its entry, seen from above, the tip comes out, or stops in the tissue if it never does."""
-    return bite_m(setup) if comes_out(setup) else _along_m(setup, setup.insertion.turn_rad)
-
-
-def tip_farthest_m(setup: SutureSetup) -> float:
-    """Return how far from its entry, seen from above, the tip gets on its way through the tissue."""
-    turn = exit_turn_rad(setup) if comes_out(setup) else setup.insertion.turn_rad
-    return _along_m(setup, min(turn, setup.insertion.entry_angle_rad + math.pi / 2))
-
-
-def _along_m(setup: SutureSetup, turn_rad: float) -> float:
-    """Return how far the tip is from its entry, along the surface, after the straight path and this rotation."""
-    down = setup.insertion.entry_angle_rad
-    arc = setup.needle.radius_m * (math.sin(turn_rad - down) + math.sin(down))
-    return setup.insertion.straight_m * math.cos(down) + arc
 
 
 def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) -> SE3:
@@ -145,7 +114,7 @@ def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) 
     """
     advance, turn = np.broadcast_arrays(np.asarray(advance_m, float), np.asarray(turn_rad, float))
     down = setup.insertion.entry_angle_rad
-    back = bite_m(setup) / 2 if setup.insertion.theta_is == "middle" else 0.0
+    back = setup.bite_m / 2 if setup.insertion.theta_is == "middle" else 0.0
     rows = []
     for direction in DIRECTIONS:
         heading, normal = np.array([0.0, -direction, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -177,8 +146,8 @@ def turned_to(T_circle: SE3, thetas_rad: ArrayLike) -> SE3:
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
-    """Sampled places along the path of the jaws, each once, ordered so that neighbours are close.
+class PathSamples:
+    """Samples along the path of the jaws, each place once, ordered so that neighbours are close.
 
     Attributes:
         advance_m: (k,) travel along the straight penetration.
@@ -191,17 +160,104 @@ class Places:
     station: NDArray[np.bool_]
 
 
-def places(setup: SutureSetup, straight: int = 3, turning: int = 8) -> Places:
-    """Return places along the primitive: ``straight`` on the straight path, at least ``turning`` on the rotation."""
+def path_samples(setup: SutureSetup, straight: int = 3, turning: int = 8) -> PathSamples:
+    """Return samples of the primitive: ``straight`` on the straight path, at least ``turning`` on the rotation."""
     insertion = setup.insertion
     top = insertion.rotation_rad
     again = top - insertion.regrasp_rad if insertion.pushes else top
     turn = np.union1d(np.linspace(min(0.0, again), top, turning), again)
     turn = turn[np.abs(turn) > 1e-12]  # the end of the straight path is already there
     advance = np.linspace(0.0, insertion.straight_m, straight)
-    station = np.isin(turn, (top, again))
-    return Places(
+    return PathSamples(
         np.append(advance, np.full(len(turn), insertion.straight_m)),
         np.append(np.zeros(straight), turn),
-        np.append(np.isin(advance, (0.0, insertion.straight_m)), station),
+        np.append(np.isin(advance, (0.0, insertion.straight_m)), np.isin(turn, (top, again))),
     )
+
+
+@dataclass(frozen=True)
+class Suture:
+    """One suture: where it stands on the circle, and which way it is driven.
+
+    Attributes:
+        setup: the geometry.
+        theta_rad: its position on the circle.
+        direction: one of ``DIRECTIONS``.
+    """
+
+    setup: SutureSetup
+    theta_rad: float
+    direction: int
+
+    def __post_init__(self) -> None:
+        if self.direction not in DIRECTIONS:
+            raise InvalidValue("the direction of a suture", repr(self.direction), "give 1 (clockwise) or -1")
+        if not math.isfinite(self.theta_rad):
+            raise InvalidValue("the position of a suture", f"{self.theta_rad} rad", "give a finite angle")
+
+    def __str__(self) -> str:
+        return f"{shown(self.theta_rad, 'rad', '.4g')} {DIRECTION_NAMES[self.direction]}"
+
+    @property
+    def row(self) -> int:
+        """Return the row of ``DIRECTIONS`` in which it is driven."""
+        return DIRECTIONS.index(self.direction)
+
+    def turned(self, T_circle: SE3) -> SE3:
+        """Return the primitive's poses (2, k) at theta = 0, moved to this suture's position and direction: (k,)."""
+        return turned_to(T_circle, [self.theta_rad])[self.row, 0]
+
+    def needle_tip_m(self, advance_m: NDArray[np.float64], turn_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the needle's tip (k, 3) in the circle's frame; arguments as ``needle_poses``."""
+        T_circle_needle = self.turned(needle_poses(self.setup, advance_m, turn_rad))
+        return T_circle_needle.apply([0.0, -self.setup.needle.radius_m, 0.0])
+
+    @property
+    def needle_path_m(self) -> NDArray[np.float64]:
+        """Return the path (k, 3) of the needle's tip in the circle's frame while the jaws drive the needle."""
+        insertion = self.setup.insertion
+        advance = np.linspace(0.0, insertion.straight_m, 1 + math.ceil(insertion.straight_m / SPACING_M))
+        last = insertion.turn_rad
+        turn = np.linspace(0.0, last, 1 + math.ceil(last / SPACING_RAD))[1:]
+        return self.needle_tip_m(
+            np.append(advance, np.full(len(turn), insertion.straight_m)), np.append(np.zeros(len(advance)), turn)
+        )
+
+    @property
+    def entry_m(self) -> NDArray[np.float64]:
+        """Return the point (3,) where the needle enters the surface, in the circle's frame."""
+        return self.needle_tip_m(np.zeros(1), np.zeros(1))[0]
+
+    @property
+    def exit_m(self) -> NDArray[np.float64] | None:
+        """Return the point (3,) where the needle comes out again, in the circle's frame; None if it never does."""
+        insertion, turn = self.setup.insertion, self.setup.exit_turn_rad
+        if not turn <= insertion.turn_rad:
+            return None
+        return self.needle_tip_m(np.array([insertion.straight_m]), np.array([turn]))[0]
+
+    @property
+    def ends_m(self) -> NDArray[np.float64]:
+        """Return entry and exit (2, 2) in the plane of the circle, or where the tip stops if it never comes out."""
+        return self._seen_from_above_m(self._last_turn_rad)
+
+    @property
+    def path_ends_m(self) -> NDArray[np.float64]:
+        """Return entry and farthest point (2, 2) of the tip's path in the tissue, seen from above."""
+        beneath_centre_rad = self.setup.insertion.entry_angle_rad + math.pi / 2
+        return self._seen_from_above_m(min(self._last_turn_rad, beneath_centre_rad))
+
+    @property
+    def _last_turn_rad(self) -> float:
+        return self.setup.exit_turn_rad if self.setup.comes_out else self.setup.insertion.turn_rad
+
+    def _seen_from_above_m(self, turn_rad: float) -> NDArray[np.float64]:
+        """Return the entry, and the needle's tip (2, 2) after this rotation."""
+        tip = self.needle_tip_m(np.array([self.setup.insertion.straight_m]), np.array([turn_rad]))[0]
+        return np.stack([self.entry_m, tip])[:, :2]
+
+
+def sutures_at(setup: SutureSetup, positions_rad: ArrayLike, directions: ArrayLike) -> tuple[Suture, ...]:
+    """Return the sutures at positions (n,) in directions (n,)."""
+    both = zip(np.asarray(positions_rad).tolist(), np.asarray(directions).tolist(), strict=True)
+    return tuple(Suture(setup, theta, direction) for theta, direction in both)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import radians
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, manipulability
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import TURN
+from trocar.tasks.suture.demonstrations.demonstrations import Demonstrations
 from trocar.tasks.suture.planning.joints import SutureJoints, suture_joints
-from trocar.tasks.suture.planning.setup import DIRECTIONS, SutureSetup
+from trocar.tasks.suture.planning.setup import DIRECTIONS, NeedleGrasp, SutureSetup, base_beside
 
 SURROGATE = "surrogate: the needle primitive itself, both directions; no demonstrations were given"
 
@@ -24,6 +26,8 @@ JOINTS = {"wrist": slice(3, 6), "all": slice(0, 6)}
 """The joints that a margin considers, by name; the paper considers those of the wrist (III-C3)."""
 
 Margin = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+Scale = tuple[float, float]
+"""Offset to subtract, and unit to divide by."""
 
 
 def paper_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -55,26 +59,20 @@ MARGINS: dict[str, Margin] = {
 """Margin formulas by name; arguments are the joints' limits (j,) and largest distances from the middle (..., j)."""
 
 
-Scaling = Callable[[NDArray[np.float64]], tuple[float, float]]
-
-
-def by_max(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the offset (0) to subtract and the unit to divide by, so that the largest value becomes 1."""
+def by_max(values: NDArray[np.float64]) -> Scale:
+    """Return the scale that makes the largest value 1."""
     largest = float(values.max())
     return 0.0, largest if largest > 0 else 1.0
 
 
-def by_range(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the offset to subtract and the unit to divide by, so that the values span 0 to 1."""
+def by_range(values: NDArray[np.float64]) -> Scale:
+    """Return the scale that makes the values span 0 to 1."""
     low, high = float(values.min()), float(values.max())
     return low, high - low if high > low else 1.0
 
 
-SCALINGS: dict[str, Scaling] = {"max": by_max, "range": by_range}
+SCALINGS: dict[str, Callable[[NDArray[np.float64]], Scale]] = {"max": by_max, "range": by_range}
 """Ways to make margin and manipulability "occupy the same range" (paper, III-D3), by name."""
-
-Scales = tuple[tuple[float, float], tuple[float, float]]
-ManipulabilityAt = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -99,21 +97,22 @@ class Reward:
     feasible_first: bool = True
 
     def __post_init__(self) -> None:
-        for what, value, choices in (
-            ("margin", self.margin, MARGINS),
-            ("scaling", self.scaling, SCALINGS),
-            ("set of joints", self.joints, JOINTS),
-            ("place of the margin", self.at, ("stations", "path")),
+        for what, name, choices in (
+            ("the margin", self.margin, MARGINS),
+            ("the scaling", self.scaling, SCALINGS),
+            ("the set of joints", self.joints, JOINTS),
+            ("the place of the margin", self.at, ("stations", "path")),
         ):
-            if value not in choices:
-                raise TrocarError(f"the {what} {value!r} is unknown; choose one of {', '.join(choices)}")
+            if name not in choices:
+                raise UnknownName(what, name, choices)
         if self.joints == "all" and self.margin not in ("smallest", "normalised"):
-            raise TrocarError(
-                f"the margin {self.margin!r} is in degrees, which the insertion does not have; with all joints choose "
-                "smallest or normalised"
+            raise InvalidInput(
+                f"the margin {self.margin!r}",
+                "is in degrees, which the insertion does not have",
+                "with all joints choose smallest or normalised",
             )
         if not (math.isfinite(self.weight) and 0.0 <= self.weight <= 1.0):
-            raise TrocarError(f"the weight lambda is {self.weight:g}; give 0 to 1")
+            raise InvalidValue("the weight lambda", f"{self.weight:g}", "give 0 to 1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +125,10 @@ class DexterityMap:
         joints: configurations along the sutures.
         margin: (2, n) joint margin Q before scaling, one row per direction of ``DIRECTIONS``.
         manipulability: (n,) mean squared manipulability M before scaling; it does not depend on the direction.
-        source: where M comes from, in words.
         values: (2, n) dexterity D of each direction.
         choice: (n,) row of the better direction.
-        scales: (offset, unit) of the margin, then of manipulability: each is scaled as (x - offset) / unit.
-        manipulability_at: returns M at positions (n,) rad; None for the surrogate.
+        scales: of the margin, then of manipulability.
+        recorded: demonstrations that M comes from; None for the surrogate.
     """
 
     setup: SutureSetup
@@ -138,11 +136,10 @@ class DexterityMap:
     joints: SutureJoints
     margin: NDArray[np.float64]
     manipulability: NDArray[np.float64]
-    source: str
     values: NDArray[np.float64]
     choice: NDArray[np.intp]
-    scales: Scales
-    manipulability_at: ManipulabilityAt | None = None
+    scales: tuple[Scale, Scale]
+    recorded: Demonstrations | None = None
 
     def __repr__(self) -> str:
         low, high = float(self.values.min()), float(self.values.max())
@@ -154,18 +151,26 @@ class DexterityMap:
 
     def at(self, thetas_rad: ArrayLike) -> DexterityMap:
         """Return the dexterity of sutures at other positions (n,), scaled like this map."""
-        joints = suture_joints(self.setup, thetas_rad)
-        return scored(self.setup, self.reward, joints, self.manipulability_at, self.source, self.scales)
+        return scored(self.setup, self.reward, suture_joints(self.setup, thetas_rad), self.recorded, self.scales)
+
+    @property
+    def source(self) -> str:
+        """Return where M comes from, in words."""
+        return self.recorded.source if self.recorded else SURROGATE
 
     @property
     def thetas_rad(self) -> NDArray[np.float64]:
         """Return the positions (n,)."""
         return self.joints.thetas_rad
 
+    def chosen(self, values: NDArray) -> NDArray:
+        """Return values (2, n, ...) of both directions in the better direction (n, ...)."""
+        return values[self.choice, np.arange(len(self.choice))]
+
     @property
     def best(self) -> NDArray[np.float64]:
         """Return the dexterity (n,) in the better direction."""
-        return np.take_along_axis(self.values, self.choice[None], 0)[0]
+        return self.chosen(self.values)
 
     @property
     def directions(self) -> NDArray[np.intp]:
@@ -175,7 +180,7 @@ class DexterityMap:
     @property
     def feasible(self) -> NDArray[np.bool_]:
         """Return whether the suture (n,) in the better direction is feasible."""
-        return np.take_along_axis(self.joints.feasible, self.choice[None], 0)[0]
+        return self.chosen(self.joints.feasible)
 
     def span(self, rewards: NDArray[np.float64]) -> tuple[float, float]:
         """Return the smallest and largest of rewards (k,) and of all feasible sutures, in either direction."""
@@ -186,6 +191,44 @@ class DexterityMap:
     def switches_rad(self) -> NDArray[np.float64]:
         """Return the positions at which the better direction differs from that of the position before."""
         return self.thetas_rad[self.choice != np.roll(self.choice, 1)]
+
+
+def dexterity(
+    setup: SutureSetup,
+    reward: Reward | None = None,
+    positions: int = 360,
+    recorded: Demonstrations | None = None,
+) -> DexterityMap:
+    """Return the dexterity of sutures at evenly spaced positions, in both directions.
+
+    Args:
+        setup: the geometry.
+        reward: how sutures are scored; default: smallest normalised margin, lambda .75.
+        positions: number of positions, the first at theta = 0.
+        recorded: demonstrations that M comes from; default: the surrogate.
+    """
+    if not 4 <= positions <= 100_000:
+        raise InvalidValue("the number of positions", positions, "give 4 to 100000")
+    thetas = np.arange(positions, dtype=np.float64) * (TURN / positions)
+    return scored(setup, reward or Reward(), suture_joints(setup, thetas), recorded)
+
+
+def scored(
+    setup: SutureSetup,
+    reward: Reward,
+    joints: SutureJoints,
+    recorded: Demonstrations | None = None,
+    scales: tuple[Scale, Scale] | None = None,
+) -> DexterityMap:
+    """Return the dexterity of sutures with these joints, scaled by their own range unless ``scales`` are given."""
+    margin = joint_margin(setup.arm, joints, reward)
+    given = recorded.manipulability_at(joints.thetas_rad) if recorded else surrogate_manipulability(joints)
+    choice = np.argmax(margin - 1e9 * ~joints.feasible if reward.feasible_first else margin, axis=0)
+    scale = SCALINGS[reward.scaling]
+    scales = scales or (scale(np.take_along_axis(margin, choice[None], 0)[0]), scale(given))
+    (q_offset, q_unit), (m_offset, m_unit) = scales
+    values = reward.weight * (margin - q_offset) / q_unit + (1.0 - reward.weight) * (given - m_offset) / m_unit
+    return DexterityMap(setup, reward, joints, margin, given, values, choice, scales, recorded)
 
 
 def joint_margin(arm: ArmModel, joints: SutureJoints, reward: Reward) -> NDArray[np.float64]:
@@ -207,44 +250,37 @@ def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
     return (manipulability(joints.arm, q) ** 2).mean((0, 2))
 
 
-def dexterity(
-    setup: SutureSetup,
-    reward: Reward | None = None,
-    positions: int = 360,
-    manipulability_at: ManipulabilityAt | None = None,
-    source: str = "",
-) -> DexterityMap:
-    """Return the dexterity of sutures at evenly spaced positions, in both directions.
+@dataclass(frozen=True)
+class Preset:
+    """A setup and the reward that scores its sutures.
 
-    Args:
+    Attributes:
         setup: the geometry.
-        reward: how sutures are scored; default: smallest normalised margin, lambda .75.
-        positions: number of positions, the first at theta = 0.
-        manipulability_at: returns M at positions (n,) rad, from demonstrations; default: the surrogate.
-        source: where that M comes from, in words.
+        reward: how sutures are scored.
     """
-    reward = reward or Reward()
-    if not 4 <= positions <= 100_000:
-        raise TrocarError(f"the number of positions is {positions}; give 4 to 100000")
-    thetas = np.arange(positions, dtype=np.float64) * (TURN / positions)
-    return scored(setup, reward, suture_joints(setup, thetas), manipulability_at, source)
+
+    setup: SutureSetup
+    reward: Reward
 
 
-def scored(
-    setup: SutureSetup,
-    reward: Reward,
-    joints: SutureJoints,
-    manipulability_at: ManipulabilityAt | None = None,
-    source: str = "",
-    scales: Scales | None = None,
-) -> DexterityMap:
-    """Return the dexterity of sutures with these joints, scaled by their own range unless ``scales`` are given."""
-    margin = joint_margin(setup.arm, joints, reward)
-    given = manipulability_at(joints.thetas_rad) if manipulability_at else surrogate_manipulability(joints)
-    source = source if manipulability_at else SURROGATE
-    choice = np.argmax(margin - 1e9 * ~joints.feasible if reward.feasible_first else margin, axis=0)
-    scale = SCALINGS[reward.scaling]
-    scales = scales or (scale(np.take_along_axis(margin, choice[None], 0)[0]), scale(given))
-    (q_offset, q_unit), (m_offset, m_unit) = scales
-    values = reward.weight * (margin - q_offset) / q_unit + (1.0 - reward.weight) * (given - m_offset) / m_unit
-    return DexterityMap(setup, reward, joints, margin, given, source, values, choice, scales, manipulability_at)
+PRESETS: dict[str, Preset] = {
+    # Flat jaws can hold the needle, the wrist stays clear of the tissue, and every position is within reach. The base
+    # stands where the demo's does; the angles of base and grasp maximise the worst position, in steps of 5 degrees.
+    "default": Preset(
+        SutureSetup(
+            T_world_base=base_beside(radians(225.0), 0.050, 0.100, tilt_rad=radians(40.0), spin_rad=radians(-135.0)),
+            grasp=NeedleGrasp(radians(135.0), approach_rad=radians(-10.0), lean_rad=radians(30.0)),
+        ),
+        Reward(),
+    ),
+    # Five parameters (spin, tilt, approach, lean, skew) are fitted to the paper's Table I and Fig. 3: the agreement is
+    # plausible, no proof. Flat jaws could not hold the needle in this grasp.
+    "paper-demo": Preset(
+        SutureSetup(
+            T_world_base=base_beside(radians(225.0), 0.050, 0.100, tilt_rad=radians(-40.0), spin_rad=radians(-30.5)),
+            grasp=NeedleGrasp(approach_rad=radians(26.2), lean_rad=radians(51.0), skew_rad=radians(90.5)),
+        ),
+        Reward(margin="clipped", at="stations", feasible_first=False),
+    ),
+}
+"""Setups by their name on the command line."""

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trocar.arms import PSM_CLASSIC, ArmModel
-from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3, TURN, shown, shown_scale
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
+from trocar.geometry import SE3, SO3, TURN, shown
+from trocar.tasks.suture.needle import Needle, check_range
 
 CLOCKWISE, COUNTERCLOCKWISE = 1, -1
 DIRECTIONS = (CLOCKWISE, COUNTERCLOCKWISE)
@@ -27,34 +28,14 @@ class Circle:
 
     Attributes:
         radius_m: radius (the paper gives none; 30 mm fits a da Vinci training phantom).
-        T_world_circle: pose: z out of the tissue, theta counterclockwise from x.
+        T_world_circle: z out of the tissue, theta counterclockwise from x.
     """
 
     radius_m: float = 0.030
     T_world_circle: SE3 = field(default_factory=SE3.identity)
 
     def __post_init__(self) -> None:
-        _within("circle radius", self.radius_m, 0.002, 0.2)
-
-
-@dataclass(frozen=True)
-class Needle:
-    """A needle bent to an arc of a circle.
-
-    Attributes:
-        radius_m: radius of curvature.
-        arc_rad: angle from tip to tail; 225 degrees is the 5/8 circle, which leaves room for two regrasps.
-        wire_m: thickness of the wire.
-    """
-
-    radius_m: float = 0.0083
-    arc_rad: float = math.radians(225.0)
-    wire_m: float = 0.9e-3
-
-    def __post_init__(self) -> None:
-        _within("needle radius", self.radius_m, 0.002, 0.05)
-        _within("needle arc", self.arc_rad, math.radians(60), math.radians(300), "rad")
-        _within("needle wire", self.wire_m, 0.1e-3, 2e-3)
+        check_range("circle radius", self.radius_m, 0.002, 0.2)
 
 
 @dataclass(frozen=True)
@@ -79,15 +60,15 @@ class NeedleGrasp:
     skew_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        _within("grasp behind the tip", self.behind_tip_rad, 0.0, math.radians(300), "rad")
+        check_range("grasp behind the tip", self.behind_tip_rad, 0.0, math.radians(300), "rad")
         for name in ("approach_rad", "lean_rad", "skew_rad"):
-            _within(f"grasp {name.removesuffix('_rad')}", getattr(self, name), -TURN, TURN, "rad")
+            check_range(f"grasp {name.removesuffix('_rad')}", getattr(self, name), -TURN, TURN, "rad")
 
     @property
     def rotation(self) -> SO3:
         """Return the orientation of the arm's tip in the frame of the grasped point."""
-        along = SO3(np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]))
-        turned = SO3.axis("x", self.approach_rad) @ along @ SO3.axis("x", self.lean_rad)
+        aligned = SO3(np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]))
+        turned = SO3.axis("x", self.approach_rad) @ aligned @ SO3.axis("x", self.lean_rad)
         return turned @ SO3.axis("z", self.skew_rad)
 
     @property
@@ -122,24 +103,19 @@ class Insertion:
     theta_is: str = "entry"
 
     def __post_init__(self) -> None:
-        _within("entry angle", self.entry_angle_rad, 0.0, math.pi / 2, "rad")
-        _within("straight path", self.straight_m, 0.0, 0.05)
-        _within("rotation", self.rotation_rad, 0.0, math.pi, "rad")
-        _within("regrasp angle", self.regrasp_rad, 0.0, math.pi, "rad")
+        check_range("entry angle", self.entry_angle_rad, 0.0, math.pi / 2, "rad")
+        check_range("straight path", self.straight_m, 0.0, 0.05)
+        check_range("rotation", self.rotation_rad, 0.0, math.pi, "rad")
+        check_range("regrasp angle", self.regrasp_rad, 0.0, math.pi, "rad")
         if self.pushes not in range(11):
-            raise TrocarError(f"the number of pushes is {self.pushes}; give 0 to 10")
+            raise InvalidValue("the number of pushes", self.pushes, "give 0 to 10")
         if self.theta_is not in ("entry", "middle"):
-            raise TrocarError(f"theta is the {self.theta_is!r} of a suture; choose entry or middle")
+            raise UnknownName("the point of a suture at theta", self.theta_is, ("entry", "middle"))
 
     @property
     def turn_rad(self) -> float:
         """Return the total rotation of the needle about its centre."""
         return self.rotation_rad + self.pushes * self.regrasp_rad
-
-    def exit_turn_rad(self, needle_radius_m: float) -> float:
-        """Return the rotation at which a needle's tip leaves the tissue's surface again; NaN if it never would."""
-        cosine = math.cos(self.entry_angle_rad) - self.straight_m * math.sin(self.entry_angle_rad) / needle_radius_m
-        return self.entry_angle_rad + math.acos(cosine) if cosine >= -1.0 else math.nan
 
 
 @dataclass(frozen=True)
@@ -164,25 +140,28 @@ class SutureSetup:
 
     def __post_init__(self) -> None:
         if 2 * self.needle.radius_m > self.circle.radius_m:
-            raise TrocarError(
-                f"a needle of radius {shown(self.needle.radius_m, 'm')} is too large for a circle of radius "
-                f"{shown(self.circle.radius_m, 'm')}: its diameter may be at most the circle's radius; give a needle "
-                f"radius up to {shown(self.circle.radius_m / 2, 'm')} or a larger circle"
+            raise InvalidInput(
+                f"a needle of radius {shown(self.needle.radius_m, 'm')}",
+                f"is too large for a circle of radius {shown(self.circle.radius_m, 'm')}: its diameter may be at most "
+                "the circle's radius",
+                f"give a needle radius up to {shown(self.circle.radius_m / 2, 'm')} or a larger circle",
             )
-        last = self.grasp.behind_tip_rad + self.insertion.pushes * self.insertion.regrasp_rad
-        if last > self.needle.arc_rad + 1e-9:
-            raise TrocarError(
-                f"the last grasp lies {shown(last, 'rad', '.0f')} behind the needle's tip, beyond its tail at "
-                f"{shown(self.needle.arc_rad, 'rad', '.0f')}; grasp nearer to the tip, regrasp less or take a "
-                "longer needle"
+        last_rad = self.grasp.behind_tip_rad + self.insertion.pushes * self.insertion.regrasp_rad
+        if last_rad > self.needle.arc_rad + 1e-9:
+            raise InvalidInput(
+                "the last grasp",
+                f"lies {shown(last_rad, 'rad', '.0f')} behind the needle's tip, beyond its tail at "
+                f"{shown(self.needle.arc_rad, 'rad', '.0f')}",
+                "grasp nearer to the tip, regrasp less or take a longer needle",
             )
         insertion = self.insertion
-        if insertion.theta_is == "middle" and math.isnan(insertion.exit_turn_rad(self.needle.radius_m)):
-            raise TrocarError(
+        if insertion.theta_is == "middle" and math.isnan(self.exit_turn_rad):
+            raise InvalidInput(
                 f"after {shown(insertion.straight_m, 'm', 'g')} straight at "
                 f"{shown(insertion.entry_angle_rad, 'rad', 'g')} a needle of radius "
-                f"{shown(self.needle.radius_m, 'm', 'g')} never comes out, so its suture has no middle; let theta "
-                "be the entry, shorten the straight path or lower the entry angle"
+                f"{shown(self.needle.radius_m, 'm', 'g')}",
+                "never comes out, so its suture has no middle",
+                "let theta be the entry, shorten the straight path or lower the entry angle",
             )
 
     def __repr__(self) -> str:
@@ -195,6 +174,25 @@ class SutureSetup:
     def T_base_circle(self) -> SE3:
         """Return the circle's pose in the arm's base."""
         return self.T_world_base.inverse() @ self.circle.T_world_circle
+
+    @property
+    def exit_turn_rad(self) -> float:
+        """Return the rotation of the needle at which its tip leaves the tissue's surface; NaN if it never would."""
+        entry_rad, straight_m = self.insertion.entry_angle_rad, self.insertion.straight_m
+        cosine = math.cos(entry_rad) - straight_m * math.sin(entry_rad) / self.needle.radius_m
+        return entry_rad + math.acos(cosine) if cosine >= -1.0 else math.nan
+
+    @property
+    def comes_out(self) -> bool:
+        """Return whether the needle is rotated far enough for its tip to come out of the tissue."""
+        return self.insertion.turn_rad >= self.exit_turn_rad - 1e-9
+
+    @property
+    def bite_m(self) -> float:
+        """Return the distance along the surface from entry to exit; NaN if the tip never comes out."""
+        down = self.insertion.entry_angle_rad
+        arc_m = self.needle.radius_m * (math.sin(self.exit_turn_rad - down) + math.sin(down))
+        return self.insertion.straight_m * math.cos(down) + arc_m
 
 
 def base_beside(
@@ -209,17 +207,10 @@ def base_beside(
         tilt_rad: lean of the instrument (at rest along -z of the base) towards the origin.
         spin_rad: rotation of the base about its z.
     """
-    for name, value, bound in (("sideways", sideways_m, 0.5), ("up", up_m, 0.5)):
-        _within(f"base {name}", value, -bound, bound)
+    for name, value in (("sideways", sideways_m), ("up", up_m)):
+        check_range(f"base {name}", value, -0.5, 0.5)
     for name, value in (("azimuth", azimuth_rad), ("tilt", tilt_rad), ("spin", spin_rad)):
         if not math.isfinite(value):
-            raise TrocarError(f"the base {name} is {shown(value, 'rad', 'g')}; give a finite angle")
-    place = [sideways_m * math.cos(azimuth_rad), sideways_m * math.sin(azimuth_rad), up_m]
-    return SE3.from_parts(SO3.axis("z", azimuth_rad) @ SO3.axis("y", tilt_rad) @ SO3.axis("z", spin_rad), place)
-
-
-def _within(what: str, value: float, low: float, high: float, unit: str = "m") -> None:
-    """Raise TrocarError if a value is not finite or out of bounds; shown in mm or degrees as on the command line."""
-    if not (math.isfinite(value) and low - 1e-12 <= value <= high + 1e-12):
-        scale, _ = shown_scale(unit)
-        raise TrocarError(f"the {what} is {shown(value, unit, 'g')}; give {scale * low:g} to {shown(high, unit, 'g')}")
+            raise InvalidValue(f"the base {name}", shown(value, "rad", "g"), "give a finite angle")
+    place_m = [sideways_m * math.cos(azimuth_rad), sideways_m * math.sin(azimuth_rad), up_m]
+    return SE3.from_parts(SO3.axis("z", azimuth_rad) @ SO3.axis("y", tilt_rad) @ SO3.axis("z", spin_rad), place_m)

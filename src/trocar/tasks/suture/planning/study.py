@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue
 from trocar.geometry import SE3, TURN
 from trocar.tasks.suture.planning.joints import suture_joints
-from trocar.tasks.suture.planning.rewards import DexterityMap, Reward, dexterity, surrogate_manipulability
+from trocar.tasks.suture.planning.rewards import DexterityMap, surrogate_manipulability
 from trocar.tasks.suture.planning.setup import SutureSetup
 
 LOCATIONS = ("random", "optimal")
@@ -37,6 +37,16 @@ SWEEP = tuple(k / 10 for k in range(11))
 SUTURES = 4
 
 
+def plan_values(values: NDArray[np.float64], count: int = SUTURES) -> NDArray[np.float64]:
+    """Return the worst suture (..., n / count) of each evenly spaced plan, by theta_1, from values (..., n)."""
+    n = values.shape[-1]
+    if count < 1 or n % count:
+        raise InvalidInput(
+            f"{n} positions", f"do not hold {count} evenly spaced sutures", f"give a multiple of {count}"
+        )
+    return values.reshape(*values.shape[:-1], count, n // count).min(-2)
+
+
 @dataclass(frozen=True, eq=False)
 class Table1:
     """Table I: mean and maximum over all evenly spaced plans, by the allowed directions.
@@ -57,12 +67,19 @@ class Table1:
 
         The paper's "11-57 %" are differences in points (``facts/suture.md``).
         """
+        best = self.points[1, 2]
         baselines = {
             "random location, best direction": self.points[0, 2],
             "optimal location, better fixed direction": self.points[1, :2].max(),
             "random location, worse fixed direction": self.points[0, :2].min(),
         }
-        return {name: _gain(self.points[1, 2], float(of)) for name, of in baselines.items()}
+        return {
+            name: {
+                "points": float(best - of),
+                "ratio_percent": float(100 * (best / of - 1)) if of > 0 else float("inf"),  # not of a loss
+            }
+            for name, of in baselines.items()
+        }
 
     def summary(self) -> dict[str, Any]:
         """Return everything as plain values."""
@@ -75,36 +92,21 @@ class Table1:
         }
 
 
-def _gain(best: float, of: float) -> dict[str, float]:
-    """Return difference and ratio; a baseline that is not positive has no ratio."""
-    return {"points": float(best - of), "ratio_percent": float(100 * (best / of - 1)) if of > 0 else float("inf")}
-
-
 def _cells(points: NDArray[np.float64]) -> dict[str, dict[str, float]]:
-    """Return the entries by location and allowed direction."""
     return {
-        location: {allowed: float(points[i, j]) for j, allowed in enumerate(ALLOWED)}
-        for i, location in enumerate(LOCATIONS)
+        location: dict(zip(ALLOWED, row, strict=True)) for location, row in zip(LOCATIONS, points.tolist(), strict=True)
     }
 
 
-def plan_values(values: NDArray[np.float64], count: int = SUTURES) -> NDArray[np.float64]:
-    """Return the worst suture (..., n / count) of each evenly spaced plan, by theta_1, from values (..., n)."""
-    n = values.shape[-1]
-    if count < 1 or n % count:
-        raise TrocarError(f"{n} positions do not hold {count} evenly spaced sutures; give a multiple of {count}")
-    return values.reshape(*values.shape[:-1], count, n // count).min(-2)
-
-
-def table_1(dexterity_map: DexterityMap) -> Table1:
+def table_1(map: DexterityMap) -> Table1:
     """Return Table I of these sutures; the mean over random locations is exact, over all plans."""
-    values = np.vstack([dexterity_map.values, dexterity_map.best])
-    plans = plan_values(values)
+    plans = plan_values(np.vstack([map.values, map.best]))
     best = plans[2].max()
     if not best > 0:
-        raise TrocarError(
-            f"the best plan has reward {best:.3g}, so that no points can be given relative to it; "
-            "choose a setup with a feasible plan"
+        raise InvalidInput(
+            "the best plan",
+            f"has reward {best:.3g}, so that no points can be given relative to it",
+            "choose a setup with a feasible plan",
         )
     return Table1(100 * np.vstack([plans.mean(-1), plans.max(-1)]) / best)
 
@@ -160,15 +162,14 @@ class LambdaSweep:
         }
 
 
-def lambda_sweep(dexterity_map: DexterityMap, weights: Sequence[float] = SWEEP) -> LambdaSweep:
+def lambda_sweep(map: DexterityMap, weights: Sequence[float] = SWEEP) -> LambdaSweep:
     """Return the plans' rewards at these values of lambda, each suture in the map's better direction."""
     if not len(weights) or not all(0 <= weight <= 1 for weight in weights):
-        raise TrocarError(f"the weights lambda are {list(weights)}; give one or more, each 0 to 1")
-    margin = np.take_along_axis(dexterity_map.margin, dexterity_map.choice[None], 0)[0]
-    scaled = [_to_ten(margin), _to_ten(dexterity_map.manipulability)]
+        raise InvalidValue("the list of weights lambda", list(weights), "give one or more, each 0 to 1")
+    margin, given = (_to_ten(values) for values in (map.chosen(map.margin), map.manipulability))
     share = np.asarray(weights, dtype=np.float64)[:, None]
-    plans = plan_values(share * scaled[0] + (1 - share) * scaled[1])
-    return LambdaSweep(share[:, 0], dexterity_map.thetas_rad[: plans.shape[1]], plans)
+    plans = plan_values(share * margin + (1 - share) * given)
+    return LambdaSweep(share[:, 0], map.thetas_rad[: plans.shape[1]], plans)
 
 
 def _to_ten(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -195,104 +196,65 @@ class SutureStudy:
     """The paper's experiments on one setup.
 
     Attributes:
-        dexterity: margins in both directions (Fig. 5), better directions (Fig. 3), dexterities.
+        map: margins in both directions (Fig. 5), better directions (Fig. 3), dexterities.
         table: Table I.
         sweep: Fig. 7.
-        assistant: setup of the second arm, which extracts the needle.
-        assistant_manipulability: (n,) M of the second arm (Fig. 6).
-        assistant_source: where that M comes from, in words.
+        manipulability: (arms, n) M of each arm, the one that drives the needle first (Fig. 6).
+        assistant_source: where M of the second arm, which extracts the needle, comes from, in words.
     """
 
-    dexterity: DexterityMap
+    map: DexterityMap
     table: Table1
     sweep: LambdaSweep
-    assistant: SutureSetup
-    assistant_manipulability: NDArray[np.float64]
+    manipulability: NDArray[np.float64]
     assistant_source: str
-
-    @property
-    def thetas_rad(self) -> NDArray[np.float64]:
-        """Return the positions (n,)."""
-        return self.dexterity.thetas_rad
-
-    @property
-    def manipulability(self) -> NDArray[np.float64]:
-        """Return M of both arms (2, n), the arm that drives the needle first (Fig. 6)."""
-        return np.stack([self.dexterity.manipulability, self.assistant_manipulability])
 
     @property
     def wrist_rad(self) -> NDArray[np.float64]:
         """Return the largest |angle| (n, 3) of roll, wrist pitch and yaw in the better direction (Fig. 4)."""
-        choice = self.dexterity.choice[None, :, None]
-        return np.take_along_axis(self.dexterity.joints.largest_wrist_rad, choice, 0)[0]
-
-    @property
-    def best_theta_rad(self) -> float:
-        """Return theta_1 of the best plan at the reward's lambda."""
-        return float(self.thetas_rad[np.argmax(plan_values(self.dexterity.best))])
-
-    @property
-    def wrist_limits_rad(self) -> NDArray[np.float64]:
-        """Return the upper limits (3,) of roll, wrist pitch and yaw."""
-        return self.dexterity.setup.arm.upper[3:]
+        return self.map.chosen(self.map.joints.largest_wrist_rad)
 
     def summary(self) -> dict[str, Any]:
         """Return everything except the curves as plain values."""
-        found = self.dexterity
-        switches = np.degrees(found.switches_rad)
+        map = self.map
+        switches, best = np.degrees(map.switches_rad), int(np.argmax(plan_values(map.best)))
         return {
             "table_1": self.table.summary(),
             "switches_deg": switches.tolist(),
             "paper_switches_deg": list(PAPER_SWITCHES_DEG),
-            "switches_off_paper_deg": switches_off_deg(switches),
-            "infeasible_positions": int((~found.feasible).sum()),
-            "positions": len(found.thetas_rad),
+            "switches_off_paper_deg": [
+                float(np.abs((switches - at + 180) % 360 - 180).min(initial=np.inf)) for at in PAPER_SWITCHES_DEG
+            ],
+            "infeasible_positions": int((~map.feasible).sum()),
+            "positions": len(map.thetas_rad),
             "largest_wrist_deg": np.degrees(self.wrist_rad.max(0)).tolist(),
-            "wrist_limits_deg": np.degrees(self.wrist_limits_rad).tolist(),
-            "margin": found.reward.margin,
-            "weight": found.reward.weight,
-            "best_theta_deg": float(np.degrees(self.best_theta_rad).round(6)),
+            "wrist_limits_deg": np.degrees(map.setup.arm.upper[3:]).tolist(),
+            "margin": map.reward.margin,
+            "weight": map.reward.weight,
+            "best_theta_deg": float(np.degrees(map.thetas_rad[best]).round(6)),
             "lambda_sweep": self.sweep.summary(),
-            "manipulability_highest_at_deg": np.degrees(self.thetas_rad[self.manipulability.argmax(1)]).tolist(),
-            "manipulability_source": found.source,
+            "manipulability_highest_at_deg": np.degrees(map.thetas_rad[self.manipulability.argmax(1)]).tolist(),
+            "manipulability_source": map.source,
             "assistant_source": self.assistant_source,
         }
 
 
-def switches_off_deg(switches_deg: NDArray[np.float64]) -> list[float]:
-    """Return the distance from each switch of the paper to the nearest of these; infinite if there are none."""
-    off = [np.abs((switches_deg - at + 180) % 360 - 180) for at in PAPER_SWITCHES_DEG]
-    return [float(turns.min(initial=np.inf)) for turns in off]
-
-
-def study(
-    setup: SutureSetup,
-    reward: Reward | None = None,
-    positions: int = 360,
-    assistant: SutureSetup | None = None,
-    weights: Sequence[float] = SWEEP,
-    manipulability_at: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
-    source: str = "",
-) -> SutureStudy:
+def study(map: DexterityMap, weights: Sequence[float] = SWEEP) -> SutureStudy:
     """Return the paper's experiments on a setup.
 
+    The second arm's manipulability comes from the demonstrations or, without any, from the mirror image of the first
+    arm (assumed) driving the same primitive.
+
     Args:
-        setup: the geometry.
-        reward: how sutures are scored.
-        positions: number of positions, a multiple of four.
-        assistant: setup of the second arm, which extracts the needle; default: mirror image of the first (assumed).
+        map: dexterity of the sutures; the number of positions is a multiple of four.
         weights: values of lambda for the sweep.
-        manipulability_at: returns M at positions (n,) rad, from demonstrations; default: the surrogate.
-        source: where that M comes from, in words.
     """
-    found = dexterity(setup, reward, positions, manipulability_at, source)
-    helper = assistant or mirrored(setup)
-    how = "the mirror image of the first arm (assumed)" if assistant is None else "as given"
-    return SutureStudy(
-        found,
-        table_1(found),
-        lambda_sweep(found, weights),
-        helper,
-        surrogate_manipulability(suture_joints(helper, found.thetas_rad)),
-        f"surrogate: the second arm drives the same primitive, {how}",
-    )
+    if map.recorded:
+        by_arm, source = map.recorded.per_arm_at(map.thetas_rad), map.source
+        if len(by_arm) < 2:
+            source = "no demonstrations of a second arm"
+    else:
+        assistant = surrogate_manipulability(suture_joints(mirrored(map.setup), map.thetas_rad))
+        by_arm = np.stack([map.manipulability, assistant])
+        source = "surrogate: the second arm drives the same primitive, the mirror image of the first arm (assumed)"
+    return SutureStudy(map, table_1(map), lambda_sweep(map, weights), by_arm, source)

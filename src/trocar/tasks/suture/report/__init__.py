@@ -1,5 +1,1 @@
-"""What a report of driven sutures adds."""
-
-from trocar.tasks.suture.report.suture_report import SutureReport
-
-__all__ = ["SutureReport"]
+"""What reports show of suture plans and of driven sutures."""

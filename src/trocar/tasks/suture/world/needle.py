@@ -1,17 +1,17 @@
-"""A suture needle: its body in MJCF, and what holds it when the jaws do not."""
+"""A suture needle: its body in the simulator, and what holds it when the jaws do not."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
+from mujoco import mjtGeom
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3, SO3, TURN
-from trocar.sim.elements import NOTHING, add, placed, scene_bits, text
+from trocar.sim.spec import INTANGIBLE, SOLID, digits, placed
 from trocar.sim.world import World
 from trocar.tasks.suture.scene import SutureScene
 
@@ -44,49 +44,26 @@ class Tissue:
     let_go_n: float = 1.0
 
 
-def add_phantom(world: Element, scene: SutureScene) -> None:
+def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
     """Add the phantom, visible but without collisions, the circle's marks, and the needle as a free body."""
     width, depth, thickness = scene.phantom_m
-    phantom = add(world, "body", name="phantom", **placed(scene.T_world_circle))
+    world = spec.worldbody
+    phantom = world.add_body(name="phantom", **placed(scene.T_world_circle))
     half = (width / 2, depth / 2, thickness / 2)
-    add(
-        phantom,
-        "geom",
-        name="phantom",
-        type="box",
-        size=text(half),
-        pos=text((0, 0, -half[2])),
-        rgba=text((*PHANTOM_RGB, 1)),
-        **NOTHING,
-    )
+    box = {"type": mjtGeom.mjGEOM_BOX, "size": digits(half), "pos": digits((0, 0, -half[2]))}
+    phantom.add_geom(name="phantom", rgba=(*PHANTOM_RGB, 1), **box, **INTANGIBLE)
     below = scene.T_world_circle.apply([0.0, 0.0, -thickness])[2] - 0.002
-    add(world, "geom", name="table", type="plane", size="0.5 0.5 0.01", pos=text((0, 0, below)), **NOTHING)
+    plane = {"type": mjtGeom.mjGEOM_PLANE, "size": (0.5, 0.5, 0.01), "pos": digits((0, 0, below))}
+    world.add_geom(name="table", **plane, **INTANGIBLE)
+    dash = {"type": mjtGeom.mjGEOM_BOX, "size": (0.0003, 0.0008, 0.00005), "rgba": (*MARK_RGB, 1)}
     for index, angle in enumerate(np.linspace(0.0, TURN, MARKS, endpoint=False)):
         at = SE3.from_parts(SO3.axis("z", angle)) @ SE3.from_parts(translation_m=[scene.circle_radius_m, 0.0, 0.0])
-        add(
-            phantom,
-            "geom",
-            name=f"mark{index}",
-            type="box",
-            size="0.0003 0.0008 0.00005",
-            rgba=text((*MARK_RGB, 1)),
-            **placed(at),
-            **NOTHING,
-        )
-    needle = add(world, "body", name="needle", **placed(scene.T_world_circle @ SE3.from_parts(translation_m=ASIDE_M)))
-    add(needle, "freejoint", name="needle")
+        phantom.add_geom(name=f"mark{index}", **dash, **placed(at), **INTANGIBLE)
+    needle = world.add_body(name="needle", **placed(scene.T_world_circle @ SE3.from_parts(translation_m=ASIDE_M)))
+    needle.add_freejoint(name="needle")
+    wire = {"type": mjtGeom.mjGEOM_CAPSULE, "size": digits((scene.needle.wire_m / 2, 0, 0)), "rgba": (*NEEDLE_RGB, 1)}
     for index, (start, end) in enumerate(pairwise(scene.wire_points_m)):
-        add(
-            needle,
-            "geom",
-            name=f"needle_{index}",
-            type="capsule",
-            size=text(scene.wire_m / 2),
-            fromto=text((*start, *end)),
-            density=text(STEEL_KG_M3),
-            rgba=text((*NEEDLE_RGB, 1)),
-            **scene_bits(),
-        )
+        needle.add_geom(name=f"needle_{index}", fromto=digits((*start, *end)), density=STEEL_KG_M3, **wire, **SOLID)
 
 
 class HeldNeedle:
@@ -105,7 +82,7 @@ class HeldNeedle:
         self._body = world.model.body("needle").id
         self._qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
         self._dof = slice(joint.dofadr[0], joint.dofadr[0] + 6)
-        turning = scene.needle_radius_m**2
+        turning = scene.needle.radius_m**2
         share = np.array([1.0, 1.0, 1.0, turning, turning, turning])
         world.model.dof_armature[self._dof] = self._tissue.apparent_kg * share
         mujoco.mj_setConst(world.model, world.data)

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import cycle
 from typing import Any
-from xml.etree.ElementTree import Element
 
+import mujoco
 import numpy as np
 import trio
 from numpy.typing import NDArray
 
 from trocar.arms import fk
 from trocar.sim.record import Record
-from trocar.sim.task_world import TaskWorld
-from trocar.sim.world import World
+from trocar.sim.world import TaskWorld, World
 from trocar.tasks.suture.scene import SutureScene
-from trocar.tasks.suture.truth import NeedleTruth
+from trocar.tasks.suture.score import NeedleTruth
 from trocar.tasks.suture.world.needle import HeldNeedle, add_phantom
 
 LOADING_S = 1.0
@@ -32,10 +31,9 @@ class SutureWorld(TaskWorld):
         self._gripped: list[bool] = []
         self._in_hand: list[bool] = []
 
-    def add(self, world: Element, assets: Element) -> None:
+    def add(self, spec: mujoco.MjSpec) -> None:
         """Add phantom, circle and needle."""
-        del assets
-        add_phantom(world, self._scene)
+        add_phantom(spec, self._scene)
 
     def start(self, world: World) -> None:
         """Put the needle into a person's hand."""
@@ -61,7 +59,7 @@ class SutureWorld(TaskWorld):
             T_circle_tip=T_circle_world @ record.T_world_tip[self._arm],
             gripped=np.array(self._gripped),
             in_hand=np.array(self._in_hand),
-            p_needle_tip_m=self._scene.p_needle_tip_m,
+            p_needle_tip_m=self._scene.needle.p_tip_m,
         )
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:
@@ -76,6 +74,6 @@ class SutureWorld(TaskWorld):
     async def _load(self, arm: str) -> None:
         """Put the needle between the open jaws, about in the agreed grasp, and hold it there until they close."""
         await trio.sleep(LOADING_S)
-        cell = self._world.cell
-        T_world_tip = cell.T_world_base[arm] @ fk(cell.arms[arm], self._world.joints(arm))
+        world = self._world
+        T_world_tip = world.T_world_base[arm] @ fk(world.models[arm], world.joints(arm))
         self._needle.give(T_world_tip @ self._scene.T_tip_needle @ next(self._loads))

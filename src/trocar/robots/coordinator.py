@@ -1,0 +1,434 @@
+"""The coordinator of several arms in one space: who moves when, who may be where, and who waits for whom."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any
+
+import numpy as np
+import trio
+
+from trocar.arms import ArmModel
+from trocar.cell import Cell, MotionResult, SetPoint
+from trocar.errors import MotionRefused, UnknownName
+from trocar.geometry import SE3
+from trocar.geometry.capsules import Capsules
+from trocar.motion import MovingArm, swept_clearance
+from trocar.robots.concurrency import first_of
+from trocar.robots.moving_body import NEVER, MovingBody, distance_m, min_delay_s
+from trocar.trajectory import Trajectory
+
+DELAY_STEP_S = 0.08
+"""Step between the delays that are tried."""
+CLOSER_M = 0.5e-3
+"""Arms that are closer than the margin may come this much closer on their way apart, ..."""
+MIN_DISTANCE_M = 1.2e-3
+"""... but not closer than this, unless they already are: the stations' guards keep 1 mm."""
+GUARDED_M = 5e-5
+"""If arms are even closer than that, the guards let them come .1 mm closer on their way apart."""
+AT_END = 1e-6
+"""An arm this close (rad, m) to the end of its motion has arrived."""
+
+
+class Blocked(MotionRefused):
+    """A motion cannot start because another arm is in the way, and waiting does not help.
+
+    Attributes:
+        arm: name of the arm that was to move.
+    """
+
+    def __init__(self, arm: str):
+        self.arm = arm
+        super().__init__(f"arm {arm!r} has no room to move, and waiting does not help")
+
+
+class _Signal:
+    """Wakes everybody who waits for something to change."""
+
+    def __init__(self) -> None:
+        self.event = trio.Event()
+
+    def notify(self) -> None:
+        event, self.event = self.event, trio.Event()
+        event.set()
+
+
+@dataclass(frozen=True)
+class Margins:
+    """What the coordinator keeps between arms, and how long they wait.
+
+    Attributes:
+        margin_m: kept between two arms, and between what they hold.
+        min_margin_m: the same for an arm that would otherwise be stuck.
+        patience_s: an arm that could not move for this long is told that it is ``Blocked``.
+        check_budget_s: declared for checking a motion against what the other arms do.
+    """
+
+    margin_m: float = 4e-3
+    min_margin_m: float = 2e-3
+    patience_s: float = 3.0
+    check_budget_s: float = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """How an arm gets away from the end of a motion.
+
+    Attributes:
+        motion: from there to where nothing is in its way.
+        held: what it will have in its jaws then, in the frame of its tip; None: nothing.
+    """
+
+    motion: Trajectory
+    held: Capsules | None = None
+
+
+@dataclass
+class _Lane:
+    """What one arm does, as announced.
+
+    Attributes:
+        model: of the arm.
+        T_world_base: its base as registered.
+        announced: its motion; None at rest.
+        held: solids in its jaws, in the frame of its tip; None: empty.
+        departure: how it gets away from where that motion ends; None: not needed there.
+        jaw_rad: widest opening of its jaws on that motion.
+        waiting: whether it waits until another arm does something else.
+        pressed: set when it is asked to give way.
+        step: of the task, as far as it has come.
+        at_work: whether others wait for its requests when they decide together.
+    """
+
+    model: ArmModel
+    T_world_base: SE3
+    announced: Trajectory | None = None
+    held: Capsules | None = None
+    departure: Departure | None = None
+    jaw_rad: float = 0.0
+    waiting: bool = False
+    pressed: trio.Event = field(default_factory=trio.Event)
+    step: float = 0.0
+    at_work: bool = True
+
+
+@dataclass
+class _Space:
+    """A space for one arm at a time; arms get it in the order in which they asked."""
+
+    free: trio.Semaphore = field(default_factory=lambda: trio.Semaphore(1))
+    holder: str | None = None
+
+
+@dataclass
+class _Request:
+    """What one arm asks in a joint decision, and the answer."""
+
+    asked: Any
+    answer: Any = None
+    taken: bool = False
+    answered: trio.Event = field(default_factory=trio.Event)
+
+
+class Coordinator:
+    """Coordinates arms that share a space; the scripts of all arms share one coordinator.
+
+    * :meth:`admit` and :meth:`run`: each motion is checked against what the other arms do, then announced. An arm whose
+      motion is not free now waits at rest: as long as the other arm's announced motion requires, or until that arm does
+      something else. Of two arms that would wait for each other, one gets ``Blocked``, and its script does something
+      else: the one whose jaws are empty, else the one that has waited longer. So does an arm that has waited for longer
+      than its patience.
+    * :meth:`reserve` and :meth:`release`: a space for one arm at a time.
+    * :meth:`reached` and :meth:`wait_for_others`: arms that go back and forth between the same places keep pace.
+    * :meth:`decide_together`: one answer for all arms, once each has asked.
+
+    Args:
+        cell: the laboratory.
+        arms: names of those that take part; others rest where they are in nobody's way, and the robot's guard knows
+            them.
+        margins: to keep.
+
+    Raises:
+        UnknownName: an arm is not in the cell.
+    """
+
+    def __init__(self, cell: Cell, arms: Sequence[str], margins: Margins | None = None):
+        for name in arms:
+            if name not in cell.arms:
+                raise UnknownName("arm", name, cell.arms)
+        self._cell, self._margins = cell, margins or Margins()
+        self._lanes = {name: _Lane(cell.arms[name], cell.T_world_base_registered[name]) for name in arms}
+        self._spaces: dict[str, _Space] = {}
+        self._requests: dict[str, _Request] = {}
+        self._motions, self._progress, self._asking = _Signal(), _Signal(), _Signal()
+
+    @property
+    def alone(self) -> bool:
+        """Return whether only one arm takes part."""
+        return len(self._lanes) == 1
+
+    def carry(self, arm: str, held: Capsules | None) -> None:
+        """Record what an arm has in its jaws now, in the frame of its tip; None: nothing."""
+        self._lanes[arm].held = held
+        self._motions.notify()
+
+    def carries(self, arm: str) -> bool:
+        """Return whether an arm was recorded as having something in its jaws."""
+        return self._lanes[arm].held is not None
+
+    async def admit(
+        self,
+        arm: str,
+        motion: Trajectory,
+        *,
+        jaw_rad: float = 0.0,
+        margin_m: float | None = None,
+        contact_s: tuple[float, float] = NEVER,
+        departure: Departure | None = None,
+        waits: bool = True,
+    ) -> None:
+        """Return when a motion is free; it is announced then, and ``run`` has to follow.
+
+        Args:
+            arm: at rest where the motion starts.
+            motion: of its joints.
+            jaw_rad: widest opening of the jaws on the way.
+            margin_m: to keep to other arms; None: the default.
+            contact_s: interval of the motion in which the jaws may touch what the other arm holds.
+            departure: how the arm gets away from where the motion ends; the other arm must leave room for that too.
+            waits: whether to wait until the other arm does something else, if its announced motion leaves no room.
+
+        Raises:
+            Blocked: waiting does not help.
+        """
+        lane, clock = self._lanes[arm], self._cell.clock
+        lane.jaw_rad = jaw_rad
+        margin = self._margins.margin_m if margin_m is None else margin_m
+        deadline_s = clock.now_s() + self._margins.patience_s
+        while (delay := await self._checked(arm, motion, margin, contact_s, departure)) != 0.0:
+            with self._cell.log.span(arm, "waiting"):
+                if delay is not None:
+                    await clock.sleep(delay)
+                elif not waits:
+                    raise Blocked(arm)
+                else:
+                    await self._wait_for_change(arm, deadline_s)
+        lane.announced, lane.departure = motion, departure
+        self._motions.notify()
+
+    async def run(self, arm: str, motion: Trajectory) -> MotionResult:
+        """Run a motion that was admitted."""
+        try:
+            with self._cell.log.span(arm, "motion"):
+                return (await self._cell.robot.move({arm: motion}))[arm]
+        finally:
+            self._lanes[arm].announced = None
+            self._motions.notify()
+
+    def try_reserve(self, arm: str, space: str) -> bool:
+        """Reserve a space if it is free; return whether the arm has it."""
+        place = self._spaces.setdefault(space, _Space())
+        if place.holder is None and place.free.value:
+            place.free.acquire_nowait()
+            place.holder = arm
+        return place.holder == arm
+
+    async def reserve(self, arm: str, space: str) -> None:
+        """Reserve a space, or wait until the arms that asked before have left it."""
+        if self.try_reserve(arm, space):
+            return
+        place = self._spaces[space]
+        await place.free.acquire()
+        place.holder = arm
+
+    def release(self, arm: str, space: str) -> None:
+        """Leave a space to the arm that waits for it, if this arm had it."""
+        place = self._spaces.get(space)
+        if place is not None and place.holder == arm:
+            place.holder = None
+            place.free.release()
+
+    def reached(self, arm: str, step: float = inf) -> None:
+        """Note that an arm has reached a step of the task; by default, that it has finished."""
+        self._lanes[arm].step = step
+        self.progress()
+
+    def progress(self) -> None:
+        """Wake the scripts that wait for other arms to make progress."""
+        self._progress.notify()
+
+    async def progressed(self) -> None:
+        """Return when an arm has made progress."""
+        await self._progress.event.wait()
+
+    async def wait_for_others(self, arm: str, step: float, patience_s: float) -> None:
+        """Wait until all other arms have reached a step, but not longer than this."""
+        others = self._others(arm)
+        if all(other.step >= step for other in others):
+            return
+        with self._cell.log.span(arm, "waiting"), trio.move_on_after(patience_s):
+            while any(other.step < step for other in others):
+                await self.progressed()
+
+    def leave(self, arm: str) -> None:
+        """Let the others decide without this arm, which stays where it is; until it asks again."""
+        self._lanes[arm].at_work = False
+        self._asking.notify()
+
+    @contextmanager
+    def idle(self, arm: str) -> Iterator[None]:
+        """Let the others decide without this arm meanwhile."""
+        self.leave(arm)
+        try:
+            yield
+        finally:
+            self._lanes[arm].at_work = True
+
+    async def decide_together(
+        self, arm: str, asked: Any, decide: Callable[[Mapping[str, Any]], Awaitable[Mapping[str, Any]]]
+    ) -> Any:
+        """Ask, wait until all arms at work have asked, and return this arm's part of the one answer.
+
+        Args:
+            arm: that asks.
+            asked: what.
+            decide: returns the answers by arm; it is called once for all that have asked.
+        """
+        request = self._requests[arm] = _Request(asked)
+        self._asking.notify()
+        with self._cell.log.span(arm, "waiting"):
+            while not request.taken and not self._all_asked():
+                await first_of(self._asking.event, request.answered)
+        if not request.taken and arm == min(self._requests):
+            requests, self._requests = self._requests, {}
+            for other in requests.values():
+                other.taken = True
+            self._asking.notify()
+            answers = await decide({name: other.asked for name, other in requests.items()})
+            for name, other in requests.items():
+                other.answer = answers[name]
+                other.answered.set()
+        else:
+            with self._cell.log.span(arm, "planning"):
+                await request.answered.wait()
+        return request.answer
+
+    def _all_asked(self) -> bool:
+        return all(name in self._requests for name, lane in self._lanes.items() if lane.at_work)
+
+    def _others(self, arm: str) -> list[_Lane]:
+        return [lane for name, lane in self._lanes.items() if name != arm]
+
+    async def _wait_for_change(self, arm: str, deadline_s: float) -> None:
+        lane, left_s = self._lanes[arm], deadline_s - self._cell.clock.now_s()
+        if left_s <= 0:
+            raise Blocked(arm)
+        standing = [other for other in self._others(arm) if other.waiting]
+        if standing and lane.held is None and any(other.held is not None for other in standing):
+            raise Blocked(arm)
+        for other in standing:
+            other.pressed.set()
+        changed, lane.waiting, lane.pressed = self._motions.event, True, trio.Event()
+        try:
+            with trio.move_on_after(left_s):
+                await first_of(changed, lane.pressed)
+        finally:
+            lane.waiting = False
+        if lane.pressed.is_set():
+            raise Blocked(arm)
+
+    async def _checked(
+        self, arm: str, motion: Trajectory, margin_m: float, contact_s: tuple[float, float], departure: Departure | None
+    ) -> float | None:
+        """Return the result of ``_delay_s``, timed on the cell's clock and logged; for one arm nothing is computed.
+
+        The declared time passes before the check, because the check has to see the newest state of the other arms, and
+        nothing may come between it and the announcement.
+        """
+        if self.alone:
+            return 0.0
+        budget_s = self._margins.check_budget_s
+        with self._cell.log.span(arm, "planning"):
+            await self._cell.clock.compute(lambda: None, budget_s)
+        begin = time.perf_counter()
+        delay = self._delay_s(arm, motion, margin_m, contact_s, departure)
+        self._cell.log.compute("traffic", time.perf_counter() - begin, budget_s)
+        return delay
+
+    def _delay_s(
+        self, arm: str, motion: Trajectory, margin_m: float, contact_s: tuple[float, float], departure: Departure | None
+    ) -> float | None:
+        """Return the delay after which a motion is free; None if it never is while other arms stay where they go."""
+        now, lane = self._cell.clock.now_s(), self._lanes[arm]
+        mover = MovingBody(MovingArm(lane.model, motion, lane.T_world_base, 0.0, lane.jaw_rad), lane.held)
+        bodies = {name: self._body(name) for name in self._lanes if name != arm}
+        delay = 0.0
+        for name, body in bodies.items():
+            if not self._can_depart(lane, departure, self._lanes[name], body, motion):
+                return None
+            here = distance_m(mover, 0.0, body if contact_s[0] > 0 else body.empty(), now)
+            until = max(0.0, body.arm.end_s - now)
+            delays = np.arange(0.0, until + DELAY_STEP_S, DELAY_STEP_S).tolist()
+            found = min_delay_s(mover, body, now, _relaxed(margin_m, here), delays, contact_s)
+            if found is None:
+                return None
+            delay = max(delay, found)
+        if delay == 0.0 and not self._certain(arm, mover.arm, bodies, margin_m):
+            return DELAY_STEP_S if any(self._lanes[name].announced for name in bodies) else None
+        return delay
+
+    def _can_depart(
+        self, lane: _Lane, departure: Departure | None, other: _Lane, body: MovingBody, motion: Trajectory
+    ) -> bool:
+        """Return whether two arms could get away from where their motions end, one while the other rests there."""
+        mine = MovingArm.resting(lane.model, motion(motion.times_s[-1]), lane.T_world_base, lane.jaw_rad)
+        theirs = MovingArm.resting(other.model, body.arm.joints(body.arm.end_s), other.T_world_base, body.arm.jaw_rad)
+        ways = [
+            (departure, lane, MovingBody(theirs, body.held)),
+            (other.departure, other, MovingBody(mine, lane.held)),
+        ]
+        for way, mover, still in ways:
+            if way is None:
+                continue
+            arm = MovingArm(mover.model, way.motion, mover.T_world_base, 0.0, lane.jaw_rad)
+            start = MovingBody(arm, way.held)
+            least_m = _relaxed(self._margins.min_margin_m, distance_m(start, 0.0, still, 0.0))
+            if min_delay_s(start, still, 0.0, least_m, [0.0]) is None:
+                return False
+        return True
+
+    def _certain(self, arm: str, mover: MovingArm, bodies: Mapping[str, MovingBody], margin_m: float) -> bool:
+        """Return whether the instruments keep the margin between the samples too, if the motion starts now."""
+        now_s = self._cell.clock.now_s()
+        movers = {arm: MovingArm(mover.model, mover.trajectory, mover.T_world_base, now_s, mover.jaw_rad)}
+        others = {name: body.arm for name, body in bodies.items()}
+        end = max(movers[arm].end_s, *(other.end_s for other in others.values()))
+        here = swept_clearance(movers, others=others, span_s=(now_s, now_s)).sampled_m
+        least = _relaxed(margin_m, here)
+        return swept_clearance(movers, others=others, span_s=(now_s, end), enough_m=least).distance_m >= least
+
+    def _body(self, arm: str) -> MovingBody:
+        """Return an arm as it is now, on the rest of its announced motion or at rest; its clock is the cell's."""
+        lane, robot, now = self._lanes[arm], self._cell.robot, self._cell.clock.now_s()
+        setpoint = robot.setpoint(arm)
+        if lane.announced is None or _arrived(lane.announced, setpoint):
+            motion, jaw_rad = Trajectory(np.array([0.0, 1e-3]), setpoint.q[None, None]), robot.read(arm).jaw_rad
+            return MovingBody(
+                MovingArm(lane.model, motion, lane.T_world_base, now - 1e-3, max(0.0, jaw_rad)), lane.held
+            )
+        begun_s = now - setpoint.path_s if setpoint.moving else now  # admitted, and about to start
+        return MovingBody(MovingArm(lane.model, lane.announced, lane.T_world_base, begun_s, lane.jaw_rad), lane.held)
+
+
+def _relaxed(margin_m: float, here_m: float) -> float:
+    """Return the margin, or less where arms are closer than that already: they may move apart."""
+    return min(margin_m, max(here_m - CLOSER_M, min(MIN_DISTANCE_M, here_m - GUARDED_M)))
+
+
+def _arrived(motion: Trajectory, setpoint: SetPoint) -> bool:
+    """Return whether an arm rests at the end of its motion."""
+    return not setpoint.moving and bool(np.abs(motion(motion.times_s[-1]) - setpoint.q).max() < AT_END)

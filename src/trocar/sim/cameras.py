@@ -1,0 +1,123 @@
+"""A station's cameras in a simulated world: one lens or a pair, behind the ``Camera`` protocol."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import trio
+
+from trocar.errors import InvalidInput
+from trocar.geometry import SE3
+from trocar.lab import SensorFlaws, StationCamera
+from trocar.perception.image import (
+    CameraModel,
+    Image,
+    Intrinsics,
+    StereoImage,
+    StereoRig,
+    StereoWindow,
+    Window,
+)
+from trocar.sim.appearance import Appearance
+from trocar.sim.ray_camera import RayCamera
+from trocar.sim.sensor import Light
+from trocar.sim.world import World
+
+STEREO_GAINS = (1.0, 0.96)
+"""Gains of the left and the right sensor of a pair, since two are never equally bright (assumed)."""
+
+
+class CameraRenderer:
+    """Renders what a camera of a station sees of a world.
+
+    Args:
+        model: the world.
+        camera: its true lenses, lamp, gain and flaws; images have the lenses as registered.
+        T_world_camera: true pose (of a pair: of the left one).
+        flaws: in place of the camera's.
+
+    Attributes:
+        model: the lens or lenses as registered.
+        lenses: one ray camera, or the left and the right one of a pair.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, camera: StationCamera, T_world_camera: SE3, flaws: SensorFlaws | None = None
+    ):
+        light, flaws = Light(ambient=camera.ambient, gain=camera.gain), flaws or camera.flaws
+        true, lamp = camera.model, np.array(camera.lamp_m)
+        if isinstance(true, StereoRig):
+            looks, lamp_right = Appearance(model), true.T_left_right.inverse().apply(lamp)
+            self.lenses = [
+                RayCamera(model, true.left, T_world_camera, lamp, flaws, light, looks),
+                RayCamera(model, true.right, T_world_camera @ true.T_left_right, lamp_right, flaws, light, looks),
+            ]
+        else:
+            self.lenses = [RayCamera(model, true, T_world_camera, lamp, flaws, light)]
+        self.model = camera.model_registered
+        self._binned = {1: self.lenses}
+
+    def image(
+        self, data: mujoco.MjData, rng: np.random.Generator, window: Window | StereoWindow | None = None
+    ) -> Image:
+        """Return an image of the world in this state, or of a window of it.
+
+        Raises:
+            InvalidInput: the window is for another kind of camera.
+        """
+        model, windows = self.read_out(window)
+        binning = window.binning if isinstance(window, StereoWindow) else 1
+        if binning not in self._binned:
+            self._binned[binning] = [lens.binned(binning) for lens in self.lenses]
+        lenses = [
+            lens if part is None else lens.cropped(data, *_divided(part, binning))
+            for lens, part in zip(self._binned[binning], windows, strict=True)
+        ]
+        if isinstance(model, StereoRig):
+            left, right = (lens.render_color(data, rng, gain) for lens, gain in zip(lenses, STEREO_GAINS, strict=True))
+            return StereoImage(left, right, model, float(data.time))
+        return lenses[0].render(data, rng)
+
+    def read_out(self, window: Window | StereoWindow | None) -> tuple[CameraModel, list[Window | None]]:
+        """Return the camera that reads out only a window, and the window of each lens.
+
+        Raises:
+            InvalidInput: the window is for another kind of camera, or leaves the image.
+        """
+        if window is None:
+            return self.model, [None] * len(self.lenses)
+        if isinstance(self.model, StereoRig) and isinstance(window, StereoWindow):
+            return window.of(self.model), [window.left, window.right]
+        if isinstance(self.model, Intrinsics) and isinstance(window, Window):
+            return self.model.cropped(window.corner_px, window.size_px), [window]
+        kind = "a StereoWindow" if isinstance(self.model, StereoRig) else "a Window"
+        raise InvalidInput(f"a camera of {len(self.lenses)} lens(es)", f"cannot read out {window!r}", f"give {kind}")
+
+
+def _divided(window: Window, by: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return corner and size of a window in binned pixels."""
+    (u, v), (width, height) = window.corner_px, window.size_px
+    return (u // by, v // by), (width // by, height // by)
+
+
+class SimCamera:
+    """A simulated camera behind the ``Camera`` protocol.
+
+    Attributes:
+        model: its lens or lenses as registered.
+        taken: all whole images that it took.
+    """
+
+    def __init__(self, world: World, renderer: CameraRenderer, exposure_s: float, rng: np.random.Generator):
+        self._world, self._renderer, self._exposure_s, self._rng = world, renderer, exposure_s, rng
+        self.model = renderer.model
+        self.taken: list[Image] = []
+
+    async def capture(self, window: Window | StereoWindow | None = None) -> Image:
+        """Expose one image; it shows the end of the exposure."""
+        self._renderer.read_out(window)  # a window that is refused takes no time
+        await trio.sleep(self._exposure_s)
+        image = self._renderer.image(self._world.data, self._rng, window)
+        if window is None:
+            self.taken.append(image)
+        return image

@@ -1,0 +1,367 @@
+"""An RGBD camera that renders MuJoCo's world by casting rays: no OpenGL, the same images without a display."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import NamedTuple
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import InvalidInput
+from trocar.geometry import SE3
+from trocar.lab.station import SensorFlaws
+from trocar.perception.depth import pixel_rays
+from trocar.perception.image import Intrinsics, RgbdImage
+from trocar.sim.appearance import Appearance, Sight
+from trocar.sim.sensor import Light, apply_flaws, expose, shade
+
+VISIBLE_GROUPS = (1, 1, 1, 0, 0, 0)
+HIDDEN_GROUP = 5
+NEAR_M = 5e-3
+SHADOW_SLACK = 5e-4
+"""A surface is lit if the projector's ray ends this close to it, as a share of the ray's length."""
+
+
+class RayCamera:
+    """A calibrated camera in a MuJoCo world.
+
+    Args:
+        model: the world; geoms of groups 0-2 are visible. Bodies welded to the world must not change.
+        intrinsics: lens and pixels, such as ``lens.binned(2)``.
+        T_world_camera: true pose.
+        lamp_m: (3,) projector or lamp in the camera frame; surfaces that it does not light are dark and have no depth.
+        flaws: of the sensor; ``SensorFlaws.none()`` gives exact depth.
+        light: of the scene.
+        finish: grain and wet spots of surfaces; None: each has one plain colour.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        intrinsics: Intrinsics,
+        T_world_camera: SE3,
+        lamp_m: ArrayLike,
+        flaws: SensorFlaws | None = None,
+        light: Light | None = None,
+        finish: Appearance | None = None,
+    ):
+        if T_world_camera.matrix.shape != (4, 4) or not np.isfinite(T_world_camera.matrix).all():
+            raise InvalidInput("T_world_camera of a camera", "is not one finite pose (4, 4)", "give one")
+        self.model = model
+        self.intrinsics = intrinsics
+        self.T_world_camera = T_world_camera
+        self._lamp_m = np.asarray(lamp_m, dtype=np.float64)
+        self.flaws = SensorFlaws() if flaws is None else flaws
+        self.light = Light() if light is None else light
+        self._finish = finish
+        R = T_world_camera.rotation.matrix
+        self._T_world_projector = SE3.from_parts(T_world_camera.rotation, T_world_camera.apply(self._lamp_m))
+        self._rays, self._raster, self._cell = _pixels(intrinsics)
+        self._rays_world = np.ascontiguousarray(self._rays @ R.T)
+        group = np.clip(model.geom_group, 0, 5)
+        alpha = np.where(model.geom_matid >= 0, 1.0, model.geom_rgba[:, 3])
+        seen = (np.array(VISIBLE_GROUPS)[group] > 0) & (alpha > 0)
+        fixed = model.body_weldid[model.geom_bodyid] == 0
+        self._moving = np.flatnonzero(seen & ~fixed)
+        self._groups = np.array(VISIBLE_GROUPS, dtype=np.uint8)
+        self._fixed_model = copy.copy(model)
+        self._fixed_model.geom_group[~fixed] = HIDDEN_GROUP
+        self._fixed: dict[bool, _Fixed] = {}  # with the projector's shadows, and without
+        self._lamp_map: _ProjectorMap | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Return (height, width) in pixels."""
+        return self.intrinsics.height, self.intrinsics.width
+
+    def binned(self, factor: int) -> RayCamera:
+        """Return this camera with this many by this many pixels combined: one ray for all of them (noise as of one)."""
+        lens = self.intrinsics.binned(factor)
+        return RayCamera(self.model, lens, self.T_world_camera, self._lamp_m, self.flaws, self.light, self._finish)
+
+    def cropped(self, data: mujoco.MjData, corner_px: tuple[int, int], size_px: tuple[int, int]) -> RayCamera:
+        """Return this camera with only a rectangle of its pixels read out.
+
+        Args:
+            data: any state of the world; fixed objects are rendered once for all overlapping rectangles.
+            corner_px: (u, v) of the rectangle's first pixel.
+            size_px: (width, height).
+        """
+        lens = self.intrinsics.cropped(corner_px, size_px)
+        (u, v), (width, height) = corner_px, size_px
+        whole = self.size
+
+        def part(values: NDArray) -> NDArray:
+            rectangle = values.reshape(*whole, *values.shape[1:])[v : v + height, u : u + width]
+            return rectangle.reshape(-1, *values.shape[1:])
+
+        camera = copy.copy(self)
+        camera.intrinsics = lens
+        camera._rays, camera._rays_world = part(self._rays), part(self._rays_world)
+        camera._raster, camera._cell = self._raster.part(part(self._cell))
+        shadow = self.flaws.shadow
+        camera._fixed = {shadow: self._fixed_seen(data, shadow, part(np.arange(len(self._rays)))).parts(part)}
+        camera._lamp_map = None
+        return camera
+
+    def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
+        """Return the image as delivered by the sensor with its flaws, which ``rng`` draws."""
+        view = self._view(data, shadow=self.flaws.shadow)
+        shape = self.size
+        depth, color = apply_flaws(
+            self.flaws,
+            view.depth.reshape(shape),
+            view.color.reshape(*shape, 3),
+            view.cosine.reshape(shape),
+            view.lit.reshape(shape),
+            view.mirror.reshape(shape),
+            rng,
+        )
+        return RgbdImage(color, depth, self.intrinsics, float(data.time))
+
+    def render_color(self, data: mujoco.MjData, rng: np.random.Generator, gain: float = 1.0) -> NDArray[np.uint8]:
+        """Return the picture (h, w, 3) of an eye without depth: blurred by its lens, with its own noise and gain."""
+        view = self._view(data, shadow=self.flaws.shadow)
+        return expose(view.color.reshape(*self.size, 3) * np.float32(gain), self.flaws.color_sd, rng)
+
+    def render_exact(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
+        """Return depth (h, w) in m, geom ids (h, w) and colour (h, w, 3); NaN and -1 where nothing is hit."""
+        view = self._view(data, shadow=False)
+        shape = self.size
+        color = np.rint(view.color * 255).astype(np.uint8)
+        return view.depth.reshape(shape), view.geom.reshape(shape), color.reshape(*shape, 3)
+
+    def _view(self, data: mujoco.MjData, shadow: bool) -> _View:
+        """Return what the pixels see: fixed objects are cached, only what may have moved is cast and shaded."""
+        fixed = self._fixed_seen(data, shadow)
+        view = fixed.view.copy()
+        covered = self._raster.covered(self.model, data, self._moving, self.T_world_camera)[self._cell]
+        active = np.flatnonzero(covered)
+        view.depth[active], view.geom[active], normal = self._cast(
+            self.model, data, self.T_world_camera.translation_m, self._rays_world[active]
+        )
+        if shadow:
+            lamp = self._projector_map(fixed)
+            dark = lamp.raster.covered(self.model, data, self._moving, self._T_world_projector)
+            shaded = np.flatnonzero(dark[lamp.cell] & ~covered & fixed.view.lit)
+            active = np.concatenate([active, shaded])
+            normal = np.concatenate([normal, fixed.normal_world[shaded]])
+            view.lit[active] = self._lit(self.model, data, view.depth[active], normal, active)
+        else:
+            view.lit[active] = np.isfinite(view.depth[active])
+        self._shade(view, data, active, normal)
+        return view
+
+    def _shade(
+        self, view: _View, data: mujoco.MjData, pixels: NDArray[np.intp], normal_world: NDArray[np.float64]
+    ) -> None:
+        """Fill in colour, mirroring and incidence of these pixels."""
+        normal = normal_world @ np.ascontiguousarray(self.T_world_camera.rotation.matrix)
+        rays = self._rays[pixels]
+        view.color[pixels], view.mirror[pixels] = shade(
+            self.model, rays, view.depth[pixels], view.geom[pixels], normal, view.lit[pixels], self._lamp_m, self.light
+        )
+        if self._finish is not None:
+            eye = self.T_world_camera
+            points = np.nan_to_num(rays * view.depth[pixels, None]) @ np.ascontiguousarray(eye.rotation.matrix.T)
+            points += eye.translation_m
+            lamp = self._T_world_projector.translation_m
+            sight = Sight(view.geom[pixels], points, normal_world, eye.translation_m, lamp, view.lit[pixels])
+            view.color[pixels] = self._finish.apply(data, view.color[pixels], sight)
+        view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
+
+    def _fixed_seen(self, data: mujoco.MjData, shadow: bool, pixels: NDArray[np.intp] | None = None) -> _Fixed:
+        """Return what these pixels (or all) see of fixed objects; each pixel is cast only once."""
+        if shadow not in self._fixed:
+            self._fixed[shadow] = _Fixed.unseen(len(self._rays))
+        fixed = self._fixed[shadow]
+        new = np.flatnonzero(~fixed.seen) if pixels is None else pixels[~fixed.seen[pixels]]
+        if len(new):
+            view, origin = fixed.view, self.T_world_camera.translation_m
+            view.depth[new], view.geom[new], normal = self._cast(self._fixed_model, data, origin, self._rays_world[new])
+            depth = view.depth[new]
+            view.lit[new] = self._lit(self._fixed_model, data, depth, normal, new) if shadow else np.isfinite(depth)
+            self._shade(view, data, new, normal)
+            fixed.normal_world[new], fixed.seen[new] = normal, True
+        return fixed
+
+    def _projector_map(self, fixed: _Fixed) -> _ProjectorMap:
+        """Return the projector's map of fixed objects; all pixels have been cast by then."""
+        if self._lamp_map is None:
+            depth, lit = fixed.view.depth, fixed.view.lit
+            rays = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - self._lamp_m
+            raster = _Raster(rays[lit] if lit.any() else self._rays, self.intrinsics.fx)
+            self._lamp_map = _ProjectorMap(raster, raster.index(rays))
+        return self._lamp_map
+
+    def _cast(
+        self, model: mujoco.MjModel, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+        count = len(rays)
+        geom = np.full(count, -1, dtype=np.int32)
+        distance = np.full(count, -1.0)
+        normal = np.zeros(3 * count)
+        if count:
+            mujoco.mj_multiRay(
+                model,
+                data,
+                origin,
+                np.ascontiguousarray(rays).ravel(),
+                self._groups,
+                True,
+                -1,
+                geom,
+                distance,
+                normal,
+                count,
+                mujoco.mjMAXVAL,
+            )
+        distance[distance < 0] = np.nan
+        return distance, geom, normal.reshape(-1, 3)
+
+    def _lit(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        depth: NDArray[np.float64],
+        normal_world: NDArray[np.float64],
+        pixels: NDArray[np.intp],
+    ) -> NDArray[np.bool_]:
+        """Return which of these pixels' surfaces the projector reaches, by a second batch of rays from it."""
+        lit = np.isfinite(depth)
+        seen = np.flatnonzero(lit)
+        rays = self._rays[pixels[seen]] * depth[seen, None] - self._lamp_m
+        world = rays @ np.ascontiguousarray(self._T_world_projector.rotation.matrix.T)
+        facing = np.einsum("ij,ij->i", world, normal_world[seen]) < 0
+        distance, *_ = self._cast(model, data, self._T_world_projector.translation_m, world)
+        lit[seen] = facing & ~(distance < 1 - SHADOW_SLACK)
+        return lit
+
+
+@dataclass
+class _View:
+    """What each pixel (n,) sees: depth, geom id, colour (n, 3), mirroring, cosine of incidence, whether lit."""
+
+    depth: NDArray[np.float64]
+    geom: NDArray[np.int32]
+    color: NDArray[np.float32]
+    mirror: NDArray[np.float32]
+    cosine: NDArray[np.float32]
+    lit: NDArray[np.bool_]
+
+    def copy(self) -> _View:
+        return _View(*(getattr(self, field.name).copy() for field in fields(self)))
+
+    def parts(self, part: Callable[[NDArray], NDArray]) -> _View:
+        return _View(*(part(getattr(self, field.name)) for field in fields(self)))
+
+
+@dataclass(frozen=True)
+class _Fixed:
+    """The fixed objects: what is seen, the normals (n, 3), and which pixels (n,) have been cast so far."""
+
+    view: _View
+    normal_world: NDArray[np.float64]
+    seen: NDArray[np.bool_]
+
+    @staticmethod
+    def unseen(count: int) -> _Fixed:
+        view = _View(
+            np.full(count, np.nan),
+            np.full(count, -1, np.int32),
+            np.zeros((count, 3), np.float32),
+            np.zeros(count, np.float32),
+            np.zeros(count, np.float32),
+            np.zeros(count, bool),
+        )
+        return _Fixed(view, np.zeros((count, 3)), np.zeros(count, bool))
+
+    def parts(self, part: Callable[[NDArray], NDArray]) -> _Fixed:
+        return _Fixed(self.view.parts(part), part(self.normal_world), part(self.seen))
+
+
+class _ProjectorMap(NamedTuple):
+    """A map of where the projector shines, and the cell (n,) in it of what each pixel sees."""
+
+    raster: _Raster
+    cell: NDArray[np.intp]
+
+
+class _Raster:
+    """A coarse map of directions x/z, y/z on which the solids' outlines are drawn, conservatively large."""
+
+    CELL_PIXELS = 2.0
+    MARGIN_CELLS = 4
+
+    def __init__(self, rays: NDArray[np.float64], focal_px: float):
+        """Make the map that contains these directions (n, 3), in cells of some pixels at that focal length."""
+        self.scale = focal_px / self.CELL_PIXELS
+        flat = rays[:, :2] / rays[:, 2:]
+        self.lower = flat.min(0) - self.MARGIN_CELLS / self.scale
+        upper = flat.max(0) + self.MARGIN_CELLS / self.scale
+        rows, columns = np.ceil((upper - self.lower) * self.scale).astype(int)[::-1] + 2
+        self.shape = (int(rows), int(columns))
+
+    def part(self, cells: NDArray[np.intp]) -> tuple[_Raster, NDArray[np.intp]]:
+        """Return the smallest map that contains these cells, and their indices in it."""
+        outside = cells == self.shape[0] * self.shape[1]
+        row, column = np.divmod(cells, self.shape[1])
+        inside = ~outside
+        if not inside.any():
+            return self, cells
+        top, left = (max(0, int(at[inside].min()) - self.MARGIN_CELLS) for at in (row, column))
+        smaller = copy.copy(self)
+        smaller.lower = self.lower + np.array([left, top]) / self.scale
+        smaller.shape = (
+            int(row[inside].max()) + 1 + self.MARGIN_CELLS - top,
+            int(column[inside].max()) + 1 + self.MARGIN_CELLS - left,
+        )
+        numbers = (row - top) * smaller.shape[1] + column - left
+        return smaller, np.where(outside, smaller.shape[0] * smaller.shape[1], numbers)
+
+    def index(self, rays: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Return the flat cell of each direction (n, 3); those off the map share a cell that is always cast."""
+        at = np.floor((rays[:, :2] / rays[:, 2:] - self.lower) * self.scale).astype(np.intp)
+        inside = ((at >= 0) & (at < self.shape[::-1])).all(-1)
+        return np.where(inside, at[:, 1] * self.shape[1] + at[:, 0], self.shape[0] * self.shape[1])
+
+    def covered(
+        self, model: mujoco.MjModel, data: mujoco.MjData, solids: NDArray[np.intp], T_world_eye: SE3
+    ) -> NDArray[np.bool_]:
+        """Return for each flat cell whether a ray through it may meet a solid."""
+        pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)]) * 2 - 1
+        edges = [(i, i | (1 << k)) for i in range(8) for k in range(3) if not i & (1 << k)]
+        boxes = model.geom_aabb[solids]
+        local = boxes[:, None, :3] + pick * boxes[:, None, 3:]
+        frames = data.geom_xmat[solids].reshape(-1, 3, 3)
+        world = np.einsum("gij,gkj->gki", frames, local) + data.geom_xpos[solids][:, None]
+        corners = (world - T_world_eye.translation_m) @ T_world_eye.rotation.matrix
+        canvas = np.zeros(self.shape, dtype=np.uint8)
+        for box in corners:
+            points = box[box[:, 2] >= NEAR_M]
+            if not len(points):
+                continue
+            if len(points) < 8:
+                ends = np.array([(box[a], box[b]) for a, b in edges if (box[a, 2] < NEAR_M) != (box[b, 2] < NEAR_M)])
+                share = (NEAR_M - ends[:, 0, 2]) / (ends[:, 1, 2] - ends[:, 0, 2])
+                points = np.concatenate([points, ends[:, 0] + share[:, None] * (ends[:, 1] - ends[:, 0])])
+            flat = (points[:, :2] / points[:, 2:] - self.lower) * self.scale
+            cv2.fillConvexPoly(canvas, cv2.convexHull(np.floor(flat).astype(np.int32)), 1)
+        canvas = cv2.dilate(canvas, np.ones((5, 5), np.uint8))
+        return np.append(canvas.ravel() > 0, True)
+
+
+@lru_cache(maxsize=8)
+def _pixels(intrinsics: Intrinsics) -> tuple[NDArray[np.float64], _Raster, NDArray[np.intp]]:
+    """Return the rays (n, 3) of a lens, its map, and the cell (n,) of each ray: a lens looks into many worlds."""
+    rays = pixel_rays(intrinsics).reshape(-1, 3)
+    raster = _Raster(rays, intrinsics.fx)
+    cells = raster.index(rays)
+    cells.setflags(write=False)
+    return rays, raster, cells

@@ -1,0 +1,142 @@
+"""Which arm takes which fragment, and what the arms know of the work surface together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry import SE3
+from trocar.robots.coordinator import Coordinator
+from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
+from trocar.tasks.debridement.workspace import Workspace
+
+BESIDE_REGION_M = 0.025
+"""Fragments that rolled, or were pushed, may be this far outside the region in which they were laid."""
+IN_THE_AIR_M = 0.014
+"""Anything seen this high above the work surface is held by jaws, or lies in the receptacle."""
+FULL_FRAGMENTS = 3
+"""A receptacle is full if this many fragments stand out of it; one may lie on another long before that."""
+FULL_LOOKS = 3
+"""This many looks in a row have to show it, since fragments are also seen while they fall."""
+FULL_M = 3e-3
+"""A fragment whose middle is this close to the height of the receptacle's edge lies on others; higher up, jaws hold
+it."""
+IN_JAWS_M = 0.025
+"""A fragment seen this close to a tip may be in the jaws: fingers end 10 mm beyond it, and fragments stick out."""
+ONE_M = 0.007
+"""Two fragments seen this close to each other are parts of one that a finger in front divides; the paper's program
+merges them too (facts/debridement.md)."""
+PATIENCE_S = 20.0
+"""A place where an arm failed is avoided for this long, if there is another one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """A fragment that an arm did not clear.
+
+    Attributes:
+        arm: which.
+        p_world_m: (3,) where the fragment lay.
+        time_s: when.
+        blocked: whether the arm found no path.
+    """
+
+    arm: str
+    p_world_m: NDArray[np.float64]
+    time_s: float
+    blocked: bool
+
+
+@dataclass
+class Allocation:
+    """Fragments that arms have claimed, cleared and failed at; all arms share it.
+
+    Attributes:
+        coordinator: of the arms.
+        workspace: what is known of the work surface.
+        T_world_table: the work surface.
+        T_world_receptacle: where the receptacle is.
+        sides: of every arm that takes part: +1 at +x, the left one; -1 the right one.
+        goals: how many fragments are to be cleared.
+        claimed: position of the fragment claimed by each arm.
+        busy: arms that are not done.
+        cleared: fragments that arms let go over the receptacle.
+        failures: what went wrong, where and when.
+    """
+
+    coordinator: Coordinator
+    workspace: Workspace
+    T_world_table: SE3
+    T_world_receptacle: SE3
+    sides: dict[str, int]
+    goals: int
+    claimed: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    busy: set[str] = field(default_factory=set)
+    cleared: int = 0
+    failures: list[Failure] = field(default_factory=list)
+    _full: int = 0
+
+    def loose(self, fragments: Sequence[SeenFragment]) -> list[SeenFragment]:
+        """Return the fragments on the work surface outside the receptacle; of the parts of one, the largest."""
+        (x0, y0), (x1, y1) = self.workspace.region_m
+        low = np.array([min(x0, x1), min(y0, y1)]) - BESIDE_REGION_M
+        high = np.array([max(x0, x1), max(y0, y1)]) + BESIDE_REGION_M
+        T_receptacle_world = self.T_world_receptacle.inverse()
+        table = self.T_world_table.translation_m[2]
+        lying = [
+            f
+            for f in fragments
+            if np.all((low < f.p_world_m[:2]) & (f.p_world_m[:2] < high))
+            and f.p_world_m[2] - table < IN_THE_AIR_M
+            and not self.workspace.receptacle.holds(T_receptacle_world.apply(f.p_world_m))
+        ]
+        return [f for f in lying if not any(away_m(f, g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
+
+    def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
+        """Return whether the receptacle's content stands out of it; what is near a tip (3,) may be in its jaws."""
+        shape, half_m = self.workspace.receptacle, 0.5 * np.array(self.workspace.receptacle.size_m)
+        places = [(f, self.T_world_receptacle.inverse().apply(f.p_world_m)) for f in fragments]
+        high = [f for f, p in places if (np.abs(p[:2]) < half_m).all() and abs(p[2] - shape.height_m) < FULL_M]
+        lying = [f for f in high if all(np.linalg.norm(f.p_world_m - tip) >= IN_JAWS_M for tip in p_world_tips)]
+        if len(lying) >= FULL_FRAGMENTS:
+            self._full += 1
+            return self._full >= FULL_LOOKS
+        if len(high) < FULL_FRAGMENTS:
+            self._full = 0
+        return False
+
+    def choices(self, arm: str, fragments: Sequence[SeenFragment], apart_m: float, now_s: float) -> list[SeenFragment]:
+        """Return the fragments that an arm may take, the outermost on its side first (V-C.2).
+
+        Places where it failed recently come last; those to which it found no path are left to the other arm, if that is
+        still working.
+        """
+        others = [place for name, place in self.claimed.items() if name != arm]
+        free = [f for f in fragments if all(away_m(f, place) > apart_m for place in others)]
+        side = self.sides[arm]
+        free.sort(key=lambda f: -side * float(f.p_world_m[0]))
+        recent = [failure for failure in self.failures if now_s - failure.time_s < PATIENCE_S]
+        if self.busy - {arm}:
+            blocked = [failure for failure in recent if failure.blocked and failure.arm == arm]
+            free = [f for f in free if all(away_m(f, failure.p_world_m) >= SAME_M for failure in blocked)]
+        bad = [f for f in free if any(away_m(f, failure.p_world_m) < SAME_M for failure in recent)]
+        return [f for f in free if f not in bad] + bad
+
+    def failures_at(self, place: NDArray[np.float64]) -> int:
+        """Return the number of failures at a place."""
+        return sum(float(np.linalg.norm(place[:2] - f.p_world_m[:2])) < SAME_M for f in self.failures)
+
+    def claim(self, arm: str, place: NDArray[np.float64] | None) -> None:
+        """Note which place (3,) an arm works at; None: at none."""
+        if place is None:
+            self.claimed.pop(arm, None)
+        else:
+            self.claimed[arm] = place
+        self.coordinator.progress()
+
+    def carry(self, arm: str) -> None:
+        """Note that an arm has left the work surface with its fragment."""
+        self.claim(arm, self.T_world_receptacle.translation_m)

@@ -1,0 +1,294 @@
+"""What the arms learn from the stereo camera: where fragments and grippers are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trio
+from numpy.typing import NDArray
+
+from trocar.arms.solids import capsules
+from trocar.cell import Cell
+from trocar.errors import InvalidInput, TrocarError
+from trocar.geometry import SE3
+from trocar.geometry.capsules import Capsules, segment_distances_m
+from trocar.perception.image import StereoImage, StereoRig, StereoWindow
+from trocar.robots.concurrency import with_helpers
+from trocar.tasks.debridement.agents.adjusted import Adjusted, StepEnded
+from trocar.tasks.debridement.agents.settings import Settings
+from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
+
+CAMERA = "stereo"
+FROZEN = 3
+"""After this many identical images in a row, although an arm has moved, the camera counts as frozen."""
+LOST_S = 1.0
+MARGIN_M, LOST_MARGIN_M = 0.008, 0.020
+"""Margin of a window round the gripper, and a larger one if it has not been seen for longer than ``LOST_S``."""
+HELD_MARGIN_M = 0.016
+"""Margin if it may hold a fragment, which sticks out of the jaws."""
+MOVED_M = 2e-3
+"""An arm that has moved by this much changes some pixel."""
+SHORT_S = 0.01
+"""Minimum pause between two looks at a gripper."""
+AGAIN_S = 0.2
+"""Pause before another try after an image that shows nothing new, or not what is needed."""
+LYING_M = 0.012
+"""Middles of fragments on the work surface are lower than this; others are held, and not remembered."""
+ROUND_M = 0.008
+"""An arm may hide fragments this far beyond its outline: its pose is an estimate, and what it carries sticks out."""
+SHIFTED_M = 0.016
+"""Jaws that approach a fragment may shift it unseen, by half of their opening plus half its length at most."""
+FINGERS = slice(2, 4)
+"""The fingers among an arm's capsules."""
+HIDDEN_LOOKS = 8
+"""Number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on."""
+
+
+class FragmentMemory:
+    """The fragments on the work surface as last seen, and which arms carry something."""
+
+    def __init__(self) -> None:
+        self._lying: list[SeenFragment] = []
+        self._carrying: set[str] = set()
+
+    def update(
+        self, seen: Sequence[SeenFragment], p_world_eyes_m: NDArray[np.float64], arms: Mapping[str, Capsules]
+    ) -> tuple[list[SeenFragment], list[SeenFragment]]:
+        """Return what a pair of images shows outside the jaws, and the fragments that arms hide in it.
+
+        A fragment that is neither seen nor hidden is gone, and is forgotten. One that appears beside a hidden one is
+        that one, shifted.
+
+        Args:
+            seen: in the images.
+            p_world_eyes_m: (2, 3) where both eyes are, the left one first.
+            arms: their solids in the world, approximately where they were in the images.
+        """
+        fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
+        shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
+        appeared = [new for new in shown if all(away_m(new, old.p_world_m) > SAME_M for old in self._lying)]
+        hidden = [
+            old
+            for old in self._lying
+            if all(away_m(old, new.p_world_m) > SAME_M for new in shown)
+            and all(away_m(old, new.p_world_m) > SHIFTED_M for new in appeared)
+            and _is_behind(old, p_world_eyes_m, arms.values())
+        ]
+        self._lying = [*(fragment for fragment in shown if fragment.height_m < LYING_M), *hidden]
+        return shown, hidden
+
+    def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
+        """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there."""
+        self._lying = [old for old in self._lying if away_m(old, p_world_m) > SHIFTED_M]
+        self._carrying.add(arm)
+
+    def let_go(self, arm: str) -> None:
+        """Record that the jaws of an arm have opened again."""
+        self._carrying.discard(arm)
+
+
+class CameraFrozen(TrocarError):
+    """The camera delivers no new images."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What one pair of images showed, and what was hidden in it.
+
+    Attributes:
+        fragments: everything that looks like one, wherever it is.
+        hidden: fragments on the work surface that an arm hides now, as last seen.
+    """
+
+    fragments: Sequence[SeenFragment]
+    hidden: Sequence[SeenFragment] = ()
+
+
+class StereoObserver:
+    """The stereo camera that the arms share.
+
+    Attributes:
+        memory: of fragments that arms hide or carry.
+    """
+
+    def __init__(self, cell: Cell, perception: Any, robot: Adjusted, settings: Settings):
+        self._cell, self._perception, self._robot, self._settings = cell, perception, robot, settings
+        self._camera = cell.cameras[CAMERA]
+        self._T_world_camera = cell.T_world_camera_registered[CAMERA]
+        self._last: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self.memory = FragmentMemory()
+
+    async def observe(self, arm: str) -> Observation:
+        """Take a pair of images for an arm: find fragments, and all grippers in it.
+
+        Raises:
+            CameraFrozen: images do not change any more.
+        """
+        image, kinematic = await self._captured(arm, "whole")
+        table, arms = self._cell.T_world_fixture["table"], self._cell.arms
+        found = await self._cell.compute(
+            arm,
+            "perception",
+            lambda: (
+                self._perception.fragments(image, self._T_world_camera, table, arms),
+                {name: self._perception.gripper(image, self._T_world_camera, model) for name, model in arms.items()},
+            ),
+            self._settings.fragments_budget_s,
+        )
+        fragments, grippers = found
+        for name, gripper in grippers.items():
+            if gripper is not None:
+                self._robot.saw(name, image.time_s, kinematic[name], gripper.T_world_tip)
+        known = self._remembered(fragments, image.rig) if self._settings.remembers else Observation(fragments)
+        places = [np.round(f.p_world_m, 5).tolist() for f in (*known.fragments, *known.hidden)]
+        self._cell.log.event(
+            "detected", arm=arm, image_s=round(image.time_s, 6), fragments=places, remembered=len(known.hidden)
+        )
+        return known
+
+    def _remembered(self, seen: Sequence[SeenFragment], rig: StereoRig) -> Observation:
+        """Return what is seen outside the jaws, and what arms hide at their estimated positions."""
+        solids = {}
+        for name, model in self._cell.arms.items():
+            reading = self._robot.read(name)
+            expected = capsules(model, reading.q, reading.jaw_rad)
+            solids[name] = expected.moved(self._cell.T_world_base_registered[name])
+        T_world_right = self._T_world_camera @ rig.T_left_right
+        eyes_m = np.stack([self._T_world_camera.translation_m, T_world_right.translation_m])
+        return Observation(*self.memory.update(seen, eyes_m, solids))
+
+    async def track(self, arm: str, span: bool = True) -> None:
+        """Take an image around a gripper, and learn where it is if it is seen.
+
+        Args:
+            arm: the arm.
+            span: whether the arm waits for the image; else it continues meanwhile.
+        """
+        await self._tracked(arm, span, MARGIN_M)
+
+    async def _tracked(self, arm: str, span: bool, margin_m: float) -> tuple[StereoImage, SE3 | None]:
+        """Return an image with this margin round a gripper, and its tip as seen in it; None: the marks are hidden."""
+        model = self._cell.arms[arm]
+        rig = self._camera.model
+        margin_m = margin_m if self._robot.age_s(arm) < LOST_S else max(margin_m, LOST_MARGIN_M)
+        window = self._perception.gripper_window(
+            self._robot.T_world_tip(arm),
+            self._T_world_camera,
+            rig,
+            margin_m=margin_m,
+            binning=1 if span else self._settings.watch_binning,
+        )
+        image, kinematic = await self._captured(arm, "window", window, span)
+        budget_s = self._settings.gripper_budget_s
+
+        def compute():
+            return self._perception.gripper(image, self._T_world_camera, model)
+
+        if span:
+            seen = await self._cell.compute(arm, "perception", compute, budget_s)
+        else:
+            seen, seconds = await self._cell.clock.compute(compute, budget_s)
+            self._cell.log.compute("watching", seconds, budget_s)
+        if seen is None:
+            return image, None
+        self._robot.saw(arm, image.time_s, kinematic[arm], seen.T_world_tip)
+        return image, seen.T_world_tip
+
+    async def follow(self, arm: str) -> None:
+        """Follow a gripper forever while it moves, correct its commands by what is seen; stop it if far off its path.
+
+        Raises:
+            CameraFrozen: images do not change any more.
+        """
+
+        async def loop(helpers: trio.Nursery) -> None:
+            while True:
+                began_s = self._cell.clock.now_s()
+                if self._robot.setpoint(arm).moving:
+                    await self.track(arm, span=False)
+                    if self._robot.astray_m(arm) > self._settings.astray_m:
+                        self._robot.hold(arm, reason=StepEnded(arm))
+                    else:
+                        helpers.start_soon(self._robot.correct, arm)
+                await self._cell.clock.sleep(max(began_s + self._settings.watch_s - self._cell.clock.now_s(), SHORT_S))
+
+        await with_helpers(loop)
+
+    async def holds(self, arm: str) -> bool:
+        """Return whether pixels show that a fragment was picked up, and note it; if inconclusive, look again."""
+        holding, sure, image_s = await self._check_jaws(arm)
+        for _ in range(HIDDEN_LOOKS):
+            if sure:
+                break
+            await self._cell.clock.sleep(AGAIN_S)
+            holding, sure, image_s = await self._check_jaws(arm)
+        self._cell.log.event("pickup", arm=arm, holding=holding, image_s=round(image_s, 6))
+        return holding
+
+    async def clings(self, arm: str) -> bool:
+        """Return whether pixels show a fragment at the open jaws."""
+        return (await self._check_jaws(arm))[0]
+
+    async def _check_jaws(self, arm: str) -> tuple[bool, bool, float]:
+        """Return whether pixels show a fragment in the jaws, whether that is certain, and when.
+
+        If the marks are hidden, mostly by the other arm, the content of the jaws may be hidden too, or the jaws may be
+        elsewhere; the absence of red then means nothing.
+        """
+        image, T_world_seen = await self._tracked(arm, span=True, margin_m=HELD_MARGIN_M)
+        T_world_tip, jaw_rad = T_world_seen or self._robot.T_world_tip(arm), self._robot.read(arm).jaw_rad
+        holding = await self._cell.compute(
+            arm,
+            "perception",
+            lambda: self._perception.holding(image, self._T_world_camera, self._cell.arms[arm], T_world_tip, jaw_rad),
+            self._settings.gripper_budget_s,
+        )
+        return bool(holding), bool(holding) or T_world_seen is not None, image.time_s
+
+    async def _captured(
+        self, arm: str, kind: str, window: StereoWindow | None = None, span: bool = True
+    ) -> tuple[StereoImage, dict[str, SE3]]:
+        """Return a new image, and the kinematic poses of all arms when it was taken.
+
+        Raises:
+            CameraFrozen: the images are not new.
+        """
+        for _ in range(FROZEN):
+            if span:
+                with self._cell.log.span(arm, "capture"):
+                    image = await self._camera.capture(window)
+            else:
+                image = await self._camera.capture(window)
+            if not isinstance(image, StereoImage):
+                raise InvalidInput(f"camera {CAMERA!r}", "has one eye", "debridement needs two")
+            kinematic = {name: self._robot.kinematic(name) for name in self._cell.arms}
+            if self._is_new(f"{arm} {kind}", image, kinematic):
+                return image, kinematic
+            await self._cell.clock.sleep(AGAIN_S)
+        raise CameraFrozen("the stereo camera has stopped giving new images; check its connection")
+
+    def _is_new(self, key: str, image: StereoImage, kinematic: Mapping[str, SE3]) -> bool:
+        """Return whether an image differs from the last of its kind, if an arm has moved since."""
+        tips = np.array([T.translation_m for T in kinematic.values()])
+        before = self._last.get(key)
+        if before is not None and np.abs(tips - before[1]).max() > MOVED_M:
+            pixels = before[0]
+            if pixels.shape == image.left.shape and np.array_equal(pixels, image.left):
+                return False
+        self._last[key] = image.left, tips
+        return True
+
+
+def _is_behind(fragment: SeenFragment, p_world_eyes_m: NDArray[np.float64], solids: Iterable[Capsules]) -> bool:
+    """Return whether the line of sight from one of the eyes to a fragment passes through or close to these solids."""
+    near = ROUND_M + 0.5 * float(fragment.extent_m[0])
+    for solid in solids:
+        ends = solid.ends_m
+        for eye in p_world_eyes_m:
+            away = segment_distances_m(ends[:, 0], ends[:, 1], eye, fragment.p_world_m)
+            if (away < solid.radii_m + near).any():
+                return True
+    return False

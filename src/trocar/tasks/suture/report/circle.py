@@ -1,0 +1,240 @@
+"""The circle with the sutures of a plan, over rings that show the reward of sutures all round it."""
+
+from __future__ import annotations
+
+import math
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, FancyArrowPatch, Patch, Wedge
+from numpy.typing import NDArray
+from PIL import Image
+
+from trocar.errors import InvalidInput
+from trocar.geometry import TURN
+from trocar.report import style
+from trocar.tasks.suture.planning.plan import SuturePlan
+from trocar.tasks.suture.planning.primitive import Suture, sutures_at
+from trocar.tasks.suture.planning.rewards import DexterityMap
+from trocar.tasks.suture.planning.setup import CLOCKWISE, DIRECTION_NAMES, DIRECTIONS, SutureSetup
+
+MESH, MESH_LINE, BLOCKED = "#F7F5EF", "#E6E1D3", "#D9D9D9"
+RING, GAP = 0.17, 0.03  # width of a ring, and gap between the two, as shares of the rings' inner radius
+
+SIZE_IN = (7.4, 6.6)
+LABEL_RAD = math.radians(25.0)  # labels this far apart do not overlap
+TEXTURE_PIXELS = 1000
+SPAN = 1.01
+"""Half of a texture's side, as a share of the rings' outer radius."""
+
+
+def draw_plan(map: DexterityMap, plan: SuturePlan, path: str | Path, title: str = "") -> Path:
+    """Draw :func:`circle` with a plan and return the path of the picture."""
+    with style.figure(*SIZE_IN, path) as figure:
+        circle(figure, map, plan, title)
+    return Path(path)
+
+
+def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, title: str = "") -> None:
+    """Draw the circle as seen from above the tissue, in mm, and the sutures of a plan.
+
+    The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise sutures;
+    grey hatching marks positions out of reach in that direction. Arrows are the sutures from entry to exit, or to where
+    the tip stops in the tissue.
+
+    Args:
+        figure: empty.
+        map: dexterity of all sutures.
+        plan: None: rings only.
+        title: title; default: number of sutures and reward.
+    """
+    setup, norm = map.setup, Normalize(*map.span(np.empty(0) if plan is None else plan.rewards))
+    outer = ring_radii_mm(setup).max()
+    figure.set_size_inches(*SIZE_IN)
+    axes = figure.add_subplot()
+    axes.set_aspect("equal")
+    axes.axis("off")
+    _draw_mesh(axes, 1e3 * setup.circle.radius_m)
+    _draw_rings(axes, map, norm)
+    _draw_angles(axes, outer)
+    _draw_base(axes, setup, outer)
+    if plan is not None:
+        _draw_arrows(axes, map, plan, norm)
+        _label_sutures(axes, setup, plan)
+        figure.text(0.01, 0.955, plan.certified, color=style.QUIET, fontsize=8, va="top")
+    colours = ScalarMappable(norm, style.PATHS)
+    figure.colorbar(colours, ax=axes, shrink=0.62, pad=0.02, aspect=28).set_label("reward of a suture")
+    hatched = Patch(facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////", linewidth=0, label="beyond the limits")
+    axes.legend(handles=[hatched], loc="lower right", borderaxespad=0)
+    usual = "Dexterity: outer ring clockwise, inner ring counterclockwise" if plan is None else _title(plan)
+    figure.suptitle(f"{title or usual}\n", x=0.01, ha="left", fontsize=10, fontweight="bold")
+
+
+def texture(map: DexterityMap, plan: SuturePlan) -> tuple[NDArray[np.uint8], float]:
+    """Return rings and arrows alone as a picture (k, k, 4), rows along y and columns along x, and its side in m."""
+    norm, half_mm = Normalize(*map.span(plan.rewards)), SPAN * float(ring_radii_mm(map.setup).max())
+    with mpl.rc_context({**style.RC, "hatch.linewidth": 0.0}):
+        figure = Figure(figsize=(5.0, 5.0))
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.axis("off")
+        axes.set_xlim(-half_mm, half_mm)
+        axes.set_ylim(half_mm, -half_mm)  # rows of the picture run along y
+        _draw_rings(axes, map, norm)
+        _draw_arrows(axes, map, plan, norm)
+        png = BytesIO()
+        figure.savefig(png, format="png", dpi=TEXTURE_PIXELS / 5.0, transparent=True)
+    return np.asarray(Image.open(png)), 2e-3 * half_mm
+
+
+def _title(plan: SuturePlan) -> str:
+    title = f"{len(plan.rewards)} sutures, reward of the worst {plan.reward:.3f}"
+    return title if plan.feasible else f"{title}, out of reach"
+
+
+def ring_radii_mm(setup: SutureSetup) -> NDArray[np.float64]:
+    """Return inner and outer radius (2, 2) of the rings, clockwise first; they enclose all arrows."""
+    inner = 1.1e3 * float(np.linalg.norm(Suture(setup, 0.0, CLOCKWISE).ends_m, axis=1).max())
+    return inner * np.array([[1 + RING + GAP, 1 + 2 * RING + GAP], [1.0, 1 + RING]])
+
+
+def _draw_mesh(axes: Axes, radius: float) -> None:
+    """Draw the mesh within the circle."""
+    axes.add_patch(Circle((0, 0), radius, facecolor=MESH, edgecolor=style.INK, linewidth=1.2, zorder=1))
+    for offset in np.linspace(-radius, radius, 17)[1:-1]:
+        half = math.sqrt(radius**2 - offset**2)
+        axes.plot([-half, half], [offset, offset], color=MESH_LINE, linewidth=0.6, zorder=1.5)
+        axes.plot([offset, offset], [-half, half], color=MESH_LINE, linewidth=0.6, zorder=1.5)
+    axes.text(0, 0, f"mesh\nradius\n{radius:.4g} mm", ha="center", va="center", fontsize=8, color=style.QUIET, zorder=2)
+
+
+def _draw_rings(axes: Axes, map: DexterityMap, norm: Normalize) -> None:
+    """Draw both rings, with a cell centred at each position, and hatch what is out of reach."""
+    n = len(map.thetas_rad)
+    edges = (np.arange(n + 1) - 0.5) * (TURN / n)
+    for row, (low, high) in enumerate(ring_radii_mm(map.setup)):
+        radii, feasible = np.array([low, high])[:, None], map.joints.feasible[row]
+        shown = np.ma.masked_array(map.values[row], ~feasible)[None]
+        x, y = radii * np.cos(edges), radii * np.sin(edges)
+        axes.pcolormesh(x, y, shown, cmap=style.PATHS, norm=norm, rasterized=True, zorder=1)
+        for start, end in runs(~feasible):
+            arc = np.degrees(edges[[start, end]])
+            wedge = Wedge((0, 0), high, arc[0], arc[1], width=high - low, facecolor=BLOCKED, hatch="////", linewidth=0)
+            wedge.set_edgecolor(style.QUIET)
+            axes.add_patch(wedge)
+        for edge in (low, high):
+            axes.add_patch(Circle((0, 0), edge, fill=False, edgecolor="white", linewidth=0.8, zorder=2))
+
+
+def runs(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return runs (from, to), ends excluded, of marked cells; a run across the end of the array counts as two."""
+    steps = np.diff(marked.astype(int), prepend=0, append=0)
+    return list(zip(np.flatnonzero(steps == 1).tolist(), np.flatnonzero(steps == -1).tolist(), strict=True))
+
+
+def _draw_angles(axes: Axes, outer: float) -> None:
+    """Draw ticks and angles outside the rings."""
+    for angle in range(0, 360, 30):
+        along = np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
+        x, y = np.outer(along, [outer, 1.03 * outer])
+        axes.plot(x, y, color=style.QUIET, linewidth=0.8)
+        x, y = 1.09 * outer * along
+        axes.text(x, y, f"{angle}°", ha="center", va="center", color=style.QUIET, fontsize=8)
+    axes.set_xlim(-1.36 * outer, 1.36 * outer)
+    axes.set_ylim(-1.27 * outer, 1.27 * outer)
+
+
+def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
+    """Draw the direction of the arm's base, if the base stands beside the circle."""
+    place = 1e3 * setup.T_base_circle.inverse().translation_m
+    away = math.hypot(place[0], place[1])
+    if away < 1e-6:
+        return
+    along = place[:2] / away
+    arrow = {"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 2.0, "mutation_scale": 16}
+    tip, tail, label = (tuple(share * outer * along) for share in (1.15, 1.26, 1.21))
+    axes.annotate("", xy=tip, xytext=tail, arrowprops=arrow, annotation_clip=False)
+    side = 1 if along[0] > -1e-6 else -1
+    axes.annotate(
+        f"the arm's base:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above\nthe circle's centre",
+        label,
+        xytext=(14 * side, 0),
+        textcoords="offset points",
+        ha="left" if side > 0 else "right",
+        va="center",
+        fontsize=8,
+        color=style.VERMILION,
+        annotation_clip=False,
+    )
+
+
+def _draw_arrows(axes: Axes, map: DexterityMap, plan: SuturePlan, norm: Normalize) -> None:
+    """Draw the sutures as arrows to where the tip ends, red-edged if out of reach, and mark them in their ring."""
+    feasible = map.at(plan.positions_rad).joints.feasible
+    colours, rings = mpl.colormaps[style.PATHS], ring_radii_mm(map.setup).mean(1)
+    for i, suture in enumerate(sutures_at(map.setup, plan.positions_rad, plan.directions)):
+        can = bool(feasible[suture.row, i])
+        start, end = 1e3 * suture.ends_m
+        arrow = FancyArrowPatch(
+            tuple(start),
+            tuple(end),
+            arrowstyle="simple,head_length=9,head_width=11,tail_width=4",
+            shrinkA=0,
+            shrinkB=0,
+            facecolor=colours(norm(plan.rewards[i])),
+            edgecolor=style.INK if can else style.VERMILION,
+            linewidth=0.8 if can else 2.0,
+            zorder=4,
+        )
+        axes.add_patch(arrow)
+        axes.plot(*start, "o", color="white", markeredgecolor=style.INK, markersize=4, zorder=5)
+        out = np.array([math.cos(suture.theta_rad), math.sin(suture.theta_rad)])
+        line = np.outer(out, [1e3 * map.setup.circle.radius_m, rings[suture.row]])
+        axes.plot(*line, color=style.INK, linewidth=0.7, linestyle=":", zorder=3)
+        axes.plot(*line[:, 1], "o", color="white", markeredgecolor=style.INK, markersize=6, zorder=5)
+
+
+def _label_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan) -> None:
+    """Write angle and reward of sutures within the circle, and notes below."""
+    for i in (labelled := apart(plan)):
+        theta = plan.positions_rad[i]
+        x, y = 0.70e3 * setup.circle.radius_m * np.array([math.cos(theta), math.sin(theta)])
+        text = f"{math.degrees(theta):.4g}°\n{plan.rewards[i]:.3f}"
+        axes.text(x, y, text, ha="center", va="center", fontsize=8, color=style.INK, zorder=6)
+    names = [DIRECTION_NAMES[direction] for direction in DIRECTIONS]
+    notes = [f"outer ring {names[0]}, inner ring {names[1]}"]
+    if len(labelled) < len(plan.rewards):
+        notes.append(f"{len(labelled)} of {len(plan.rewards)} sutures labelled, including the worst")
+    if not setup.comes_out:
+        notes.append("the needle never comes out: arrows end where its tip stops in the tissue")
+    axes.text(0, 0.0, "\n".join(notes), transform=axes.transAxes, color=style.QUIET, fontsize=8, va="bottom")
+
+
+def apart(plan: SuturePlan) -> list[int]:
+    """Return the sutures to label: the worst and, from there round, each at least ``LABEL_RAD`` from the last one."""
+    worst = int(np.argmin(plan.rewards))
+    chosen = [worst]
+    for i in (np.arange(1, len(plan.rewards)) + worst) % len(plan.rewards):
+        behind, ahead = (plan.positions_rad[[i, worst]] - plan.positions_rad[[chosen[-1], i]]) % TURN
+        if min(behind, ahead) > LABEL_RAD:
+            chosen.append(int(i))
+    return chosen
+
+
+def _plot_map(thing: DexterityMap, plan: SuturePlan | None = None, title: str = "") -> style.Picture:
+    return style.picture(lambda figure: circle(figure, thing, plan, title))
+
+
+def _plot_plan(thing: SuturePlan, map: DexterityMap | None = None, title: str = "") -> style.Picture:
+    if map is None:
+        raise InvalidInput("a plan of sutures", "is drawn on its dexterity map", "give plot(plan, map=map)")
+    return _plot_map(map, thing, title)
+
+
+PLOTS = {DexterityMap: _plot_map, SuturePlan: _plot_plan}
+"""What ``trocar.report.plot.plot`` draws of suture plans."""

@@ -1,1 +1,0 @@
-"""Suture plans as pictures, tables and plain values."""

@@ -1,1 +1,0 @@
-"""A suture plan in the browser."""

@@ -1,0 +1,265 @@
+"""What an arm does next, with a scripted arm and camera: stories that take milliseconds."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trio
+from trio.testing import MockClock
+
+from trocar.errors import ArmStopped, NoPlan
+from trocar.geometry import SE3
+from trocar.log import CellLog
+from trocar.robots.coordinator import Coordinator
+from trocar.tasks.debridement.agents.allocation import Allocation
+from trocar.tasks.debridement.agents.debrider import RECEPTACLE, TOO_MANY, Debrider, run_all
+from trocar.tasks.debridement.agents.motions import NoMotion
+from trocar.tasks.debridement.agents.observer import CameraFrozen, Observation
+from trocar.tasks.debridement.agents.raven_arm import WAYS
+from trocar.tasks.debridement.agents.settings import best, paper
+from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.workspace import Workspace
+
+TABLE = SE3.from_parts(translation_m=[-0.0745, 0.0, -0.162])
+LEFT_M, RIGHT_M = (-0.03, -0.07), (-0.12, -0.06)
+NO_MOTION = NoMotion("left", NoPlan("no way"), lasting=True)
+STEP_S = 1.0
+
+
+def lying(place_m, height_m=0.004):
+    p = np.array([*place_m, TABLE.translation_m[2] + height_m])
+    return SeenFragment(p, np.array([0.012, 0.009]), 0.0, height_m, p, False, 500, False)
+
+
+class Arm:
+    """An arm that does what it is told in a second, unless a test has it fail; it notes what it did.
+
+    Attributes:
+        fails: what the next actions of a name raise, in order; None: nothing.
+        holding: what the camera says of the jaws after each grasp, in order; then that they hold something.
+        clinging: how often a fragment clings to the open jaws.
+    """
+
+    def __init__(self, stage, name, settings):
+        self.stage, self.name, self.s, self.cell = stage, name, settings, stage.cell
+        self.fails, self.holding, self.clinging, self.within_reach = {}, [], 0, True
+        self.did, self.carried, self.over = [], None, False
+        self.turn_rad, self.height_m, self.model = 0.0, 0.0, None
+        self.robot = SimpleNamespace(T_world_tip=lambda name: SE3.from_parts(translation_m=[0.0, 0.0, 0.1]))
+        self.places = SimpleNamespace(
+            hold=lambda *_: "beside", home=lambda *_: "home", drop=lambda *_: "over", grasps=self.grasps
+        )
+        nothing = SimpleNamespace(take=lambda *_: None, let_go=lambda *_: None)
+        self.observer = SimpleNamespace(
+            memory=nothing, observe=self.observe, holds=self.holds, clings=self.clings, follow=self.follow
+        )
+
+    def grasps(self, fragment, others, model, turn_rad):
+        return [SimpleNamespace(way=way, fragment=fragment, open_rad=1.0) for way in range(3)]
+
+    def possible(self, grasps):
+        return grasps[0] if self.within_reach else None
+
+    async def act(self, name, *what):
+        self.did.append((name, *what))
+        await trio.sleep(STEP_S)
+        failures = self.fails.get(name)
+        if failures and (error := failures.pop(0)) is not None:
+            raise error
+
+    async def come_into_sight(self):
+        await self.act("search")
+
+    async def take(self, grasp):
+        await self.act("take", grasp.way)
+        self.carried = grasp.fragment
+
+    async def rise(self, by_m):
+        self.height_m += by_m
+
+    async def jaw(self, angle_rad):
+        await self.act("jaw", angle_rad)
+        if self.over:
+            self.stage.lying = [f for f in self.stage.lying if f is not self.carried]
+
+    async def shed(self, number):
+        await self.act("shed", number)
+        self.clinging -= 1
+
+    async def go_to_one(self, place, lift_m=0.0):
+        await self.act("go", place)
+        self.height_m += lift_m
+        self.over = place == "over"
+        assert not self.over or self.stage.coordinator.try_reserve(self.name, RECEPTACLE), "nobody else may be there"
+
+    async def observe(self, name):
+        await self.act("look")
+        return Observation(self.stage.lying)
+
+    async def holds(self, name):
+        held = self.holding.pop(0) if self.holding else True
+        self.carried = self.carried if held else None
+        return held
+
+    async def clings(self, name):
+        return self.clinging > 0
+
+    async def follow(self, name):
+        await trio.sleep_forever()
+
+
+class Stage:
+    """Two arms, their allocation and coordinator, and fragments that lie where a test puts them."""
+
+    def __init__(self, lying, settings=None, goals=None):
+        self.log, self.lying = CellLog(trio.current_time), list(lying)
+        names = dict.fromkeys(("left", "right"))
+        clock = SimpleNamespace(now_s=trio.current_time, sleep=trio.sleep)
+        self.cell = SimpleNamespace(log=self.log, clock=clock, arms=names, T_world_base_registered=names)
+        self.coordinator = Coordinator(self.cell, tuple(names))
+        workspace = replace(Workspace(), fragments=len(self.lying))
+        sides, goals = {"left": 1, "right": -1}, len(self.lying) if goals is None else goals
+        self.allocation = Allocation(self.coordinator, workspace, TABLE, TABLE, sides, goals)
+        self.arms = {name: Arm(self, name, settings or best()) for name in names}
+
+    async def run(self, *names):
+        await run_all([Debrider(self.arms[name], self.allocation) for name in names])
+
+    def outcomes(self, *arms):
+        named = [e for e in self.log.events if e["name"] == "fragment"]
+        return [e["outcome"] for e in named if not arms or e["arm"] in arms]
+
+
+def played(script, *args, **kwargs):
+    async def main():
+        stage = Stage(*args, **kwargs)
+        with trio.fail_after(600.0):
+            await script(stage)
+        return stage
+
+    return trio.run(main, clock=MockClock(autojump_threshold=0))
+
+
+@pytest.mark.parametrize("settings", [best(), paper()])
+def test_an_arm_takes_a_fragment_over_the_receptacle_looks_and_goes_home(settings):
+    async def script(stage):
+        await stage.run("left")
+        did = [action for action in stage.arms["left"].did if action[0] != "jaw"]
+        beside = [("go", "beside")] if settings.holds_first else []
+        assert did == [
+            ("search",), ("look",), ("take", 0), *beside, ("go", "over"), ("go", "home"), ("look",)
+        ]  # fmt: skip
+        assert stage.outcomes() == ["DONE"]
+        assert stage.coordinator.try_reserve("right", RECEPTACLE), "it has left the receptacle"
+
+    played(script, [lying(LEFT_M)], settings=settings)
+
+
+def test_each_arm_clears_its_side_and_one_waits_beside_the_receptacle():
+    async def script(stage):
+        await stage.run("left", "right")
+        assert stage.outcomes() == ["DONE", "DONE"] and not stage.lying
+        beside = [name for name, arm in stage.arms.items() if ("go", "beside") in arm.did]
+        assert len(beside) == 1, "the other one was first"
+        assert {arm.carried.p_world_m[0] for arm in stage.arms.values()} == {LEFT_M[0], RIGHT_M[0]}
+
+    played(script, [lying(LEFT_M), lying(RIGHT_M)])
+
+
+def test_an_arm_for_which_nothing_is_left_waits_for_the_other_one_and_looks_again():
+    async def script(stage):
+        await stage.run("left", "right")
+        first = next(name for name, arm in stage.arms.items() if ("take", 0) in arm.did)
+        other = "left" if first == "right" else "right"
+        assert stage.outcomes() == ["DONE"] and stage.outcomes(other) == []
+        assert not any(action[0] == "take" for action in stage.arms[other].did)
+        assert any((s.arm, s.name) == (other, "waiting") for s in stage.log.spans)
+
+    played(script, [lying(LEFT_M)])
+
+
+def test_jaws_that_hold_nothing_open_and_the_next_grasp_is_another():
+    async def script(stage):
+        arm = stage.arms["left"]
+        arm.holding = [False]
+        await stage.run("left")
+        assert stage.outcomes() == ["GRASP_FAILURE", "DONE"]
+        assert [way for name, *way in arm.did if name == "take"] == [[0], [1]]
+
+    played(script, [lying(LEFT_M)])
+
+
+def test_an_arm_without_a_path_opens_its_jaws_moves_aside_and_leaves_the_fragment_to_the_other_one():
+    async def script(stage):
+        stage.arms["left"].fails = {"take": [NO_MOTION] * 9}
+        await stage.run("left", "right")
+        assert set(stage.outcomes("left")) == {"BLOCKED"} and "DONE" in stage.outcomes("right")
+        did = stage.arms["left"].did
+        at = did.index(("take", 0))
+        assert did[at + 1 : at + 3] == [("jaw", best().open_rad), ("go", "beside")]
+
+    played(script, [lying(LEFT_M), lying(RIGHT_M)])
+
+
+def test_an_arm_that_fails_too_often_in_a_row_gives_up():
+    async def script(stage):
+        stage.arms["left"].holding = [False] * 20
+        await stage.run("left")
+        assert stage.outcomes() == ["GRASP_FAILURE"] * TOO_MANY
+        assert stage.arms["left"].did[-1] == ("go", "home")
+
+    played(script, [lying(LEFT_M)])
+
+
+@pytest.mark.parametrize(("clinging", "outcome"), [(0, "DONE"), (2, "DONE"), (WAYS, "DONE"), (99, "STUCK_IN_JAWS")])
+def test_what_clings_is_shaken_off_in_all_ways_there_are(clinging, outcome):
+    async def script(stage):
+        arm = stage.arms["left"]
+        arm.clinging = clinging
+        await stage.run("left")
+        assert stage.outcomes() == [outcome]
+        assert [number for name, *number in arm.did if name == "shed"] == [[n] for n in range(min(clinging, WAYS))]
+
+    played(script, [lying(LEFT_M)])
+
+
+def test_an_arm_that_stops_keeps_its_place_and_the_other_one_goes_on():
+    async def script(stage):
+        stage.arms["left"].fails = {"go": [ArmStopped("left", "left does not answer")]}
+        await stage.run("left", "right")
+        assert stage.outcomes("left") == ["ARM_STOPPED"] and stage.outcomes("right").count("DONE") == 1
+        assert stage.allocation.claimed["left"][2] == 0.1 and stage.allocation.busy == set()
+
+    played(script, [lying(LEFT_M), lying(RIGHT_M)], goals=1)
+
+
+def test_a_fragment_out_of_reach_is_named_once_nobody_else_may_take_it():
+    async def script(stage):
+        stage.arms["left"].within_reach = False
+        await stage.run("left")
+        assert set(stage.outcomes()) == {"OUT_OF_REACH"} and not any(a[0] == "take" for a in stage.arms["left"].did)
+        assert "(-30, -70) mm" in stage.log.events[0]["reason"]
+
+    played(script, [lying(LEFT_M)])
+
+
+def test_a_full_receptacle_is_for_a_person():
+    heap = [lying((x, 0.0), Workspace().receptacle.height_m) for x in (-0.1, -0.075, -0.05)]
+
+    async def script(stage):
+        stage.arms["left"].holding = [False] * 20
+        await stage.run("left")
+        assert stage.outcomes()[-1] == "RECEPTACLE_FULL" and stage.arms["left"].did[-1] == ("go", "home")
+
+    played(script, [lying(LEFT_M), *heap], goals=1)
+
+
+def test_a_frozen_camera_ends_both_scripts_where_the_arms_are():
+    async def script(stage):
+        stage.arms["right"].fails = {"look": [CameraFrozen("no new image")]}
+        await stage.run("left", "right")
+        assert stage.outcomes() == ["CAMERA_FROZEN"] * 2
+        assert not any(action == ("go", "home") for arm in stage.arms.values() for action in arm.did)
+
+    played(script, [lying(LEFT_M), lying(RIGHT_M)])

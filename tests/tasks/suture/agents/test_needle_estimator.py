@@ -1,0 +1,177 @@
+"""The estimates of arm and needle."""
+
+import numpy as np
+
+from trocar.geometry import SE3, SO3
+from trocar.tasks.suture.agents.needle_estimator import (
+    CAMERA,
+    CLOSING,
+    DOUBT,
+    FADING,
+    FADING_SD,
+    FLAT,
+    FLAT_SD,
+    GRIP,
+    LASTING,
+    LASTING_SD,
+    LOADED,
+    NeedleEstimate,
+    NeedleEstimator,
+)
+from trocar.tasks.suture.perception import NeedleSighting
+from trocar.tasks.suture.planning.primitive import grasp_pose
+from trocar.tasks.suture.task import CircleSutures
+
+SETUP = CircleSutures().setup
+HELD = grasp_pose(SETUP).inverse()
+BACK = (SE3.from_parts(SO3.axis("z", -SETUP.insertion.regrasp_rad)) @ grasp_pose(SETUP)).inverse()
+TIP = SE3.from_parts(SO3.exp([2.8, 0.4, -0.3]), [0.01, -0.02, -0.12])
+SHARP = NeedleSighting(SE3.identity(), np.diag(np.repeat([1.0 / 0.03e-3**2, 1.0 / 0.003**2], 3)), 100, 1e-4)
+
+
+def seen_at(T):
+    return NeedleSighting(T, SHARP.information, SHARP.pixels, SHARP.depth_sd_m)
+
+
+def loaded():
+    estimator = NeedleEstimator()
+    estimator.loaded(HELD)
+    return estimator
+
+
+def sd(estimate):
+    return np.sqrt(np.diag(estimate.covariance))
+
+
+def test_nothing_is_off_before_a_look_and_much_may_be():
+    estimate = loaded().needle(TIP)
+    np.testing.assert_allclose(estimate.T_base_needle.matrix, (TIP @ HELD).matrix, atol=1e-12)
+    assert (sd(estimate)[:3] > 0.3e-3).all()
+
+
+def test_a_look_is_taken_over_and_a_wild_one_is_not():
+    estimator = loaded()
+    off = SE3.exp([0.4e-3, -0.3e-3, 0.2e-3, 0.03, -0.02, 0.04])
+    true = estimator.needle(TIP).T_base_needle @ off
+    assert estimator.update(TIP, SE3.identity(), seen_at(true))
+    left = (estimator.needle(TIP).T_base_needle.inverse() @ true).log()
+    assert np.abs(left[:3]).max() < 0.03e-3 and np.abs(left[3:]).max() < 0.003
+    said = np.hypot(np.repeat([0.03e-3, 0.003], 3), np.sqrt(np.diag(CAMERA)))
+    assert (sd(estimator.needle(TIP)) <= 1.01 * said).all(), "a sighting is no surer than the camera's place"
+    assert (sd(estimator.needle(TIP))[:3] > 0.1e-3).all()
+    before = estimator.needle(TIP).T_base_needle.matrix
+    assert not estimator.update(TIP, SE3.identity(), seen_at(true @ SE3.from_parts(translation_m=[0.0, 3e-3, 0.0])))
+    np.testing.assert_array_equal(estimator.needle(TIP).T_base_needle.matrix, before)
+
+
+def test_on_a_long_way_what_was_seen_of_the_arm_is_forgotten_but_not_how_the_needle_lies():
+    estimator = loaded()
+    estimator.update(TIP, SE3.identity(), seen_at(estimator.needle(TIP).T_base_needle @ SE3.exp([0, 0, 0, 0.08, 0, 0])))
+    lies, off = estimator.T_tip_needle, estimator.tip_error
+    estimator.moved(0.2)
+    np.testing.assert_allclose(estimator.T_tip_needle.matrix, lies.matrix)
+    assert np.linalg.norm(estimator.tip_error[3:]) < np.linalg.norm(off[3:])
+    assert (sd(estimator.needle(TIP))[:3] > 0.8 * FADING_SD[:3]).all()
+
+
+def test_a_part_of_the_arms_error_fades_over_6_mm_of_way_and_the_rest_stays():
+    estimator = loaded()
+    seen = seen_at(estimator.needle(TIP).T_base_needle @ SE3.exp([3e-4, 2e-4, 0, 0.02, 0.01, 0]))
+    assert estimator.update(TIP, SE3.identity(), seen)
+    always, now = estimator._mean[LASTING].copy(), estimator._mean[FADING].copy()
+    spread = estimator._covariance[FADING, FADING].copy()
+    estimator.moved(3e-3)
+    np.testing.assert_allclose(estimator._mean[LASTING], always)
+    np.testing.assert_allclose(estimator._mean[FADING], np.exp(-0.5) * now)
+    np.testing.assert_allclose(
+        estimator._covariance[FADING, FADING], np.exp(-1.0) * spread + (1.0 - np.exp(-1.0)) * np.diag(FADING_SD**2)
+    )
+
+
+def of_grasp(estimator, covariance):
+    """Return a twist's covariance of the needle in the axes of the grasp."""
+    to_grasp = np.linalg.inv(estimator._T_needle_grasp().adjoint())
+    return to_grasp @ covariance @ to_grasp.T
+
+
+def test_flat_jaws_fix_two_of_six_and_leave_a_person_the_others():
+    estimator = loaded()
+    left = np.sqrt(np.diag(of_grasp(estimator, estimator._covariance[GRIP, GRIP])))
+    given = np.sqrt(np.diag(LOADED))
+    np.testing.assert_allclose(left[FLAT], given[FLAT] * FLAT_SD / np.hypot(given[FLAT], FLAT_SD))
+    others = np.setdiff1d(np.arange(6), FLAT)
+    np.testing.assert_allclose(left[others], given[others])
+
+
+def test_closing_jaws_move_a_needle_that_the_tissue_holds_and_what_was_known_of_it_counts_on(monkeypatch):
+    monkeypatch.setattr("trocar.tasks.suture.agents.needle_estimator.FLAT_SD", np.array([1e3, 1e3]))
+    estimator = loaded()
+    estimator.update(
+        TIP, SE3.identity(), seen_at(estimator.needle(TIP).T_base_needle @ SE3.exp([3e-4, 2e-4, 0, 0.02, 0.03, 0.0]))
+    )
+    held = estimator.needle(TIP)
+    moved = TIP @ HELD @ BACK.inverse() @ SE3.exp([1e-3, 0, 0, 0, 0.02, 0])
+    estimator.moved(5e-3)
+    estimator.regrasped(held, moved, BACK)
+    after = estimator.needle(moved)
+    assert np.abs((after.T_base_needle.inverse() @ held.T_base_needle).log()).max() < 1e-4
+    added = of_grasp(estimator, after.covariance - held.covariance)
+    scale = np.sqrt(np.diag(CLOSING + LOADED))
+    assert np.abs((added - CLOSING) / np.outer(scale, scale)).max() < 0.02
+
+
+def test_a_needle_in_the_tissue_that_was_seen_elsewhere_is_less_sure():
+    held = NeedleEstimate(TIP @ HELD, np.diag(np.repeat([1e-4, 0.01], 3) ** 2))
+    far = seen_at(held.T_base_needle @ SE3.from_parts(translation_m=[3e-3, 0.0, 0.0]))
+    assert held.updated(SE3.identity(), far) is None
+    np.testing.assert_array_equal(held.doubted().covariance, DOUBT * held.covariance)
+    for _ in range(5):
+        held = held.doubted()
+    assert held.updated(SE3.identity(), far) is not None
+
+
+def test_a_regrasped_needle_stays_where_it_was_and_flat_jaws_tell_of_it():
+    estimator = loaded()
+    true = estimator.needle(TIP).T_base_needle @ SE3.exp([0.3e-3, 0.2e-3, 0.0, 0.02, 0.03, 0.0])
+    estimator.update(TIP, SE3.identity(), seen_at(true))
+    held = estimator.needle(TIP)
+    moved = TIP @ HELD @ BACK.inverse()  # the jaws go along the wire; as planned the needle stays
+    estimator.moved(5e-3)
+    estimator.regrasped(held, moved, BACK)
+    after = estimator.needle(moved)
+    left = (after.T_base_needle.inverse() @ held.T_base_needle).log()
+    assert np.abs(left[:3]).max() < 0.3e-3 and np.abs(left[3:]).max() < 0.03
+    assert (sd(after)[:3] < 0.6e-3).all()
+
+
+def test_the_errors_add_up_as_they_are_drawn():
+    """Its covariance is that of needles whose errors are drawn and put together exactly."""
+    estimator, rng = loaded(), np.random.default_rng(0)
+    drawn = []
+    for _ in range(3000):
+        off = np.hypot(LASTING_SD, FADING_SD) * rng.standard_normal(6)
+        tip = SE3.from_parts(SO3.exp(off[3:]) @ TIP.rotation, TIP.translation_m + off[:3])
+        drawn.append(((TIP @ HELD).inverse() @ tip @ HELD).log())
+    before = estimator.needle(TIP).covariance
+    surely = NeedleEstimator()
+    surely._T_tip_needle_planned = HELD  # no error of the grip
+    np.testing.assert_allclose(np.sqrt(np.diag(surely.needle(TIP).covariance)), np.std(drawn, axis=0), rtol=0.08)
+    assert (np.diag(before) > np.diag(surely.needle(TIP).covariance)).all()
+
+
+def test_a_small_correction_leaves_what_was_seen_and_makes_it_less_sure():
+    estimator = loaded()
+    estimator.update(TIP, SE3.identity(), seen_at(estimator.needle(TIP).T_base_needle @ SE3.exp([3e-4, 0, 0, 0, 0, 0])))
+    before = estimator.needle(TIP)
+    estimator.adjusted()
+    after = estimator.needle(TIP)
+    np.testing.assert_array_equal(after.T_base_needle.matrix, before.T_base_needle.matrix)
+    assert (sd(after)[:3] > sd(before)[:3]).all()
+
+
+def test_a_wild_sighting_that_comes_again_is_believed_in_the_end():
+    estimator = loaded()
+    estimator.update(TIP, SE3.identity(), seen_at(estimator.needle(TIP).T_base_needle))
+    far = seen_at(estimator.needle(TIP).T_base_needle @ SE3.from_parts(translation_m=[0.0, 1e-3, 0.0]))
+    estimate = [estimator.update(TIP, SE3.identity(), far) for _ in range(6)]
+    assert not estimate[0] and estimate[-1]

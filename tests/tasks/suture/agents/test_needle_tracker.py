@@ -1,0 +1,153 @@
+"""How looks at the needle change the path."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simulated import coarse, ideal_session
+from trocar.arms import fk
+from trocar.errors import TrocarError
+from trocar.eval import AgentContext
+from trocar.geometry import SE3
+from trocar.lab import load_station
+from trocar.motion import PLANNERS
+from trocar.sim.laboratory import SimLaboratory
+from trocar.tasks.suture.agents.circle import CircleSuturing, Settings, blind
+from trocar.tasks.suture.agents.stretches import Aim, stretches
+from trocar.tasks.suture.planning.primitive import grasp_pose
+from trocar.tasks.suture.planning.segments import suture_segments
+from trocar.tasks.suture.score import score_sutures
+from trocar.tasks.suture.task import CircleSutures
+
+TASK = CircleSutures()
+GOALS = TASK.goals()[:1]
+STATION = coarse(TASK.at(load_station("suture")))
+QUICK = {"driving_speed_m_s": 0.016, "travel_speed_m_s": 0.05}
+"""Twice as fast as the defaults, so that the tests are too."""
+MISLOADED = SE3.exp([0.3e-3, 0.4e-3, -0.3e-3, 0.06, -0.05, 0.04])
+"""How a person loads the needle, against what was agreed."""
+
+
+def agent_in(lab, settings):
+    return CircleSuturing(
+        AgentContext(lab.cell, GOALS, None, ("psm1",), PLANNERS["spline"], None, np.random.default_rng(0), settings)
+    )
+
+
+def laboratory():
+    scene, arm = TASK.scene(np.random.default_rng(0), STATION)
+    world = TASK.world((replace(scene, T_needle_loaded=(MISLOADED,)), arm))
+    return SimLaboratory(ideal_session(STATION), world, np.random.default_rng(0))
+
+
+def driven(settings):
+    lab = laboratory()
+    agent = agent_in(lab, settings)
+    assert lab.run(lambda cell: agent.run(), TASK.budget_s)
+    (score,) = score_sutures(GOALS, lab.truth(), lab.log.events)
+    return score, [event for event in lab.log.events if event["name"].startswith("needle")]
+
+
+@pytest.mark.slow
+def test_a_needle_that_was_loaded_awry_goes_in_and_out_where_it_should():
+    blindly, looks = driven(replace(blind(), **QUICK))
+    assert max(blindly.entry_error_m, blindly.exit_error_m) > 1e-3 and looks == []
+    score, looks = driven(Settings(**QUICK))
+    assert score.succeeded
+    assert max(score.entry_error_m, score.exit_error_m) < 0.7e-3
+    assert sum(look["accepted"] for look in looks) >= 4
+
+
+def test_the_way_is_cut_where_the_needle_is_looked_at_and_stays_the_same():
+    segments = suture_segments(GOALS[0])
+    found = stretches(segments, TASK.setup)
+    assert [stretch.segment.name for stretch in found if stretch.first] == [segment.name for segment in segments]
+    whole, cut = (
+        np.concatenate([parts[0].q, *(part.q[1:] for part in parts[1:])])
+        for parts in (segments, [stretch.segment for stretch in found])
+    )
+    np.testing.assert_array_equal(whole, cut)
+    assert sum(stretch.segment.length_m for stretch in found) == pytest.approx(sum(s.length_m for s in segments))
+
+
+def test_after_the_last_looks_the_needle_goes_through_the_surface_without_a_stop():
+    setup, segments = TASK.setup, suture_segments(GOALS[0])
+    tips = [stretch for stretch in stretches(segments, setup) if stretch.aim is Aim.TIP]
+    assert [stretch.segment.name for stretch in tips] == ["penetrate", "penetrate", "push 1", "push 1"]
+    assert [stretch.looks for stretch in tips] == [4, 0, 1, 3]
+    entry, further, before, leaving = tips
+    assert [stretch.fixed_wrist for stretch in tips] == [True, False, False, False]
+    assert entry.segment.length_m == pytest.approx(2e-3 + 2.5e-3, abs=0.5e-3)  # the tip goes in on the way
+    assert entry.segment.length_m + further.segment.length_m == pytest.approx(
+        setup.insertion.straight_m + 2e-3, abs=3e-4
+    )
+    assert np.degrees(before.segment.length_m / setup.needle.radius_m) == pytest.approx(16.0 - 8.0, abs=1.5)
+    turned = np.degrees(leaving.segment.length_m / setup.needle.radius_m)
+    assert turned == pytest.approx(8.0 + 8.0, abs=1.5)  # from so far before the exit to so far past it
+
+
+def test_the_camera_nearest_to_the_circle_is_used_and_a_cell_without_one_is_refused():
+    lab = laboratory()
+    used = agent_in(lab, Settings()).tracker._camera
+    assert used is lab.cell.cameras["close"]
+    lab.cell = replace(lab.cell, cameras={})
+    with pytest.raises(TrocarError, match="no camera of this cell shows depth, to look at the needle; choose --method"):
+        agent_in(lab, Settings())
+
+
+def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_arm_and_grip():
+    agent = agent_in(laboratory(), Settings())
+    tracker, arm = agent.tracker, TASK.setup.arm
+    tracker.loaded()
+    entry = next(stretch for stretch in stretches(suture_segments(GOALS[0]), TASK.setup) if stretch.aim is Aim.TIP)
+    tracker._estimator._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 3)
+    tracker.aim(entry)
+    corrected = tracker.corrected(entry.segment).q
+    tip = [0.0, -TASK.setup.needle.radius_m, 0.0]
+    for place in (0, -1):
+        there = tracker._estimator.needle(fk(arm, corrected[place])).T_base_needle
+        planned = fk(arm, entry.segment.q[place]) @ grasp_pose(TASK.setup).inverse()
+        np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=1e-6)
+    np.testing.assert_array_equal(corrected[:, 3:], np.broadcast_to(agent.hand.q[3:], (len(corrected), 3)))
+    turning = replace(entry, fixed_wrist=False)
+    tracker.aim(turning)
+    wrist = tracker.corrected(turning.segment).q[:, 3:]
+    np.testing.assert_allclose(wrist[-1] - wrist[0], (entry.segment.q[-1] - entry.segment.q[0])[3:])
+    assert np.abs(wrist[-1] - wrist[0]).max() > 1e-3
+
+
+@pytest.mark.parametrize(("seen", "anew"), [(False, 2), (True, 0)])
+def test_a_needle_that_is_not_seen_in_the_jaws_is_loaded_anew(seen, anew):
+    lab = laboratory()
+    agent = agent_in(lab, Settings())
+    loadings = []
+
+    async def load() -> bool:
+        loadings.append(1)
+        return True
+
+    async def look(stretch, tracker):
+        tracker._seen = seen
+
+    agent._load, agent._look = load, look
+    agent.tracker.loaded()
+    approach = next(s for s in stretches(suture_segments(GOALS[0]), TASK.setup) if s.segment.name == "approach")
+
+    async def script(cell):
+        await agent._look(approach, agent.tracker)
+        await agent._reload(approach, agent.tracker)
+
+    lab.run(script, 10.0)
+    assert len(loadings) == anew
+
+
+def test_without_a_look_the_way_is_the_planned_one():
+    """Nothing is corrected before anything was seen."""
+    agent = agent_in(laboratory(), Settings())
+    agent.tracker.loaded()
+    for stretch in stretches(suture_segments(GOALS[0]), TASK.setup)[:1]:
+        way = agent.tracker.path(stretch)
+        np.testing.assert_allclose(
+            fk(TASK.setup.arm, way.q).matrix, fk(TASK.setup.arm, stretch.segment.q).matrix, atol=1e-9
+        )

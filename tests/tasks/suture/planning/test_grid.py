@@ -1,0 +1,300 @@
+import itertools
+from math import radians
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from made_up_map import made_up_map
+from trocar.errors import TrocarError
+from trocar.geometry import TURN
+from trocar.tasks.suture.planning import DIRECTIONS, PRESETS, Reward, Spacing, dexterity, plan_even, plan_gaps
+from trocar.tasks.suture.planning.grid import Walks
+from trocar.tasks.suture.planning.plan import ranks
+
+CASES = 200
+SEEDS = st.integers(0, 2**32 - 1)
+TENSE_CASES = 36
+ANGLES = st.floats(-10, 10)
+
+
+# Evenly spaced sutures.
+
+
+def enumerated(found, count):
+    """Return the rank of the worst suture of the best even plan, by trying all of them (paper, III-H)."""
+    every = ranks(found).reshape(2, count, -1)
+    combinations = itertools.product((0, 1), repeat=count)
+    return max(int(every[np.array(choice), np.arange(count)].min(0).max()) for choice in combinations)
+
+
+def worst_rank(found, plan):
+    rows = [DIRECTIONS.index(direction) for direction in plan.directions]
+    where = np.rint(plan.positions_rad / TURN * len(found.thetas_rad)).astype(int)
+    return int(ranks(found)[rows, where].min())
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 8])
+def test_no_even_plan_in_any_directions_is_better_on_presets(name, count):
+    found = dexterity(PRESETS[name].setup, PRESETS[name].reward)
+    assert worst_rank(found, plan_even(found, count)) == enumerated(found, count)
+
+
+@given(seed=SEEDS)
+def test_no_even_plan_is_better_where_many_sutures_tie_and_some_are_infeasible(seed):
+    rng = np.random.default_rng(seed)
+    count, starts = int(rng.integers(1, 6)), int(rng.integers(1, 8))
+    values = rng.integers(0, 4, (2, count * starts)) / 4
+    feasible = rng.random(values.shape) < rng.random()
+    for first in (True, False):
+        found = made_up_map(values, feasible, first)
+        assert worst_rank(found, plan_even(found, count)) == enumerated(found, count)
+
+
+def test_directions_are_those_of_the_map_whatever_the_weight():
+    for weight in (0.0, 0.75, 1.0):
+        found = dexterity(PRESETS["paper-demo"].setup, Reward("clipped", weight=weight, feasible_first=False))
+        plan = plan_even(found)
+        where = np.rint(np.degrees(plan.positions_rad)).astype(int)
+        np.testing.assert_array_equal(plan.directions, found.directions[where])
+
+
+@given(seed=SEEDS)
+def test_no_start_is_better(seed):
+    values = np.random.default_rng(seed).normal(size=(2, 60))
+    plan = plan_even(made_up_map(values), 4)
+    starts = [values.max(0)[start::15].min() for start in range(15)]
+    assert plan.reward == plan.bound == max(starts)
+    assert plan.positions_rad[0] == pytest.approx(2 * np.pi / 60 * np.argmax(starts))
+    assert plan.gaps_rad == pytest.approx(np.full(4, np.pi / 2))
+
+
+def test_a_feasible_plan_beats_a_better_one_that_is_not():
+    values, feasible = np.full((2, 8), 0.2), np.ones((2, 8), dtype=bool)
+    values[:, 1::2], feasible[:, 3] = 0.9, False
+    plan = plan_even(made_up_map(values, feasible), 4)
+    assert plan.feasible and plan.reward == 0.2
+    assert "no plan on the grid of 8 positions" in plan.certified
+    plan = plan_even(made_up_map(values, feasible, feasible_first=False), 4)
+    assert not plan.feasible and plan.reward == 0.9
+    assert "within the joints' limits or not" in plan.certified
+
+
+def test_a_feasible_direction_beats_a_better_one_that_is_not():
+    values, feasible = np.array([[0.9] * 4, [0.3] * 4]), np.array([[False] * 4, [True] * 4])
+    assert plan_even(made_up_map(values, feasible)).directions.tolist() == [DIRECTIONS[1]] * 4
+
+
+def test_of_infeasible_plans_the_worst_infeasible_suture_counts():
+    values, feasible = np.full((2, 8), 0.5), np.ones((2, 8), dtype=bool)
+    feasible[:, :2] = False
+    values[:, 1], values[:, 5] = 0.6, 0.1
+    plan = plan_even(made_up_map(values, feasible), 4)
+    assert not plan.feasible and plan.positions_rad[0] > 0 and plan.bound == 0.6
+    assert "is feasible" in plan.certified
+
+
+def test_positions_that_cannot_be_divided_are_refused():
+    found = dexterity(PRESETS["paper-demo"].setup, positions=90)
+    with pytest.raises(TrocarError, match=r"90 positions .* 4 sutures; give a multiple, such as 92"):
+        plan_even(found, 4)
+    for count in (0, -3, 2.5, 361):
+        with pytest.raises(TrocarError, match="number of sutures"):
+            plan_even(found, count)
+
+
+# Bounded gaps, arcs, fixed positions, tension.
+
+
+def random_case(seed):
+    """Return a small problem: map, count, spacing."""
+    rng = np.random.default_rng(seed)
+    positions, count = int(rng.integers(6, 17)), int(rng.integers(1, 6))
+    values = rng.integers(0, 12, (2, positions)) / 12 if rng.random() < 0.5 else rng.random((2, positions))
+    feasible = rng.random((2, positions)) < rng.choice([0.6, 0.95, 1.0])
+    step = TURN / positions
+    even = positions / count
+    min_gap = step * min(positions, max(0.3, even - rng.integers(0, 4)))
+    max_gap = min(TURN, max(min_gap, step * (even + rng.integers(0, 4))))
+    arcs = tuple((start, start + rng.uniform(0.05, 1.5)) for start in rng.uniform(0, TURN, rng.integers(0, 3)))
+    fixed = tuple(step * rng.choice(positions, rng.integers(0, 3), replace=False)) if rng.random() < 0.4 else ()
+    tension = float(rng.choice([0.0, 0.0, 0.1, 1.0]))
+    found = made_up_map(values, feasible, bool(rng.integers(2)))
+    return found, count, Spacing(min_gap, max_gap, arcs, fixed, tension)
+
+
+def tense_case(seed, feasible_share, feasible_first):
+    """Return a small problem in which even gaps, dexterity and feasibility pull in different directions."""
+    rng = np.random.default_rng(seed)
+    positions, count = int(rng.integers(6, 12)), int(rng.integers(2, 5))
+    values = rng.normal(size=(2, positions)).round(int(rng.integers(0, 4)))
+    feasible = rng.random((2, positions)) < feasible_share
+    tension = float(rng.choice([0.1, 0.3, 1.0, 2.0]))
+    return made_up_map(values, feasible, feasible_first), count, Spacing(TURN / positions, TURN, tension=tension)
+
+
+def in_a_forbidden_arc(theta, arcs):
+    return any(
+        start + 1e-9 < theta + k * TURN < start + (end - start) % TURN - 1e-9 for start, end in arcs for k in (0, 1)
+    )
+
+
+def brute_force(found, count, spacing):
+    """Return (feasible, value) of the best plan by trying every set of positions; None if there is none."""
+    n, best = len(found.thetas_rad), None
+    feasible = found.joints.feasible
+    for where in itertools.combinations(range(n), count):
+        thetas = TURN / n * np.array(where)
+        gaps = np.diff(thetas, append=thetas[0] + TURN)
+        if gaps.min() < spacing.min_gap_rad - 1e-7 or gaps.max() > spacing.max_gap_rad + 1e-7:
+            continue
+        if any(in_a_forbidden_arc(theta, spacing.forbidden_rad) for theta in thetas):
+            continue
+        if any(np.abs(thetas - fixed).min() > 1e-7 for fixed in spacing.fixed_rad):
+            continue
+        cost = spacing.tension * np.abs(gaps / (TURN / count) - 1).max()
+        sutures = []
+        for k in where:
+            rows = sorted((bool(feasible[r, k]) and found.reward.feasible_first, found.values[r, k]) for r in (0, 1))
+            sutures.append(rows[-1])
+        first, reward = min(sutures)
+        key = (bool(first), reward - cost)
+        best = key if best is None else max(best, key)
+    return best
+
+
+def test_agrees_with_brute_force_on_small_random_cases():
+    solved = 0
+    for seed in range(CASES):
+        found, count, spacing = random_case(seed)
+        try:
+            wanted = brute_force(found, count, spacing)
+            plan = plan_gaps(found, count, spacing)
+        except TrocarError:
+            assert wanted is None, f"case {seed}"
+            continue
+        assert wanted is not None, f"case {seed}"
+        solved += 1
+        first, value = wanted
+        assert plan.bound == pytest.approx(value, abs=1e-12), f"case {seed}"
+        if found.reward.feasible_first:
+            assert plan.feasible == first
+        if plan.feasible or not found.reward.feasible_first:
+            assert plan.value == pytest.approx(plan.bound, abs=1e-12)
+        # and the plan is what it says
+        assert len(plan.positions_rad) == count and np.all(np.diff(plan.positions_rad) > 0)
+        assert plan.gaps_rad.min() >= spacing.min_gap_rad - 1e-7 and plan.gaps_rad.sum() == pytest.approx(TURN)
+        assert plan.gaps_rad.max() <= spacing.max_gap_rad + 1e-7
+        assert not any(in_a_forbidden_arc(theta, spacing.forbidden_rad) for theta in plan.positions_rad)
+        for fixed in spacing.fixed_rad:
+            assert np.abs(plan.positions_rad - fixed).min() < 1e-9
+    assert solved > CASES / 2
+
+
+@pytest.mark.parametrize("feasible_first", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8, 1.0])
+def test_tension_agrees_with_brute_force_whatever_is_feasible_and_whether_that_counts(share, feasible_first):
+    for seed in range(TENSE_CASES):
+        found, count, spacing = tense_case(seed, share, feasible_first)
+        plan, (first, value) = plan_gaps(found, count, spacing), brute_force(found, count, spacing)
+        case = f"case {seed}: {plan.positions_rad}, {plan.rewards}"
+        assert plan.bound == pytest.approx(value, abs=1e-12), case
+        assert plan.value <= plan.bound + 1e-12, case
+        if feasible_first:
+            assert plan.feasible == first, case
+        if plan.feasible or not feasible_first:
+            assert plan.value == pytest.approx(value, abs=1e-12), case
+        assert plan.tension_cost == pytest.approx(spacing.tension * plan.unevenness, abs=1e-12), case
+
+
+def test_of_plans_with_the_same_worst_suture_the_largest_sum_is_taken():
+    values = np.random.default_rng(5).integers(0, 5, (2, 12)) / 4
+    found, spacing = made_up_map(values), Spacing(TURN / 6, TURN / 3)
+    plan = plan_gaps(found, 4, spacing)
+    best = values.max(0)
+    sums = [
+        best[list(where)].sum()
+        for where in itertools.combinations(range(12), 4)
+        if all(2 <= gap <= 4 for gap in np.diff(where, append=where[0] + 12)) and best[list(where)].min() == plan.reward
+    ]
+    assert plan.rewards.sum() == max(sums) > min(sums)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_even_gaps_are_the_papers_problem_and_free_ones_are_no_worse(name):
+    found = dexterity(PRESETS[name].setup, PRESETS[name].reward)
+    for count in (3, 4, 6):
+        even = plan_even(found, count)
+        assert plan_gaps(found, count, Spacing.even(count)).reward == even.reward
+        rewards = [plan_gaps(found, count, Spacing(TURN / count - g, TURN / count + g)).reward for g in (0, 0.1, 0.3)]
+        assert even.reward == rewards[0] <= rewards[1] <= rewards[2]
+
+
+def test_tension_trades_dexterity_for_even_gaps():
+    found = dexterity(PRESETS["paper-demo"].setup, PRESETS["paper-demo"].reward)
+    plans = [plan_gaps(found, 6, Spacing(radians(40), radians(80), tension=weight)) for weight in (0, 0.1, 0.3, 10)]
+    uneven = [np.abs(plan.gaps_rad / (TURN / 6) - 1).max() for plan in plans]
+    assert uneven == sorted(uneven, reverse=True) and uneven[-1] == pytest.approx(0) and uneven[0] > 0.2
+    assert plans[2].tension_cost == pytest.approx(0.3 * uneven[2])
+
+
+@pytest.mark.parametrize(
+    ("count", "spacing", "sentence"),
+    [
+        (4, Spacing(radians(60), radians(80)), "4 gaps of 60 to 80 deg add up to 240 to 320 deg, not to 360.*90"),
+        (7, Spacing.even(7), "7 sutures .* of the grid's 360 steps cannot close"),
+        (4, Spacing(1, 2, fixed_rad=(radians(10.5),)), "fixed position 10.5 deg is not on the grid of 360 positions"),
+        (2, Spacing(1, 6, fixed_rad=(0.0, radians(60), radians(90))), "3 positions are fixed, but only 2 sutures"),
+        (4, Spacing(1, 2, ((0.5, 1.5),), (radians(60),)), "fixed position 60 deg lies in a forbidden arc"),
+        (4, Spacing(1, 2, ((0.0, 2.1),)), r"no 4 sutures .* forbidden arcs \(0 to 120.321 deg\)"),
+        (4, Spacing(1, 2, fixed_rad=(0.0, radians(30))), r"no 4 sutures .* fixed positions \(0, 30 deg\)"),
+        (0, Spacing(1, 2), "number of sutures is 0"),
+    ],
+)
+def test_what_cannot_be_met_is_refused_in_a_sentence(count, spacing, sentence):
+    found = dexterity(PRESETS["paper-demo"].setup)
+    with pytest.raises(TrocarError, match=sentence):
+        plan_gaps(found, count, spacing)
+
+
+def test_walks_close_only_through_what_they_must_stand_on():
+    walks = Walks(12, 4, 2, 4, through=(0, 5))
+    assert walks.closing(np.ones(12, dtype=bool)).tolist() == [0]
+    blocked = np.ones(12, dtype=bool)
+    blocked[[2, 3]] = False  # 0 to 5 takes two steps, over 2 or 3 alone
+    assert walks.closing(blocked).size == 0
+
+
+@given(start=ANGLES, length=st.floats(0.01, 6.2), theta=ANGLES)
+def test_forbidden_arcs_wrap(start, length, theta):
+    into = (theta - start) % TURN
+    if min(abs(into), abs(into - length), abs(into - TURN)) < 1e-6:
+        return
+    spacing = Spacing(1, 2, ((start, start + length),))
+    assert spacing.allows([theta])[0] == (into > length)
+
+
+def test_the_ends_of_arcs_are_allowed():
+    assert Spacing(1, 2, ((6.0, 0.5),)).allows([6.0, 0.5, 6.1, 0.0, 0.4, 3.0]).tolist() == [1, 1, 0, 0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((2, 1), "114.592 deg and 57.2958 deg; give a smallest gap"),
+        ((0, 1), "above 0"),
+        ((1, np.nan), "gaps between sutures"),
+        ((1, 7), "at most 360"),
+        ((1, 2, ((1, 1),)), "must differ"),
+        ((1, 2, ((1, np.inf),)), "forbidden arc in rad"),
+        ((1, 2, ((1, 2, 3),)), "forbidden arc in rad"),
+        ((1, 2, (), ("a",)), "fixed positions in rad"),
+        ((1, 2, (), 3.0), "fixed positions in rad"),
+        ((1, 2, (), (), -1), "tension weight is -1"),
+    ],
+)
+def test_bad_spacings_are_refused(arguments, sentence):
+    with pytest.raises(TrocarError, match=sentence):
+        Spacing(*arguments)

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from trocar.errors import TrocarError
+from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
+from trocar.tasks.suture.planning.parameters import with_parameters
+from trocar.tasks.suture.planning.rewards import scored
+from trocar.tasks.suture.planning.setup_search import GROUPS, free_bounds, jaws_above_m, search_setup
+
+SETUP, FOLDED = PRESETS["default"].setup, PRESETS["paper-demo"].setup
+START = dexterity(SETUP, positions=72)
+FREE = (*GROUPS["circle"], *GROUPS["grasp"])
+
+
+def searched(free=FREE, seed=0, **options):
+    return search_setup(START, free, rng=np.random.default_rng(seed), evaluations=240, **options)
+
+
+def reward_of(setup):
+    return plan_even(scored(setup, START.reward, dexterity(setup, positions=72).joints, scales=START.scales)).reward
+
+
+def test_the_best_setup_found_is_better_feasible_and_holdable_and_has_the_reward_that_it_says():
+    done = []
+    found = searched(progress=lambda *now: done.append(now))
+    assert done[-1] == (240, 240) and found.evaluations == pytest.approx(240, abs=48)
+    assert found.plan.reward > found.start.reward + 0.02 and found.plan.feasible
+    assert found.best.setup.grasp.holdable and jaws_above_m(found.best.setup) >= 0
+    assert reward_of(found.best.setup) == found.plan.reward
+    again = with_parameters(SETUP, found.values)
+    np.testing.assert_array_equal(again.T_base_circle.matrix, found.best.setup.T_base_circle.matrix)
+    assert all(low - 1e-9 <= found.values[name] <= high + 1e-9 for name, (low, high) in found.bounds.items())
+    assert searched().plan.reward == found.plan.reward, "one seed finds one setup"
+
+
+def test_a_search_that_finds_nothing_better_returns_where_it_started():
+    found = searched(("circle_radius_m",), bounds={"circle_radius_m": (0.0399, 0.04)})
+    assert found.values == {"circle_radius_m": SETUP.circle.radius_m}
+    assert found.plan.reward == found.start.reward == plan_even(START).reward
+
+
+def test_it_finds_the_best_radius_that_a_fine_scan_finds():
+    found = searched(("circle_radius_m",))
+    scanned = [reward_of(with_parameters(SETUP, {"circle_radius_m": at})) for at in np.linspace(0.02, 0.04, 81)]
+    assert found.plan.reward >= max(scanned) - 1e-3
+
+
+def test_a_grasp_that_flat_jaws_cannot_hold_is_left_or_allowed():
+    lean = ("grasp_lean_rad", "grasp_skew_rad")
+    held, any_grasp = (searched(lean, 1, setup=FOLDED, holdable=holdable) for holdable in (True, False))
+    assert held.best.setup.grasp.holdable or held.best.setup.grasp == FOLDED.grasp
+    assert not any_grasp.best.setup.grasp.holdable
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: free_bounds(SETUP, ()), "name one or more of center_x_m"),
+        (lambda: free_bounds(SETUP, ("circle_radius_m", "circle_radius_m")), "name one or more"),
+        (lambda: free_bounds(SETUP, ("radius",)), "'radius' is unknown"),
+        (lambda: free_bounds(SETUP, ("center_x_m",), {"center_y_m": (0, 1)}), "'center_y_mm' has bounds but is not"),
+        (lambda: free_bounds(SETUP, ("center_x_m",), {"center_x_m": (1, 0)}), "the lower first"),
+        (lambda: search_setup(START, FREE, rng=np.random.default_rng(0), evaluations=10), "give at least 96"),
+        (lambda: searched(GROUPS["circle"], setup=FOLDED), "out of the plane of flat jaws"),
+        (lambda: search_setup(dexterity(SETUP, positions=80), FREE, rng=np.random.default_rng(0)), "multiple of 72"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused_in_a_sentence(call, sentence):
+    with pytest.raises(TrocarError, match=sentence):
+        call()

@@ -1,0 +1,136 @@
+"""Driven sutures in numbers, on made-up trials."""
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+
+from trocar.eval.scenery import Scenery
+from trocar.eval.trial import Trial
+from trocar.geometry import SE3
+from trocar.report import style
+from trocar.tasks.suture.planning.primitive import needle_poses
+from trocar.tasks.suture.report.driven_sutures import (
+    SutureReport,
+    draw_joints,
+    draw_needle,
+    driven_summary,
+    joint_errors,
+    steps_of,
+)
+from trocar.tasks.suture.task import CircleSutures
+
+STEPS = ("approach", "penetrate", "rotate", "regrasp 1", "push 1", "withdraw")
+OFF = np.radians([0.1, -0.2, 0.0, 1.0, 2.0, -3.0]) + [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0]
+TASK = CircleSutures(sutures=1)
+(SUTURE,) = TASK.goals()
+ROWS = 701
+
+
+def made_up(off=OFF, failure="", scores=True):
+    """Return a trial of one suture whose joints are ``off`` their plan while the primitive runs, and far off else."""
+    setup, times = SUTURE.setup, 0.01 * np.arange(ROWS)
+    asked = np.outer(np.sin(times), np.linspace(0.1, 0.6, 7))
+    runs = (times > 1.0 - 1e-6) & (times < 5.0 + 1e-6)
+    true = asked + np.append(np.where(runs[:, None], off, 1.0), np.zeros((ROWS, 1)), axis=1)
+    needle = SUTURE.turned(needle_poses(setup, np.linspace(0.0, 0.01, ROWS), 0.0))
+    needle = setup.circle.T_world_circle @ needle
+    score = {
+        **{"theta_deg": float(np.degrees(SUTURE.theta_rad)), "direction": SUTURE.direction, "attempted": True},
+        **{"succeeded": not failure, "failure": failure, "reason": "why", "start_s": 0.0, "end_s": 6.0},
+        **{"entry_error_m": 1e-4, "exit_error_m": None, "tip_rms_m": 2e-4, "tip_max_m": 3e-4, "slip_m": 5e-5},
+        **{"slip_rad": 0.0, "driven_s": [1.0, 5.0]},
+    }
+    events = [{"name": "step", "suture": 0, "step": step, "time_s": float(k)} for k, step in enumerate(STEPS)]
+    if failure:
+        events.append({"name": "stopped", "time_s": 6.0, "outcome": failure, "reason": "why"})
+    return Trial(
+        about={
+            "task": "suture",
+            "options": TASK.options(),
+            "goal_noun": "suture",
+            "arms": ["psm1"],
+            "method": "by hand",
+        },
+        scores=[score] if scores else [],
+        spans=[],
+        events=events,
+        collisions=[],
+        ended="done",
+        reason="",
+        duration_s=7.0,
+        command_limit_use={"psm1": (0.5, 0.9)},
+        arrays={
+            "true_psm1": true.astype(np.float32),
+            "asked_psm1": asked.astype(np.float32),
+            "body_needle": np.column_stack([needle.translation_m, needle.rotation.as_quaternion()]).astype(np.float32),
+            "T_world_circle": setup.circle.T_world_circle.matrix,
+        },
+        scenery=Scenery(
+            solids=(),
+            T_world_body={"world": SE3.identity()},
+            arms={"psm1": setup.arm},
+            T_world_base={"psm1": setup.T_world_base},
+            T_world_base_registered={"psm1": setup.T_world_base},
+            cameras={},
+            tick_s=0.01,
+        ),
+    )
+
+
+def test_joint_errors_count_while_the_primitive_runs_and_only_then():
+    trial = made_up()
+    errors = joint_errors(trial)
+    np.testing.assert_allclose(errors, np.broadcast_to(OFF, errors.shape), atol=1e-4)
+    summary = driven_summary([trial, trial])
+    assert summary["joint_error_deg"]["wrist_pitch"]["rms"] == pytest.approx(2.0, abs=0.01)
+    assert summary["joint_error_deg"]["wrist_yaw"]["max"] == pytest.approx(3.0, abs=0.01)
+    assert summary["insertion_error_mm"]["rms"] == pytest.approx(1.0, abs=0.01)
+    assert "insertion" not in summary["joint_error_deg"]
+
+
+def test_steps_end_where_the_next_begins_and_the_last_with_its_suture():
+    assert steps_of(made_up(), 0)[:2] == [("approach", 0.0, 1.0), ("penetrate", 1.0, 2.0)]
+    assert steps_of(made_up(), 0)[-1] == ("withdraw", 5.0, 6.0)
+
+
+def test_what_was_not_measured_is_none():
+    summary = driven_summary([made_up(failure="JOINT_LIMIT")])
+    assert summary["exit_error_mm"] == {"mean": None, "max": None}
+    assert summary["entry_error_mm"]["max"] == pytest.approx(0.1)
+    assert summary["tip_error_mm"] == {"rms": pytest.approx(0.2), "max": pytest.approx(0.3)}
+    nothing = driven_summary([made_up(scores=False)])
+    assert nothing["joint_error_deg"]["roll"] == {"rms": None, "max": None}
+
+
+def test_what_stopped_a_trial_and_what_is_modelled_is_said():
+    assert SutureReport().notes([made_up(failure="JOINT_LIMIT")])[0] == "why"
+    plain = SutureReport().notes([made_up()])
+    assert "why" not in plain and any("no tissue mechanics" in sentence for sentence in plain)
+
+
+def test_the_first_suture_is_shown_step_by_step_and_every_picture_bears_its_angle():
+    moments = SutureReport().moments(made_up(failure="OFF_TARGET"))
+    angle = f"{np.degrees(SUTURE.theta_rad):.0f} deg"
+    assert [caption for caption, _ in moments][:-1] == [f"{angle}: {step}" for step in STEPS[:4]]
+    assert moments[-1] == (f"suture 1, {angle}: off target", 5.0), "when the needle was driven last"
+    assert [time_s for _, time_s in moments] == sorted(time_s for _, time_s in moments)
+
+
+def test_the_picture_of_the_joints_bears_the_figures_of_the_table(monkeypatch, tmp_path):
+    said = []
+    real = Axes.set_title
+    monkeypatch.setattr(Axes, "set_title", lambda self, text, **how: said.append(text) or real(self, text, **how))
+    monkeypatch.setattr(style, "write_figure", lambda path, *_, **__: path.touch())  # what is said, without drawing it
+    trial = made_up()
+    draw_joints(trial, tmp_path / "joints.png", "by hand")
+    summary = driven_summary([trial])
+    table = SutureReport().tables(summary | {"method": "by hand"})[0]
+    rms, largest = (list(table.columns[k].cells) for k in (1, 2))
+    shown = [text for text in said if text.startswith("shaded: ")]
+    assert shown[0] == f"shaded: RMS {rms[0]}, largest {largest[0]} deg"
+    assert shown[2] == f"shaded: RMS {rms[5]}, largest {largest[5]} mm", "the insertion"
+
+
+@pytest.mark.parametrize("draw", [draw_joints, draw_needle])
+def test_pictures_are_drawn(draw, tmp_path):
+    assert draw(made_up(), tmp_path / "picture.png", "by hand").stat().st_size > 20_000

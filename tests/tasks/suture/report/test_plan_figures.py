@@ -1,0 +1,94 @@
+from dataclasses import replace
+
+import matplotlib.image
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+
+from trocar.geometry import SE3
+from trocar.report import style
+from trocar.tasks.suture.planning import PRESETS, Circle, dexterity
+from trocar.tasks.suture.planning.grid import plan_even
+from trocar.tasks.suture.planning.study import study
+from trocar.tasks.suture.report.circle import apart, draw_plan
+from trocar.tasks.suture.report.panels import draw_reasons, draw_study
+from trocar.tasks.suture.report.plan_summary import plan_summary, plan_table
+
+DEFAULT = PRESETS["default"]
+
+
+def drawn(path):
+    assert path.stat().st_size < 500_000
+    return matplotlib.image.imread(path)[..., :3]
+
+
+def share(image, color):
+    """Return how much of the image has this colour."""
+    return (np.abs(image - np.array(to_rgb(color))).max(-1) < 0.02).mean()
+
+
+def test_the_circle_shows_in_red_what_is_out_of_reach(tmp_path):
+    good = dexterity(DEFAULT.setup)
+    wide = dexterity(replace(DEFAULT.setup, circle=Circle(0.090)))
+    reached = drawn(draw_plan(good, plan_even(good), tmp_path / "new" / "good.png"))
+    beyond = drawn(draw_plan(wide, plan_even(wide, 12), tmp_path / "beyond.png"))
+    assert not plan_even(wide, 12).feasible
+    assert share(beyond, style.VERMILION) > share(reached, style.VERMILION) > 0
+
+
+@pytest.mark.parametrize(("count", "labelled"), [(1, 1), (4, 4), (12, 12), (24, 12), (90, 12)])
+def test_labels_of_many_sutures_are_thinned_but_the_worst_ones_stays(count, labelled):
+    plan = plan_even(dexterity(DEFAULT.setup), count)
+    chosen = apart(plan)
+    assert (len(chosen), len(set(chosen))) == (labelled, labelled)
+    assert np.argmin(plan.rewards) in chosen
+    places = np.sort(plan.positions_rad[chosen])
+    gaps = np.diff(np.append(places, places[0] + 2 * np.pi))
+    assert np.degrees(gaps.min()) > 25
+
+
+def test_the_base_is_told_as_seen_from_the_circles_centre(tmp_path, monkeypatch):
+    at = SE3.from_parts(translation_m=[0.020, -0.030, 0.010])
+    found = dexterity(replace(DEFAULT.setup, circle=replace(DEFAULT.setup.circle, T_world_circle=at)))
+    texts = []
+    monkeypatch.setattr(Axes, "annotate", lambda axes, text, *_, **__: texts.append(text))
+    draw_plan(found, plan_even(found), tmp_path / "plan.png")
+    base = 50 * np.array([np.cos(np.radians(225)), np.sin(np.radians(225))]) - [20, -30]
+    assert f"{np.hypot(*base):.0f} mm beside,\n90 mm above\nthe circle's centre" in "".join(texts)
+
+
+def test_twelve_sutures_without_an_exit_are_drawn_too(tmp_path):
+    setup = replace(DEFAULT.setup, insertion=replace(DEFAULT.setup.insertion, straight_m=0.05))
+    assert np.isnan(setup.bite_m)
+    found = dexterity(setup)
+    assert drawn(draw_plan(found, plan_even(found, 12), tmp_path / "plan.png")).std() > 0.05
+
+
+def test_reasons_and_the_papers_figures_are_written_with_both_directions(tmp_path):
+    found = dexterity(DEFAULT.setup)
+    reasons = drawn(draw_reasons(found, plan_even(found), tmp_path / "reasons.png"))
+    assert share(reasons, style.BLUE) > 0.001
+    assert share(reasons, style.ORANGE) > 0.001
+    demo = PRESETS["paper-demo"]
+    files = draw_study(study(dexterity(demo.setup, demo.reward, 180)), tmp_path / "study")
+    assert len(files) == 7
+    bars = drawn(tmp_path / "study" / "figure_3.png")
+    assert share(bars, style.BLUE) / share(bars, style.ORANGE) == pytest.approx(159 / 201, rel=0.1), "67 to 228 deg"
+
+
+def test_the_room_of_the_joints_is_that_of_the_chosen_direction():
+    found = dexterity(DEFAULT.setup)
+    summary = plan_summary(found, plan_even(found))
+    arm = found.setup.arm
+    for theta, row, left in zip(
+        summary["positions_deg"],
+        [0 if d == 1 else 1 for d in summary["directions"]],
+        summary["joint_room"],
+        strict=True,
+    ):
+        q = found.joints.q[row, round(theta)]
+        room = np.minimum(q - arm.lower, arm.upper - q).min(0)
+        assert left["wrist_pitch_deg"] == pytest.approx(np.degrees(room[4]))
+        assert left["insertion_mm"] == pytest.approx(1e3 * room[2])
+    assert plan_table(summary).row_count == 4
