@@ -29,5 +29,6 @@ class SecondLook(Unilateral):
 
 
 METHODS.register(
-    "peg-transfer/second-look", Method("looks before it lets go", SecondLook, PatientSettings, perception="depth")
+    "peg-transfer/second-look",
+    Method("looks before it lets go", SecondLook, PatientSettings, calibrated=True, perception="depth"),
 )

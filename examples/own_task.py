@@ -156,7 +156,9 @@ class TouchBalls(Task):
 
     name, about, goal_noun, station = "own-task", "coloured balls, touched in order", "ball", "peg-transfer"
     methods: ClassVar = {
-        "calibrated": Method("looks once, then touches from above", Toucher, Settings, perception="colour")
+        "calibrated": Method(
+            "looks once, then touches from above", Toucher, Settings, calibrated=True, perception="colour"
+        )
     }
     perceptions: ClassVar = {"colour": ColourView}
     report = BallReport()

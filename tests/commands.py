@@ -36,7 +36,7 @@ def played(monkeypatch, unpictured):
     """Replace trials by synthetic ones without pictures; return the list of those that were played."""
     done = []
 
-    def run_trial(config, prepared, index, listener=None):
+    def run_trial(config, prepared, index, listener=None, *, raise_errors=False):
         done.append((prepared.number, index))
         trial = synthetic_trial(config, index, session=prepared.number)
         for event in trial.events:

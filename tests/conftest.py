@@ -2,6 +2,7 @@ import gc
 import os
 import signal
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,10 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 if sys.pycache_prefix is None:
     sys.pycache_prefix = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+
+# Calibrations of tests are shared by tests, and no test finds those of the user.
+os.environ["TROCAR_CACHE"] = os.environ.get("TROCAR_TEST_CACHE") or tempfile.mkdtemp(prefix="trocar-calibrations-")
+os.environ["TROCAR_TEST_CACHE"] = os.environ["TROCAR_CACHE"]  # workers of the tests inherit it
 
 # A shell that starts the tests in the background has them ignore Ctrl-C, and all that they start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -40,7 +45,7 @@ LONGEST = (
     *("view/test_replay_page", "cli/test_collect", "tasks/test_every_task"),
     *("tasks/peg_transfer/agents/test_unilateral", "cli/test_plan_suture", "report/test_statistics"),
     *("report/test_figures", "motion/test_sqp", "cli/test_bad_input"),
-    *("tasks/debridement/pose/test_error_filter", "tasks/peg_transfer/study/test_results"),
+    *("tasks/debridement/pose/test_error_filter", "tasks/peg_transfer/report/test_peg_study"),
     *("motion/test_motion_plan", "cli/test_run_suture", "fuzz/test_fuzz", "report/test_page"),
     "collect/test_checkerboard",
 )

@@ -7,16 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from trocar.eval.conditions import Cell
 from trocar.eval.config import RunConfig
+from trocar.eval.jobs import opened
 from trocar.eval.scenery import Scenery
-from trocar.eval.study import opened
+from trocar.eval.study import Condition, conditions_of
 from trocar.eval.trial import Trial, trial_file
 from trocar.geometry import SE3
 from trocar.log import Span
 from trocar.replay import Solid
 from trocar.tasks.debridement.report.table_one import MODES
-from trocar.tasks.debridement.study.cells import cells_of
 from trocar.tasks.debridement.task import Debridement
 
 TICK_S = 0.01
@@ -67,7 +66,7 @@ def made_up(config: RunConfig | None = None, session: int = 0, scores: list[dict
     arrays: dict[str, np.ndarray] = {"T_world_receptacle": np.eye(4)}
     for name, arm_fixed in config.laboratory.arms.items():
         q = np.append(arm_fixed.park_q(), arm_fixed.park_jaw_rad)
-        for kind in ("asked", "commanded", "measured", "true"):
+        for kind in ("desired", "commanded", "measured", "true"):
             arrays[f"{kind}_{name}"] = np.tile(q, (rows, 1)).astype(np.float32)
     arrays["body_fragment0"] = np.tile([-0.07, -0.06, -0.158, 1.0, 0.0, 0.0, 0.0], (rows, 1)).astype(np.float32)
     return Trial(
@@ -115,14 +114,14 @@ def _scenery(config: RunConfig) -> Scenery:
     )
 
 
-def saved(folder: Path, sessions: int = 3, **more: object) -> list[Cell]:
+def saved(folder: Path, sessions: int = 3, **more: object) -> list[Condition]:
     """Return the cells of a study whose trials are there: with two arms one of six grasps is a multiple one."""
-    cells = cells_of(folder, methods="paper", sessions=sessions, seed=2, **more)  # type: ignore[arg-type]
+    cells = conditions_of(Debridement, folder, methods="paper", sessions=sessions, seed=2, **more)  # type: ignore[arg-type]
     opened(cells)
     for cell in cells:
         for session, index in cell.places:
             trial = made_up(cell.config, session)
-            if cell.variant == "two-arms":
+            if cell.name == "two-arms":
                 scores = [score(0, 0.0, attempts=2, multiple_grasps=1), *trial.scores[1:]]
                 trial = replace(trial, scores=scores)
             path = trial_file(cell.folder, session, index)

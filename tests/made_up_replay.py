@@ -43,12 +43,12 @@ def made_up_replay(duration_s: float = 12.0, arms: Sequence[str] = ("psm1", "psm
     for number, arm in enumerate(arms):
         T_world_base = SE3.from_parts(SO3.axis("z", np.pi), BASES[arm])
         q, jaw = _driven(times, arm, T_world_base)
-        asked = q + 0.01 * np.sin(0.8 * times)[:, None] * [0.3, 0.2, 0.02, 1, 1, 1]
+        desired = q + 0.01 * np.sin(0.8 * times)[:, None] * [0.3, 0.2, 0.02, 1, 1, 1]
         solids += _instrument(PSM_CLASSIC, arm)
         poses |= _links(PSM_CLASSIC, arm, T_world_base, q, jaw)
         tip = (T_world_base @ fk(PSM_CLASSIC, q)).translation_m
-        tools[arm] = ToolPath((T_world_base @ fk(PSM_CLASSIC, asked)).translation_m, tip)
-        joints[arm] = _joints(q, jaw, asked)
+        tools[arm] = ToolPath((T_world_base @ fk(PSM_CLASSIC, desired)).translation_m, tip)
+        joints[arm] = _joints(q, jaw, desired)
         spans += _spans(arm, duration_s)
         events += [{"name": "grasp", "time_s": t, "arm": arm} for t in np.arange(1.0, duration_s, CYCLE_S)]
         if number < blocks:
@@ -159,10 +159,10 @@ def _links(model: ArmModel, arm: str, T_world_base: SE3, q: NDArray, jaw: NDArra
     return {f"{arm}_base": T_world_base, **links}
 
 
-def _joints(q: NDArray, jaw: NDArray, asked: NDArray) -> dict[str, NDArray]:
-    """Return asked, commanded, measured and true joints (n, 7)."""
-    true, wanted = np.column_stack([q, jaw]), np.column_stack([asked, jaw])
-    return {"asked": wanted, "commanded": wanted + 0.002, "measured": wanted + 0.001, "true": true}
+def _joints(q: NDArray, jaw: NDArray, desired: NDArray) -> dict[str, NDArray]:
+    """Return desired, commanded, measured and true joints (n, 7)."""
+    true, wanted = np.column_stack([q, jaw]), np.column_stack([desired, jaw])
+    return {"desired": wanted, "commanded": wanted + 0.002, "measured": wanted + 0.001, "true": true}
 
 
 def _spans(arm: str, duration_s: float) -> list[tuple[str, str, float, float]]:

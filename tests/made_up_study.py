@@ -1,4 +1,4 @@
-"""A made-up study: trials with known outcomes in the folders of its cells."""
+"""A made-up study: trials with known outcomes in the folders of its conditions."""
 
 from __future__ import annotations
 
@@ -6,16 +6,24 @@ from dataclasses import replace
 from pathlib import Path
 
 from synthetic import synthetic_trial
-from trocar.eval.conditions import Cell
-from trocar.eval.study import opened
+from trocar.eval.jobs import opened
+from trocar.eval.study import Condition, conditions_of
 from trocar.eval.trial import trial_file
-from trocar.tasks.peg_transfer.study.cells import cells_of
-from trocar.tasks.peg_transfer.study.row import read_row
+from trocar.tasks.peg_transfer.report.trial_row import KIND
+from trocar.tasks.peg_transfer.task import PegTransfer
 
 
-def saved(folder: Path, sessions: int = 3, trials: int = 1, failures: int = 6) -> list[Cell]:
-    """Return the cells of a study of one variant; of each uncalibrated trial so many transfers have failed."""
-    cells = cells_of(folder, "unilateral", "calibrated,uncalibrated", sessions=sessions, trials=trials, seed=2)
+def saved(folder: Path, sessions: int = 3, trials: int = 1, failures: int = 6) -> list[Condition]:
+    """Return the conditions of a study of one variant; of each uncalibrated trial so many transfers have failed."""
+    cells = conditions_of(
+        PegTransfer,
+        folder,
+        values="unilateral",
+        methods="calibrated,uncalibrated",
+        sessions=sessions,
+        trials=trials,
+        seed=2,
+    )
     opened(cells)
     for cell in cells:
         failed = {k: "DROPPED" for k in range(failures)} if cell.method == "uncalibrated" else {}
@@ -28,5 +36,5 @@ def saved(folder: Path, sessions: int = 3, trials: int = 1, failures: int = 6) -
     return cells
 
 
-def rows_of(cell: Cell) -> list:
-    return [read_row(trial_file(cell.folder, *place), cell.config.fingerprint) for place in cell.places]
+def rows_of(cell: Condition) -> list:
+    return [KIND.read(trial_file(cell.folder, *place), cell.config.fingerprint) for place in cell.places]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import MOTION_LIMITS, MotionLimits, fk, ik
-from trocar.eval.images import encoded
+from trocar.eval.run import encoded
 from trocar.eval.scenery import Scenery
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3, SO3
@@ -162,7 +162,9 @@ def trial_of(laboratory: SimLaboratory, **about: object) -> Trial:
     record, station = laboratory.record(), laboratory.session.station
     images, cameras = encoded(laboratory.cameras)
     words = {"task": "none", "variant": "", "method": "by hand", "goal_noun": "goal", "planner": "", "model": None}
-    choices = {"perception": "", "calibration": None, "prior": None, "options": {}, "difficulty": [], "plugins": []}
+    choices = {"perception": "", "calibration": None, "prior": None, "options": {}} | {
+        key: [] for key in ("set", "difficulty", "plugins")
+    }
     switches = dict.fromkeys(("new_session", "refit_offsets", "flawless_camera"), False)
     rest = {"seed": 0, "session": 0, "index": 0, "fingerprint": "", "flaws": {}, "versions": {}}
     return Trial(

@@ -101,7 +101,7 @@ def _arrays(run: RunConfig, rng: np.random.Generator) -> dict[str, np.ndarray]:
     arrays = {}
     for name, arm in run.laboratory.arms.items():
         q = np.append(arm.park_q(), arm.park_jaw_rad) + wave * [1, 1, 0.2, 1, 1, 1, 1]
-        for kind in ("asked", "commanded", "measured", "true"):
+        for kind in ("desired", "commanded", "measured", "true"):
             arrays[f"{kind}_{name}"] = (q + 0.01 * (kind == "true")).astype(np.float32)
     block = np.zeros((len(times_s), 7))
     block[:, :3], block[:, 3] = wave[:, :3], 1.0

@@ -31,7 +31,7 @@ WORK = (
     "trocar.eval.run.prepare",
     "trocar.eval.run.run_trial",
     "trocar.eval.workers.run_all",
-    "trocar.eval.study.run_all",
+    "trocar.eval.jobs.run_all",
     "trocar.collect.chain.calibrate",
     "trocar.collect.checkerboard.register_cell",
     "trocar.calibration.models.lstm.LstmModel.fit",

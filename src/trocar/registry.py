@@ -6,7 +6,7 @@ import hashlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -41,10 +41,18 @@ class Registry(Mapping[str, T], Generic[T]):
         what: the kind in words, for error messages: ``"planner"``.
         group: of the entry points.
         builtin: name to thing, or :class:`Lazy` where importing it is expensive.
+        check: called with a name and what is registered there by somebody else; raises a sentence if it cannot be used.
     """
 
-    def __init__(self, what: str, group: str, builtin: Mapping[str, T | Lazy] | None = None):
-        self.what, self.group = what, group
+    def __init__(
+        self,
+        what: str,
+        group: str,
+        builtin: Mapping[str, T | Lazy] | None = None,
+        *,
+        check: Callable[[str, Any], None] | None = None,
+    ):
+        self.what, self.group, self._check = what, group, check
         self._known: dict[str, Any] = dict(builtin or {})
 
     @cached_property
@@ -54,7 +62,10 @@ class Registry(Mapping[str, T], Generic[T]):
     def __getitem__(self, name: str) -> T:
         table = self._known if name in self._known else self._installed
         if isinstance(table[name], Lazy):
-            table[name] = table[name].load()
+            found = table[name].load()
+            if self._check is not None:
+                self._check(name, found)
+            table[name] = found
         return table[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -82,6 +93,8 @@ class Registry(Mapping[str, T], Generic[T]):
             raise TrocarError(f"a {self.what} is registered as {name!r}; give it a name")
         if name in self:
             raise TrocarError(f"{self.what} {name!r} is already registered; register yours under another name")
+        if self._check is not None and not isinstance(thing, Lazy):
+            self._check(name, thing)
         self._known[name] = thing
         return thing
 

@@ -110,7 +110,7 @@ class Replay:
         contacts: in order of time.
         spans: (arm, name, start_s, end_s) of the scripts.
         events: dicts with ``name`` and ``time_s``.
-        joints: per arm, those available of the (n, 7) arrays ``asked``, ``commanded``, ``measured``, ``true`` (six
+        joints: per arm, those available of the (n, 7) arrays ``desired``, ``commanded``, ``measured``, ``true`` (six
             joints and the jaw).
         joint_names: per arm, seven names.
         images: as the cameras took them.

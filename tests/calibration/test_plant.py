@@ -211,5 +211,5 @@ def test_a_plants_numbers_stay_as_they_are():
 
 @pytest.mark.parametrize("shape", [(6,), (3, 5), (1, 3, 6)])
 def test_a_plant_runs_rows_of_six(shape):
-    with pytest.raises(TrocarError, match="commands of shape"):
+    with pytest.raises(TrocarError, match="must have shape"):
         PSM1_GREY.run(np.zeros(shape))

@@ -15,7 +15,7 @@ from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import COMMANDED, MEASURED
 from trocar.cli import main
-from trocar.cli.study import errors_table, models_table
+from trocar.cli.study_calibration import errors_table, models_table
 
 
 def run(monkeypatch, capsys, *arguments):

@@ -21,7 +21,7 @@ MOMENTS = ("half a draft", "a whole draft", "its name just taken")
 def played(monkeypatch):
     """Replace trials by synthetic ones and leave pictures out: what is left is the run's own writing."""
 
-    def run_trial(config, prepared, index, listener=None):
+    def run_trial(config, prepared, index, listener=None, *, raise_errors=False):
         return synthetic_trial(config, index, session=prepared.number)
 
     def prepare(config, number, folder, **_):

@@ -7,11 +7,11 @@ from typer.testing import CliRunner
 
 from trocar.cli import app
 from trocar.cli.out_folder import LONGEST_NAME, check_out_folder, default_folder, differing
+from trocar.cli.study import study
 from trocar.errors import TrocarError
 from trocar.eval.config import RunConfig
 from trocar.files.output import PICTURE, write_json
 from trocar.lab import station_text
-from trocar.tasks.peg_transfer.study.command import peg_transfer
 from trocar.tasks.peg_transfer.task import PegTransfer
 
 FILES = {"plan.json": "plan"}
@@ -108,8 +108,8 @@ def test_a_default_folder_has_a_name_that_every_disk_takes(tmp_path):
 
 
 def test_a_study_counts_what_differs_from_its_commands_defaults():
-    given = {"difficulty": "mild", "station": "", "transfers": 12, "flaw": None}
-    assert differing(peg_transfer, given) == {"difficulty": "mild"}
+    given = {"difficulty": "mild", "station": "", "sessions": 10, "flaw": None}
+    assert differing(study, given) == {"difficulty": "mild"}
 
 
 @pytest.mark.parametrize(
@@ -122,18 +122,13 @@ def test_a_study_counts_what_differs_from_its_commands_defaults():
         ),
         (
             "study peg-transfer --difficulty mild --seed 20 --sessions 4 --methods best",
-            "trocar.tasks.peg_transfer.study.cells.cells_of",
+            "trocar.eval.study.conditions_of",
             "out/study-peg-transfer-20-difficulty-mild",
         ),
         (
             "study debridement --fragments 3 --flaw registration=1mm",
-            "trocar.tasks.debridement.study.cells.cells_of",
-            "out/study-debridement-0-fragments-3-flaw-registration=1mm",
-        ),
-        (
-            "study robustness peg-transfer --transfers 2 --model ridge",
-            "trocar.report.robustness.conditions.conditions_of",
-            "out/robustness-peg-transfer-0-model-ridge-transfers-2",
+            "trocar.eval.study.conditions_of",
+            "out/study-debridement-0-flaw-registration=1mm-fragments-3",
         ),
         (
             "calibrate collect peg-transfer --rows 200 --seed 1",

@@ -89,7 +89,7 @@ def test_a_name_that_is_taken_is_told_with_the_file(said, text, words):
     ("line", "words"),
     [
         ("run {flag} my-task", "task 'my-task' is unknown; choose one of debridement, peg-transfer, suture"),
-        ("run peg-transfer {flag} --method mine", "method 'mine' of peg-transfer is unknown; choose one of calibrated"),
+        ("run peg-transfer {flag} --method mine", "peg-transfer method 'mine' is unknown; choose one of calibrated"),
         ("run peg-transfer {flag} --planner mine", "planner 'mine' is unknown; choose one of spline"),
         ("run peg-transfer {flag} --model mine", "cable model 'mine' is unknown; choose one of offset"),
         ("plan transfer four.npy {flag} --planner mine", "planner 'mine' is unknown; choose one of spline"),
@@ -128,7 +128,8 @@ def test_a_task_of_ones_own_has_a_command_with_its_options(trocar, tmp_path, mon
         "    knots: int = option(3, 'How many knots.', metavar='N')\n"
         "    budget_s: float = option(9.0, 'A trial that takes longer is stopped.', flag='budget')\n"
         "    name, about, goal_noun, station = 'my-task', 'knots', 'knot', 'peg-transfer'\n"
-        "    methods = {'by-hand': Method('by hand', None, None)}\n"
+        "    methods = {'by-hand': Method('by hand', object)}\n"
+        "    goals = scene = world = score = lambda self, *given: None\n"
         "TASKS.register('my-task', Mine)\n"
     )
     try:
@@ -184,8 +185,14 @@ def test_a_run_knows_its_plugins_wherever_they_stand_in_the_line(trocar, played,
 @pytest.mark.parametrize(
     ("body", "said"),
     [
-        ("TASKS.register('my-task', 3)", "3 is not a task; register a frozen dataclass derived from trocar.eval.Task"),
-        ("class Mine(Task): pass\nTASKS.register('my-task', Mine)", "is not a task; register a frozen dataclass"),
+        (
+            "TASKS.register('my-task', 3)",
+            "task 'my-task' is 3; register a frozen dataclass derived from trocar.eval.Task",
+        ),
+        (
+            "class Mine(Task): pass\nTASKS.register('my-task', Mine)",
+            "register a frozen dataclass derived from trocar.eval.Task",
+        ),
         (
             "@dataclass(frozen=True)\nclass Mine(Task):\n    name, about = 'my-task', 'knots'\n"
             "TASKS.register('my-task', Mine)",

@@ -48,7 +48,7 @@ def test_another_piece_of_work_has_a_time_of_its_own():
 
 
 def test_where_there_is_no_terminal_lines_are_written_while_work_lasts(stderr, monkeypatch):
-    monkeypatch.setattr(progress, "EVERY_S", 0.01)
+    monkeypatch.setattr(progress, "FIRST_S", 0.01)
     with progress.progress() as tick:
         tick("trials", 1, 2)
         while not stderr.getvalue():
@@ -67,7 +67,7 @@ def test_work_that_is_soon_done_writes_nothing(stderr):
 
 @pytest.mark.parametrize("shown", [progress.progress, lambda: progress.waiting("fitting")])
 def test_quiet_is_quiet(monkeypatch, capsys, shown):
-    monkeypatch.setattr(progress, "EVERY_S", 0.0)
+    monkeypatch.setattr(progress, "FIRST_S", 0.0)
     be_quiet(True)
     try:
         with shown() as tick:

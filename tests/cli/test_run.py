@@ -186,7 +186,7 @@ def test_a_trial_of_another_run_is_named_and_not_counted(trocar, played, tmp_pat
 
 
 def interrupt_at(monkeypatch, number):
-    def run_trial(config, prepared, index, listener=None):
+    def run_trial(config, prepared, index, listener=None, *, raise_errors=False):
         if index == number:
             raise KeyboardInterrupt
         return synthetic_trial(config, index, session=prepared.number)
@@ -263,7 +263,7 @@ def real(tmp_path_factory):
     """A real run of one transfer in each of two sessions, in a process of its own; its folder and its summary."""
     folder = tmp_path_factory.mktemp("real")
     words = "run peg-transfer --transfers 1 --sessions 2 --trials 1 --new-session --refit-offsets --seed 21 "
-    words += "--calibration joints --model offset --json"
+    words += "--calibration joints --model offset --json --strict"
     result = python(["-c", COMMAND, *words.split(), "--out", folder], folder)
     summary = json.loads(result.stdout)
     assert result.returncode == (summary["succeeded"] < summary["attempted"]), result.stderr

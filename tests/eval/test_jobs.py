@@ -11,7 +11,7 @@ from trocar.eval import jobs
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import open_folder
 from trocar.eval.jobs import SessionOrder, TrialOrder, calibrate, play
-from trocar.eval.prepare import Prepared, cable_file, calibration_key, prepare
+from trocar.eval.prepare import CACHE, Prepared, cable_file, cached_calibrations, calibration_key, prepare
 from trocar.sim.world import PhysicsError
 from trocar.tasks.peg_transfer.task import PegTransfer
 
@@ -44,16 +44,20 @@ def test_models_are_shared_where_nothing_differs_that_they_depend_on():
     same = [
         RunConfig(ONE, model="offset", calibration="joints", difficulty="mild"),
         config(model="offset", planner="spline", new_session=True, trials=5),
+        config(model="offset", method="optimized", settings=("settle_s=0.2",)),
     ]
     other = [config(model="ridge"), config(model="offset", seed=1), config(model="offset", flawless_camera=True)]
-    assert {calibration_key(one, "psm1") for one in same} == {calibration_key(run, "psm1")}
-    assert calibration_key(run, "psm1") not in {calibration_key(one, "psm1") for one in other}
+    key = calibration_key(run, 0, "psm1")
+    assert {calibration_key(one, 0, "psm1") for one in same} == {key}
+    assert key not in {calibration_key(one, 0, "psm1") for one in other} | {calibration_key(run, 1, "psm1")}
 
 
 def test_a_shared_model_is_the_one_that_a_run_by_itself_fits(tmp_path, monkeypatch):
+    monkeypatch.setenv(CACHE, str(tmp_path / "its own"))
     first, second = config(model="offset"), RunConfig(ONE, model="offset", calibration="joints", difficulty="mild")
     alone = tmp_path / "alone"
     prepare(second, 0, alone)
+    monkeypatch.setenv(CACHE, str(tmp_path / "shared"))
     runs = ((first, tmp_path / "first"), (second, tmp_path / "second"))
     for run, folder in runs:
         open_folder(run, folder)
@@ -62,8 +66,22 @@ def test_a_shared_model_is_the_one_that_a_run_by_itself_fits(tmp_path, monkeypat
     fit = kind.fit
     monkeypatch.setattr(kind, "fit", lambda *given: fitted.append(1) or fit(*given))
     calibrate(SessionOrder(runs, 0))
-    assert len(fitted) == 1
+    assert len(fitted) == 1 and len(cached_calibrations()) == 1
     assert cable_file(tmp_path / "second", 0, "psm1").read_bytes() == cable_file(alone, 0, "psm1").read_bytes()
+
+
+def test_a_damaged_or_forbidden_cache_is_no_trouble(tmp_path, monkeypatch):
+    cache = tmp_path / "cache"
+    monkeypatch.setenv(CACHE, str(cache))
+    run = config(model="offset")
+    prepare(run, 0, tmp_path / "first")
+    (known,) = cached_calibrations()
+    known.write_bytes(b"half a model")
+    prepare(run, 0, tmp_path / "second")
+    monkeypatch.setenv(CACHE, str(known))  # a file: nothing can be kept in it
+    prepare(run, 0, tmp_path / "third")
+    files = [cable_file(tmp_path / name, 0, "psm1").read_bytes() for name in ("first", "second", "third")]
+    assert files[0] == files[1] == files[2]
 
 
 @pytest.fixture

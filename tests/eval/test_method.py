@@ -12,20 +12,22 @@ import pytest
 from simulated import ideal_laboratory, standing
 from trocar.arms import MOTION_LIMITS
 from trocar.calibration.excitation import EXERCISE_RAD, PSM1_BOX
-from trocar.cli.task_group import task_command
-from trocar.errors import TrocarError
+from trocar.cli.task_group import TaskGroup, task_command
+from trocar.errors import InvalidInput, TrocarError
 from trocar.eval import (
     METHODS,
     PERCEPTIONS,
+    TASKS,
     Method,
     Task,
+    agent_explanation,
+    listed_settings,
     methods_of,
     option,
     perceptions_of,
     pick_method,
     pick_perception,
     stopped,
-    told,
 )
 from trocar.lab import load_station
 from trocar.registry import Lazy, load_plugin
@@ -55,7 +57,7 @@ class Eyes:
 
 HERE = Settings.__module__
 BY_HAND = Method("slowly", Knitter, Settings)
-WITH_A_MACHINE = Method("fast", Lazy(f"{HERE}:Knitter"), Lazy(f"{HERE}:Settings"), calibrated=False, perception="eyes")
+WITH_A_MACHINE = Method("fast", Lazy(f"{HERE}:Knitter"), Lazy(f"{HERE}:Settings"), perception="eyes")
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,11 @@ def run_command(task, *args):
     def body(*, task, options, seed: int = 0):
         seen.update(task=task, options=options, seed=seed)
 
-    task_command(task, body, "Told.", "trocar run {task}").main(list(args), standalone_mode=False)
+    class Group(TaskGroup):
+        about, example = "Plays it.", "trocar run {task}"
+
+    Group.body = staticmethod(body)
+    task_command(task, Group).main(list(args), standalone_mode=False)
     return seen
 
 
@@ -168,12 +174,12 @@ def test_a_tasks_own_methods_come_first_and_the_first_is_the_default():
 
 def test_what_is_lazy_is_loaded_when_it_is_needed():
     context = SimpleNamespace()
-    agent = WITH_A_MACHINE.made(context)
+    agent = WITH_A_MACHINE.make_agent(context)
     assert type(agent) is Knitter and agent.context is context
-    assert WITH_A_MACHINE.default_settings() == Settings()
+    assert WITH_A_MACHINE.make_settings() == Settings()
     never = Method("broken", Lazy("no.such.module:Agent"), Lazy("no.such.module:Settings"))
     with pytest.raises(ModuleNotFoundError, match="no"):
-        never.made(context)
+        never.make_agent(context)
 
 
 def test_a_method_that_is_lazy_itself_is_loaded_when_it_is_picked(monkeypatch):
@@ -207,9 +213,9 @@ def test_perceptions_are_made_anew_whenever_they_are_picked(from_outside):
 @pytest.mark.parametrize(
     ("pick", "name", "words"),
     [
-        (pick_method, "magic", "method 'magic' of knitting is unknown; choose one of by-hand, machine$"),
-        (pick_perception, "nose", "perception 'nose' of knitting is unknown; choose one of eyes, far$"),
-        (pick_perception, "", "perception '' of knitting is unknown; choose one of eyes, far$"),
+        (pick_method, "magic", "knitting method 'magic' is unknown; choose one of by-hand, machine$"),
+        (pick_perception, "nose", "knitting perception 'nose' is unknown; choose one of eyes, far$"),
+        (pick_perception, "", "knitting perception '' is unknown; choose one of eyes, far$"),
     ],
 )
 def test_what_there_is_not_is_said_with_what_there_is(pick, name, words):
@@ -217,11 +223,78 @@ def test_what_there_is_not_is_said_with_what_there_is(pick, name, words):
         pick(Knitting, name)
 
 
+@dataclass(frozen=True)
+class Motion:
+    """Settings inside others."""
+
+    limit_share: float = 0.5
+
+
+@dataclass(frozen=True)
+class ManySettings:
+    """One of each kind."""
+
+    wait_s: float = 0.1
+    looks: int = 2
+    sure: bool = False
+    word: str = "plain"
+    offset_m: tuple = (0.0, 0.0)
+    motion: Motion = Motion()
+
+
+MANY = Method("many settings", Knitter, ManySettings)
+
+
+def test_settings_are_listed_and_set_in_the_type_of_their_defaults():
+    names = ["wait_s", "looks", "sure", "word", "offset_m", "motion.limit_share"]
+    assert [name for name, _ in listed_settings(MANY.make_settings())] == names
+    changes = ("wait_s=.2", "looks=5", "sure=true", "word=a=b", "offset_m=1, 2e-3", "motion.limit_share=1")
+    assert MANY.make_settings(changes) == ManySettings(0.2, 5, True, "a=b", (1.0, 0.002), Motion(1.0))
+    assert MANY.make_settings() == ManySettings()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("wait_s", "has no value; give NAME=VALUE"),
+        ("wait=.2", r"setting 'wait' is unknown; did you mean 'wait_s'\? choose one of wait_s, looks, "),
+        ("motion.share=1", "setting 'motion.share' is unknown"),
+        ("wait_s.more=1", "setting 'wait_s.more' is unknown"),
+        ("wait_s=soon", "setting 'wait_s' is 'soon'; give a number"),
+        ("wait_s=inf", "is 'inf'; give a number"),
+        ("looks=1.5", "is '1.5'; give a whole number"),
+        ("sure=yes", "give true or false"),
+        ("offset_m=1", "give 2 numbers with commas"),
+        ("motion=1", "setting 'motion' is Motion; it cannot be set"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused(change, words):
+    with pytest.raises(InvalidInput, match=words):
+        MANY.make_settings([change])
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (lambda: Method("by hand", None), "the agent of method 'by hand' is None; give a class or a Lazy"),
+        (lambda: Method("by hand", Knitter, 3), "the settings of method 'by hand' is 3"),
+        (lambda: Method("by hand", Knitter, calibrated=True, learns=True), "is both calibrated and learns"),
+        (lambda: METHODS.register("knitting/x", Knitter), r"method 'knitting/x' is .*; register a trocar.eval.Method"),
+        (lambda: PERCEPTIONS.register("knitting/x", 3), "perception 'knitting/x' is 3; register a class"),
+        (lambda: TASKS.register("x", Knitter), "task 'x' is .*; register a frozen dataclass derived from"),
+        (lambda: TASKS.register("knitting", Knitting), r"task Knitting has no goals\(\), scene\(\), world\(\), score"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_when_it_is_registered(made, words):
+    with pytest.raises(InvalidInput, match=words):
+        made()
+
+
 def test_a_task_without_perceptions_says_none():
     class Blind(Knitting):
         perceptions: ClassVar = {}
 
-    with pytest.raises(TrocarError, match=r"perception 'eyes' of knitting is unknown; choose one of none$"):
+    with pytest.raises(TrocarError, match=r"knitting perception 'eyes' is unknown; there are none$"):
         pick_perception(Blind, "eyes")
 
 
@@ -238,7 +311,7 @@ def test_a_file_of_ones_own_adds_methods_and_perceptions(tmp_path):
     try:
         assert load_plugin(plugin) == digest  # a second time changes nothing
         method = pick_method(Knitting, "loom")
-        assert method.about == "with a loom" and type(method.made(SimpleNamespace())).__name__ == "Loom"
+        assert method.about == "with a loom" and type(method.make_agent(SimpleNamespace())).__name__ == "Loom"
         assert type(pick_perception(Knitting, method.perception)).__name__ == "Touch"
     finally:
         METHODS.forget("knitting/loom")
@@ -286,11 +359,11 @@ def test_the_last_word_on_why_a_script_was_given_up_stands():
 
 def test_a_script_explains_a_goal_by_its_own_word_or_by_why_it_was_given_up():
     given_up = [{"name": "stopped", "outcome": "FAULT", "reason": "silence"}]
-    assert told(None, given_up) == ("FAULT", "silence")
-    assert told({"outcome": "DROPPED", "reason": "slick"}, given_up) == ("DROPPED", "slick")
+    assert agent_explanation(None, given_up) == ("FAULT", "silence")
+    assert agent_explanation({"outcome": "DROPPED", "reason": "slick"}, given_up) == ("DROPPED", "slick")
     for nothing in ({"outcome": "DONE"}, {}):  # it said that all went well: the truth has to tell
-        assert told(nothing, given_up) is None
-    assert told(None, []) is None
+        assert agent_explanation(nothing, given_up) is None
+    assert agent_explanation(None, []) is None
 
 
 # One arm as a script uses it.

@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 
 from trocar.arms import MOTION_LIMITS, fk
 from trocar.cell import Outcome
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError
 from trocar.eval import Method
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import load_trials
@@ -93,7 +93,7 @@ def test_truth_is_kept_at_100_hz_without_gaps_or_repeats(trial):
     assert len(trial.times_s) == round(trial.duration_s / TICK_S) + 1
     assert np.allclose(np.diff(trial.times_s), TICK_S)
     assert {name for name in trial.arrays if name.startswith("body_")} == {f"body_block{k}" for k in range(6)}
-    moving = np.abs(np.diff(trial.arrays["asked_psm1"][:, :6].astype(float), axis=0)).max(axis=1) > 1e-5
+    moving = np.abs(np.diff(trial.arrays["desired_psm1"][:, :6].astype(float), axis=0)).max(axis=1) > 1e-5
     assert moving.mean() > 0.5
     true = trial.arrays["true_psm1"][:, :6].astype(float)
     assert (np.abs(np.diff(true, axis=0)).max(axis=1)[moving] > 0).mean() > 0.999
@@ -112,7 +112,7 @@ def test_encoders_show_the_command_and_the_tip_is_elsewhere(trial, day):
     assert np.abs(trial.arrays["commanded_psm1"][later, :6] - measured).max() < 1e-6
     beside_m = np.linalg.norm((fk(model, measured).translation_m - fk(model, true).translation_m), axis=1)
     assert 1e-3 < np.median(beside_m) < 20e-3
-    asked = fk(model, trial.arrays["asked_psm1"][later, :6].astype(float)).translation_m
+    asked = fk(model, trial.arrays["desired_psm1"][later, :6].astype(float)).translation_m
     compensated_m = np.linalg.norm(asked - fk(model, true).translation_m, axis=1)
     assert np.median(compensated_m) < min(0.4 * np.median(beside_m), 1.0e-3)
 
@@ -197,12 +197,14 @@ class Idler(Looker):
 @pytest.fixture(scope="module")
 def lookers():
     """Methods that look sooner or later, or not at all, compensated or not."""
-    usual = {"calibrated": False, "perception": "depth"}
+    usual = {"perception": "depth"}
     methods = {
         "quick-look": Method("looks", Looker, LookerSettings, **usual),
         "late-look": Method("looks later", Looker, SlowSettings, **usual),
         "idle": Method("does nothing", Idler, LookerSettings, **usual),
-        "steady": Method("does nothing, with compensated arms", Idler, LookerSettings, perception="depth"),
+        "steady": Method(
+            "does nothing, with compensated arms", Idler, LookerSettings, calibrated=True, perception="depth"
+        ),
     }
     for name, method in methods.items():
         METHODS.register(f"peg-transfer/{name}", method)
@@ -211,18 +213,20 @@ def lookers():
         METHODS.forget(f"peg-transfer/{name}")
 
 
-def looked(folder, method="idle", seed=7, session=0, index=0, **options):
+def looked(folder, method="idle", seed=7, session=0, index=0, settings=(), raise_errors=False, **options):
     """Return a trial of nothing but a look, or of less."""
     quick = {"model": "offset", "calibration": "joints"} if method == "steady" else {}
     config = RunConfig(
         PegTransfer(**options),
         method=method,
         **quick,
+        settings=settings,
         seed=seed,
         sessions=9,
         trials=9,
     )
-    return run_trial(config, prepare(config, session, folder / f"{method}-{seed}"), index)
+    prepared = prepare(config, session, folder / f"{method}-{seed}")
+    return run_trial(config, prepared, index, raise_errors=raise_errors)
 
 
 def blocks_of(trial):
@@ -253,7 +257,7 @@ def test_a_spent_budget_is_kept_as_an_unfinished_trial_with_all_its_goals(day):
     config, prepared = day
     task = replace(config.task, budget_s=2.5)
     heard = []
-    trial = run_trial(replace(config, task=task, _built={}), prepared, 0, heard.append)
+    trial = run_trial(replace(config, task=task), prepared, 0, heard.append)
     assert not trial.finished and trial.ended == "OUT_OF_TIME"
     assert trial.reason == "the script had not finished after 2.5 s"
     assert 2.5 <= trial.duration_s < 3.5, "the arms come to rest, then it is over"
@@ -275,7 +279,7 @@ def broken(error):
             await self.context.cell.clock.sleep(0.1)
             raise error
 
-    return Method("breaks", Broken, LookerSettings, calibrated=False, perception="depth")
+    return Method("breaks", Broken, LookerSettings, perception="depth")
 
 
 @pytest.mark.parametrize("error", [TrocarError("a motion is refused"), OSError("a device does not answer")])
@@ -290,14 +294,63 @@ def test_a_fault_ends_the_trial_and_is_told(tmp_path, error):
     assert trial.duration_s == pytest.approx(0.1, abs=0.05)
 
 
-@pytest.mark.parametrize("error", [PhysicsError(0.2), KeyError("a mistake of the agent's")])
-def test_what_is_no_fault_of_the_robots_makes_no_trial(tmp_path, error):
-    METHODS.register("peg-transfer/broken", broken(error))
+def test_an_exception_of_the_agent_ends_its_trial_alone_and_is_kept(tmp_path):
+    METHODS.register("peg-transfer/broken", broken(KeyError("a mistake")))
     try:
-        with pytest.raises(type(error)):
+        trial = looked(tmp_path, "broken")
+        with pytest.raises(KeyError, match="a mistake"):
+            looked(tmp_path, "broken", raise_errors=True)
+    finally:
+        METHODS.forget("peg-transfer/broken")
+    assert trial.ended == "AGENT_ERROR"
+    assert "KeyError: 'a mistake' (test_run_trial.py, line " in trial.reason
+    assert {score["failure"] for score in trial.scores} == {"AGENT_ERROR"}
+    assert "raise error" in trial.events[-1]["traceback"]
+
+
+def test_a_simulation_that_breaks_down_makes_no_trial(tmp_path):
+    METHODS.register("peg-transfer/broken", broken(PhysicsError(0.2)))
+    try:
+        with pytest.raises(PhysicsError):
             looked(tmp_path, "broken")
     finally:
         METHODS.forget("peg-transfer/broken")
+
+
+def test_a_task_scores_each_of_its_goals(lookers, tmp_path, monkeypatch):
+    score = PegTransfer.score
+    monkeypatch.setattr(PegTransfer, "score", lambda self, truth, events: score(self, truth, events)[1:])
+    with pytest.raises(InvalidInput, match=r"task .peg-transfer. has 12 goals and scores .*; return one"):
+        looked(tmp_path)
+
+
+class Slower:
+    """A robot that is told apart by its name."""
+
+    def __init__(self, inner, settings):
+        self.inner, self.settings = inner, settings
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+
+@pytest.mark.parametrize("wrap", [None, lambda cell, settings: Slower(cell.robot, settings)])
+def test_an_agent_has_its_methods_wrapper_and_no_other(tmp_path, wrap):
+    robots = []
+
+    class Shower(Idler):
+        async def run(self):
+            robots.append(self.context.cell.robot)
+
+    METHODS.register("peg-transfer/shower", Method("shows its robot", Shower, LookerSettings, wrap_robot=wrap))
+    try:
+        looked(tmp_path, "shower", settings=("wait_s=.2",))
+    finally:
+        METHODS.forget("peg-transfer/shower")
+    (robot,) = robots
+    assert isinstance(robot, Slower) == (wrap is not None)
+    if wrap is not None:
+        assert robot.settings == LookerSettings(0.2)
 
 
 # Runs that are killed and go on.

@@ -112,7 +112,7 @@ def test_a_replay_says_what_the_arrays_say(played):
         assert np.array_equal(replay.T_world_body[body].translation_m, rows[:, :3])
         assert np.abs(replay.T_world_body[body].matrix - lab.record().T_world_body[body].matrix).max() < 1e-6
     for arm in ("psm1", "psm2"):
-        assert set(replay.joints[arm]) == {"asked", "commanded", "measured", "true"}
+        assert set(replay.joints[arm]) == {"desired", "commanded", "measured", "true"}
         for kind, rows in replay.joints[arm].items():
             assert np.array_equal(rows, trial.arrays[f"{kind}_{arm}"])
         assert replay.joint_names[arm] == (*(joint.name for joint in lab.cell.arms[arm].joints), "jaw")

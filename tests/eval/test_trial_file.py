@@ -148,9 +148,9 @@ def test_files_of_others_are_named(path):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("format", "trocar cable model", "is a 'trocar cable model' of version 2, not a 'trocar trial' of version 2"),
+        ("format", "trocar cable model", "is a 'trocar cable model' of version 3, not a 'trocar trial' of version 3"),
         ("version", 1, "of version 1, not"),
-        ("version", 3, "of version 3, not"),
+        ("version", 2, "of version 2, not"),
         ("version", "2", "is a"),
     ],
 )
@@ -206,7 +206,7 @@ def test_a_scenery_that_is_none_is_no_trial(path, key, change):
     assert_refused(path, "is not a (readable )?trocar trial|is damaged")
 
 
-@pytest.mark.parametrize("name", ["asked_psm1", "commanded_psm1", "measured_psm2", "true_psm2", "body_block0"])
+@pytest.mark.parametrize("name", ["desired_psm1", "commanded_psm1", "measured_psm2", "true_psm2", "body_block0"])
 def test_arrays_that_are_not_what_they_are_called_are_named(path, name):
     trial = Trial.load(path)
     for array in (trial.arrays[name][:-1], trial.arrays[name][:, :6], trial.arrays[name].ravel()):

@@ -146,5 +146,5 @@ def test_a_scheduler_that_does_not_answer(tmp_path, monkeypatch):
     from trocar.eval import dask_workers  # an extra
 
     monkeypatch.setattr(dask_workers, "PATIENCE_S", 0.5)
-    with pytest.raises(TrocarError, match="no dask scheduler answers"):
+    with pytest.raises(TrocarError, match="no dask scheduler that answers"):
         list(run_all(done, units(tmp_path), pick_workers("dask", 1, "tcp://127.0.0.1:9")))

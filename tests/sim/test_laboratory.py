@@ -652,7 +652,7 @@ def test_what_a_wrapper_is_asked_for_is_kept_apart_from_what_is_sent(lab):
     worn = lab.wrap_robot(Shifted)
     assert worn is lab.cell and isinstance(lab.cell.robot, Shifted)
     assert lab.run(move_both, 30.0)
-    asked, sent = (lab.recorder.joints(kind)["psm1"][1:, :6] for kind in ("asked", "commanded"))
+    asked, sent = (lab.recorder.joints(kind)["psm1"][1:, :6] for kind in ("desired", "commanded"))
     assert np.ptp(asked, axis=0).max() > 0.05
     assert np.abs(sent - asked - off).max() < 1e-12
 

@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC
 from trocar.geometry import SE3, SO3
+from trocar.sim.record import CollidingPair
 from trocar.sim.spec import Servo
 from trocar.sim.world import PhysicsError, TaskWorld, World
 
@@ -93,3 +94,21 @@ def test_a_body_without_a_name_gets_one_for_replays():
 
     model = World({}, {}, Nameless()).model
     assert all(model.body(b).name for b in range(model.nbody)) and model.nbody == 2
+
+
+class Sleepy(TaskWorld):
+    sleeps = True
+
+
+def test_it_is_empty_and_counts_what_it_is_asked_about():
+    task = TaskWorld()
+    assert task.counts(CollidingPair("a", "arm", "b"), np.array([0.0, 0.0, 1.0])) is True
+    assert task.collision(0, 1) is None and task.assistants() == {}
+    record = object()
+    assert task.truth(record) is record and task.arrays(record) == {}
+
+
+@pytest.mark.parametrize(("task", "sleeps"), [(TaskWorld(), False), (Sleepy(), True)])
+def test_bodies_that_lie_still_are_left_out_only_where_the_task_lets_them(task, sleeps):
+    model = World({}, {}, task).model
+    assert bool(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP) == sleeps

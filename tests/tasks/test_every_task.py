@@ -126,7 +126,7 @@ def test_its_methods_can_be_picked_and_have_settings_with_units(name):
     assert task.methods and pick_method(task, "") is pick_method(task, next(iter(task.methods)))
     for method in methods_of(task):
         chosen = pick_method(task, method)
-        settings = chosen.default_settings()
+        settings = chosen.make_settings()
         json.dumps({k: v for k, v in vars(settings).items() if isinstance(v, PLAIN)}, allow_nan=False)
         for field, value in vars(settings).items():
             if isinstance(value, float):
@@ -232,7 +232,7 @@ def idle(tmp_path_factory):
     found = {}
     for name in TASKS:
         perception = next(iter(TASKS[name].perceptions), "")
-        METHODS.register(f"{name}/idle", Method("nothing at all", Idler, Idle, calibrated=False, perception=perception))
+        METHODS.register(f"{name}/idle", Method("nothing at all", Idler, Idle, perception=perception))
         config = RunConfig(TASKS[name](), method="idle", seed=5)
         folder = tmp_path_factory.mktemp(name)
         found[name] = run_trial(config, prepare(config, 0, folder), 0), folder

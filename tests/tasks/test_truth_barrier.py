@@ -113,7 +113,7 @@ def poisoned(name, seed: int) -> tuple[SimLaboratory, Cell]:
 def dressed(chosen, task, cell: Cell, station):
     """Return the robot as a method's agent has it."""
     if not chosen.learns:
-        return chosen.wrapped(cell, chosen.default_settings())
+        return chosen.wrapped(cell, chosen.make_settings())
     arms, prior = task.working_arms(station), load_prior("fleet")
     models = {arm: expected(prior, task.calibration(station, arm)) for arm in arms}
     limits = {name: arm.limits for name, arm in station.arms.items()}
@@ -132,9 +132,9 @@ def test_an_agent_works_with_every_other_name_poisoned(name, method):
         planner=PLANNERS[chosen.planner],
         perception=pick_perception(kind, chosen.perception) if chosen.perception else None,
         rng=np.random.default_rng(0),
-        settings=brisk(name, chosen.default_settings()),
+        settings=brisk(name, chosen.make_settings()),
     )
-    agent = chosen.made(context)
+    agent = chosen.make_agent(context)
     assert lab.run(lambda _: agent.run(), task.budget_s)
     first, *others = task.score(lab.truth(), lab.log.events)
     assert first.attempted

@@ -1,4 +1,4 @@
-"""Joints are shown in degrees and mm, with errors against the asked ones, or the first available kind."""
+"""Joints are shown in degrees and mm, with errors against the desired ones, or the first available kind."""
 
 from dataclasses import replace
 
@@ -20,9 +20,9 @@ def joints(*kinds):
 
 def test_the_table_has_every_joint_in_its_unit_with_its_error():
     table = Joints.of(REPLAY, "psm1").table(TICK).splitlines()
-    assert table[0] == "| joint | asked | commanded | measured | true | true - asked |"
+    assert table[0] == "| joint | desired | commanded | measured | true | true - desired |"
     assert len(table) == 2 + 7
-    true, asked = (REPLAY.joints["psm1"][kind][TICK] for kind in ("true", "asked"))
+    true, asked = (REPLAY.joints["psm1"][kind][TICK] for kind in ("true", "desired"))
     for k, (row, name) in enumerate(zip(table[2:], JOINTS, strict=True)):
         scale, unit = (1e3, "mm") if name == "insertion" else (180 / np.pi, "deg")
         cells = [cell.strip() for cell in row.strip("|").split("|")]

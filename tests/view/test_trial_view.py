@@ -161,10 +161,10 @@ def test_the_menu_of_joints_changes_the_curves(view):
     joints = panel(view, JointsPanel)
     joints._menu.value = "insertion"
     for _ in range(100):
-        if joints._curves.title == "insertion: difference from asked, mm":
+        if joints._curves.title == "insertion: difference from desired, mm":
             break
         time.sleep(0.02)
-    assert joints._curves.title == "insertion: difference from asked, mm"
+    assert joints._curves.title == "insertion: difference from desired, mm"
     assert_allclose(joints._curves.data[1], 2.0)  # commanded: 2 mm more
 
 

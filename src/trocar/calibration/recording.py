@@ -174,7 +174,7 @@ def load_recording(path: str | Path) -> Recording:
     The columns of a CSV file are :data:`COMMANDED` and :data:`MEASURED`, in any order, one of times, and ``valid``
     (1 or 0); an empty cell is a missing measurement. A folder contains ``q_cmd.npy`` and ``q_phy.npy``, or
     ``q_des.npy`` (commanded) and ``q_act.npy`` (measured), and optionally ``valid.npy`` and ``t_s.npy``. A row also
-    counts as bad if the measurement is not finite or a wrist angle is more than 1 rad from its command (a misdetection).
+    counts as bad if the measurement is not finite or a wrist angle is more than 1 rad from its command, a misdetection.
 
     Raises:
         BadFile: the file is missing, empty, truncated, not of this form, or in other units than rad and m.

@@ -267,9 +267,9 @@ def curve(
     plot: Plot = None,
 ) -> Result:
     """Print how well a play model predicts a recording, by how many of its rows it was fitted on."""
+    from trocar.calibration.fleet import load_prior
     from trocar.calibration.fleet.curve import curve as found_curve
     from trocar.calibration.fleet.curve import draw_curve
-    from trocar.calibration.fleet import load_prior
     from trocar.calibration.recording import load_recording
 
     if plot is not None:

@@ -10,6 +10,11 @@ CALIBRATE = {
         "trocar.cli.collect:collect",
         "trocar calibrate collect peg-transfer --arm psm1 --out out/cal",
     ),
+    "cache": Known(
+        "List the fitted cable models that runs share, or remove them.",
+        "trocar.cli.methods:cache",
+        "trocar calibrate cache --empty",
+    ),
     "apply": Known(
         "Write the commands that move an arm's joints along a path, for your own controller; rad, and m for q3.",
         "trocar.cli.calibrate:apply",
@@ -86,18 +91,14 @@ STATION = {
     ),
 }
 
-STUDY = {
-    "calibration": Known(
-        "Print Table I of the paper and the errors of all cable models, from recordings of real arms.",
-        "trocar.cli.study:calibration",
-        "trocar study calibration --data data --out study --no-lstm",
-    ),
-    "robustness": Known("What a task's success depends on, flaw by flaw.", "trocar.cli.study_robustness:app"),
-}
-
 COMMANDS = {
     "run": Known(
         "Run trials of a task in the simulated cell, score them, and keep files and pictures.", "trocar.cli.run:app"
+    ),
+    "methods": Known(
+        "Print what each method of a task is made of, what it costs before the first trial, and its settings.",
+        "trocar.cli.methods:methods",
+        "trocar methods peg-transfer",
     ),
     "report": Known(
         "Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed.",
@@ -124,7 +125,12 @@ COMMANDS = {
         members=REGISTER,
     ),
     "station": Known("What a laboratory is: arms, instruments, cameras, what is fixed on the table.", members=STATION),
-    "study": Known("Reproduce a paper's table beside the paper's own figures.", members=STUDY),
+    "study": Known("Reproduce a paper's table beside the paper's own figures.", "trocar.cli.study:app"),
+    "sweep": Known(
+        "Run methods against flaws of several sizes, in the sessions of several seeds: one table and one picture.",
+        "trocar.cli.study:sweep",
+        "trocar sweep examples/sweep.toml --out out/sweep",
+    ),
     "analyse": Known(
         "Estimate velocity, acceleration and jerk of joints and tool tip from measured positions (Huber losses).",
         "trocar.cli.analyse:analyse",

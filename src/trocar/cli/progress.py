@@ -26,8 +26,8 @@ COLUMNS = (
 )
 SPEED_FROM_S = 600.0
 """The time left is estimated from the speed over this many past seconds; a trial takes minutes."""
-EVERY_S = 10.0
-"""Time between two lines."""
+FIRST_S, EVERY_S = 0.8, 10.0
+"""Time before the first line, and between two lines."""
 
 
 class Tick(Protocol):
@@ -134,9 +134,11 @@ def _lines(console: Console) -> Iterator[Tick]:
     lines, ended = Lines(), Event()
 
     def tell() -> None:
-        while not ended.wait(EVERY_S):
+        wait_s = FIRST_S
+        while not ended.wait(wait_s):
             if line := lines.line():
                 console.print(line, soft_wrap=True, markup=False, highlight=False)
+                wait_s = EVERY_S
 
     teller = Thread(target=tell, daemon=True)
     teller.start()

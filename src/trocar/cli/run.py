@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from trocar.cli.difficulty import DEFAULT, Flaws, Level
-from trocar.cli.extras import need
+from trocar.cli.options import Flaws, JsonFlag, Level, Plugins, need
 from trocar.cli.out_folder import default_folder
-from trocar.cli.plugin import Plugins
 from trocar.cli.progress import progress
-from trocar.cli.report import JsonFlag, finish
+from trocar.cli.report import finish
 from trocar.cli.task_group import TaskGroup
 from trocar.cli.terminal import beside
 from trocar.counting import counted
+from trocar.errors import InvalidInput
 from trocar.eval import Task
 
 if TYPE_CHECKING:
@@ -50,6 +50,14 @@ def run(
     ] = "none",
     planner: Annotated[str, typer.Option(help="How motions are planned.", show_default="the method's")] = "",
     perception: Annotated[str, typer.Option(help="What turns images into poses.", show_default="the method's")] = "",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Give a setting of the method another value; `trocar methods TASK` lists them; may be repeated.",
+        ),
+    ] = None,
     station: Annotated[
         str, typer.Option(metavar="STATION", help="Name of a station, or a TOML file.", show_default="the task's")
     ] = "",
@@ -69,9 +77,22 @@ def run(
     flawless_camera: Annotated[
         bool, typer.Option("--flawless-camera", help="Switch off the sensors' flaws; the run states this.")
     ] = False,
-    difficulty: Level = DEFAULT,
+    difficulty: Level = "recorded",
     flaw: Flaws = None,
     jobs: Annotated[int, typer.Option(help="How many trials to run at once, each in its own process.")] = 1,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with code 1 if a goal was missed.")] = False,
+    raise_errors: Annotated[
+        bool, typer.Option("--raise", help="Stop at an exception of the agent, which else ends its trial only.")
+    ] = False,
+    cache: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            envvar="TROCAR_CACHE",
+            help="Folder where fitted cable models are kept for other runs.",
+            show_default="~/.cache/trocar",
+        ),
+    ] = None,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -79,7 +100,12 @@ def run(
     need("sim", "mujoco", "trio", "cv2")
     from trocar.eval.config import RunConfig  # the simulator is heavy
     from trocar.eval.folder import open_folder
+    from trocar.eval.prepare import CACHE
 
+    if cache is not None:
+        os.environ[CACHE] = str(cache)  # for this process, and those that it starts
+    if raise_errors and jobs != 1:
+        raise InvalidInput("--raise", "has no effect on trials in other processes", "drop --jobs")
     config = RunConfig(
         task=task(**options),
         station=station,
@@ -89,6 +115,7 @@ def run(
         prior=prior,
         planner=planner,
         perception=perception,
+        settings=tuple(settings or ()),
         sessions=sessions,
         trials=trials,
         seed=seed,
@@ -106,7 +133,7 @@ def run(
     interrupted = False
     try:
         if jobs == 1:
-            _play(config, folder, todo)
+            _play(config, folder, todo, raise_errors)
         else:
             _play_at_once(config, folder.absolute(), todo, jobs)
     except KeyboardInterrupt:
@@ -114,13 +141,14 @@ def run(
     all_succeeded = finish(folder, as_json, interrupted)
     if interrupted:
         raise typer.Exit(130)
-    if not all_succeeded:
+    if strict and not all_succeeded:
         raise typer.Exit(1)
 
 
 class _Tasks(TaskGroup):
     body = staticmethod(run)
-    told = "Runs trials in the simulated cell, scores them, and keeps files and pictures."
+    kind = "task"
+    about = "Runs trials in the simulated cell, scores them, and keeps files and pictures."
     example = "trocar run {task} --trials 2 --seed 1 --out out/two"
 
 
@@ -139,9 +167,9 @@ def runs(plugin: Plugins = None) -> None:
     del plugin  # loaded when it was parsed
 
 
-def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]]) -> None:
+def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], raise_errors: bool) -> None:
     from trocar.eval.folder import set_aside
-    from trocar.eval.run import free_memory, prepare, run_trial
+    from trocar.eval.run import AGENT_ERROR, free_memory, prepare, run_trial
     from trocar.eval.trial import trial_file
 
     if not todo:
@@ -158,10 +186,10 @@ def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]]) -> N
         for number, (session, index) in enumerate(todo):
             if prepared is None or prepared.number != session:
                 day = f"session {session + 1} of {config.sessions}"
-                say(f"{day}: " + (f"calibrating ({config.model})" if config.chosen_method.calibrated else "setting up"))
+                say(f"{day}: setting up")
 
-                def count(image: int, total: int, day: str = day) -> None:
-                    say(f"{day}: image {image} of {total}")
+                def count(arm: str, image: int, total: int, day: str = day) -> None:
+                    tick(f"{day}, images for the calibration of {arm}", image, total)
 
                 prepared = prepare(config, session, folder, listener=count)
             where = f"session {session + 1}, trial {index + 1}"
@@ -173,10 +201,13 @@ def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]]) -> N
                     done += 1
                     say(f"{where}: a {piece} has ended")
 
-            trial, path = run_trial(config, prepared, index, listen), trial_file(folder, session, index)
+            trial = run_trial(config, prepared, index, listen, raise_errors=raise_errors)
+            path = trial_file(folder, session, index)
             set_aside(path)
             trial.save(path)
             free_memory()
+            if trial.ended == AGENT_ERROR:
+                beside().print(f"{where}: {trial.reason}; --raise stops there", soft_wrap=True, markup=False)
             done = goals * (number + 1)
             say(f"{where}: saved")
 

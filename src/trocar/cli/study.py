@@ -1,158 +1,193 @@
-"""``trocar study``: a paper's table, reproduced beside the paper's own figures."""
+"""``trocar study TASK`` and ``trocar sweep FILE``: several conditions in the same sessions."""
 
 from __future__ import annotations
 
-import json
-import sys
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
-from rich.table import Table
 
-from trocar.cli.out_folder import check_out_folder
+from trocar.cli.group import Known, Result
+from trocar.cli.options import Flaws, JsonFlag, Level, Plugins, Seed, need
+from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.progress import progress
-from trocar.cli.terminal import details, results
-from trocar.counting import counted
-from trocar.errors import TrocarError
-from trocar.files.output import PICTURE, make_folder, write_json
+from trocar.cli.task_group import TaskGroup
+from trocar.cli.terminal import beside, rich_table
+from trocar.errors import BadFile
+from trocar.eval import TASKS, Task
 
 if TYPE_CHECKING:
-    from trocar.calibration.evaluation import Evaluation
-    from trocar.calibration.study import SessionChange
+    from trocar.eval.study import Condition, Results, RowKind, TableData
 
-KIND = "study of calibration"
+Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/STUDY-SEED-OPTIONS.")]
+Jobs = Annotated[int | None, typer.Option(min=1, help="How many trials to run at once.", show_default="one per core")]
+Backend = Annotated[str, typer.Option(help="Where the work is done: processes, dask.")]
+Scheduler = Annotated[
+    str, typer.Option(metavar="ADDRESS", help="Address of a dask cluster.", show_default="a cluster on this machine")
+]
+ReportOnly = Annotated[bool, typer.Option("--report-only", help="Run nothing; report on what is there.")]
 
 
-def calibration(
+def study(
     *,
-    data: Annotated[
-        Path,
-        typer.Option(envvar="TROCAR_DATA", help="Folder with dvrk/trajectories, or of the recordings (.npz, .csv)."),
-    ] = Path("../shared/data"),
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save summary.json and pictures here.")] = None,
-    lstm: Annotated[bool, typer.Option(help="Train the paper's network too (a minute or two).")] = True,
-    seed: Annotated[int, typer.Option(help="Seed of the training's randomness.")] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    task: type[Task],
+    options: Mapping[str, Any],
+    methods: Annotated[str, typer.Option(metavar="A,B,...", show_default="all", help="Which methods.")] = "",
+    sessions: Annotated[int, typer.Option(help="How many days are drawn, the same for all conditions.")] = 10,
+    trials: Annotated[int, typer.Option(help="How many trials in each session.")] = 1,
+    model: Annotated[str, typer.Option(help="Cable model of methods that compensate.", show_default="play")] = "",
+    station: Annotated[
+        str, typer.Option(metavar="STATION", help="Name of a station, or a TOML file.", show_default="the task's")
+    ] = "",
+    difficulty: Level = "recorded",
+    flaw: Flaws = None,
+    seed: Seed = 0,
+    out: Out = None,
+    jobs: Jobs = None,
+    backend: Backend = "processes",
+    scheduler: Scheduler = "",
+    report_only: ReportOnly = False,
+    plugin: Plugins = None,
+    as_json: JsonFlag = False,
 ) -> None:
-    """Print Table I of the paper and the errors of all cable models, from recordings of real arms."""
-    from trocar.calibration import study  # SciPy only when needed
+    """Run every method in the same sessions, compare them, and set the paper's figures beside them."""
+    need("sim", "mujoco", "trio", "cv2")
+    from trocar.eval.study import conditions_of, study_of  # the simulator is heavy
+    from trocar.report.study import write_study
 
-    recordings = study.load_study_recordings(data, [*study.RECORDINGS, study.SESSION_RECORDING])
-    pictures = {f"{name}_play.png": PICTURE for name in recordings}
-    check_out_folder(out, {"summary.json": KIND, **pictures}, [data])
-    if seed < 0:
-        raise TrocarError(f"seed {seed} is negative; give 0 or more")
-    names = ["offset", "ridge", *(["lstm"] if lstm else []), "play"]
-    with progress() as tick:
-        steps = iter(range(len(study.RECORDINGS) * len(names) + 1))
-
-        def say(now: str) -> None:
-            tick("cable models", next(steps), len(study.RECORDINGS) * len(names) + 1, now)
-
-        tables = {name: study.table_1(recordings[name]) for name in study.TABLE_1}
-        fitted = {name: recordings[name] for name in study.RECORDINGS}
-        evaluations = study.run_models(fitted, names, seed, say)
-        say("play after a change of session")
-        model, _ = study.evaluate_model(recordings["psm1_grey_random"], "play", seed)
-        change = study.session_change(model, recordings[study.SESSION_RECORDING])
-    summary = _summary(tables, evaluations, change)
-    if out is not None:
-        _save(out, summary, evaluations)
-    if as_json:
-        sys.stdout.write(json.dumps(summary) + "\n")
-        return
-    printer = details()
-    printer.print(errors_table(tables, study.TABLE_1))
-    printer.print(
-        "The paper's column 'PSM2' is the recording psm1_grey_random, its 'PSM1' psm2_grey_random; its SD "
-        "is that of |error|; its q3 maximum .0045 m is a misprint of .00045 m."
+    of_task = study_of(task)
+    own = {name: value for name, value in options.items() if name != of_task.varied}
+    given = {"model": model, "station": station, "difficulty": difficulty, "flaw": flaw, "plugin": plugin}
+    name = f"study-{task.name}-{seed}"
+    folder = out or default_folder(name, differing(study, given) | differing(task, own))
+    conditions = conditions_of(
+        task,
+        folder,
+        values=options[of_task.varied],
+        methods=methods,
+        model=model,
+        options=own,
+        station=station,
+        difficulty=difficulty,
+        flaws=tuple(flaw or ()),
+        sessions=sessions,
+        trials=trials,
+        seed=seed,
+        plugins=tuple(str(path.absolute()) for path in plugin or ()),
     )
-    printer.print(models_table(evaluations, study.LIMITS_RAD, study.REFERENCES_RAD))
-    results().print(_session_table(change))
-    if out is not None:
-        results().print(f"saved summary.json and pictures in {out}")
+    results, missing = _worked(folder, conditions, of_task.kind, report_only, jobs, backend, scheduler)
+    summary, tables, notes, files = write_study(folder, task.name, of_task, results, missing)
+    _printed(summary, tables, notes, files).show(as_json)
 
 
-def _summary(
-    tables: dict[str, dict[str, Any]], results: dict[str, dict[str, Evaluation]], change: SessionChange
-) -> dict[str, Any]:
-    return {
-        "study": "calibration",
-        "table_1": {name: {key: row.tolist() for key, row in table.items()} for name, table in tables.items()},
-        "models": {name: {model: result.summary() for model, result in row.items()} for name, row in results.items()},
-        "session_change": {
-            "model": "play",
-            "refit_rows": change.refit_rows,
-            "rows": change.rows,
-            "rmse_uncorrected": change.uncorrected.tolist(),
-            "rmse_before_refit": change.before.tolist(),
-            "rmse_after_refit": change.after.tolist(),
-        },
-    }
+def sweep(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="TOML: task, methods, seeds, flaws with their sizes.")],
+    *,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/FILE.")] = None,
+    jobs: Jobs = None,
+    backend: Backend = "processes",
+    scheduler: Scheduler = "",
+    report_only: ReportOnly = False,
+    plugin: Plugins = None,
+) -> Result:
+    """Run methods against flaws of several sizes, in the sessions of several seeds: one table and one picture.
+
+    Each size of each flaw is an ordinary run in a folder of the sweep's, and so is the laboratory as it is; all meet
+    the same sessions. Trials are kept as they end; the same command continues where it stopped.
+    """
+    need("sim", "mujoco", "trio", "cv2")
+    from trocar.report.sweep import KIND, Sweep, conditions_of, figures_of, tables_of, write_sweep
+
+    found = Sweep.read(file)
+    folder = out or Path("out") / file.stem
+    points = found.points(folder, [str(path.absolute()) for path in plugin or ()])
+    results, missing = _worked(folder, conditions_of(points), KIND, report_only, jobs, backend, scheduler)
+    rows = {one.condition.folder: one.rows for one in results}
+    figures = [figure for point in points if (figure := figures_of(point, rows)) is not None]
+    summary, files = write_sweep(folder, found.task.name, figures, missing)
+    return _printed(summary, tables_of(figures), summary["notes"], files)
 
 
-def _save(out: Path, summary: dict[str, Any], results: dict[str, dict[str, Evaluation]]) -> None:
-    from trocar.calibration.figure import draw_evaluation
+def _worked(
+    folder: Path,
+    conditions: Sequence[Condition],
+    kind: RowKind[Any],
+    report_only: bool,
+    jobs: int | None,
+    backend: str,
+    scheduler: str,
+) -> tuple[list[Results[Any]], list[str]]:
+    """Run the missing trials, with a progress bar; return the results and a sentence for each missing trial."""
+    from trocar.eval.jobs import run_study  # the simulator is heavy
+    from trocar.eval.study import read_study
+    from trocar.eval.workers import pick_workers
 
-    make_folder(out)
-    for name, row in results.items():
-        draw_evaluation(row["play"], out / f"{name}_play.png")
-    write_json(out / "summary.json", summary, KIND)
+    workers = pick_workers(backend, jobs or os.cpu_count() or 1, scheduler)
+    if folder.exists() and not folder.is_dir():
+        raise BadFile(folder, "is a file", "give a folder", kind="--out")
+    if report_only and not any(folder.glob("*/run.json")):
+        there = "holds no study" if folder.is_dir() else "does not exist"
+        raise BadFile(folder, there, "give that of a study with --out, or drop --report-only", kind="folder")
+    try:
+        with progress() as tick:
+            void = [] if report_only else run_study(conditions, kind, workers, tick)
+            results, missing = read_study(conditions, kind, tick)
+    except KeyboardInterrupt:
+        beside().print("stopped; finished trials are kept; run the same command to continue")
+        raise typer.Exit(130) from None
+    return results, [*void, *missing]
 
 
-def errors_table(tables: dict[str, dict[str, Any]], paper: dict[str, dict[str, tuple[float, ...]]]) -> Table:
-    """Return Table I in mrad and mm, to fit into 80 columns."""
-    table = Table(title="Table I: error of the uncorrected joints, mrad; q3 mm")
-    for column in ("recording", "", "", "q1", "q2", "q3", "q4", "q5", "q6"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for name, rows in tables.items():
-        for key, values in rows.items():
-            shown = name.removesuffix("_random") if key == "RMSE" else ""
-            table.add_row(shown, key, "ours", *map(_thousandths, values))
-            table.add_row("", "", "paper", *map(_thousandths, paper[name][key]))
-        table.add_section()
-    return table
+def _printed(
+    summary: Mapping[str, Any], tables: Sequence[TableData], notes: Sequence[str], files: Sequence[Path]
+) -> Result:
+    shown = []
+    for table in tables:
+        columns = [k for k, name in enumerate(table.head) if name not in table.page_only]
+        rows = [[row[k] for k in columns] for row in table.rows]
+        shown.append(rich_table(table.title, [table.head[k] for k in columns], rows, table.caption))
+    return Result(summary, ["files: " + ", ".join(map(str, files))], [*shown, *notes])
 
 
-def _thousandths(value: float) -> str:
-    return f"{1e3 * value:.2g}" if abs(value) < 0.0995 else f"{1e3 * value:.0f}"
-
-
-def models_table(
-    results: dict[str, dict[str, Evaluation]],
-    limits: dict[str, tuple[float, ...]],
-    references: dict[str, dict[str, tuple[float, ...]]],
-) -> Table:
-    """Return the errors of the fitted models, beside the known errors of others."""
-    table = Table(
-        title="Fitted on the first 80 %: RMSE q4 q5 q6 in rad on the last fifth",
-        caption="time: of one compensation",
+MEMBERS = {
+    "calibration": Known(
+        "Print Table I of the paper and the errors of all cable models, from recordings of real arms.",
+        "trocar.cli.study_calibration:calibration",
+        "trocar study calibration --data data --out study --no-lstm",
     )
-    for column in ("recording", "model", "ours", "reference, or limit", "time"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for name, row in results.items():
-        first = next(iter(row.values()))
-        table.add_row(name.removesuffix("_random"), "none", _triple(first.rmse_before[3:]), "", "")
-        for model, result in row.items():
-            bound = limits.get(name) if model == "play" else references.get(name, {}).get(model)
-            beside = "" if bound is None else ("<= " if model == "play" else "") + _triple(np.array(bound))
-            cost = f"{result.compensation_ms:.2f} ms"
-            table.add_row("", model, _triple(result.rmse_after[3:]), beside, cost)
-        table.add_section()
-    return table
+}
 
 
-def _session_table(change: SessionChange) -> Table:
-    table = Table(title="Another session (psm1_grey_pick_place) with play fitted on psm1_grey_random")
-    for column in ("", "RMSE q4 q5 q6 in rad"):
-        table.add_column(column, justify="right")
-    table.add_row("uncorrected", _triple(change.uncorrected))
-    table.add_row("model of the other session", _triple(change.before))
-    table.add_row(f"offsets refitted on {counted(change.refit_rows, 'row')}", _triple(change.after))
-    return table
+class _Studies(TaskGroup):
+    body = staticmethod(study)
+    kind = "study"
+    about = "Runs every method in the same sessions, compares them, and sets the paper's figures beside them."
+    example = "trocar study {task} --sessions 10 --seed 1 --out out/study"
+    members = MEMBERS
+
+    def tasks(self) -> list[str]:
+        """Return the names of the tasks that have a study."""
+        return [name for name in TASKS if TASKS[name].study is not None]
+
+    def listed(self, task: type[Task]) -> str:
+        """Return the option that takes several values."""
+        from trocar.eval.study import study_of  # the simulator is heavy
+
+        return study_of(task).varied
 
 
-def _triple(values: Any) -> str:
-    return " ".join(f"{value:.3f}" for value in values)
+app = typer.Typer(
+    cls=_Studies,
+    help="Reproduce a paper's table beside the paper's own figures.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    add_completion=False,
+)
+
+
+@app.callback()
+def studies(plugin: Plugins = None) -> None:
+    """Reproduce a paper's table beside the paper's own figures."""
+    del plugin  # loaded when it was parsed

@@ -9,12 +9,13 @@ from trocar.eval.method import (
     Agent,
     AgentContext,
     Method,
+    listed_settings,
     methods_of,
     perceptions_of,
     pick_method,
     pick_perception,
 )
-from trocar.eval.task import TASKS, Score, Task, check_budget, check_task, option, stopped, told
+from trocar.eval.task import TASKS, Score, Task, agent_explanation, check_budget, option, stopped
 from trocar.eval.task_report import PaperCount, PaperRow, TaskReport, in_words
 
 __all__ = [
@@ -29,14 +30,14 @@ __all__ = [
     "Score",
     "Task",
     "TaskReport",
+    "agent_explanation",
     "check_budget",
-    "check_task",
     "in_words",
+    "listed_settings",
     "methods_of",
     "option",
     "perceptions_of",
     "pick_method",
     "pick_perception",
     "stopped",
-    "told",
 ]

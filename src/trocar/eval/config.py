@@ -16,7 +16,7 @@ from trocar.calibration.fleet import load_prior
 from trocar.calibration.fleet.prior import BUILT_IN
 from trocar.calibration.models import MODELS
 from trocar.collect.motion import why_no_images
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval.method import Method, pick_method, pick_perception
 from trocar.eval.task import TASKS, Task
 from trocar.lab import Station, load_station
@@ -60,6 +60,7 @@ class RunConfig:
             fitted on a minute of wide swings, not on a long recording.
         planner: of the motions; empty: the method's.
         perception: what agents see with; empty: the method's.
+        settings: those of the method that differ from their defaults, as ``settle_s=.1``.
         sessions: how many days are drawn, each registered and calibrated separately.
         trials: in each session.
         seed: of everything random.
@@ -79,6 +80,7 @@ class RunConfig:
     prior: str = NO_PRIOR
     planner: str = ""
     perception: str = ""
+    settings: tuple[str, ...] = ()
     sessions: int = 1
     trials: int = 1
     seed: int = 0
@@ -88,7 +90,7 @@ class RunConfig:
     difficulty: str = DEFAULT
     flaws: tuple[str, ...] = ()
     plugins: tuple[str, ...] = ()
-    _built: dict[str, Any] = field(default_factory=dict, repr=False)
+    _built: dict[str, Any] = field(default_factory=dict, repr=False, init=False)
 
     def __post_init__(self) -> None:
         kind = type(self.task)
@@ -104,14 +106,17 @@ class RunConfig:
                 object.__setattr__(self, name, value)
         for name in ("sessions", "trials"):
             if getattr(self, name) < 1:
-                raise TrocarError(f"the number of {name} is {getattr(self, name)}; give 1 or more with --{name}")
+                raise InvalidValue(f"the number of {name}", getattr(self, name), f"give 1 or more with --{name}")
         if self.sessions * self.trials > MAX_TRIALS:
-            raise TrocarError(
-                f"{self.sessions} sessions of {self.trials} trials are more than {MAX_TRIALS} trials; give fewer with "
-                "--sessions or --trials"
+            raise InvalidInput(
+                f"{self.sessions} sessions of {self.trials} trials",
+                f"are more than {MAX_TRIALS} trials",
+                "give fewer with --sessions or --trials",
             )
         if self.seed < 0:
-            raise TrocarError(f"the seed is {self.seed}; give 0 or more with --seed")
+            raise InvalidValue("the seed", self.seed, "give 0 or more with --seed")
+        if self.settings:
+            method.make_settings(self.settings)
         self._choose_model(method)
         PLANNERS.pick(self.planner)
         if self.perception:
@@ -120,11 +125,13 @@ class RunConfig:
         station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).require_relevant(kind.name)
         arms = self.task.working_arms(station)
         if self.calibration not in ("", IMAGES, JOINTS):
-            raise TrocarError(f"calibration {self.calibration!r} is unknown; choose one of {IMAGES}, {JOINTS}")
+            raise UnknownName("calibration", self.calibration, (IMAGES, JOINTS))
         if method.calibrated:  # if calibration is impossible, the error comes before anything is written
             missing = [why for arm in arms if (why := why_no_images(station, arm, self.task.calibration(station, arm)))]
             if missing and self.calibration == IMAGES:
-                raise TrocarError(f"{missing[0]}; or give --calibration {JOINTS}")
+                raise InvalidInput(
+                    "--calibration images", f"is not possible: {missing[0]}", f"or give --calibration {JOINTS}"
+                )
             object.__setattr__(self, "calibration", self.calibration or (JOINTS if missing else IMAGES))
         self._start_from_prior(method)
         self._built.update(method=method, station=station, arms=arms)
@@ -137,35 +144,36 @@ class RunConfig:
             useless = {"calibration": self.calibration, "model": "" if method.learns else self.model}
             for name, value in useless.items():
                 if value:
-                    raise TrocarError(
-                        f"--{name} {value} has no effect with --method {self.method}, which makes no calibration; "
-                        f"drop --{name}"
-                    )
+                    why = f"has no effect with --method {self.method}, which makes no calibration"
+                    raise InvalidInput(f"--{name} {value}", why, f"drop --{name}")
             if self.new_session:
-                raise TrocarError(
-                    f"--new-session mounts the instruments again after a calibration, and --method {self.method} makes "
-                    "none; drop --new-session"
+                raise InvalidInput(
+                    "--new-session",
+                    f"mounts the instruments again after a calibration, and --method {self.method} makes none",
+                    "drop --new-session",
                 )
             if self.refit_offsets:
-                raise TrocarError(f"there is no model to refit with --method {self.method}; drop --refit-offsets")
+                raise InvalidInput(
+                    "--refit-offsets", f"has no model to refit with --method {self.method}", "drop --refit-offsets"
+                )
         if method.calibrated or method.learns:
             object.__setattr__(self, "model", self.model or USUAL_MODEL)
 
     def _start_from_prior(self, method: Method) -> None:
         """Choose the built-in prior for a method that learns; check that a prior has an effect and can be read."""
         if method.learns and self.model != "play":
-            raise TrocarError(f"--method {self.method} learns model 'play', not {self.model!r}; drop --model")
+            raise InvalidInput(f"--method {self.method}", f"learns model 'play', not {self.model!r}", "drop --model")
         if method.learns and self.prior == NO_PRIOR:
             object.__setattr__(self, "prior", BUILT_IN)
         if self.prior == NO_PRIOR:
             return
         if not (method.calibrated or method.learns) or self.model != "play":
-            raise TrocarError(f"there is no play model that could start from prior {self.prior!r}; drop --prior")
+            raise InvalidInput(f"--prior {self.prior}", "has no play model that could start from it", "drop --prior")
         load_prior(self.prior)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what recreates this configuration in another process, after loading the same plugins."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("task", "_built")}
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "task"}
         options = {f.name: getattr(self.task, f.name) for f in fields(self.task)}  # type: ignore[arg-type]
         return _made_again, (self.task.name, options, values)
 
@@ -200,6 +208,7 @@ class RunConfig:
             "prior": self.prior if self.chosen_method.calibrated or self.chosen_method.learns else None,
             "planner": self.planner,
             "perception": self.perception,
+            "set": list(self.settings),
             "seed": self.seed,
             "new_session": self.new_session,
             "refit_offsets": self.refit_offsets,

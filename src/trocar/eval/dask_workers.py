@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from distributed import Client, KilledWorker, LocalCluster
 from distributed.client import FutureCancelledError
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 
 PATIENCE_S = 10
 """Timeout for an answer of the scheduler."""
@@ -45,9 +45,10 @@ class DaskWorkers:
             try:
                 client = Client(self.scheduler, timeout=PATIENCE_S)
             except (OSError, ValueError) as error:
-                raise TrocarError(
-                    f"no dask scheduler answers at {self.scheduler!r} ({error}); start one with `dask scheduler`, or "
-                    "drop --scheduler for a cluster on this machine"
+                raise InvalidInput(
+                    f"--scheduler {self.scheduler!r}",
+                    f"has no dask scheduler that answers ({error})",
+                    "start one with `dask scheduler`, or drop --scheduler for a cluster on this machine",
                 ) from None
             with client:
                 yield client

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 from trocar.counting import counted
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, TrocarError
 from trocar.eval.config import RunConfig
 from trocar.eval.trial import Trial, trial_about, trial_file, trial_files
+from trocar.eval.trials import Trials
 from trocar.files.output import write_json
 from trocar.files.reading import read_json
 from trocar.lab import require_reach
@@ -23,12 +23,12 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
     A trial that cannot be read counts as not done: the same command runs it again.
 
     Raises:
-        TrocarError: the folder holds another run, a trial of another run, or cannot be written.
+        BadFile: the folder holds another run, a trial of another run, or cannot be written.
     """
     folder = Path(folder)
     record, about, fingerprint = folder / RECORD, config.about(), config.fingerprint
     if folder.is_file():
-        raise TrocarError(f"{str(folder)!r} is a file; choose a folder with --out")
+        raise BadFile(folder, "is a file", "choose a folder with --out")
     require_reach(config.laboratory)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -38,54 +38,13 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
                 _require_same(found, about, folder)
         text = {**about, "fingerprint": fingerprint, "sessions": config.sessions, "trials": config.trials}
     except OSError as error:
-        raise TrocarError(f"cannot use folder {str(folder)!r} ({error}); choose another with --out") from None
+        raise BadFile(folder, f"cannot be used ({error})", "choose another with --out", kind="folder") from None
     write_json(record, text, "run")
     wanted = [(session, index) for session in range(config.sessions) for index in range(config.trials)]
     return [place for place in wanted if not is_done(folder, place, fingerprint)]
 
 
-class KeptTrials(Sequence[Trial]):
-    """Trials in files, each read on request: at most one is held in memory, however many there are.
-
-    Args:
-        paths: of the files, in order.
-    """
-
-    def __init__(self, paths: Sequence[str | Path]):
-        self.paths = tuple(map(Path, paths))
-        self._last: tuple[Path, Trial] | None = None
-
-    def __len__(self) -> int:
-        return len(self.paths)
-
-    @overload
-    def __getitem__(self, place: int) -> Trial: ...
-    @overload
-    def __getitem__(self, place: slice) -> KeptTrials: ...
-    def __getitem__(self, place: int | slice) -> Trial | KeptTrials:
-        """Return a trial, or some of them."""
-        if isinstance(place, slice):
-            return KeptTrials(self.paths[place])
-        path = self.paths[place]
-        if self._last is None or self._last[0] != path:
-            self._last = None  # before the next one is read
-            self._last = path, Trial.load(path)
-        return self._last[1]
-
-    def only(self, path: str | Path) -> KeptTrials:
-        """Return one of the trials alone.
-
-        Raises:
-            TrocarError: its file cannot be used, or is of another run.
-        """
-        path = Path(path)
-        if path not in self.paths:
-            Trial.load(path)  # raises an error that says what is wrong with it
-            raise TrocarError(f"{str(path)!r} is not a trial of this run; choose another with --session and --trial")
-        return KeptTrials((path,))
-
-
-def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
+def load_trials(folder: str | Path) -> tuple[Trials, list[str]]:
     """Return the finished trials of a run's folder in order, and a sentence for each that cannot be used.
 
     Every file is read once for a check; the returned sequence reads a trial again on request.
@@ -93,13 +52,13 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
     ``run.json`` tells which run the folder belongs to; if it is lost, the first trial does.
 
     Raises:
-        TrocarError: there is no such folder, or no trial in it.
+        BadFile: there is no such folder, or no trial in it.
     """
     folder = Path(folder)
     if folder.is_file():
-        raise TrocarError(f"{str(folder)!r} is a file; give the folder of a run")
+        raise BadFile(folder, "is a file", "give the folder of a run")
     if not folder.is_dir():
-        raise TrocarError(f"folder {str(folder)!r} does not exist; make one with `trocar run`")
+        raise BadFile(folder, "does not exist", "make one with `trocar run`", kind="folder")
     usable: list[Path] = []
     strange: list[str] = []
     run = _recorded_fingerprint(folder)
@@ -119,29 +78,29 @@ def load_trials(folder: str | Path) -> tuple[KeptTrials, list[str]]:
             usable.append(path)
     if not usable:
         more = f" ({strange[0]})" if strange else ""
-        raise TrocarError(f"folder {str(folder)!r} holds no trial that can be read{more}; make some with `trocar run`")
-    return KeptTrials(usable), strange
+        raise BadFile(folder, f"holds no trial that can be read{more}", "make some with `trocar run`", kind="folder")
+    return Trials(usable), strange
 
 
 def load_trial(path: str | Path) -> Trial:
     """Return the trial in a file; in the folder of a run, only if it belongs to that run.
 
     Raises:
-        TrocarError: there is no such file, it is not a trial, or not the one that its path indicates.
+        BadFile: there is no such file, it is not a trial, or not the one that its path indicates.
     """
     path = Path(path)
     trial = Trial.load(path)
     folder = path.absolute().parent.parent
     run = _recorded_fingerprint(folder)
     if run and trial.about["fingerprint"] != run:
-        raise TrocarError(f"{str(path)!r} belongs to another run than its folder; give one of that run")
+        raise BadFile(path, "belongs to another run than its folder", "give one of that run")
     if run and trial_file(folder, *_place(trial.about)) != path.absolute():
         session, index = _place(trial.about)
-        raise TrocarError(f"{str(path)!r} is session {session}, trial {index} under another name; give it its own name")
+        raise BadFile(path, f"is session {session}, trial {index} under another name", "give it its own name")
     return trial
 
 
-def asked(folder: str | Path) -> tuple[int, int] | None:
+def requested(folder: str | Path) -> tuple[int, int] | None:
     """Return the requested numbers of sessions and of trials in each; None if the run's record is lost."""
     try:
         found = read_json(Path(folder) / RECORD)
@@ -152,7 +111,7 @@ def asked(folder: str | Path) -> tuple[int, int] | None:
 
 def still_to_do(folder: str | Path, done: int) -> list[str]:
     """Return a sentence if a run has fewer trials than requested, so that it is not taken for the whole run."""
-    record = asked(folder)
+    record = requested(folder)
     if record is None:
         return [f"{str(Path(folder) / RECORD)!r} cannot be read, so the run's number of trials is unknown"]
     sessions, trials = record
@@ -185,7 +144,7 @@ def is_done(folder: str | Path, place: tuple[int, int], fingerprint: str) -> boo
     except TrocarError:
         return False
     if about["fingerprint"] != fingerprint:
-        raise TrocarError(f"{str(path)!r} is a trial of another run; move it away, or choose another folder with --out")
+        raise BadFile(path, "is a trial of another run", "move it away, or choose another folder with --out")
     return _place(about) == place and _readable(path)
 
 
@@ -212,23 +171,24 @@ def _recorded(record: Path) -> dict[str, Any]:
     except ValueError:
         found = None
     if not isinstance(found, dict):
-        raise TrocarError(
-            f"{str(record)!r} is damaged, so it is unknown whose trials lie beside it; choose another folder with "
-            "--out, or move it away if they are of this run"
+        raise BadFile(
+            record,
+            "is damaged, so it is unknown whose trials lie beside it",
+            "choose another folder with --out, or move it away if they are of this run",
         )
     return found
 
 
 def _require_same(found: dict[str, Any], about: dict[str, Any], folder: Path) -> None:
-    other = [_said(key, found.get(key), value) for key, value in about.items() if found.get(key) != value]
+    other = [_difference(key, found.get(key), value) for key, value in about.items() if found.get(key) != value]
     if other:
-        raise TrocarError(f"{str(folder)!r} holds another run ({', '.join(other)}); choose another folder with --out")
+        raise BadFile(folder, f"holds another run ({', '.join(other)})", "choose another folder with --out")
 
 
-def _said(key: str, found: object, wanted: object) -> str:
+def _difference(key: str, found: object, wanted: object) -> str:
     """Return a folder's value of a differing key, in words; a whole plan of sutures would fill a page."""
     if isinstance(found, dict) and isinstance(wanted, dict):
-        other = [_said(k, found.get(k), value) for k, value in wanted.items() if found.get(k) != value]
+        other = [_difference(k, found.get(k), value) for k, value in wanted.items() if found.get(k) != value]
         return ", ".join(other) or f"other {key}"
     text = f"{key} {found!r}"
     return text if len(text) <= 60 else f"other {key}"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from trocar.cell import Cell, Robot
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval.task import Task
 from trocar.motion.plan import Planner
 from trocar.registry import Lazy, Registry
@@ -49,14 +51,19 @@ class AgentContext:
 
 
 @dataclass(frozen=True)
+class NoSettings:
+    """Settings of a method that has none."""
+
+
+@dataclass(frozen=True)
 class Method:
     """One way to do a task.
 
     Attributes:
         about: one line.
-        agent: class of its agent, or any function of a brief; lazy where importing it is expensive.
-        settings: class of its settings, whose default values are used. Lazy likewise.
-        calibrated: whether the arms' cables are compensated by a fitted model.
+        agent: class of its agent, or any function of an :class:`AgentContext`; lazy where importing it is expensive.
+        settings: class of its settings, a dataclass whose fields have defaults. Lazy likewise.
+        calibrated: whether the arms' cables are compensated by a model that is fitted before the trials of a session.
         learns: whether the arms' cables are compensated by models that start from a prior alone, and the agent lets its
             robot (``trocar.robots.Adaptive``) learn; then it is not ``calibrated``.
         wrap_robot: the robot's extra wrapper for its agent: a function of the cell and the method's settings that
@@ -69,15 +76,23 @@ class Method:
 
     about: str
     agent: Callable[[AgentContext], Agent] | Lazy
-    settings: Callable[[], Any] | Lazy
-    calibrated: bool = True
+    settings: Callable[[], Any] | Lazy = NoSettings
+    calibrated: bool = False
     learns: bool = False
     wrap_robot: Callable[[Cell, Any], Robot] | Lazy | None = None
     stop_at_limits: bool = False
     planner: str = "spline"
     perception: str = ""
 
-    def made(self, context: AgentContext) -> Agent:
+    def __post_init__(self) -> None:
+        for name in ("agent", "settings"):
+            value = getattr(self, name)
+            if not (callable(value) or isinstance(value, Lazy)):
+                raise InvalidValue(f"the {name} of method {self.about!r}", repr(value), "give a class or a Lazy")
+        if self.calibrated and self.learns:
+            raise InvalidInput(f"method {self.about!r}", "is both calibrated and learns", "choose one of them")
+
+    def make_agent(self, context: AgentContext) -> Agent:
         """Return an agent with its context."""
         return _loaded(self.agent)(context)
 
@@ -85,15 +100,89 @@ class Method:
         """Return the cell's robot with this method's wrapper."""
         return cell.robot if self.wrap_robot is None else _loaded(self.wrap_robot)(cell, settings)
 
-    def default_settings(self) -> Any:
-        """Return the default settings."""
-        return _loaded(self.settings)()
+    def make_settings(self, changes: Sequence[str] = ()) -> Any:
+        """Return the settings.
+
+        Args:
+            changes: ``NAME=VALUE`` for those that differ from their defaults; a name inside another one has a dot.
+
+        Raises:
+            UnknownName: there is no such setting.
+            InvalidInput: it cannot have this value.
+        """
+        settings = _loaded(self.settings)()
+        for change in changes:
+            name, equals, text = change.partition("=")
+            if not equals:
+                raise InvalidInput(f"--set {change!r}", "has no value", "give NAME=VALUE, as in --set settle_s=.1")
+            settings = _changed(settings, name.strip(), name.strip().split("."), text.strip())
+        return settings
 
 
-METHODS: Registry[Method] = Registry("method", "trocar.methods")
+def listed_settings(settings: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield name and value of each setting; those inside another one have a dot in their name."""
+    for field in fields(settings) if _has_fields(settings) else ():
+        value = getattr(settings, field.name)
+        if _has_fields(value):
+            yield from listed_settings(value, f"{prefix}{field.name}.")
+        else:
+            yield prefix + field.name, value
+
+
+def _has_fields(value: Any) -> bool:
+    return is_dataclass(value) and not isinstance(value, type)
+
+
+def _changed(settings: Any, name: str, path: Sequence[str], text: str) -> Any:
+    names = [field.name for field in fields(settings)] if _has_fields(settings) else []
+    if path[0] not in names:
+        raise UnknownName("setting", name, [known for known, _ in listed_settings(settings)])
+    value = getattr(settings, path[0])
+    new = _changed(value, name, path[1:], text) if path[1:] else _parsed(name, text, value)
+    return replace(settings, **{path[0]: new})
+
+
+def _parsed(name: str, text: str, usual: Any) -> Any:
+    """Return the value of a setting in the type of its default."""
+    item = f"setting {name!r}"
+    if isinstance(usual, bool):
+        if text not in ("true", "false"):
+            raise InvalidValue(item, repr(text), "give true or false")
+        return text == "true"
+    if isinstance(usual, str):
+        return text
+    kind = type(usual)
+    if kind not in (int, float, tuple, np.ndarray):
+        raise InvalidInput(item, f"is {kind.__name__}", "it cannot be set from the command line")
+    try:
+        if kind in (int, float):
+            number = kind(text)
+            if math.isfinite(number):
+                return number
+        else:
+            numbers = np.array(json.loads(f"[{text}]"), dtype=np.float64)
+            if numbers.shape == np.shape(usual) and np.isfinite(numbers).all():
+                return numbers if kind is np.ndarray else tuple(numbers.tolist())
+    except (ValueError, TypeError):
+        pass
+    what = {int: "a whole number", float: "a number"}.get(kind, f"{np.size(usual)} numbers with commas")
+    raise InvalidValue(item, repr(text), f"give {what}")
+
+
+def _require_method(name: str, method: Any) -> None:
+    if not isinstance(method, Method):
+        raise InvalidInput(f"method {name!r}", f"is {method!r}", "register a trocar.eval.Method")
+
+
+def _require_callable(name: str, perception: Any) -> None:
+    if not callable(perception):
+        raise InvalidInput(f"perception {name!r}", f"is {perception!r}", "register a class")
+
+
+METHODS: Registry[Method] = Registry("method", "trocar.methods", check=_require_method)
 """Methods from outside, as ``TASK/METHOD``; a task has its own besides."""
 
-PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions")
+PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions", check=_require_callable)
 """Perceptions from outside, as ``TASK/NAME``; a task has its own besides."""
 
 
@@ -101,21 +190,19 @@ def methods_of(task: type[Task]) -> dict[str, Method | Lazy]:
     """Return all methods of a task by name: its own, then those from outside.
 
     Raises:
-        TrocarError: one from outside has the name of one of its own.
+        InvalidInput: one from outside has the name of one of its own.
     """
-    return _together(task.methods, METHODS, task.name)
+    return _own_and_others(task.methods, METHODS, task.name)
 
 
 def pick_method(task: type[Task], name: str) -> Method:
     """Return the method of this name; empty: the task's first.
 
     Raises:
-        TrocarError: the task has none of that name.
+        UnknownName: the task has none of that name.
     """
-    name = name or next(iter(task.methods))
-    method = _pick(methods_of(task), name, "method", task.name)
-    if not isinstance(method, Method):
-        raise TrocarError(f"method {name!r} of {task.name} is {method!r}; register a trocar.eval.Method")
+    method = _pick(methods_of(task), name or next(iter(task.methods)), "method", task.name)
+    _require_method(f"{task.name}/{name}", method)
     return method
 
 
@@ -123,37 +210,21 @@ def pick_perception(task: type[Task], name: str) -> Any:
     """Return a new instance of this task's perception.
 
     Raises:
-        TrocarError: the task has none of that name.
+        UnknownName: the task has none of that name.
     """
-    return _pick(_together(task.perceptions, PERCEPTIONS, task.name), name, "perception", task.name)()
+    return _pick(_own_and_others(task.perceptions, PERCEPTIONS, task.name), name, "perception", task.name)()
 
 
 def perceptions_of(task: type[Task]) -> tuple[str, ...]:
     """Return the names of all perceptions of this task."""
-    return tuple(_together(task.perceptions, PERCEPTIONS, task.name))
+    return tuple(_own_and_others(task.perceptions, PERCEPTIONS, task.name))
 
 
-def _together(own: Mapping[str, Any], registry: Registry[Any], task: str) -> dict[str, Any]:
-    """Return all entries of a kind for a task: its own, then those from outside, under other names."""
-    outside = _from_outside(registry, task)
-    for name in outside:
-        if name in own:
-            taken = f"{registry.what} {task + '/' + name!r}"
-            raise TrocarError(f"{taken} would replace one of the task's own; register it under another name")
-    return {**own, **outside}
-
-
-def _from_outside(registry: Registry[Any], task: str) -> dict[str, Lazy]:
-    prefix = f"{task}/"
-    return {name.removeprefix(prefix): _Deferred(registry, name) for name in registry if name.startswith(prefix)}
-
-
-@dataclass(frozen=True)
-class _Deferred(Lazy):
+@dataclass(frozen=True, init=False)
+class _Registered(Lazy):
     """An entry of a registry that is loaded when it is picked."""
 
     registry: Registry[Any]
-    where: str
 
     def __init__(self, registry: Registry[Any], where: str):
         object.__setattr__(self, "registry", registry)
@@ -163,10 +234,20 @@ class _Deferred(Lazy):
         return self.registry[self.where]
 
 
+def _own_and_others(own: Mapping[str, Any], registry: Registry[Any], task: str) -> dict[str, Any]:
+    """Return all entries of a kind for a task: its own, then those from outside, under other names."""
+    prefix = f"{task}/"
+    outside = {name.removeprefix(prefix): _Registered(registry, name) for name in registry if name.startswith(prefix)}
+    for name in outside:
+        if name in own:
+            taken = f"{registry.what} {prefix + name!r}"
+            raise InvalidInput(taken, "would replace one of the task's own", "register it under another name")
+    return {**own, **outside}
+
+
 def _pick(choices: Mapping[str, Any], name: str, what: str, task: str) -> Any:
     if name not in choices:
-        known = ", ".join(choices) or "none"
-        raise TrocarError(f"{what} {name!r} of {task} is unknown; choose one of {known}")
+        raise UnknownName(f"{task} {what}", name, choices)
     return _loaded(choices[name])
 
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+import trocar
 from trocar.calibration.excitation import SAMPLES, WIDE_ROWS
 from trocar.calibration.fitting import refit_offset
 from trocar.calibration.fleet import FleetPrior, expected, fit_from_prior, load_prior
 from trocar.calibration.models import MODELS, CableModel, load_model, save_model
 from trocar.calibration.recording import Recording
-from trocar.collect.collection import Collection, Listener
+from trocar.collect.collection import Collection
+from trocar.errors import TrocarError
 from trocar.eval.config import CALIBRATION, IMAGES, NO_PRIOR, REFIT, REMOUNT, SESSION, RunConfig, fingerprint
 from trocar.eval.trial import session_folder
 from trocar.lab import SensorFlaws
@@ -29,8 +34,14 @@ REFIT_SAMPLES, REFIT_IMAGES = 30, 45
 too few spheres."""
 
 
-NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "new_session", "refit_offsets"}
+NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "set", "new_session", "refit_offsets"}
 """Keys of a run's configuration that do not affect its fitted cable models."""
+
+CACHE = "TROCAR_CACHE"
+"""Environment variable that names the folder of the cache."""
+
+Listener = Callable[[str, int, int], None]
+"""Called with the arm that is calibrated, the number of images taken and of all images."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,46 +61,28 @@ class Prepared:
     priors: Mapping[str, FleetPrior] = field(default_factory=dict)
 
 
-def prepare(
-    config: RunConfig,
-    number: int,
-    folder: str | Path,
-    *,
-    spheres: str | Path | None = None,
-    listener: Listener | None = None,
-) -> Prepared:
+def prepare(config: RunConfig, number: int, folder: str | Path, *, listener: Listener | None = None) -> Prepared:
     """Return one session of a run, calibrated if the method needs it.
 
-    A fitted model is stored in the session's folder, so that an interrupted run does not fit it again; the model is
-    always read back from that file, so that a resumed run computes the same as an uninterrupted one.
+    A calibration depends on the session and a few settings alone, so it is kept in the cache, where other runs find it
+    (:func:`cache_folder`), and in the session's folder, where an interrupted run finds it. The model is always read
+    back from a file, so that a resumed run computes the same as an uninterrupted one.
 
     Args:
         config: of the run.
         number: of the session.
         folder: of the run.
-        spheres: folder for what was found in a calibration's images, which runs of the same session may share; None:
-            the session's own.
         listener: called after each image of a calibration.
     """
     folder = Path(folder)
     session = draw_session(config.laboratory, config.rng(number, SESSION))
-    home = session_folder(folder, number)
-    home.mkdir(parents=True, exist_ok=True)
+    session_folder(folder, number).mkdir(parents=True, exist_ok=True)
     models: dict[str, CableModel] = {}
     priors = {arm: _prior(config, arm) for arm in config.arms} if config.chosen_method.learns else {}
     for arm, prior in priors.items():
         models[arm] = expected(prior, config.task.calibration(config.laboratory, arm))
     if config.chosen_method.calibrated:
-        for place, arm in enumerate(config.arms):
-            path = cable_file(folder, number, arm)
-            if not path.is_file():
-                kept = Path(spheres or home) / f"spheres_{arm}.npz"
-                wide = config.prior != NO_PRIOR
-                rows = WIDE_ROWS if wide else IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
-                stream = (number, CALIBRATION, place)
-                recording = _recording(config, session, arm, stream, rows, kept, listener, wide=wide)
-                save_model(_fitted(config, arm, recording, config.rng(*stream)), path, config.fingerprint)
-            models[arm] = load_model(path, config.fingerprint)
+        models |= {arm: _calibrated(config, session, number, arm, folder, listener) for arm in config.arms}
     if config.new_session:
         session = session.remounted(config.rng(number, REMOUNT))
     if config.refit_offsets:
@@ -98,6 +91,57 @@ def prepare(
             recording = _recording(config, session, arm, (number, REFIT, place), rows)
             models[arm] = refit_offset(model, recording)
     return Prepared(number, session, models, priors)
+
+
+def _calibrated(
+    config: RunConfig, session: Session, number: int, arm: str, folder: Path, listener: Listener | None
+) -> CableModel:
+    """Return the model of an arm's cables: from the run's folder, else from the cache, else fitted now."""
+    path = cable_file(folder, number, arm)
+    if not path.is_file():
+        key = calibration_key(config, number, arm)
+        known = cache_folder() / f"{config.task.name}_{config.seed}_{number:02d}_{arm}_{key}.npz"
+        model = _from_cache(known, key)
+        if model is None:
+            wide = config.prior != NO_PRIOR
+            rows = WIDE_ROWS if wide else IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
+            stream = (number, CALIBRATION, config.arms.index(arm))
+            images = session_folder(folder, number) / f"spheres_{arm}.npz"
+            recording = _recording(config, session, arm, stream, rows, images, listener, wide=wide)
+            model = _fitted(config, arm, recording, config.rng(*stream))
+            _to_cache(model, known, key)
+        save_model(model, path, config.fingerprint)
+    return load_model(path, config.fingerprint)
+
+
+def cache_folder() -> Path:
+    """Return the folder of fitted cable models: ``$TROCAR_CACHE``, or ``trocar`` in the user's folder of caches."""
+    named = os.environ.get(CACHE)
+    if named:
+        return Path(named)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "trocar"
+
+
+def cached_calibrations() -> list[Path]:
+    """Return the files in the cache, the oldest first."""
+    return sorted(cache_folder().glob("*_*_*_*_????????????????.npz"), key=lambda path: path.stat().st_mtime)
+
+
+def _from_cache(path: Path, key: str) -> CableModel | None:
+    """Return a model from the cache; None if it is not there, or the file is damaged."""
+    try:
+        return load_model(path, key) if path.is_file() else None
+    except TrocarError:
+        return None
+
+
+def _to_cache(model: CableModel, path: Path, key: str) -> None:
+    """Keep a model for other runs; where that is not possible, they fit it again."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_model(model, path, key)
+    except (OSError, TrocarError):
+        pass
 
 
 def _fitted(config: RunConfig, arm: str, recording: Recording, rng: np.random.Generator) -> CableModel:
@@ -129,7 +173,8 @@ def _recording(
         return record_motion(session, arm, config.rng(*stream), box, rows, wide=wide)
     flaws = SensorFlaws.none() if config.flawless_camera else None
     collection = Collection(session, arm, box, config.seeds(*stream), rows, wide=wide, flaws=flaws)
-    return collection.recording(collection.measured(collection.run(path, listener)))
+    heard = None if listener is None else lambda done, total: listener(arm, done, total)
+    return collection.recording(collection.measured(collection.run(path, heard)))
 
 
 def cable_file(folder: str | Path, number: int, arm: str) -> Path:
@@ -137,8 +182,28 @@ def cable_file(folder: str | Path, number: int, arm: str) -> Path:
     return session_folder(folder, number) / f"cables_{arm}.npz"
 
 
-def calibration_key(config: RunConfig, arm: str) -> str:
-    """Return a digest of everything on which an arm's fitted model depends; runs with the same digest can share it."""
+def calibration_key(config: RunConfig, session: int, arm: str) -> str:
+    """Return a digest of everything on which an arm's fitted model depends; runs with the same digest share it."""
     about = {key: value for key, value in config.about().items() if key not in NO_MATTER}
-    box = config.task.calibration(config.laboratory, arm)
-    return fingerprint({**about, "arm": arm, "place": config.arms.index(arm), "motion": repr(box)})
+    station = config.laboratory
+    return fingerprint(
+        {
+            **about,
+            "session": session,
+            "arm": arm,
+            "place": config.arms.index(arm),
+            "motion": repr(config.task.calibration(station, arm)),
+            "bases": {name: there.T_world_base.matrix.tolist() for name, there in station.arms.items()},
+            "fixtures": {name: T.matrix.tolist() for name, T in station.T_world_fixture.items()},
+            "source": _source_digest(),
+        }
+    )
+
+
+@cache
+def _source_digest() -> str:
+    """Return the digest of Trocar's own source: a changed program does not meet calibrations of an older one."""
+    digest = hashlib.sha256()
+    for file in sorted(Path(trocar.__file__).parent.rglob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]

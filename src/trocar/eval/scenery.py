@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, FingerMarks, Instrument, Joint, fk, frames
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
 from trocar.replay import CameraImage, Contact, Replay, Solid, ToolPath
 
@@ -79,16 +79,16 @@ class Scenery:
         for name, arm in self.arms.items():
             true = arrays[f"true_{name}"].astype(np.float64)
             bodies |= link_poses(name, arm, self.T_world_base[name], true)
-            asked = arrays.get(f"asked_{name}", true).astype(np.float64)
+            desired = arrays.get(f"desired_{name}", true).astype(np.float64)
             tools[name] = ToolPath(
-                (self.T_world_base_registered[name] @ fk(arm, asked[:, :6])).translation_m,
+                (self.T_world_base_registered[name] @ fk(arm, desired[:, :6])).translation_m,
                 (self.T_world_base[name] @ fk(arm, true[:, :6])).translation_m,
             )
         for key, rows in arrays.items():
             if key.startswith("body_"):
                 rows = rows.astype(np.float64)  # noqa: PLW2901
                 bodies[key.removeprefix("body_")] = SE3.from_parts(SO3.from_quaternion(rows[:, 3:]), rows[:, :3])
-        kinds = ("asked", "commanded", "measured", "true")
+        kinds = ("desired", "commanded", "measured", "true")
         return Replay(
             title=" ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key)),
             times_s=trial.times_s,
@@ -140,11 +140,11 @@ def arm_of(values: Mapping[str, Any]) -> ArmModel:
     """Return the arm's model from the result of :func:`arm_values`.
 
     Raises:
-        TrocarError: it is not one.
+        InvalidInput: it is not one.
     """
     known = {f.name for f in fields(ArmModel)}
     if set(values) != known:
-        raise TrocarError(f"an arm has {sorted(set(values) ^ known)} too many or too few; the file is damaged")
+        raise InvalidInput("an arm", f"has {sorted(set(values) ^ known)} too many or too few", "the file is damaged")
     coupling = values["coupling"]
     parts = dict(values) | {
         "joints": tuple(Joint(**joint) for joint in values["joints"]),

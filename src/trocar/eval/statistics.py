@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaln
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 
 Z_95 = 1.959963984540054  # 97.5 % quantile of the standard normal
 GRID = 400
@@ -23,7 +23,7 @@ def wilson_interval(succeeded: int, attempted: int) -> tuple[float, float]:
     Unlike the textbook's normal interval it stays inside [0, 1] and is valid at 120 of 120.
     """
     if not 0 <= succeeded <= attempted:
-        raise TrocarError(f"{succeeded} successes of {attempted} attempts; give 0 <= successes <= attempts")
+        raise _impossible(succeeded, attempted)
     if attempted == 0:
         return 0.0, 1.0
     rate, z2 = succeeded / attempted, Z_95**2
@@ -50,13 +50,17 @@ def session_interval(succeeded: Sequence[int], attempted: Sequence[int]) -> tupl
     """
     y, n = np.asarray(succeeded, dtype=np.float64), np.asarray(attempted, dtype=np.float64)
     if y.shape != n.shape or (y < 0).any() or (y > n).any():
-        raise TrocarError(f"{list(succeeded)} successes of {list(attempted)} attempts; give 0 <= successes <= attempts")
+        raise _impossible(list(succeeded), list(attempted))
     used = n > 0
     if not used.any():
         return 0.0, 1.0
     low, high = _posterior_quantiles(y[used], n[used])
     total = y.sum() / n.sum()
     return (0.0 if total == 0 else min(low, float(total))), (1.0 if total == 1 else max(high, float(total)))
+
+
+def _impossible(succeeded: object, attempted: object) -> InvalidInput:
+    return InvalidInput(f"{succeeded} successes", f"of {attempted} attempts", "give 0 <= successes <= attempts")
 
 
 def session_posterior(

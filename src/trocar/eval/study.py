@@ -1,69 +1,304 @@
-"""The work of a study: sessions are calibrated, trials are run and reduced, all by any number of workers."""
+"""Studies: several runs of a task in the same sessions, reduced to rows (``trocar.eval.jobs`` runs them)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from trocar.errors import TrocarError
-from trocar.eval.conditions import Cell
+from trocar.errors import InvalidInput, TrocarError, UnknownName
 from trocar.eval.config import RunConfig
-from trocar.eval.folder import open_folder
-from trocar.eval.jobs import SessionOrder, TrialOrder, calibrate, play
-from trocar.eval.workers import Workers, run_all
+from trocar.eval.method import methods_of, pick_method
+from trocar.eval.task import Task
+from trocar.eval.trial import Trial, trial_file
+from trocar.files.output import MADE_BY, write_json
+from trocar.files.reading import read_json
+from trocar.registry import Lazy
 
 Tick = Callable[[str, int, int], None]
 """Called with what is being done now, how many units are done, and how many there are."""
 
-ReadRow = Callable[[Path, str], Any]
-"""Returns and stores the row of a trial's file, whose run has this fingerprint; a module-level function."""
 
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """One condition of a study, an ordinary run.
 
-def opened(cells: Sequence[Cell]) -> tuple[list[SessionOrder], list[TrialOrder]]:
-    """Make or resume the folders of all cells; return the sessions to calibrate and the trials to run, in order.
-
-    Trials come session by session, so that an interrupted study has whole sessions of all cells.
+    Attributes:
+        name: what distinguishes it from the others, besides its method: the task's variant, for example.
+        config: of its run.
+        folder: of its run, for ``trocar report`` and ``trocar view``.
     """
-    runs = {cell.folder: (cell.config, cell.folder) for cell in cells}
-    todo = [TrialOrder(cell.config, cell.folder, *place) for cell in cells for place in open_folder(*runs[cell.folder])]
-    todo.sort(key=lambda order: order.session)
-    missing: dict[int, dict[Path, tuple[RunConfig, Path]]] = {}
-    for order in todo:
-        missing.setdefault(order.session, {})[order.folder] = runs[order.folder]
-    return [SessionOrder(tuple(found.values()), session) for session, found in missing.items()], todo
+
+    name: str
+    config: RunConfig
+    folder: Path
+
+    @property
+    def method(self) -> str:
+        """Return the name of its method."""
+        return self.config.method
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Return (session, trial) of all its trials."""
+        return [(s, k) for s in range(self.config.sessions) for k in range(self.config.trials)]
 
 
-def run_study(cells: Sequence[Cell], read_row: ReadRow, workers: Workers, tick: Tick) -> list[str]:
-    """Run the missing trials of a study; return a sentence for each trial that is void.
+def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
+    """Return the words of a comma-separated list; all choices if it is empty.
+
+    Raises:
+        UnknownName: a word is not among the choices.
+        InvalidInput: one is given twice, or is missing between two commas.
+    """
+    words = [word.strip() for word in text.split(",")] if text else list(choices)
+    for word in words:
+        if not word:
+            raise InvalidInput(f"--{flag} {text!r}", "has a comma too many", f"choose from {', '.join(choices)}")
+        if word not in choices:
+            raise UnknownName(f"--{flag}", word, choices)
+        if words.count(word) > 1:
+            raise InvalidInput(f"--{flag}", f"names {word!r} twice", "name each once")
+    return words
+
+
+def compensated_alone(task: type[Task], methods: Sequence[str], **given: str) -> dict[str, dict[str, str]]:
+    """Return, for each method, the options that only compensating methods have; empty for the others.
 
     Args:
-        cells: of the study.
-        read_row: makes the rows.
-        workers: do the work.
-        tick: for a progress bar.
+        task: the task of the methods.
+        methods: of a study.
+        given: options by name, such as ``model``; empty: not given.
+
+    Raises:
+        InvalidInput: an option is given, and none of the methods compensates.
     """
-    sessions, todo = opened(cells)
-    wanted = sum(len(cell.places) for cell in cells)
-    calibrated = [order for order in sessions if any(config.chosen_method.calibrated for config, _ in order.runs)]
-    for done, _ in enumerate(run_all(calibrate, calibrated, workers), start=1):
-        tick("calibrating sessions", done, len(calibrated))
-    there = wanted - len(todo)
-    tick("running trials", there, wanted)
-    void = []
-    for done, (_, sentence) in enumerate(run_all(partial(play_and_reduce, read_row), todo, workers), start=1):
-        tick("running trials", there + done, wanted)
-        void += [sentence] if sentence else []
-    return void
+    compensate = {method: pick_method(task, method).calibrated for method in methods}
+    for name, value in given.items():
+        if value and not any(compensate.values()):
+            problem = f"has no effect with {', '.join(methods)} of {task.name}, which make no calibration"
+            raise InvalidInput(f"--{name} {value}", problem, f"drop --{name}")
+    return {method: dict(given) if on else dict.fromkeys(given, "") for method, on in compensate.items()}
 
 
-def play_and_reduce(read_row: ReadRow, order: TrialOrder) -> str:
-    """Run a trial, unless it exists, and store its row; return why it is void, empty if it is valid."""
-    void = play(order)
-    if not void:
+class Row(Protocol):
+    """What a study needs from a trial: a dataclass whose fields are JSON's values."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Return the fingerprint of its run."""
+        ...
+
+    @property
+    def session(self) -> int:
+        """Return its number."""
+        ...
+
+
+AnyRow = TypeVar("AnyRow", bound=Row)
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class RowKind(Generic[AnyRow]):
+    """How a trial is reduced to a row, which is stored beside it.
+
+    Attributes:
+        row: class of the row.
+        made: makes the row of a trial.
+        version: of the row's fields and of how they are made; a change causes stored rows to be made again.
+    """
+
+    row: Callable[..., AnyRow]
+    made: Callable[[Trial], AnyRow]
+    version: int = 1
+
+    def read(self, trial: str | Path, fingerprint: str) -> AnyRow:
+        """Return the row of a trial's file, whose run has this fingerprint; make and store it if there is no valid one.
+
+        Raises:
+            BadFile: the trial cannot be read.
+        """
+        path = row_file(trial)
         try:
-            read_row(order.path, order.config.fingerprint)
-        except TrocarError as error:  # the trial is saved; the report says what is wrong with it
-            return str(error)
-    return void
+            values = read_json(path)
+            values.pop(MADE_BY, None)
+            if values.pop("version") == self.version and values["fingerprint"] == fingerprint:
+                return self.row(**values)
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            pass
+        row = self.made(Trial.load(trial))
+        values: dict[str, Any] = {"version": self.version, **asdict(row)}  # type: ignore[call-overload]
+        path.unlink(missing_ok=True)  # the trial has the same information: nothing is lost if the row is invalid
+        write_json(path, values, "row of a trial")
+        return row
+
+
+def row_file(trial: str | Path) -> Path:
+    """Return the path of a trial's row."""
+    return Path(trial).with_suffix(".row.json")
+
+
+@dataclass(frozen=True, eq=False)
+class Results(Generic[AnyRow]):
+    """The rows of a condition's trials."""
+
+    condition: Condition
+    rows: Sequence[AnyRow]
+
+    def by_session(self, value: Callable[[AnyRow], Value]) -> dict[int, list[Value]]:
+        """Return one value per trial, by session."""
+        return by_session(self.rows, value)
+
+
+def by_session(rows: Sequence[AnyRow], value: Callable[[AnyRow], Value]) -> dict[int, list[Value]]:
+    """Return one value per row, by session."""
+    found: dict[int, list[Value]] = {}
+    for row in rows:
+        found.setdefault(row.session, []).append(value(row))
+    return found
+
+
+def read_study(
+    conditions: Sequence[Condition], kind: RowKind[AnyRow], tick: Tick | None = None
+) -> tuple[list[Results[AnyRow]], list[str]]:
+    """Return the results of all conditions that have a trial, and a sentence for each trial that is missing.
+
+    Only the trial that is being reduced is in memory.
+
+    Raises:
+        InvalidInput: there is no trial at all.
+    """
+    found: list[Results[AnyRow]] = []
+    missing: list[str] = []
+    total, done = sum(len(one.places) for one in conditions), 0
+    for condition in conditions:
+        rows = []
+        for place in condition.places:
+            try:
+                rows.append(kind.read(trial_file(condition.folder, *place), condition.config.fingerprint))
+            except TrocarError as error:
+                missing.append(f"left aside: {error}")
+            done += 1
+            if tick is not None:
+                tick("reading trials", done, total)
+        if rows:
+            found.append(Results(condition, rows))
+    if not found:
+        raise InvalidInput("the study", "has no trial that can be read", "run it without --report-only")
+    return found, missing
+
+
+@dataclass(frozen=True)
+class TableData:
+    """A table, for the terminal and for a page.
+
+    Attributes:
+        title: above it.
+        head: of the columns.
+        rows: cells; the first of each is its name.
+        caption: below it.
+        page_only: columns that do not fit into a terminal.
+    """
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    page_only: Sequence[str] = ()
+
+
+class TaskStudy(Generic[AnyRow]):
+    """What a task's study consists of: all methods at all values of one option, beside the paper's figures.
+
+    Class attributes:
+        varied: the task's option that is varied besides the method.
+        values: of it.
+        kind: how a trial is reduced.
+        captions: of pictures, by file name.
+        notes: sentences that a reader of the figures must know.
+    """
+
+    varied: ClassVar[str]
+    values: ClassVar[Sequence[Any]]
+    kind: RowKind[AnyRow]
+    captions: ClassVar[Mapping[str, str]] = {}
+    notes: ClassVar[Sequence[str]] = ()
+
+    def figures(self, results: Results[AnyRow]) -> dict[str, Any]:
+        """Return the figures of one condition as JSON values."""
+        raise NotImplementedError
+
+    def summary(self, results: Sequence[Results[AnyRow]], cells: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """Return further keys of the study's summary; ``cells`` are the figures of the conditions."""
+        raise NotImplementedError
+
+    def about(self, summary: Mapping[str, Any]) -> str:
+        """Return a line below the title of the page."""
+        raise NotImplementedError
+
+    def tables(self, summary: Mapping[str, Any]) -> list[TableData]:
+        """Return the study's tables."""
+        raise NotImplementedError
+
+    def remarks(self, summary: Mapping[str, Any]) -> list[str]:
+        """Return sentences that follow from the figures."""
+        del summary
+        return []
+
+    def pictures(self, folder: Path, results: Sequence[Results[AnyRow]], summary: Mapping[str, Any]) -> list[Path]:
+        """Draw the study's pictures and return their paths."""
+        raise NotImplementedError
+
+
+def study_of(task: type[Task]) -> TaskStudy[Any]:
+    """Return the study of a task.
+
+    Raises:
+        InvalidInput: it has none.
+    """
+    kind = task.study.load() if isinstance(task.study, Lazy) else task.study
+    if kind is None:
+        raise InvalidInput(f"task {task.name!r}", "has no study", "give its class the attribute `study`")
+    return kind()
+
+
+def flag_of(varied: str) -> str:
+    """Return the flag of a list of an option's values."""
+    return varied if varied.endswith("s") else f"{varied}s"
+
+
+def conditions_of(
+    task: type[Task],
+    folder: str | Path,
+    *,
+    values: str = "",
+    methods: str = "",
+    model: str = "",
+    options: Mapping[str, Any] | None = None,
+    **run: Any,
+) -> list[Condition]:
+    """Return the conditions of a task's study in the order of its tables.
+
+    Args:
+        task: that has a study.
+        folder: of the study; each condition has one in it.
+        values: of the varied option, comma-separated; empty: all.
+        methods: likewise.
+        model: of the methods that compensate; empty: the default.
+        options: of the task, besides the varied one.
+        run: the rest, as in ``RunConfig``.
+    """
+    study = study_of(task)
+    picked = chosen(methods, list(methods_of(task)), "methods")
+    of_method = compensated_alone(task, picked, model=model)
+    by_word = {str(value): value for value in study.values}
+    found = []
+    for word in chosen(values, list(by_word), flag_of(study.varied)):
+        for method in picked:
+            done = task(**(options or {}), **{study.varied: by_word[word]})
+            given: dict[str, Any] = {**of_method[method], **run}
+            config = RunConfig(done, method=method, **given)
+            found.append(Condition(done.variant, config, (Path(folder) / f"{done.variant}-{method}").absolute()))
+    return found

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from trocar.calibration.excitation import MotionBox
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue
 from trocar.lab import Station
 from trocar.registry import Lazy, Registry
 
 if TYPE_CHECKING:
     from trocar.eval.method import Method
+    from trocar.eval.study import TaskStudy
     from trocar.eval.task_report import TaskReport
     from trocar.sim.world import TaskWorld
 
@@ -71,6 +72,7 @@ class Task:
         methods: how it can be done, by name, the default first.
         perceptions: by name; whatever its agents expect of them.
         report: its own pictures, tables and figures.
+        study: for ``trocar study``; None: it has none.
     """
 
     name: ClassVar[str]
@@ -80,6 +82,7 @@ class Task:
     methods: ClassVar[Mapping[str, Method | Lazy]]
     perceptions: ClassVar[Mapping[str, Any]] = {}
     report: ClassVar[TaskReport | Lazy | None] = None
+    study: ClassVar[type[TaskStudy[Any]] | Lazy | None] = None
 
     budget_s: float
     """A trial that takes longer on the cell's clock is stopped."""
@@ -94,7 +97,7 @@ class Task:
         """Return the station as this task needs it.
 
         Raises:
-            TrocarError: it cannot be done there.
+            InvalidInput: it cannot be done there.
         """
         return station
 
@@ -104,7 +107,7 @@ class Task:
 
     def goals(self) -> Sequence[Any]:
         """Return what is to be done, in order: the same for every agent, and the score's denominator."""
-        raise TrocarError(f"task {self.name!r} has no goals; give its class a method goals()")
+        raise self._lacks("goals()")
 
     def nominal(self) -> Any:
         """Return what is known about the scene beforehand, such as shapes; agents are given it."""
@@ -112,11 +115,11 @@ class Task:
 
     def scene(self, rng: np.random.Generator, station: Station) -> Any:
         """Return what truly lies on the table in one trial."""
-        raise TrocarError(f"task {self.name!r} has no scene; give its class a method scene(rng, station)")
+        raise self._lacks("scene(rng, station)")
 
     def world(self, scene: Any) -> TaskWorld:
         """Return the simulator's side of a scene: bodies and referee."""
-        raise TrocarError(f"task {self.name!r} has no world; give its class a method world(scene)")
+        raise self._lacks("world(scene)")
 
     def score(self, truth: Any, events: Sequence[Mapping[str, Any]]) -> Sequence[Score]:
         """Return one score for each goal, in order, from what really happened.
@@ -125,20 +128,25 @@ class Task:
             truth: what the task's world made of the record.
             events: what the script noted. They may explain a failure; they decide nothing.
         """
-        raise TrocarError(f"task {self.name!r} has no score; give its class a method score(truth, events)")
+        raise self._lacks("score(truth, events)")
 
     def calibration(self, station: Station, arm: str) -> MotionBox:
         """Return where the motion of a calibration recording should go: as the station says, by default."""
         box = station.arm(arm).calibration
         if box is None:
-            raise TrocarError(
-                f"station {station.name!r} does not define where arm {arm!r} moves during calibration; add "
-                "'calibration' to that arm, or choose a method that needs none"
+            raise InvalidInput(
+                f"station {station.name!r}",
+                f"does not define where arm {arm!r} moves during calibration",
+                "add 'calibration' to that arm, or choose a method that needs none",
             )
         return box
 
+    def _lacks(self, method: str) -> InvalidInput:
+        name = method.partition("(")[0]
+        return InvalidInput(f"task {self.name!r}", f"has no {name}", f"give its class a method {method}")
 
-def told(noted: Mapping[str, Any] | None, events: Sequence[Mapping[str, Any]]) -> tuple[str, str] | None:
+
+def agent_explanation(noted: Mapping[str, Any] | None, events: Sequence[Mapping[str, Any]]) -> tuple[str, str] | None:
     """Return what a script itself noted about a goal that was not reached, outcome and reason; None if nothing.
 
     Args:
@@ -155,22 +163,27 @@ def told(noted: Mapping[str, Any] | None, events: Sequence[Mapping[str, Any]]) -
 def check_budget(budget_s: float) -> None:
     """Raise unless a trial's budget is a time."""
     if not 0 < budget_s < math.inf:
-        raise TrocarError(f"the budget of a trial is {budget_s} s; give a finite time above 0 with --budget")
+        raise InvalidValue("the budget of a trial", f"{budget_s} s", "give a finite time above 0 with --budget")
 
 
-def check_task(task: Any) -> None:
+def require_task(name: str, task: Any) -> None:
     """Raise unless a class has what a run needs from a task before it begins.
 
     Raises:
-        TrocarError: it is not a dataclass derived from ``Task``, or lacks one of the attributes that every task has.
+        InvalidInput: it is not a dataclass derived from ``Task``, or lacks an attribute or a method of its own.
     """
     if not (isinstance(task, type) and issubclass(task, Task) and is_dataclass(task)):
-        raise TrocarError(f"{task!r} is not a task; register a frozen dataclass derived from trocar.eval.Task")
-    named = [name for name in ("name", "about", "station", "methods") if not getattr(task, name, None)]
-    if "budget_s" not in {f.name for f in fields(task)}:
-        named.append("budget_s")
-    if named:
-        raise TrocarError(f"task {task.__name__} has no {', '.join(named)}; give its class these attributes")
+        raise InvalidInput(
+            f"task {name!r}", f"is {task!r}", "register a frozen dataclass derived from trocar.eval.Task"
+        )
+    missing = [name for name in ("name", "about", "station", "methods") if not getattr(task, name, None)]
+    missing += [] if "budget_s" in {f.name for f in fields(task)} else ["budget_s"]
+    if missing:
+        raise InvalidInput(f"task {task.__name__}", f"has no {', '.join(missing)}", "give its class these attributes")
+    inherited = [name for name in ("goals", "scene", "world", "score") if getattr(task, name) is getattr(Task, name)]
+    if inherited:
+        methods = ", ".join(f"{name}()" for name in inherited)
+        raise InvalidInput(f"task {task.__name__}", f"has no {methods}", "give its class these methods")
 
 
 def stopped(events: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
@@ -179,5 +192,5 @@ def stopped(events: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     return (str(last["outcome"]), str(last.get("reason", ""))) if last else ("", "")
 
 
-TASKS: Registry[type[Task]] = Registry("task", "trocar.tasks")
+TASKS: Registry[type[Task]] = Registry("task", "trocar.tasks", check=require_task)
 """Every task by its name on the command line."""

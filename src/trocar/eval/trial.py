@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import BadFile
 from trocar.eval.scenery import Scenery
 from trocar.files.archive import Archive, read_archive, read_header
 from trocar.files.output import write_json
@@ -20,7 +20,7 @@ from trocar.notebook import table
 from trocar.replay import Replay
 
 FORMAT = "trocar trial"
-VERSION = 2
+VERSION = 3
 
 Notes = list[dict[str, Any]]
 
@@ -31,7 +31,15 @@ ABOUT = {
     **dict.fromkeys(("seed", "session", "index"), int),
     **dict.fromkeys(("model", "calibration", "prior"), (str, type(None))),
     **dict.fromkeys(("new_session", "refit_offsets", "flawless_camera"), bool),
-    **{"arms": list, "options": dict, "difficulty": list, "plugins": list, "flaws": dict, "versions": dict},
+    **{
+        "arms": list,
+        "options": dict,
+        "set": list,
+        "difficulty": list,
+        "plugins": list,
+        "flaws": dict,
+        "versions": dict,
+    },
 }
 """What every trial records about itself, with its type."""
 SCORE = {"attempted": bool, "succeeded": bool, "failure": str, "reason": str, "start_s": NUMBER, "end_s": NUMBER}
@@ -55,11 +63,11 @@ class Trial:
         spans: of the scripts.
         events: of the scripts.
         collisions: dicts (``trocar.sim.record.Collision``).
-        ended: ``done``, or what stopped the script: ``OUT_OF_TIME``, ``FAULT``.
+        ended: ``done``, or what stopped the script: ``OUT_OF_TIME``, ``FAULT``, ``AGENT_ERROR``.
         reason: why, in a sentence; empty when done.
         duration_s: on the trial's clock.
         command_limit_use: largest share of the velocity and acceleration limits in each arm's commands.
-        arrays: (n, 7) ``asked_ARM``, ``commanded_ARM``, ``measured_ARM``, ``true_ARM`` (six joints and the jaw) and
+        arrays: (n, 7) ``desired_ARM``, ``commanded_ARM``, ``measured_ARM``, ``true_ARM`` (six joints and the jaw) and
             ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on, and the task's own.
         scenery: solids, arms and where they stand.
         images: as the cameras took them, and when.
@@ -161,7 +169,7 @@ class Trial:
         """Return the trial in a file that :meth:`save` wrote.
 
         Raises:
-            TrocarError: there is no such file, or it is not a trial of this version.
+            BadFile: there is no such file, or it is not a trial of this version.
         """
         path = Path(path)
         archive = read_archive(path, FORMAT, VERSION)
@@ -185,7 +193,7 @@ class Trial:
                 wall_s=wall_s,
             )
         except (KeyError, TypeError, ValueError, AttributeError):
-            raise TrocarError(f"{str(path)!r} is not a readable {FORMAT}; run that trial again") from None
+            raise BadFile(path, f"is not a readable {FORMAT}", "run that trial again") from None
         _check(trial, path)
         return trial
 
@@ -195,7 +203,7 @@ def trial_about(path: str | Path) -> dict[str, Any]:
     try:
         return _note(read_header(path, FORMAT, VERSION).get("about"), ABOUT)
     except TypeError:
-        raise TrocarError(f"{str(path)!r} is not a readable {FORMAT}; run that trial again") from None
+        raise BadFile(path, f"is not a readable {FORMAT}", "run that trial again") from None
 
 
 def timing_file(path: str | Path) -> Path:
@@ -245,11 +253,11 @@ def _check(trial: Trial, path: Path) -> None:
     """Raise a sentence if the arrays of a trial cannot be what their names say."""
     for arm in trial.scenery.arms:
         if f"true_{arm}" not in trial.arrays:
-            raise TrocarError(f"{str(path)!r} is damaged: it lacks 'true_{arm}'")
+            raise BadFile(path, f"is damaged: it lacks 'true_{arm}'")
     rows = len(trial.times_s)
     for name, array in trial.arrays.items():
-        sampled = name.startswith(("asked_", "commanded_", "measured_", "true_", "body_"))
+        sampled = name.startswith(("desired_", "commanded_", "measured_", "true_", "body_"))
         if sampled and array.shape != (rows, 7):
-            raise TrocarError(f"{str(path)!r} is damaged: {name!r} has shape {array.shape}, not ({rows}, 7)")
+            raise BadFile(path, f"is damaged: {name!r} has shape {array.shape}, not ({rows}, 7)")
         if array.dtype.kind == "f" and not np.isfinite(array).all():
-            raise TrocarError(f"{str(path)!r} is damaged: {name!r} is not finite")
+            raise BadFile(path, f"is damaged: {name!r} is not finite")

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any, Protocol, TypeVar
 
-from trocar.errors import TrocarError
-from trocar.extras import how_to_install
+from trocar.errors import InvalidInput, InvalidValue, MachineError, NotInstalled
 from trocar.registry import Lazy, Registry
 
 Unit = TypeVar("Unit")
@@ -116,7 +115,7 @@ def run_all(
         workers: do the work.
 
     Raises:
-        TrocarError: workers died several times in a row.
+        MachineError: workers died several times in a row.
     """
     left = list(range(len(units)))
     deaths = 0
@@ -134,7 +133,7 @@ def run_all(
             return
         deaths += 1
         if deaths >= MAX_DEATHS:
-            raise TrocarError(
+            raise MachineError(
                 f"workers died {deaths} times in a row without finishing anything ({broken[:200]}); if memory is "
                 "short, give fewer with --jobs; run the same command to continue"
             )
@@ -180,7 +179,7 @@ def _handed_out(
 def processes(jobs: int, scheduler: str = "") -> Workers:
     """Return processes of this machine."""
     if scheduler:
-        raise TrocarError(f"--scheduler {scheduler!r} is of a dask cluster; add --backend dask, or drop it")
+        raise InvalidInput(f"--scheduler {scheduler!r}", "is of a dask cluster", "add --backend dask, or drop it")
     return Processes(jobs)
 
 
@@ -196,10 +195,12 @@ def pick_workers(backend: str, jobs: int, scheduler: str = "") -> Workers:
     """Return workers of a backend.
 
     Raises:
-        TrocarError: there is no such backend, it is not installed, or the number of jobs is not valid.
+        UnknownName: there is no such backend.
+        NotInstalled: it is not installed.
+        InvalidValue: the number of jobs is not valid.
     """
     if jobs < 1:
-        raise TrocarError(f"--jobs is {jobs}; give 1 or more")
+        raise InvalidValue("--jobs", jobs, "give 1 or more")
     if backend == "dask" and find_spec("distributed") is None:
-        raise TrocarError(f"--backend dask needs distributed; {how_to_install('dask')}")
+        raise NotInstalled("--backend dask", "distributed", "dask")
     return BACKENDS.pick(backend)(jobs, scheduler)

@@ -30,7 +30,7 @@ class Laboratory(Protocol):
 
 
 BACKENDS: Registry[Callable[[Station, np.random.Generator], Laboratory]] = Registry(
-    "backend", "trocar.backends", {"sim": Lazy("trocar.sim.backend:simulated")}
+    "backend", "trocar.backends", {"sim": Lazy("trocar.sim.laboratory:simulated")}
 )
 """Functions of (station, random generator) to a :class:`Laboratory`, by name."""
 

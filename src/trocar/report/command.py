@@ -38,6 +38,8 @@ def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
     for name in ("planner", "perception"):
         if about[name] and (usual is None or about[name] != getattr(usual, name)):
             words += [f"--{name}", about[name]]
+    for setting in about["set"]:
+        words += ["--set", setting]
     words += _station(task, about)
     level, *named = map(str, about["difficulty"] or [DEFAULT])
     words += ["--difficulty", level] if level != DEFAULT else []

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from trocar.eval import TASKS, TaskReport
-from trocar.eval.folder import asked
+from trocar.eval.folder import requested
 from trocar.eval.trial import Trial
 from trocar.files.output import make_folder, write_json
 from trocar.registry import Lazy
@@ -74,7 +74,7 @@ def write_report(
         shown=_place(first),
         notes=report.notes(trials),
         strange=strange,
-        command=command_of(first.about, *(asked(run) or _there(noted))),
+        command=command_of(first.about, *(requested(run) or _there(noted))),
     )
     drawn = [shown.path for shown in (*storyboard, *([timechart] if timechart else []), *failed_pictures)]
     return summary, [*files, *drawn, write_page(folder / "report.html", page)]

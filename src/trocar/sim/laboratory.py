@@ -12,8 +12,8 @@ import trio
 from trio.testing import MockClock, wait_all_tasks_blocked
 
 from trocar.cell import Cell, Result
-from trocar.lab import SensorFlaws
-from trocar.lab.session import Session
+from trocar.lab import SensorFlaws, Station
+from trocar.lab.session import Session, draw_session
 from trocar.lab.transmission import DriveTrain
 from trocar.log import CellLog
 from trocar.robots import TICK_S, ArmGuard, Guarded, JointEstimator
@@ -137,7 +137,7 @@ class SimLaboratory:
     def wrap_robot(self, wrap: Callable[[Cell], Any]) -> Cell:
         """Add another wrapper to the robot, made by ``wrap`` from the cell; return the cell with it."""
         self.cell = replace(self.cell, robot=wrap(self.cell))
-        self.recorder.asked_of = self.cell.robot
+        self.recorder.desired_of = self.cell.robot
         robot = self.cell.robot
         if isinstance(robot, JointEstimator):
             self._guard.estimator = robot
@@ -239,6 +239,11 @@ class SimLaboratory:
             self.driver.abandon(f"the simulation has ended: {error}")
             clock.autojump_threshold = 0.0
             raise
+
+
+def simulated(station: Station, rng: np.random.Generator) -> SimLaboratory:
+    """Return a simulated laboratory in a session drawn from the generator, with nothing on its table."""
+    return SimLaboratory(draw_session(station, rng), rng=rng)
 
 
 def _interruptible(script: Script) -> Script:

@@ -16,7 +16,7 @@ from trocar.sim.record import CollidingPair, Collision, Record
 from trocar.sim.spec import SHAPES
 from trocar.sim.world import World
 
-KINDS = ("asked", "commanded", "measured", "true")
+KINDS = ("desired", "commanded", "measured", "true")
 COLLISION_N = 0.5
 """A touch with less force than this is sliding, not a collision; .5 N does not visibly bend a peg (assumed)."""
 APART_S = 0.2
@@ -28,12 +28,12 @@ class Recorder:
     """Samples a world and its robot at each tick.
 
     Attributes:
-        asked_of: the outermost robot, whose set-points are what the script asked for.
+        desired_of: the outermost robot, whose set-points are what the script asked for.
     """
 
     def __init__(self, world: World, robot: Robot):
         self._world, self._robot = world, robot
-        self.asked_of: Robot = robot
+        self.desired_of: Robot = robot
         self._times: list[float] = []
         self._free: list[NDArray[np.float64]] = []
         self._rows: dict[str, dict[str, list[NDArray[np.float64]]]] = {
@@ -47,7 +47,7 @@ class Recorder:
         self._free.append(world.free_poses().copy())
         for name, rows in self._rows.items():
             reading, jaw = self._robot.read(name), world.jaw_rad(name)
-            rows["asked"].append(np.append(self.asked_of.setpoint(name).q, jaw))
+            rows["desired"].append(np.append(self.desired_of.setpoint(name).q, jaw))
             rows["commanded"].append(np.append(self._robot.setpoint(name).q, jaw))
             rows["measured"].append(np.append(reading.q, reading.jaw_rad))
             rows["true"].append(np.append(world.joints(name), jaw))
@@ -71,7 +71,7 @@ class Recorder:
         )
 
     def joints(self, kind: str) -> dict[str, NDArray[np.float64]]:
-        """Return (n, 7) joints and jaw of each arm: ``asked``, ``commanded``, ``measured`` or ``true``."""
+        """Return (n, 7) joints and jaw of each arm: ``desired``, ``commanded``, ``measured`` or ``true``."""
         return {name: np.array(rows[kind]).reshape(-1, 7) for name, rows in self._rows.items()}
 
     def free_poses(self) -> dict[str, NDArray[np.float64]]:

@@ -1,4 +1,4 @@
-"""Joints of one arm: asked, commanded, measured and true, and how they differ."""
+"""Joints of one arm: desired, commanded, measured and true, and how they differ."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.replay import Replay
 
-KINDS = ("asked", "commanded", "measured", "true")
+KINDS = ("desired", "commanded", "measured", "true")
 PRISMATIC = 2
 """Yaw, pitch, insertion, roll, wrist pitch, wrist yaw, jaw: ``ArmModel`` has its third joint slide."""
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from trocar.calibration.evaluation import WITH, WITHOUT, Curve, curve, draw_curve
 from trocar.calibration.fleet import curve as module
+from trocar.calibration.fleet.curve import WITH, WITHOUT, Curve, curve, draw_curve
 from trocar.calibration.models import OffsetModel
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError

@@ -94,7 +94,7 @@ def test_samples_are_the_trials_arrays_and_tips_follow_from_them(folder):
     table = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     np.testing.assert_allclose(table["time_s"], 0.01 * np.arange(TICKS))
     for arm, model in trial.scenery.arms.items():
-        for kind in ("asked", "commanded", "measured", "true"):
+        for kind in ("desired", "commanded", "measured", "true"):
             array = trial.arrays[f"{kind}_{arm}"].astype(float)
             names = [f"{arm}_q{k}_{kind}_{'m' if k == 3 else 'rad'}" for k in range(1, 7)] + [f"{arm}_jaw_{kind}_rad"]
             np.testing.assert_allclose(np.column_stack([table[name] for name in names]), array, rtol=1e-8)

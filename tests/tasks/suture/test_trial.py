@@ -26,7 +26,7 @@ def brisk():
     """Method ``brisk-NAME`` for each method: twice as fast, so that the tests are too."""
     for name, method in CircleSutures.methods.items():
         faster = {"driving_speed_m_s": 0.016, "travel_speed_m_s": 0.05}
-        settings = partial(replace, method.default_settings(), **faster)
+        settings = partial(replace, method.make_settings(), **faster)
         METHODS.register(f"suture/brisk-{name}", replace(method, settings=settings))
     yield
     for name in CircleSutures.methods:
@@ -93,7 +93,7 @@ def test_outer_joints_have_no_cables_in_the_way(played, how):
 def test_the_same_seed_writes_the_same_bytes(played, tmp_path):
     """Up to the moment at which the arm has looked at the needle, and drives it."""
     _, config, prepared = played["calibrated"]
-    config = replace(config, task=replace(config.task, budget_s=LOOKED_S), _built={})
+    config = replace(config, task=replace(config.task, budget_s=LOOKED_S))
     files = []
     for name in ("first", "second"):
         files.append(trial_file(tmp_path / name, 0, 0))

@@ -15,7 +15,7 @@ from trocar.report.export.notes import PLACE
 from trocar.report.export.table import Column, FlatTable
 
 KINDS = {
-    "asked": "as the script asked for",
+    "desired": "as the script asked for",
     "commanded": "as it was sent to the controller, corrected for the cables",
     "measured": "as the encoders read it",
     "true": "as it really was, which only the referee knows",

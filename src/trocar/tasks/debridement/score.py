@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.eval import Score, told
+from trocar.eval import Score, agent_explanation
 from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.grips import DROP, DROPOFF, PICKUP, STUCK, Closing, closings_of, fate
 from trocar.tasks.debridement.truth import DebridementTruth
@@ -227,7 +227,7 @@ def _noted(truth: DebridementTruth, events: Sequence[Event], tally: _Tally) -> E
 def _why(tally: _Tally, noted: Event | None, overlooked: int, events: Sequence[Event]) -> tuple[str, str]:
     """Return the name of the failure, and a sentence: what happened to it last, else the script's own."""
     last = max((failure[0], failure[2].name) for failure in tally.failures)[1] if tally.failures else ""
-    said = told(noted, events)
+    said = agent_explanation(noted, events)
     if last:
         return last, said[1] if said and said[0] == last and said[1] else FragmentOutcome[last].value
     if said is not None and said[0] != FragmentOutcome.DONE.name:

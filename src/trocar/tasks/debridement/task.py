@@ -69,6 +69,7 @@ class Debridement(Task):
     about = "fragments of foam into a receptacle, two arms at once, re-planning all the way (Kehoe et al. 2014)"
     goal_noun = "fragment"
     report = Lazy("trocar.tasks.debridement.report:DebridementReport")
+    study = Lazy("trocar.tasks.debridement.report.study:DebridementStudy")
     station = "raven-pair"
     methods: ClassVar = {
         "best": Method(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.eval import Score, told
+from trocar.eval import Score, agent_explanation
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.truth import PegTruth
 
@@ -165,7 +165,7 @@ def _why(
     events: Sequence[Mapping[str, Any]],
 ) -> tuple[str, str]:
     """Return the name of the failure, and a sentence: the script's own if it gave one, else from the truth."""
-    said = told(noted, events)
+    said = agent_explanation(noted, events)
     if said is not None:
         return said
     if not at_source:

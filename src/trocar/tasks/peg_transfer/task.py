@@ -66,28 +66,31 @@ class PegTransfer(Task):
     methods: ClassVar = {
         "calibrated": Method(
             "cables compensated by a model that was fitted in this session",
+            calibrated=True,
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:compensated")},
         ),
-        "uncalibrated": Method("encoder readings taken at face value", calibrated=False, **_AGENT),
+        "uncalibrated": Method("encoder readings taken at face value", **_AGENT),
         "adaptive": Method(
             "no recording: cables are learned from looks at the wrist, before the first transfer and at each one",
-            calibrated=False,
             learns=True,
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:learning")},
         ),
         "optimized": Method(
             "calibrated, the paper's SQP refining its splines",
+            calibrated=True,
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:patient")},
             planner="sqp",
         ),
         "best": Method(
             "calibrated, each motion as short as the limits allow, budgets as short as the computations",
+            calibrated=True,
             **{**_AGENT, "settings": Lazy(f"{_SETTINGS}:quick")},
             planner="optimal",
         ),
     }
     perceptions: ClassVar = {"depth": Lazy("trocar.tasks.peg_transfer.perception.depth_view:DepthView")}
     report = Lazy("trocar.tasks.peg_transfer.report:PegReport")
+    study = Lazy("trocar.tasks.peg_transfer.report.study:PegStudy")
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.eval import Score, told
+from trocar.eval import Score, agent_explanation
 from trocar.geometry import SE3
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import Suture
@@ -217,7 +217,7 @@ def _why(
     noted: Mapping[str, Any] | None, loading: Loading | None, held: bool, events: Sequence[Mapping[str, Any]]
 ) -> tuple[str, str]:
     """Return the name of the failure, and a sentence: the script's own if it gave one, else from the truth."""
-    said = told(noted, events)
+    said = agent_explanation(noted, events)
     if said is not None:
         return said
     if loading is None:

@@ -74,12 +74,12 @@ class CircleSutures(Task):
     station = "suture"
     methods: ClassVar = {
         "calibrated": Method(
-            "cables compensated by a model that was fitted in this session; a camera looks at the needle", **_LOOKING
+            "cables compensated by a model that was fitted in this session; a camera looks at the needle",
+            calibrated=True,
+            **_LOOKING,
         ),
-        "blind": Method("cables compensated likewise; no looks at the needle", **_BLIND),
-        "uncalibrated": Method(
-            "encoder readings taken at face value; no looks at the needle", calibrated=False, **_BLIND
-        ),
+        "blind": Method("cables compensated likewise; no looks at the needle", calibrated=True, **_BLIND),
+        "uncalibrated": Method("encoder readings taken at face value; no looks at the needle", **_BLIND),
     }
     report = Lazy("trocar.tasks.suture.report.driven_sutures:SutureReport")
 

@@ -24,7 +24,7 @@ def trial(tmp_path_factory):
 
 def errors_at(trial, time_s):
     at = round(time_s / trial.scenery.tick_s)
-    return (trial.arrays[f"true_{ARM}"] - trial.arrays[f"asked_{ARM}"])[at, 3:6]
+    return (trial.arrays[f"true_{ARM}"] - trial.arrays[f"desired_{ARM}"])[at, 3:6]
 
 
 @pytest.mark.slow

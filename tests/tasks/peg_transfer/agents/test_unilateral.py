@@ -116,7 +116,7 @@ def test_a_transfer_ends_with_the_block_on_its_target(clean):
 def test_jaws_open_beside_a_peg_no_further_than_lets_go_and_wide_only_over_the_pegs(clean):
     lab, _, (_, score) = clean
     rows, times_s = lab.recorder.arrays(), lab.truth().times_s
-    jaw_rad, asked = rows["measured_psm1"][:, 6], rows["asked_psm1"]
+    jaw_rad, asked = rows["measured_psm1"][:, 6], rows["desired_psm1"]
     tip_m = (T_WORLD_BASE["psm1"] @ fk(PSM_CLASSIC, asked[:, :6].astype(float))).translation_m
     after = times_s > score.end_s - 0.2
     held, low = jaw_rad[after][0], after & (tip_m[:, 2] < Pegboard().peg_height_m)

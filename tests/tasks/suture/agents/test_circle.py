@@ -96,7 +96,7 @@ def test_each_step_of_the_primitive_is_done_once_in_order(two_sutures):
 
 def test_no_joint_is_ever_asked_out_of_its_range(two_sutures):
     lab, _ = two_sutures
-    assert limit_violations(SETUP.arm, lab.recorder.joints("asked")["psm1"][:, :6]) == []
+    assert limit_violations(SETUP.arm, lab.recorder.joints("desired")["psm1"][:, :6]) == []
 
 
 def test_every_part_is_noted_and_what_is_sent_keeps_the_limits(two_sutures):

@@ -61,7 +61,7 @@ def made_up(off=OFF, failure="", scores=True):
         command_limit_use={"psm1": (0.5, 0.9)},
         arrays={
             "true_psm1": true.astype(np.float32),
-            "asked_psm1": asked.astype(np.float32),
+            "desired_psm1": asked.astype(np.float32),
             "body_needle": np.column_stack([needle.translation_m, needle.rotation.as_quaternion()]).astype(np.float32),
             "T_world_circle": setup.circle.T_world_circle.matrix,
         },

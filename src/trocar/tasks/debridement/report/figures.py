@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from trocar.eval.comparison import ratio_estimate, session_estimate
+from trocar.eval.statistics import session_interval
+from trocar.eval.study import by_session
 from trocar.report.parts import parts_of
 from trocar.tasks.debridement.report.table_one import MODES, PARTS
 
 if TYPE_CHECKING:
     from trocar.eval.trial import Trial
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
-
-import numpy as np
-
-from trocar.eval.statistics import session_interval
-from trocar.report.comparison import ratio_estimate, session_estimate
 
 COUNTED = {
     **dict.fromkeys(("capture", "perception", "settling"), "perception"),
@@ -142,14 +140,6 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
         "left_behind": dict(failures),
         "wall_s_per_trial": float(np.mean([row.wall_s for row in rows])),
     }
-
-
-def by_session(rows: Sequence[Row], value: Callable[[Row], Any]) -> dict[int, list[Any]]:
-    """Return one value per trial, by session."""
-    found: dict[int, list[Any]] = {}
-    for row in rows:
-        found.setdefault(row.session, []).append(value(row))
-    return found
 
 
 def rate_of(rows: Sequence[Row], counts: Callable[[Row], Sequence[int]]) -> dict[str, Any]:

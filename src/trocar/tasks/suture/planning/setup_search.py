@@ -97,6 +97,7 @@ def search_setup(
     """
     here = setup or start.setup
     limits = free_bounds(here, free, bounds)
+    planner(start)  # what is wrong with its settings is told before a search of minutes
     if evaluations < 2 * POPULATION:
         raise InvalidValue("the number of evaluations", evaluations, f"give at least {2 * POPULATION}")
     if len(start.thetas_rad) % COARSE:

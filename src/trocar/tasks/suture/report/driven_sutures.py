@@ -57,7 +57,7 @@ def joint_errors(trial: Trial) -> NDArray[np.float64]:
 def _joints(trial: Trial) -> tuple[NDArray, NDArray]:
     """Return true and desired joints (n, 6) of the arm that drove."""
     arm = trial.about["arms"][0]
-    return trial.arrays[f"true_{arm}"][:, :6], trial.arrays[f"asked_{arm}"][:, :6]
+    return trial.arrays[f"true_{arm}"][:, :6], trial.arrays[f"desired_{arm}"][:, :6]
 
 
 def driven_summary(trials: Sequence[Trial]) -> dict[str, Any]:

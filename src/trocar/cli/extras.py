@@ -1,5 +1,0 @@
-"""Optional dependencies."""
-
-from trocar.cli.options import need
-
-__all__ = ["need"]

@@ -1,1 +1,0 @@
-"""How a task's success depends on each flaw of a laboratory."""

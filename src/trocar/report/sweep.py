@@ -1,0 +1,308 @@
+"""Sweeps: one task, several methods, flaws of several sizes and seeds, in one table and one picture."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from trocar.errors import BadFile, InvalidInput, UnknownName
+from trocar.eval import TASKS, Task, methods_of
+from trocar.eval.comparison import ratio_estimate, session_estimate
+from trocar.eval.config import MAX_TRIALS, RunConfig
+from trocar.eval.method import pick_method
+from trocar.eval.statistics import session_interval
+from trocar.eval.study import Condition, RowKind, TableData, by_session
+from trocar.eval.trial import Trial
+from trocar.files.output import write_json
+from trocar.lab.flaws import FLAWS, MILD, MOST_SCALE, SHOWN, Difficulty
+from trocar.report import style
+
+COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
+WIDTH_IN, HEIGHT_IN = 2.7, 4.4
+OWN_KEYS = ("task", "methods", "seeds", "flaws", "options")
+"""Keys of a sweep's file besides the options of a run."""
+RUN_KEYS = tuple(
+    f.name for f in fields(RunConfig) if f.name not in ("task", "method", "seed", "flaws", "plugins", "_built")
+)
+COMPENSATED_ALONE = ("model", "calibration", "prior", "new_session", "refit_offsets")
+"""Options that only methods with a calibration have; a sweep gives them to no other."""
+NOTES = (
+    "intervals of 95 %, over sessions: success beta-binomial, collisions Student's t; all conditions had the same "
+    "sessions and scenes",
+    "goals reached are counted out of all goals: a block lost in an earlier transfer counts as one that was not moved",
+    "a dotted line is the size that recordings show, or that is assumed (docs/simulator.md)",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """One point of a sweep's curves: a method at one size of one flaw, with a run for each seed.
+
+    Attributes:
+        method: name of the method.
+        flaw: its name; empty in a sweep of methods alone.
+        scale: its size, as a multiple of the recorded one.
+        conditions: its runs, one for each seed; identical ones are shared by several points.
+    """
+
+    method: str
+    flaw: str
+    scale: float
+    conditions: tuple[Condition, ...]
+
+    @property
+    def size(self) -> float:
+        """Return the flaw's size in :attr:`unit`."""
+        if not self.flaw:
+            return 0.0
+        flaw = FLAWS[self.flaw]
+        return SHOWN[flaw.unit][1] * flaw.size(self.conditions[0].config.laboratory.difficulty[self.flaw])
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of the size: 'mm', 'deg', or 'x' for multiples of the recorded size."""
+        return (SHOWN[FLAWS[self.flaw].unit][0] or "x") if self.flaw else ""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a sweep's file says; see ``examples/sweep.toml``.
+
+    Attributes:
+        task: with its options.
+        methods: names; empty: all that the task has.
+        seeds: each draws sessions of its own.
+        flaws: sizes of each flaw that is varied, as multiples of what was recorded.
+        run: other options of its runs, as in ``RunConfig``.
+    """
+
+    task: Task
+    methods: tuple[str, ...]
+    seeds: tuple[int, ...]
+    flaws: Mapping[str, Sequence[float]]
+    run: Mapping[str, Any]
+
+    @staticmethod
+    def read(path: str | Path) -> Sweep:
+        """Return the sweep in a TOML file.
+
+        Raises:
+            BadFile: it cannot be read, or names no task.
+            UnknownName: a key, the task, a method or a flaw is unknown.
+            InvalidInput: a value is not of its kind.
+        """
+        try:
+            values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise BadFile(
+                path, f"is no readable TOML file ({error})", "see examples/sweep.toml", kind="sweep"
+            ) from None
+        for key in values:
+            if key not in (*OWN_KEYS, *RUN_KEYS):
+                raise UnknownName(f"key of {str(path)!r}", key, (*OWN_KEYS, *RUN_KEYS))
+        if not isinstance(values.get("task"), str):
+            raise BadFile(path, "names no task", 'give one, as task = "peg-transfer"', kind="sweep")
+        task, options = TASKS.pick(values["task"]), values.get("options", {})
+        names = [f.name for f in fields(task)]  # type: ignore[arg-type]
+        for name in options:
+            if name not in names:
+                raise UnknownName(f"option of {task.name}", name, names)
+        methods = tuple(values.get("methods") or methods_of(task))
+        for method in methods:
+            pick_method(task, method)
+        return Sweep(
+            task(**options),
+            methods,
+            tuple(values.get("seeds", (0,))),
+            {flaw: _sizes(flaw, sizes) for flaw, sizes in values.get("flaws", {}).items()},
+            {key: value for key, value in values.items() if key in RUN_KEYS},
+        )
+
+    def points(self, folder: str | Path, plugins: Sequence[str] = ()) -> list[Point]:
+        """Return the points of the curves; each run has a folder in that of the sweep."""
+        difficulty = self.run.get("difficulty", "recorded")
+        conditions: dict[Path, Condition] = {}
+        points = []
+        for method in self.methods:
+            calibrated = pick_method(type(self.task), method).calibrated
+            given = {k: v for k, v in self.run.items() if calibrated or k not in COMPENSATED_ALONE}
+            for flaw, scale in [(name, size) for name, sizes in self.flaws.items() for size in sizes] or [("", 1.0)]:
+                named = _named(flaw, scale, difficulty)
+                found = []
+                for seed in self.seeds:
+                    config = RunConfig(
+                        self.task, method=method, seed=seed, flaws=named, plugins=tuple(plugins), **given
+                    )
+                    words = [method, difficulty, *(f"{flaw}-{scale:g}" for _ in named), f"seed-{seed}"]
+                    home = (Path(folder) / "-".join(words)).absolute()
+                    found.append(conditions.setdefault(home, Condition(self.task.variant, config, home)))
+                relevant = found[0].config.laboratory.relevant_flaws(self.task.name)
+                if flaw and flaw not in relevant:
+                    raise UnknownName("flaw of this station", flaw, relevant)
+                points.append(Point(method, flaw, scale, tuple(found)))
+        return points
+
+
+def _named(flaw: str, scale: float, difficulty: str) -> tuple[str, ...]:
+    """Return a flaw of a size that the laboratory does not have anyhow, in the form that ``--flaw`` takes."""
+    if not flaw or (difficulty != MILD and Difficulty.of(difficulty).scale(flaw) == scale):
+        return ()
+    kind = FLAWS[flaw]
+    return (f"{flaw}={scale * kind.size(kind.values('recorded')):.6g}{kind.unit}",)
+
+
+def _sizes(flaw: str, sizes: Any) -> list[float]:
+    if flaw not in FLAWS:
+        raise UnknownName("flaw", flaw, FLAWS)
+    good = isinstance(sizes, list) and all(
+        isinstance(size, int | float) and not isinstance(size, bool) and 0.0 <= size <= MOST_SCALE for size in sizes
+    )
+    if not good or len(set(sizes)) < max(len(sizes), 1):
+        remedy = f"give different numbers from 0 to {MOST_SCALE:g}, times what was recorded, as in [0, 1, 2]"
+        raise InvalidInput(f"flaw {flaw!r}", f"has the sizes {sizes}", remedy)
+    return sorted(map(float, sizes))
+
+
+def conditions_of(points: Sequence[Point]) -> list[Condition]:
+    """Return the runs of these points, each once."""
+    return list({one.folder: one for point in points for one in point.conditions}.values())
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial of any task.
+
+    Attributes:
+        fingerprint: of its run.
+        session: its number.
+        index: of the trial in its session.
+        goals: how many there were.
+        succeeded: how many of them were reached.
+        collisions: how many there were.
+        duration_s: on the trial's clock.
+    """
+
+    fingerprint: str
+    session: int
+    index: int
+    goals: int
+    succeeded: int
+    collisions: int
+    duration_s: float
+
+
+def row_of(trial: Trial) -> Row:
+    """Return a trial's row."""
+    return Row(
+        fingerprint=str(trial.about["fingerprint"]),
+        session=int(trial.about["session"]),
+        index=int(trial.about["index"]),
+        goals=len(trial.scores),
+        succeeded=sum(bool(score["succeeded"]) for score in trial.scores),
+        collisions=len(trial.collisions),
+        duration_s=trial.duration_s,
+    )
+
+
+KIND = RowKind(Row, row_of)
+
+
+def figures_of(point: Point, rows_of: Mapping[Path, Sequence[Row]]) -> dict[str, Any] | None:
+    """Return the figures of a point with their 95 % intervals over sessions, as JSON values; None without a trial."""
+    rows = [
+        replace(row, session=number * MAX_TRIALS + row.session)  # sessions of different seeds differ
+        for number, condition in enumerate(point.conditions)
+        for row in rows_of.get(condition.folder, ())
+    ]
+    if not rows:
+        return None
+    reached = [sum(values) for values in by_session(rows, lambda row: row.succeeded).values()]
+    goals = [sum(values) for values in by_session(rows, lambda row: row.goals).values()]
+    seconds = ratio_estimate(by_session(rows, lambda row: (row.duration_s, float(row.succeeded))))
+    return {
+        "name": point.conditions[0].folder.name.rpartition("-seed-")[0],
+        "method": point.method,
+        "flaw": point.flaw,
+        "scale": point.scale,
+        "size": point.size,
+        "unit": point.unit,
+        "folders": [condition.folder.name for condition in point.conditions],
+        "sessions": len(reached),
+        "trials": len(rows),
+        "goals": sum(goals),
+        "succeeded": sum(reached),
+        "success": sum(reached) / sum(goals),
+        "success_ci95": list(session_interval(reached, goals)),
+        "collisions_per_trial": asdict(session_estimate(by_session(rows, lambda row: float(row.collisions)))),
+        "s_per_success": asdict(seconds) if seconds else None,
+    }
+
+
+def write_sweep(
+    folder: str | Path, task: str, figures: Sequence[Mapping[str, Any]], missing: Sequence[str]
+) -> tuple[dict[str, Any], list[Path]]:
+    """Write ``summary.json`` and ``sweep.png``; return the summary and the files."""
+    folder = Path(folder)
+    summary = {"study": "sweep", "task": task, "conditions": list(figures), "notes": [*NOTES, *missing]}
+    path = write_json(folder / "summary.json", summary, "summary of a study")
+    return summary, [path, draw_curves(figures, folder / "sweep.png")]
+
+
+def tables_of(figures: Sequence[Mapping[str, Any]]) -> list[TableData]:
+    """Return a table for each flaw."""
+    tables = []
+    head = ("method", "size", "goals reached", "%", "collisions per trial", "s for each")
+    for flaw in dict.fromkeys(row["flaw"] for row in figures):
+        lines = []
+        for row in (row for row in figures if row["flaw"] == flaw):
+            low, high = (100 * end for end in row["success_ci95"])
+            size = f"{row['size']:.3g} {row['unit']}" + (" (recorded)" if row["scale"] == 1.0 else "") if flaw else "-"
+            rate = f"{100 * row['success']:.1f} [{low:.0f}, {high:.0f}]"
+            seconds = f"{row['s_per_success']['mean']:.1f}" if row["s_per_success"] else "-"
+            hits = f"{row['collisions_per_trial']['mean']:.2f}"
+            lines.append((row["method"], size, f"{row['succeeded']} of {row['goals']}", rate, hits, seconds))
+        tables.append(TableData(f"{flaw}: {FLAWS[flaw].about}" if flaw else "Methods", head, lines))
+    return tables
+
+
+def draw_curves(summaries: Sequence[Mapping[str, Any]], path: str | Path) -> Path:
+    """Draw a column for each flaw, success above collisions, a curve for each method; return the path."""
+    path = Path(path)
+    flaws, methods = (list(dict.fromkeys(row[key] for row in summaries)) for key in ("flaw", "method"))
+    with style.figure(1.0 + WIDTH_IN * len(flaws), HEIGHT_IN, path) as figure:
+        grid = figure.subplots(2, len(flaws), squeeze=False, sharex="col", sharey="row")
+        for column, flaw in enumerate(flaws):
+            top, bottom = grid[:, column]
+            for method, colour in zip(methods, COLOURS * len(methods), strict=False):
+                rows = [row for row in summaries if row["flaw"] == flaw and row["method"] == method]
+                x = [row["size"] for row in rows] if flaw else [float(methods.index(method))]
+                rates = [100 * row["success"] for row in rows]
+                low, high = ([100 * row["success_ci95"][end] for row in rows] for end in (0, 1))
+                top.plot(x, rates, "o-", color=colour, markersize=3.5, label=method if column == 0 else None)
+                top.vlines(x, low, high, color=colour, alpha=0.4, linewidth=1.2)
+                hits = [row["collisions_per_trial"] for row in rows]
+                bottom.plot(x, [hit["mean"] for hit in hits], "o-", color=colour, markersize=3.5)
+                if all(hit["low"] is not None for hit in hits):
+                    ends = ([max(hit["low"], 0.0) for hit in hits], [hit["high"] for hit in hits])
+                    bottom.vlines(x, *ends, color=colour, alpha=0.4, linewidth=1.2)
+            unit = next(row["unit"] for row in summaries if row["flaw"] == flaw)
+            varied = [row for row in summaries if row["flaw"] == flaw and row["scale"] > 0 and flaw]
+            for axes in (top, bottom):
+                if varied:
+                    recorded = varied[0]["size"] / varied[0]["scale"]
+                    axes.axvline(recorded, color=style.QUIET, linewidth=0.8, linestyle=":")
+            top.set_title(flaw)
+            bottom.set_xlabel("times what was recorded" if unit == "x" else unit)
+        if flaws == [""]:
+            grid[1, 0].set_xticks(range(len(methods)), methods, rotation=30)
+        grid[0, 0].set_ylim(0.0, 102.0)
+        grid[1, 0].set_ylim(bottom=0.0)
+        grid[0, 0].set_ylabel("goals reached, %")
+        grid[1, 0].set_ylabel("collisions per trial")
+        figure.legend(
+            loc="outside lower center", ncols=len(methods), title="bars: 95 % interval over sessions", title_fontsize=8
+        )
+    return path

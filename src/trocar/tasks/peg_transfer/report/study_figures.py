@@ -1,0 +1,179 @@
+"""Figures like Figs. 9 to 11 of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
+
+from trocar.eval.study import Results
+from trocar.eval.trial import Trial, trial_file
+from trocar.geometry import SE3
+from trocar.report import style
+from trocar.tasks.peg_transfer.goals import PegSet
+from trocar.tasks.peg_transfer.report.published import COLLISIONS, COMPLETION_S
+from trocar.tasks.peg_transfer.report.trial_row import KINDS, Row
+
+COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
+PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}
+LEAST_OF_BOX = 5
+"""Minimum number of trials for a box."""
+THINNED = 5
+"""One in this many samples of a path is drawn."""
+
+
+def draw_paths(results: Sequence[Results[Row]], path: Path) -> Path:
+    """Draw the tips' paths over the board of one trial of each cell (Fig. 9), and return the path."""
+    variants, methods = _axes_of(results)
+    pegs = 1e3 * PegSet().board.pegs_m
+    with style.figure(3.2 * len(methods), 2.5 * len(variants) + 0.4, path) as figure:
+        grid = figure.subplots(len(variants), len(methods), squeeze=False, sharex=True, sharey=True)
+        for result in results:
+            axes = grid[variants.index(result.condition.name), methods.index(result.condition.method)]
+            row = result.rows[0]
+            trial = Trial.load(trial_file(result.condition.folder, row.session, row.index))  # one at a time
+            T_board_world = SE3(trial.arrays["T_world_board"].astype(np.float64)).inverse()
+            tools = trial.replay().tools
+            for k, arm in enumerate(trial.about["arms"]):
+                tip = 1e3 * T_board_world.apply(tools[arm].p_world_driven_m)[::THINNED]
+                axes.plot(tip[:, 0], tip[:, 1], linewidth=0.7, color=COLOURS[k], label=arm)
+            axes.plot(pegs[:, 0], pegs[:, 1], "o", color=style.INK, markersize=3)
+            axes.set_aspect("equal")
+            axes.set_title(f"{result.condition.name}, {result.condition.method}: {row.path_m:.1f} m", fontsize=8)
+        grid[0, 0].legend(fontsize=7)
+        figure.supxlabel("x in the board frame, mm", fontsize=9)
+        figure.supylabel("y, mm", fontsize=9)
+    return path
+
+
+def draw_performance(results: Sequence[Results[Row]], cells: Sequence[Mapping[str, Any]], path: Path) -> Path:
+    """Draw success, distance, collisions and completion time (Fig. 10), and return the path."""
+    panels: list[tuple[str, Callable[[Row], float]]] = [
+        ("distance of the tips, m per trial", lambda row: row.path_m),
+        ("collisions per trial", lambda row: float(row.collisions)),
+        ("completion time, s", lambda row: row.duration_s),
+    ]
+    variants, methods = _axes_of(results)
+    with style.figure(11.0, 3.6, path) as figure:
+        grid = figure.subplots(1, 4)
+        _success(grid[0], results, cells, variants, methods)
+        for axes, (name, value) in zip(grid[1:], panels, strict=True):
+            _boxes(axes, results, variants, methods, value)
+            axes.set_title(name)
+        for place, variant in enumerate(variants):
+            for who, (marker, colour) in PEOPLE.items():
+                at = place + 0.46
+                grid[2].plot(at, COLLISIONS[who], marker, color=colour, markersize=4)
+                if variant in COMPLETION_S:
+                    mean, sd = COMPLETION_S[variant][who]
+                    label = f"{who}, published" if place == 0 else None
+                    grid[3].errorbar(at, mean, sd, fmt=marker, color=colour, markersize=4, linewidth=0.8, label=label)
+        for axes in grid[2:]:
+            axes.autoscale(axis="y")
+            axes.set_ylim(bottom=0.0)
+        grid[3].legend(fontsize=7)
+    return path
+
+
+def draw_motion(results: Sequence[Results[Row]], path: Path) -> Path:
+    """Draw velocity, acceleration and jerk of joints and tip (Fig. 11), and return the path."""
+    variants, methods = _axes_of(results)
+    units = {"velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+    with style.figure(10.0, 5.6, path) as figure:
+        grid = figure.subplots(2, 3)
+        for row, (part, unit) in enumerate((("joints", "rad"), ("tip", "m"))):
+            for axes, kind in zip(grid[row], KINDS, strict=True):
+                _boxes(axes, results, variants, methods, _value(part, kind))
+                what = "turning joints" if part == "joints" else "tip"
+                axes.set_title(f"{what}: RMS {kind}, {unit}{units[kind]}", fontsize=9)
+        grid[0, 0].legend(handles=_handles(methods), fontsize=7)
+    return path
+
+
+def _value(part: str, kind: str) -> Callable[[Row], float]:
+    return lambda row: getattr(row, part)[kind]
+
+
+def _axes_of(results: Sequence[Results[Row]]) -> tuple[list[str], list[str]]:
+    """Return variants and methods in order of first occurrence."""
+    return (
+        list(dict.fromkeys(result.condition.name for result in results)),
+        list(dict.fromkeys(result.condition.method for result in results)),
+    )
+
+
+def _place(result: Results[Row], variants: Sequence[str], methods: Sequence[str]) -> float:
+    """Return where a cell stands on the axis: variants one apart, methods beside each other."""
+    width = 0.8 / len(methods)
+    return (
+        variants.index(result.condition.name)
+        + (methods.index(result.condition.method) - (len(methods) - 1) / 2) * width
+    )
+
+
+def _boxes(
+    axes: Axes,
+    results: Sequence[Results[Row]],
+    variants: Sequence[str],
+    methods: Sequence[str],
+    value: Callable[[Row], float],
+) -> None:
+    """Draw a box of each cell's trials: quartiles, whiskers to 1.5 quartile ranges, outliers as points.
+
+    With fewer than ``LEAST_OF_BOX`` trials, each is a point, since quartiles would mean nothing.
+    """
+    for result in results:
+        colour = COLOURS[methods.index(result.condition.method) % len(COLOURS)]
+        if len(result.rows) < LEAST_OF_BOX:
+            at = np.full(len(result.rows), _place(result, variants, methods))
+            axes.plot(at, [value(row) for row in result.rows], "o", color=colour, markersize=4)
+            continue
+        drawn = axes.boxplot(
+            [[value(row) for row in result.rows]],
+            positions=[_place(result, variants, methods)],
+            widths=0.7 / len(methods),
+            patch_artist=True,
+            manage_ticks=False,
+            flierprops={"markersize": 2},
+            medianprops={"color": style.INK},
+        )
+        drawn["boxes"][0].set_facecolor(colour)
+    axes.set_ylim(bottom=0.0)
+    _named(axes, variants)
+
+
+def _success(
+    axes: Axes,
+    results: Sequence[Results[Row]],
+    cells: Sequence[Mapping[str, Any]],
+    variants: Sequence[str],
+    methods: Sequence[str],
+) -> None:
+    """Draw success rates with their 95 % intervals over sessions."""
+    for result, cell in zip(results, cells, strict=True):
+        rate, (low, high) = 100 * cell["success_rate"], np.multiply(100, cell["success_ci95"])
+        axes.errorbar(
+            _place(result, variants, methods),
+            rate,
+            [[rate - low], [high - rate]],
+            fmt="o",
+            capsize=3,
+            color=COLOURS[methods.index(result.condition.method) % len(COLOURS)],
+        )
+    axes.set_ylim(-3, 103)
+    axes.set_title("success, %, 95 % interval")
+    axes.legend(handles=_handles(methods), fontsize=7, loc="lower right")
+    _named(axes, variants)
+
+
+def _named(axes: Axes, variants: Sequence[str]) -> None:
+    axes.set_xticks(range(len(variants)), variants)
+    axes.set_xlim(-0.6, len(variants) - 0.4)
+
+
+def _handles(methods: Sequence[str]) -> list:
+    return [Patch(color=COLOURS[k % len(COLOURS)], label=name) for k, name in enumerate(methods)]

@@ -1,0 +1,59 @@
+"""``trocar run --config FILE``: the same as the words that it stands for."""
+
+import pytest
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        path = tmp_path / "run.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_a_file_stands_for_the_words_of_a_run_and_words_override_it(trocar, tmp_path, monkeypatch, written):
+    seen = {}
+
+    class Seen(Exception):
+        pass
+
+    def stop(config, folder):
+        seen.update(config=config, folder=folder)
+        raise Seen
+
+    monkeypatch.setattr("trocar.eval.folder.open_folder", stop)
+    path = written(
+        'task = "peg-transfer"\nmethod = "best"\ncalibration = "joints"\nsessions = 3\ntransfers = 2\n'
+        'new_session = true\nrefit-offsets = false\nflaw = ["registration=1mm", "jaw=1deg"]\n'
+    )
+    code, _, err = trocar("run", "--config", path, "--sessions", 4, "--out", tmp_path / "out")
+    assert code == 70 and "Seen" in err
+    config = seen["config"]
+    assert (config.task.name, config.task.transfers, config.method, config.calibration) == (
+        "peg-transfer",
+        2,
+        "best",
+        "joints",
+    )
+    assert (config.sessions, config.new_session, config.refit_offsets) == (4, True, False)
+    assert config.how_difficult == ["recorded", "registration=1mm", "jaw=1deg"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("task =", "is no readable TOML"),
+        ('task = "peg-transfr"', "task 'peg-transfr' is unknown; did you mean 'peg-transfer'?"),
+        ('task = "suture"\n[flaws]\nouter = 1', "has a table 'flaws'"),
+        ('task = "suture"\nseed = -1', "the seed is -1"),
+    ],
+)
+def test_what_cannot_be_read_is_one_sentence(trocar, written, text, said):
+    code, out, err = trocar("run", "--config", written(text))
+    assert (code, out) == (2, "") and said in err and err.count("\n") == 1
+
+
+def test_a_file_must_be_named(trocar):
+    assert "--config names no file" in trocar("run", "--config")[2]

@@ -1,0 +1,159 @@
+"""``trocar study peg-transfer``: from made-up trials, and real ones on two workers, one of which is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from made_up_study import rows_of, saved
+from synthetic import unmarked
+from trocar.arms import fk
+from trocar.eval.study import read_study, study_of
+from trocar.eval.trial import Trial, trial_file, trial_files
+from trocar.report.study import write_study
+from trocar.tasks.peg_transfer.report import trial_row
+from trocar.tasks.peg_transfer.report.hypotheses import HELD, OPEN, REJECTED, findings
+from trocar.tasks.peg_transfer.report.trial_row import KIND
+from trocar.tasks.peg_transfer.task import PegTransfer
+
+KEPT = {}
+STUDY = ("study", "peg-transfer")
+WORDS = ("--variants", "unilateral", "--methods", "uncalibrated", "--sessions", "2", "--transfers", "1", "--seed", "3")
+
+
+@pytest.fixture(autouse=True)
+def _analysed_once(monkeypatch):
+    """Analyse each made-up path once in all tests of the study: they are the same few, and each takes a second."""
+    analyse = trial_row.analyse_joints
+
+    def analysed(arm, measured, step_s, *rest):
+        key = arm.name, measured.tobytes(), step_s, rest
+        if key not in KEPT:
+            KEPT[key] = analyse(arm, measured, step_s, *rest)
+        return KEPT[key]
+
+    monkeypatch.setattr(trial_row, "analyse_joints", analysed)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A study of two methods in six sessions."""
+    return saved(tmp_path_factory.mktemp("study"), sessions=6)
+
+
+def test_a_row_is_the_trials(made):
+    condition = made[1]
+    found = rows_of(condition)[2]
+    trial = Trial.load(trial_file(condition.folder, 2, 0))
+    assert (found.session, found.index, found.attempted, found.succeeded) == (2, 0, 12, 6)
+    assert (found.available, found.collisions, found.duration_s) == (12, 4, 60.0)
+    assert found.failures == {"DROPPED": 6}
+    q = trial.arrays["measured_psm1"][:, :6].astype(float)
+    p = fk(trial.scenery.arms["psm1"], q).translation_m
+    assert found.path_m == pytest.approx(np.linalg.norm(np.diff(p, axis=0), axis=1).sum(), rel=0.01)
+    speed = np.linalg.norm(np.gradient(p, 0.01, axis=0), axis=1)
+    assert found.tip["velocity"] == pytest.approx(np.sqrt(np.mean(speed**2)), rel=0.01)
+
+
+def test_the_summary_counts_sessions(made, tmp_path):
+    results, missing = read_study(made, KIND)
+    summary, tables, _, files = write_study(tmp_path, "peg-transfer", study_of(PegTransfer), results, missing)
+    assert missing == [] and unmarked(tmp_path / "summary.json") == summary
+    calibrated, uncalibrated = summary["cells"]
+    assert (calibrated["succeeded"], calibrated["attempted"], calibrated["sessions"]) == (72, 72, 6)
+    assert (uncalibrated["succeeded"], uncalibrated["failures"]) == (36, {"DROPPED": 36})
+    assert calibrated["mean_time_s"]["mean"] == pytest.approx(5.0)
+    assert uncalibrated["collisions_per_trial"]["mean"] == 4.0
+    assert (summary["study"], summary["model"], summary["transfers"]) == ("peg-transfer", "play", 144)
+    assert tables[0].title == "Table II unilateral: 6 trials in 6 sessions each"
+    assert all(file.is_file() for file in files)
+    page = (tmp_path / "report.html").read_text()
+    for words in ("Table II", "paper: surgeon", "as published", "72 of 72", "H3", "performance.png"):
+        assert words in page
+
+
+def test_hypotheses_are_tested_over_sessions(made):
+    found = {(one.hypothesis, one.claim.split(":")[0]): one for one in findings(read_study(made, KIND)[0])}
+    success = found["H1", "calibrated above uncalibrated"]
+    assert (success.difference, success.sessions, success.p) == (0.5, 6, 2**-6)
+    assert success.p_adjusted == 2 * 2**-6  # Holm: of two tests
+    assert success.verdict == HELD
+    assert found["H3", "calibrated below uncalibrated"].difference == -4.0
+    assert len(found) == 2  # claims on methods that were not run are left out
+
+
+def test_two_sessions_decide_nothing(tmp_path):
+    for one in findings(read_study(saved(tmp_path, sessions=2), KIND)[0]):
+        assert one.verdict in (OPEN, REJECTED)
+
+
+def test_the_report_alone_is_made_from_what_is_there(trocar, tmp_path):
+    saved(tmp_path, sessions=2)
+    words = ("--variants", "unilateral", "--methods", "calibrated,uncalibrated", "--sessions", 2, "--seed", 2)
+    code, out, err = trocar(*STUDY, *words, "--out", tmp_path, "--report-only")
+    assert code == 0, err
+    for said in ("Table II", "24 of 24", "12 of 24", "paper: surgeon", "H1 to H4", "raw data", "of the cell: recorded"):
+        assert said in out
+    assert "of available" not in out and "of available" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--variants", "sideways"), "--variants 'sideways' is unknown; choose one of unilateral"),
+        (("--methods", "magic"), "--methods 'magic' is unknown; choose one of calibrated"),
+        (("--jobs", "0"), "--jobs is '0'"),
+        (("--backend", "ray"), "processes, dask"),
+        (("--sessions", "0"), "give 1 or more"),
+        (("--report-only",), "does not exist; give that of a study with --out"),
+    ],
+)
+def test_bad_input_is_one_sentence(trocar, tmp_path, words, said):
+    code, out, err = trocar(*STUDY, *words, "--out", tmp_path / "study")
+    assert (code, out) == (2, "") and said in err and err.count("\n") == 1
+
+
+def children_of(pid):
+    """Return the processes that a process has started, with their command lines."""
+    line = ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(pid)]
+    lines = subprocess.run(line, capture_output=True, text=True, check=False).stdout.splitlines()
+    return {int(line.split()[0]): line for line in lines}
+
+
+def workers_of(process):
+    """Return the processes that a study has started to run trials, by way of the one that they are forked from."""
+    servers = [pid for pid, line in children_of(process.pid).items() if "forkserver" in line]
+    return [pid for server in servers for pid in children_of(server)]
+
+
+@pytest.mark.slow
+def test_a_study_survives_the_death_of_a_worker_and_is_taken_up(trocar, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "trocar", *STUDY, *WORDS, "--out", str(tmp_path), "--jobs", "2", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 120
+    while not workers_of(process) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(1.0)
+    if not (workers := workers_of(process)):
+        process.kill()
+        pytest.fail(f"no worker was started: {process.communicate()[1]}")
+    os.kill(workers[0], signal.SIGKILL)
+    out, err = process.communicate(timeout=240)
+    assert process.returncode == 0, err
+    summary = json.loads(out)
+    assert (summary["trials"], summary["transfers"]) == (2, 2)
+    files = trial_files(tmp_path / "unilateral-uncalibrated")
+    before = {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in files}
+    assert len(files) == 2
+    code, again, _ = trocar(*STUDY, *WORDS, "--out", tmp_path, "--jobs", 1, "--json")
+    assert code == 0 and json.loads(again) == summary
+    assert {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in files} == before
