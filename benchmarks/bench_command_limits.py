@@ -33,8 +33,7 @@ from trocar.lab import load_station
 from trocar.motion import limit_use, plan_through, rest_to_rest
 from trocar.robots.compensated import RANGE_GUARD
 from trocar.tasks.peg_transfer.agents.unilateral import GRASP_RULES, Settings
-from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, choose_grasp
-from trocar.tasks.peg_transfer.places import Place, choose_place, held_block
+from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, Place, choose_grasp, choose_place, held_block
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.tasks.suture.agents.circle import JOINED, TRAVELS, along
 from trocar.tasks.suture.agents.circle import Settings as SutureSettings

@@ -11,9 +11,8 @@ from trocar.lab import SensorFlaws, load_station
 from trocar.perception.image import Intrinsics
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.world import World
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
 
 CLEARANCE_M = 1.4e-3

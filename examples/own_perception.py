@@ -12,10 +12,9 @@ import numpy as np
 from trocar.eval import PERCEPTIONS
 from trocar.geometry import SE3
 from trocar.perception.image import RgbdImage
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.perception import DepthView
 from trocar.tasks.peg_transfer.perception.blocks import BlockFit
-from trocar.tasks.peg_transfer.perception.depth_view import DepthView
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 AGREE_M = 0.5e-3
 """Two fits of one block may differ by this."""

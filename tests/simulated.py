@@ -24,10 +24,9 @@ from trocar.sim.recorder import fixed_poses, solids_of
 from trocar.sim.spec import Surface
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.agents.unilateral import Settings
-from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
-from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
 
 PAPER = MOTION_LIMITS["paper"]

@@ -11,7 +11,7 @@ import trio
 from simulated import STATION, coarse, ideal_laboratory, standing
 from trocar.arms import capsules
 from trocar.cell import MotionEnd, MotionResult
-from trocar.errors import ArmStopped, TrocarError
+from trocar.errors import ArmStopped, NoPlan
 from trocar.eval import AgentContext
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.motion import PLANNERS
@@ -19,7 +19,7 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.peg_transfer.agents import agent_of
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.goals import PegSet, Transfer
-from trocar.tasks.peg_transfer.perception.depth_view import DepthView
+from trocar.tasks.peg_transfer.perception import DepthView
 from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
 
 SETTINGS = Settings()
@@ -95,7 +95,7 @@ def clumsy(arm: str):
 
 def no_way(problem):
     """Plan nothing."""
-    raise TrocarError("this planner finds nothing")
+    raise NoPlan("this planner finds nothing")
 
 
 def played(

@@ -15,7 +15,7 @@ from trocar.calibration.recording import load_recording
 from trocar.cli import main
 from trocar.eval.trial import trial_file
 from trocar.lab import station_text
-from trocar.tasks.peg_transfer.block import Block
+from trocar.tasks.peg_transfer.shapes import Block
 
 WAYPOINTS = [
     [0.2, -0.3, 0.15, 0.1, 0.3, 0.2],

@@ -15,9 +15,7 @@ from trocar.report.files import draw_trial
 from trocar.report.storyboard import draw_storyboard
 from trocar.report.tables import parts_table, run_table
 from trocar.report.timechart import draw_timechart
-from trocar.tasks.peg_transfer.report import PegReport
-from trocar.tasks.peg_transfer.report.paths import draw_paths
-from trocar.tasks.peg_transfer.report.peg_report import PAPER
+from trocar.tasks.peg_transfer.report.peg_report import PAPER, PegReport, draw_paths
 
 SPANS = [
     Span("psm1", "capture", 0.0, 0.5),

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from trocar.arms import PSM_CLASSIC, fk, frames
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, NoGrasp, choose_grasp, grasp_candidates
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 BASE = SE3.from_parts(translation_m=[0.0, 0.0, -0.17])
 """T_base_board: remote centre 170 mm above the board's middle."""

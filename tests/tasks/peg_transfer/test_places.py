@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 
 from trocar.arms import PSM_CLASSIC, fk
 from trocar.geometry import SE3, SO3
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
-from trocar.tasks.peg_transfer.pegboard import Pegboard
-from trocar.tasks.peg_transfer.places import FINGER_ROOM_M, Place, choose_place, held_block
+from trocar.tasks.peg_transfer.grasps import FINGER_ROOM_M, Grasp, Place, choose_grasp, choose_place, held_block
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 BOARD, BLOCK = Pegboard(), Block()
 BASE = SE3.from_parts(SO3.axis("z", np.pi), [0.1332, 0.0, 0.166])

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from simulated import standing
 from trocar.geometry import SE3, SO3
-from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import BACK, THERE, TransferOutcome
-from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.score import RETREAT_M, score_transfers, stays_of
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.tasks.peg_transfer.truth import PegTruth
 

@@ -12,10 +12,9 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.lab.flaws import LEVELS, Difficulty
-from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import PAIRS
-from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.report.peg_report import PAPER
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from trocar.tasks.peg_transfer.task import BOARD_SHIFT_M, BOARD_TURN_RAD, VARIANTS, PegTransfer
 from trocar.tasks.peg_transfer.truth import pegs_under
 
@@ -104,7 +103,7 @@ def test_every_variant_has_its_rows_of_the_paper():
     [
         (
             {"variant": "sideways"},
-            "variant 'sideways' of peg-transfer is unknown; choose one of unilateral, bilateral, handover",
+            "variant of peg-transfer 'sideways' is unknown; choose one of unilateral, bilateral, handover",
         ),
         ({"budget_s": 0.0}, "budget of a trial is 0.0 s.*--budget"),
         ({"budget_s": float("inf")}, "budget of a trial is inf s; give a finite time.*--budget"),

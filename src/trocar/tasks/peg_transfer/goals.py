@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from trocar.cell import Outcome
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 
 class Transfer(NamedTuple):

@@ -31,9 +31,9 @@ def block(
     The block frame lies in the middle of the top face, z into the block; yaw is one of three equal ones.
     """
     from trocar.perception.capture import load_capture  # SciPy only when needed
-    from trocar.tasks.peg_transfer.block import Block
     from trocar.tasks.peg_transfer.perception.cloud import fit_cloud
-    from trocar.tasks.peg_transfer.perception.top_face import top_face
+    from trocar.tasks.peg_transfer.perception.outline import top_face
+    from trocar.tasks.peg_transfer.shapes import Block
 
     points = load_capture(capture, unit)
     model = Block()

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 
 from trocar.geometry import SE3
 from trocar.lab.flaws import Flaw
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 PRINT = Flaw(
     "print",

@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval import Method, Task, check_budget, option
 from trocar.geometry import SE3, SO3, TURN
 from trocar.lab import Station
 from trocar.registry import Lazy
-from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.goals import GOALS, PegSet, Transfer
-from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PRINT, PegScene
 from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from trocar.tasks.peg_transfer.truth import PegTruth
 
 if TYPE_CHECKING:
@@ -88,28 +87,27 @@ class PegTransfer(Task):
             planner="optimal",
         ),
     }
-    perceptions: ClassVar = {"depth": Lazy("trocar.tasks.peg_transfer.perception.depth_view:DepthView")}
+    perceptions: ClassVar = {"depth": Lazy("trocar.tasks.peg_transfer.perception:DepthView")}
     report = Lazy("trocar.tasks.peg_transfer.report:PegReport")
     study = Lazy("trocar.tasks.peg_transfer.report.study:PegStudy")
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
-            raise TrocarError(
-                f"variant {self.variant!r} of peg-transfer is unknown; choose one of {', '.join(VARIANTS)}"
-            )
+            raise UnknownName("variant of peg-transfer", self.variant, VARIANTS)
         most = len(GOALS[self.variant])
         if not 1 <= self.transfers <= most:
-            raise TrocarError(f"the number of transfers is {self.transfers}; give 1 to {most} with --transfers")
+            raise InvalidValue("the number of transfers", self.transfers, f"give 1 to {most} with --transfers")
         check_budget(self.budget_s)
 
     def at(self, station: Station) -> Station:
         """Return the station, if a board is fixed there."""
         if "board" not in station.T_world_fixture:
-            raise TrocarError(f"station {station.name!r} has no fixture 'board', which peg-transfer needs; add it")
-        if self.variant in TWO_ARMS and len(station.arms) < 2:
-            raise TrocarError(
-                f"station {station.name!r} has one arm, and peg-transfer --variant {self.variant} needs two; add one"
+            raise InvalidInput(
+                f"station {station.name!r}", "has no fixture 'board', which peg-transfer needs", "add it"
             )
+        if self.variant in TWO_ARMS and len(station.arms) < 2:
+            problem = f"has one arm, and peg-transfer --variant {self.variant} needs two"
+            raise InvalidInput(f"station {station.name!r}", problem, "add one")
         return station
 
     def working_arms(self, station: Station) -> tuple[str, ...]:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 ENGAGED_M = 8e-3
 """A block is on its peg while its lower face is below this height over the plate, the peg inside its hole."""

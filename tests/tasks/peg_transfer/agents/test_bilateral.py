@@ -5,7 +5,7 @@ import pytest
 from simulated import ideal_laboratory, standing
 from trocar.errors import TrocarError
 from trocar.eval import AgentContext
-from trocar.tasks.peg_transfer.agents.bilateral import Bilateral
+from trocar.tasks.peg_transfer.agents.two_arms import Bilateral
 from trocar.tasks.peg_transfer.goals import GOALS, PegSet
 from two_armed import SETTINGS, distance_of_arms_m, named, no_way, played
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trocar.tasks.peg_transfer.agents.taker import MAX_THINNER_RAD
+from trocar.tasks.peg_transfer.agents.receiver import MAX_THINNER_RAD
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.shapes import Pegboard
 from two_armed import SETTINGS, Wrapped, at_rest, distance_of_arms_m, named, played, stuck
 
 GOAL, NEXT = GOALS["handover"][:2]

@@ -11,9 +11,8 @@ from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.tasks.peg_transfer.agents.meeting import ROOM_M, Offer, Partner, Ways, choose_offer, choose_taking
 from trocar.tasks.peg_transfer.agents.settings import Settings
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.grasps import Grasp, grasp_candidates
-from trocar.tasks.peg_transfer.places import held_block
+from trocar.tasks.peg_transfer.grasps import Grasp, grasp_candidates, held_block
+from trocar.tasks.peg_transfer.shapes import Block
 
 SETTINGS, BLOCK = Settings(), Block()
 WAYS = Ways(SETTINGS.waits_above_m, SETTINGS.parts_m, SETTINGS.depth_m, BLOCK.wall_middle_m)

@@ -13,9 +13,8 @@ from trocar.tasks.peg_transfer.agents.motions import end_of
 from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
 from trocar.tasks.peg_transfer.goals import PegSet
-from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
-from trocar.tasks.peg_transfer.perception.depth_view import DepthView
-from trocar.tasks.peg_transfer.places import FINGER_ROOM_M
+from trocar.tasks.peg_transfer.grasps import FINGER_ROOM_M, Grasp, choose_grasp
+from trocar.tasks.peg_transfer.perception import DepthView
 
 SOURCE, TARGET = 0, 6
 BLOCK_AT = standing(SOURCE, (0.9e-3, -0.8e-3), 0.7)

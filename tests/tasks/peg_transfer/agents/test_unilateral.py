@@ -18,10 +18,10 @@ from trocar.tasks.peg_transfer.agents.motions import Motions
 from trocar.tasks.peg_transfer.agents.peg_arm import LETS_GO_RAD, PegArm
 from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
 from trocar.tasks.peg_transfer.goals import THERE, PegSet, Transfer, TransferOutcome
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.perception import DepthView
 from trocar.tasks.peg_transfer.perception.blocks import BlockFit
-from trocar.tasks.peg_transfer.perception.depth_view import DepthView
 from trocar.tasks.peg_transfer.score import score_transfers
+from trocar.tasks.peg_transfer.shapes import Pegboard
 
 FIRST, SECOND = THERE[:2]
 EMPTY = Transfer(10, 4)

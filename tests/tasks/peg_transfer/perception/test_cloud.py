@@ -11,9 +11,9 @@ from trocar.cli import app
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.capture import load_capture
-from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.perception.cloud import COARSE_POINTS, OFFSETS_M, YAWS, _coarse, _thin, fit_cloud
-from trocar.tasks.peg_transfer.perception.top_face import top_face
+from trocar.tasks.peg_transfer.perception.outline import top_face
+from trocar.tasks.peg_transfer.shapes import Block
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:

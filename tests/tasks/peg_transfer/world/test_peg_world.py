@@ -24,8 +24,8 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.record import CollidingPair
-from trocar.tasks.peg_transfer.pegboard import Pegboard
 from trocar.tasks.peg_transfer.scene import PegScene
+from trocar.tasks.peg_transfer.shapes import Pegboard
 from trocar.tasks.peg_transfer.world.peg_world import PegWorld
 
 PEG = 4

@@ -7,8 +7,8 @@ from trocar.registry import Lazy
 
 AGENTS = {
     "unilateral": Lazy("trocar.tasks.peg_transfer.agents.unilateral:Unilateral"),
-    "bilateral": Lazy("trocar.tasks.peg_transfer.agents.bilateral:Bilateral"),
-    "handover": Lazy("trocar.tasks.peg_transfer.agents.handover:Handover"),
+    "bilateral": Lazy("trocar.tasks.peg_transfer.agents.two_arms:Bilateral"),
+    "handover": Lazy("trocar.tasks.peg_transfer.agents.two_arms:Handover"),
 }
 
 

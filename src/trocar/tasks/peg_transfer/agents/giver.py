@@ -17,7 +17,7 @@ from trocar.tasks.peg_transfer.agents.meeting import Offer, choose_offer
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.side import HandoverState, Side
-from trocar.tasks.peg_transfer.agents.transfers import OneArm, Seen
+from trocar.tasks.peg_transfer.agents.unilateral import OneArm, Seen
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
 

@@ -10,7 +10,7 @@ import numpy as np
 import trio
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
 from trocar.perception.image import RgbdImage
 from trocar.perception.instrument import Sighting, sight
@@ -43,8 +43,9 @@ async def learning(arms: Sequence[PegArm]) -> AsyncIterator[None]:
         return
     async with trio.open_nursery() as nursery:
         for arm in arms:
-            arm.learner = Learner(arm, nursery)
-            await arm.learner.teach()
+            learner = Learner(arm, nursery)
+            arm.before_descent, arm.after_release = learner.look, learner.adopt
+            await learner.teach()
             await arm.go_home()
         yield
         nursery.cancel_scope.cancel()
@@ -58,14 +59,14 @@ class Learner:
         nursery: in which cables are fitted while the arm goes on.
 
     Raises:
-        TrocarError: the robot does not learn.
+        InvalidInput: the robot does not learn.
     """
 
     def __init__(self, arm: PegArm, nursery: trio.Nursery):
         robot = arm.cell.robot
         if not isinstance(robot, Adaptive):
-            raise TrocarError(
-                f"a {type(robot).__name__} robot does not learn its cables; make Adaptive the outermost wrapper"
+            raise InvalidInput(
+                f"a {type(robot).__name__} robot", "does not learn its cables", "make Adaptive the outermost wrapper"
             )
         self.arm, self.robot, self.nursery = arm, robot, nursery
         self.table, self.hand, self.settings = arm.table, arm.hand, arm.settings

@@ -11,8 +11,8 @@ from trocar.arms import ArmModel, capsules, ik
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
-from trocar.tasks.peg_transfer.block import Block
 from trocar.tasks.peg_transfer.grasps import Grasp, vertical_grasps
+from trocar.tasks.peg_transfer.shapes import Block
 
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
 """Rotations of the giving tool that are tried."""

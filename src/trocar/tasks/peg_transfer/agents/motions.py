@@ -18,9 +18,8 @@ from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
 from trocar.robots.arm_script import ArmScript
 from trocar.robots.coordinator import Departure
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.grasps import Grasp
-from trocar.tasks.peg_transfer.places import choose_place, held_block, hole_over
+from trocar.tasks.peg_transfer.grasps import Grasp, choose_place, held_block, hole_over
+from trocar.tasks.peg_transfer.shapes import Block
 from trocar.trajectory import Trajectory
 
 Joints = NDArray[np.float64]

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import trio
 
 from trocar.cell import MotionResult, Result
-from trocar.errors import TrocarError
+from trocar.errors import ArmStopped, TrocarError
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
@@ -19,14 +18,10 @@ from trocar.robots.arm_script import ArmScript
 from trocar.robots.concurrency import together
 from trocar.robots.coordinator import Blocked, Coordinator, Departure
 from trocar.robots.moving_body import NEVER
-from trocar.tasks.peg_transfer.agents.eyes import Eyes
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
-from trocar.tasks.peg_transfer.agents.table import Table
+from trocar.tasks.peg_transfer.agents.table import Eyes, Table
 from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from trocar.tasks.peg_transfer.agents.learner import Learner
 
 JAW_SLACK_RAD = 0.03
 """Jaws that stay this close to their opening were blocked by something other than a wall."""
@@ -42,10 +37,6 @@ UPRIGHT = 0.999
 AT_HOME = 1e-6
 
 
-class ArmStopped(Exception):
-    """An arm did not reach the end of its motion; it is not used again."""
-
-
 class PegArm:
     """One arm, the table that it shares, and the coordinator that admits its motions.
 
@@ -59,7 +50,8 @@ class PegArm:
         goals: all transfers of the trial, of this arm and of others.
         hands_over: whether it grasps blocks so that another arm can take them.
         eyes: look at blocks for it.
-        learner: of its cables; None: it does not learn.
+        before_descent: called with a grasp and the jaws' opening before the arm goes down to it; None: nothing is done.
+        after_release: called when it has released a block; None: nothing is done.
         stopped: whether it failed to reach the end of a motion, and is not used again.
     """
 
@@ -71,7 +63,8 @@ class PegArm:
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
         self.hands_over = self.stopped = False
         self.eyes = Eyes(self)
-        self.learner: Learner | None = None
+        self.before_descent: Callable[[Grasp, float], Awaitable[None]] | None = None
+        self.after_release: Callable[[], None] | None = None
 
     @property
     def T_board_tip(self) -> SE3:
@@ -113,8 +106,8 @@ class PegArm:
             begun: called with the motion when it begins.
         """
         opening = self.opening_rad(grasp)
-        if self.learner is not None:
-            await self.learner.look(grasp, opening)
+        if self.before_descent is not None:
+            await self.before_descent(grasp, opening)
             ready = None
         for margin_m in self.margins_m():
             if ready is None or not starts_at(ready.path, self.hand.q):
@@ -159,8 +152,8 @@ class PegArm:
         lets_go = np.clip(self.hand.jaw_rad + LETS_GO_RAD, self.settings.release_rad, self.settings.jaw_open_rad)
         await self.hand.jaw(float(lets_go) if jaw_rad is None else jaw_rad)
         self.coordinator.carry(self.name, None)
-        if self.learner is not None:
-            self.learner.adopt()
+        if self.after_release is not None:
+            self.after_release()
 
     async def carry(
         self,
@@ -306,20 +299,20 @@ class PegArm:
         if begun is not None:
             begun()
         if jaw_rad is None:
-            execution = await self._run(motion)
+            result = await self._run(motion)
         else:
             ended = trio.Event()
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(self._drive_jaw_once_risen, jaw_rad, ended)
-                execution = await self._run(motion)
+                result = await self._run(motion)
                 ended.set()
-        if isinstance(execution, TrocarError):
+        if isinstance(result, TrocarError):
             if self.coordinator.alone:
-                raise execution
-            self.cell.log.event("refused", arm=self.name, reason=str(execution))
+                raise result
+            self.cell.log.event("refused", arm=self.name, reason=str(result))
             raise Blocked(self.name)
-        if not execution.done:
-            raise ArmStopped(execution.reason)
+        if not result.done:
+            raise ArmStopped(self.name, result.reason)
 
     async def _drive_jaw_once_risen(self, jaw_rad: float, ended: trio.Event) -> None:
         """Drive the jaws as soon as the arm has risen over the pegs, or its motion has ended."""

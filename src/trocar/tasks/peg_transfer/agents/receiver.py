@@ -1,18 +1,247 @@
-"""The arm that takes a block from the other and places it."""
+"""The arm that takes a block from the other and places it: wait above, look, come down round a wall, close."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
+from math import inf
 
+import numpy as np
 import trio
 
-from trocar.geometry import SE3
-from trocar.robots.concurrency import with_helpers
+from trocar.geometry import SE3, SO3
+from trocar.motion import TimedPath
+from trocar.robots.concurrency import Pending, with_helpers
 from trocar.robots.coordinator import Blocked
-from trocar.tasks.peg_transfer.agents.motions import Carriage
-from trocar.tasks.peg_transfer.agents.side import HandoverState
-from trocar.tasks.peg_transfer.agents.taker import Taker
+from trocar.tasks.peg_transfer.agents.meeting import choose_taking
+from trocar.tasks.peg_transfer.agents.motions import Carriage, Joints, end_of, raised, starts_at, yaw_of
+from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.side import HandoverState, Side
+from trocar.tasks.peg_transfer.agents.unilateral import OneArm, withdraw
 from trocar.tasks.peg_transfer.goals import TransferOutcome
+from trocar.tasks.peg_transfer.grasps import Grasp, held_block
+
+THIN_RAD = 0.17
+"""Openings round a wall below this are suspicious: 1 % of walls are that thin."""
+MAX_THINNER_RAD = 0.06
+"""If such jaws close this much further than the other arm's on the same block, they hold only the edge of a wall: of
+612 blocks four were taken like that, and three of these were lost."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coming:
+    """A motion to a grasp of the block in the other arm's jaws, or to a pose above it.
+
+    Attributes:
+        path: over the pegs; to the grasp itself its last piece is straight down.
+        grasp: with which the block is to be taken.
+        down_s: time on the path at which the arm begins to descend to it.
+    """
+
+    path: TimedPath
+    grasp: Grasp
+    down_s: float = inf
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """What was seen of the block in the other arm's jaws while this arm was still on its way.
+
+    Attributes:
+        T_board_block: where the block is.
+        descent: how to come down to it from where the arm was going; None: to be planned.
+    """
+
+    T_board_block: SE3
+    descent: Coming | None
+
+
+class Taker(Side):
+    """Approaches the block that the other arm offers, and takes it."""
+
+    def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
+        super().__init__(arm, other, script)
+        self._coming: Pending[Coming] = Pending()
+        self._looked: Pending[Looked] = Pending()
+
+    async def come_near(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
+        """Wait to the side until it is known where the block will be offered, then above where it will be grasped."""
+        try:
+            if not meeting.announced.is_set():
+                await self._wait_beside()
+                await self.wait_for(meeting.announced)
+            if meeting.outcome is None:
+                await self._wait_above(meeting, helpers)
+        except Blocked:
+            await self.arm.give_way()
+        await self.wait_for(meeting.crowded, meeting.offered)
+        if not meeting.offered.is_set():  # the arm that brings the block needs room
+            try:
+                await self._wait_beside()
+            except Blocked:
+                await self.arm.give_way()
+            await self.wait_for(meeting.offered)
+
+    async def _wait_beside(self) -> None:
+        """Go to this arm's side of the handover place, and higher."""
+        x, y, z = self.settings.meeting_m
+        tip_m = z + self.table.block.height_m - self.settings.depth_m
+        beside = [x + self.own_side * self.settings.aside_m, y, tip_m + self.settings.waits_above_m]
+        pose = SE3.from_parts(SO3.axis("z", yaw_of(self.arm.T_board_tip) if self.arm.upright else np.pi), beside)
+        await self.arm.go_over(pose)
+
+    async def _wait_above(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
+        """Go above the grasp expected from the giving arm's announcement; look as soon as it is there."""
+        avoid: list[int] = []
+        ready = await self._coming.take()
+        for _ in range(1 + self.settings.detours):
+            if ready is None or not starts_at(ready.path, self.arm.hand.q):
+                ready = await self.arm.plan(lambda: self._find_above(self.arm.hand.q, meeting, avoid))
+            if ready is None:
+                return
+            begun = partial(self._looked.start, helpers, partial(self._look_ahead, ready.path, meeting))
+            try:
+                await self.arm.move(
+                    ready.path.trajectory,
+                    begun=begun if self.settings.looks_ahead else None,
+                    jaw_rad=self.settings.taking_rad,
+                    margin_m=self.settings.meeting_margin_m,
+                    waits=False,
+                )
+                return
+            except Blocked:
+                avoid.append(ready.grasp.candidate)
+                ready = None
+        self.cell.log.event("waits beside", arm=self.arm.name)
+
+    def plan_ahead(self, path: TimedPath, meeting: HandoverState, helpers: trio.Nursery) -> None:
+        """While the arm is on its way, plan how to get above the next block from there, if it is known by then."""
+
+        async def plan() -> Coming | None:
+            with trio.move_on_after(path.trajectory.duration_s):
+                await meeting.announced.wait()
+            if meeting.T_board_block is None:
+                return None
+            return await self.arm.plan(lambda: self._find_above(end_of(path), meeting, []))
+
+        self._coming.start(helpers, plan)
+
+    async def _look_ahead(self, path: TimedPath, meeting: HandoverState) -> Looked | None:
+        """Look at the block as soon as it is held still; plan the descent from where this arm's motion ends."""
+        await meeting.offered.wait()
+        if meeting.outcome is not None or meeting.T_board_block is None:
+            return None
+        block = await self.arm.eyes.see_held(meeting.T_board_block)
+        if block is None:
+            return None
+        return Looked(block, await self.arm.plan(lambda: self._find_descent(end_of(path), block, [])))
+
+    def _find_above(self, q: Joints, meeting: HandoverState, avoid: list[int]) -> Coming | None:
+        assert meeting.T_board_block is not None and meeting.T_board_giver is not None
+        grasp = self._grasp(meeting.T_board_block, meeting.T_board_giver, avoid)
+        return None if grasp is None else Coming(self.arm.motions.over(q, self._above(grasp)), grasp)
+
+    def _find_descent(self, q: Joints, T_board_block: SE3, avoid: list[int]) -> Coming | None:
+        """Return how to get to the block: straight down if the arm is above a grasp, else from above another."""
+        motions, other = self.arm.motions, self.other.T_board_tip
+        grasp = self._grasp(T_board_block, other, avoid, near=motions.tip(q))
+        if grasp is not None:
+            return Coming(motions.through([q, motions.ik(grasp.T_board_tip)], fixed_wrist=False), grasp, 0.0)
+        grasp = self._grasp(T_board_block, other, avoid)
+        if grasp is None:
+            return None
+        down = [motions.ik(self._above(grasp)), motions.ik(grasp.T_board_tip)]
+        path = motions.through([*motions.risen(q), *down], fixed_wrist=False)
+        return Coming(path, grasp, float(path.waypoint_times_s[-2]))
+
+    def _above(self, grasp: Grasp) -> SE3:
+        tip = grasp.T_board_tip
+        return raised(tip, float(tip.translation_m[2]) + self.settings.waits_above_m)
+
+    def _grasp(self, T_board_block: SE3, T_board_giver: SE3, avoid: list[int], near: SE3 | None = None) -> Grasp | None:
+        """Return how to grasp a block in the other arm's jaws; near a pose of the tip, if one is given."""
+        grasp = choose_taking(
+            *self.partners(self.other, self.arm),
+            self.table.T_world_board,
+            T_board_block,
+            T_board_giver,
+            self.ways(),
+            avoid=tuple(avoid),
+            near=near,
+        )
+        if not isinstance(grasp, str):
+            return grasp
+        if near is None:
+            self.cell.log.event("no grasp", arm=self.arm.name, reason=grasp)
+        return None
+
+    async def take(self, meeting: HandoverState) -> SE3 | None:
+        """Take hold of the block in the other arm's jaws; return its pose in this arm's jaws, or None."""
+        assert meeting.T_board_block is not None
+        failed: list[int] = []
+        for attempt in range(1 + self.settings.retries):
+            looked = await self._looked.take()
+            block = looked.T_board_block if looked is not None else await self.arm.eyes.see_held(meeting.T_board_block)
+            if block is None:
+                await self.arm.go_home()
+                block = await self.arm.eyes.see_held(meeting.T_board_block)
+            if block is None:
+                return None
+            grasp = await self._come(block, failed, looked.descent if looked is not None else None)
+            if grasp is None:
+                return None
+            T_tip_block = held_block(grasp.T_board_tip, block, self.table.block)
+            if await self.arm.grip(T_tip_block) and self._holds_a_wall():
+                return T_tip_block
+            self.cell.log.event(
+                "pick failed", arm=self.arm.name, attempt=attempt, jaw_rad=round(self.arm.hand.jaw_rad, 4)
+            )
+            failed.append(grasp.candidate)
+            await self.arm.open(self.settings.release_rad)
+            await self.leave()
+        return None
+
+    def _holds_a_wall(self) -> bool:
+        """Return whether this arm's jaws hold about as much as the other's, which have closed on the same block."""
+        held_rad = self.arm.hand.jaw_rad
+        return held_rad > THIN_RAD or held_rad > self.other.hand.jaw_rad - MAX_THINNER_RAD
+
+    async def _come(self, T_board_block: SE3, failed: list[int], ready: Coming | None) -> Grasp | None:
+        """Descend from above with open jaws, round a wall of the block that the other arm holds.
+
+        If no grasp can be reached from here, the last try is made from home.
+        """
+        avoid = list(failed)
+        for attempt in range(1 + self.settings.detours):
+            if ready is None or not starts_at(ready.path, self.arm.hand.q):
+                ready = await self.arm.plan(partial(self._find_descent, self.arm.hand.q, T_board_block, avoid))
+            if ready is None:
+                return None
+            try:
+                await self.arm.move(
+                    ready.path.trajectory,
+                    jaw_rad=self.settings.taking_rad,
+                    margin_m=self.settings.meeting_margin_m,
+                    contact_s=(ready.down_s, inf),
+                    waits=attempt == self.settings.detours,
+                )
+                break
+            except Blocked:
+                avoid.append(ready.grasp.candidate)
+                ready = None
+                if attempt == self.settings.detours - 1:
+                    await self.arm.go_home()
+                    avoid = list(failed)
+        else:
+            raise Blocked(self.arm.name)
+        await self.arm.hand.settle()
+        self.cell.log.event("taking", arm=self.arm.name, room_mm=round(1e3 * ready.grasp.clearance_m, 2))
+        return ready.grasp
+
+    async def leave(self) -> None:
+        """Rise from a block that was not taken, and go home."""
+        await self.rise()
+        await withdraw(self.arm)
 
 
 class Receiver(Taker):

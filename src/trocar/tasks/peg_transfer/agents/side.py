@@ -12,7 +12,7 @@ from trocar.geometry import SE3
 from trocar.robots.concurrency import first_of
 from trocar.tasks.peg_transfer.agents.meeting import Partner, Ways
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.transfers import OneArm
+from trocar.tasks.peg_transfer.agents.unilateral import OneArm
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 
 AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED, TransferOutcome.DROPPED)

@@ -1,17 +1,25 @@
-"""Two arms over one board: which one is which, and how they start and end together."""
+"""Two arms over one board: in parallel, or one hands every block over to the other (paper, section III)."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from math import inf
 
-from trocar.errors import TrocarError
+from trocar.errors import ArmStopped, InvalidInput
 from trocar.eval import AgentContext
-from trocar.robots.coordinator import Coordinator
+from trocar.robots.concurrency import together
+from trocar.robots.coordinator import Blocked, Coordinator
+from trocar.tasks.peg_transfer.agents.giver import Giver
 from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.start import begin, finish, withdraw
+from trocar.tasks.peg_transfer.agents.receiver import Receiver
+from trocar.tasks.peg_transfer.agents.side import AGAIN, HandoverState
 from trocar.tasks.peg_transfer.agents.table import Table
+from trocar.tasks.peg_transfer.agents.unilateral import OneArm, begin, finish, withdraw
+from trocar.tasks.peg_transfer.goals import PAIRS, Transfer, TransferOutcome
 
 
 class TwoArms(ABC):
@@ -26,7 +34,8 @@ class TwoArms(ABC):
 
     def __init__(self, context: AgentContext):
         if len(context.arms) != 2:
-            raise TrocarError(f"this variant of peg-transfer needs two arms, and was given {', '.join(context.arms)}")
+            given = ", ".join(context.arms)
+            raise InvalidInput("this variant of peg-transfer", f"needs two arms, and was given {given}")
         self.cell, self.settings, self.goals = context.cell, context.settings, context.goals
         self.table = Table(context)
         self.coordinator = Coordinator(context.cell, context.arms, context.settings.margins)
@@ -56,3 +65,102 @@ class TwoArms(ABC):
     @abstractmethod
     async def transfer_all(self) -> None:
         """Do the transfers."""
+
+
+LEFT_GOALS = frozenset(left for left, _ in PAIRS)
+
+
+class Bilateral(TwoArms):
+    """Two scripts, one per arm; they share the board, the camera and the coordinator, and keep pace."""
+
+    def __init__(self, context: AgentContext):
+        super().__init__(context)
+        lefts = [goal for goal in self.goals if goal in LEFT_GOALS]
+        rights = [goal for goal in self.goals if goal not in LEFT_GOALS]
+        self.scripts = (
+            OneArm(self.left, lefts, beside=True, keeps_pace=True),
+            OneArm(self.right, rights, beside=True, keeps_pace=True),
+        )
+
+    def first_looks(self):
+        """Return the function that looks at both arms' first blocks."""
+        return [script.look_first for script in self.scripts]
+
+    async def transfer_all(self) -> None:
+        """Let both arms do their transfers; an arm that has finished leaves."""
+        await together(*(self._script(script) for script in self.scripts))
+
+    def _script(self, script: OneArm):
+        async def run() -> None:
+            await script.transfer_all()
+            self.coordinator.reached(script.arm.name)
+            await self.leave(script.arm)
+
+        return run
+
+
+class Handover(TwoArms):
+    """Both arms have a list of jobs: give, or receive. The next block is picked while this one is placed."""
+
+    def __init__(self, context: AgentContext):
+        settings = context.settings
+        settings = replace(settings, fixed_wrist_when_placing=settings.looks_before_placing)
+        super().__init__(replace(context, settings=settings))
+        rounds = range(self.settings.rounds)
+        self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
+        self.appointments = [[HandoverState(goal) for _ in rounds] for goal in self.goals]
+
+    async def transfer_all(self) -> None:
+        """Let both arms do their jobs."""
+        await together(partial(self._script, self.left, self.right), partial(self._script, self.right, self.left))
+
+    async def _script(self, arm: PegArm, other: PegArm) -> None:
+        script = self.scripts[arm.name]
+        giver, receiver = Giver(arm, other, script), Receiver(arm, other, script)
+        working = True
+        for rounds, following in zip(self.appointments, [*self.appointments[1:], None], strict=True):
+            gives, ended = self._gives(arm, rounds[0].goal), rounds[-1]
+            to_give = following[0] if following and self._gives(arm, following[0].goal) else None
+            to_receive = following[0] if following and not to_give else None
+            turns, begin_s = rounds[0].turns, self.cell.clock.now_s()
+            turns[arm.name] = (begin_s, inf)
+            for meeting in rounds:
+                if gives:
+                    job = partial(giver.give, meeting, to_give)
+                else:
+                    job = partial(receiver.receive, meeting, to_give, to_receive)
+                if working:
+                    working = await self._done(arm, job, meeting)
+                else:
+                    meeting.fail(TransferOutcome.ARM_STOPPED)
+                if meeting.passed or meeting.outcome not in AGAIN:
+                    ended = meeting
+                    break
+            turns[arm.name] = (begin_s, self.cell.clock.now_s())
+            if not gives:
+                outcome = ended.outcome or TransferOutcome.DONE
+                if outcome is TransferOutcome.NO_BLOCK and rounds[0].outcome is TransferOutcome.DROPPED:
+                    outcome = TransferOutcome.DROPPED  # and it has not slipped back to its peg
+                until_now = {
+                    name: (start_s, min(end_s, turns[arm.name][1])) for name, (start_s, end_s) in turns.items()
+                }
+                script.note(ended.goal, rounds[0].start_s, outcome, ended.reason, until_now)
+        await self.leave(arm)
+
+    async def _done(self, arm: PegArm, job: Callable[[], Awaitable[None]], meeting: HandoverState) -> bool:
+        """Do an arm's part of a meeting; return whether both arms can go on."""
+        try:
+            await job()
+        except Blocked:
+            meeting.fail(TransferOutcome.BLOCKED)
+        except ArmStopped as error:
+            arm.stopped = True
+            if not meeting.parted.is_set():  # else only the other arm holds the block
+                meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
+        return not arm.stopped and meeting.outcome is not TransferOutcome.ARM_STOPPED
+
+    def _gives(self, arm: PegArm, goal: Transfer) -> bool:
+        """Return whether an arm gives: the one on the side of the source does."""
+        pegs = self.table.board.pegs_m
+        leftwards = pegs[goal.target, 0] < pegs[goal.source, 0]
+        return (arm is self.right) == bool(leftwards)

@@ -1,15 +1,334 @@
-"""One arm transfers all blocks: see, grasp, carry, place, check (paper, section IV)."""
+"""The script of one arm with its own transfers: alone, or beside another arm that does others (paper, section IV)."""
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+
+import trio
+
+from trocar.errors import ArmStopped
 from trocar.eval import AgentContext
-from trocar.robots.coordinator import Coordinator
+from trocar.geometry import SE3
+from trocar.motion import TimedPath
+from trocar.perception.image import RgbdImage
+from trocar.robots.concurrency import Pending, together, with_helpers
+from trocar.robots.coordinator import Blocked, Coordinator
 from trocar.tasks.peg_transfer.agents.learner import learning
+from trocar.tasks.peg_transfer.agents.motions import Approach, Carriage, end_of
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.settings import Settings
-from trocar.tasks.peg_transfer.agents.start import begin, finish
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.agents.transfers import OneArm
+from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
+from trocar.tasks.peg_transfer.grasps import Grasp
+
+
+async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[], Awaitable[None]]] = ()) -> bool:
+    """Wake the arms and find the board; return whether it was there.
+
+    Args:
+        table: with the board.
+        arms: that work.
+        looks: at the first blocks; if the settings say so, they are taken while the arms, out of the camera's view, are
+            still waking.
+    """
+    wakes, hand = [arm.exercise_wrist for arm in arms], arms[-1].hand
+    if not table.settings.looks_ahead:
+        await together(*wakes)
+        return await table.find_board(hand)
+    found: list[bool] = []
+
+    async def look() -> None:
+        found.append(await table.find_board(hand))
+        if found[0]:
+            for first in looks:
+                await first()
+
+    await together(*wakes, look)
+    return found[0]
+
+
+async def finish(table: Table, arm: PegArm) -> None:
+    """Let the last arm go home, if it can, and look whether the blocks are where they were set down.
+
+    If the settings ask for it, the image is taken half-way; what the arm hid then is checked when it is home.
+    """
+
+    async def script(helpers: trio.Nursery) -> bool | None:
+        checked: Pending[bool] = Pending()
+
+        async def look(path: TimedPath) -> bool:
+            await table.cell.clock.sleep(float(path.waypoint_times_s[-2:].mean() - path.waypoint_times_s[0]))
+            return await table.check(arm.hand)
+
+        def begun(path: TimedPath) -> None:
+            if table.settings.looks_ahead:
+                checked.start(helpers, lambda: look(path))
+
+        with may_stay(arm):
+            await arm.go_home(begun)
+        return await checked.take()
+
+    if arm.stopped or not await with_helpers(script):
+        await table.check(arm.hand)
+
+
+async def withdraw(arm: PegArm) -> None:
+    """Let an arm that has nothing to do leave the board, if it can."""
+    with may_stay(arm):
+        await arm.go_home()
+
+
+@contextmanager
+def may_stay(arm: PegArm) -> Iterator[None]:
+    """Note it if an arm cannot leave."""
+    try:
+        yield
+    except (Blocked, ArmStopped) as error:
+        arm.cell.log.event("stayed", arm=arm.name, reason=str(error) or type(error).__name__)
+
+
+class Step(Enum):
+    """Steps of a transfer at which two arms keep pace, as shares of it."""
+
+    HOLDS = 0.5
+    LEFT_SOURCE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A block that was looked at while the arm was still busy with the previous one.
+
+    Attributes:
+        source: its peg.
+        grasp: how to grasp it.
+        approach: how to get there from where the arm was going; None: to be planned.
+        there: whether the arm has already arrived there.
+    """
+
+    source: int
+    grasp: Grasp
+    approach: Approach | None
+    there: bool = False
+
+
+class OneArm:
+    """One arm's script: its transfers one after the other.
+
+    Attributes:
+        arm: what it can do.
+        table: what it knows of the board.
+        goals: its transfers.
+        beside: whether another arm works here too.
+        keeps_pace: whether it keeps pace with the other arm, side by side.
+        seen: the next block, if it was looked at beforehand.
+    """
+
+    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False, keeps_pace: bool = False):
+        self.arm, self.table, self.goals, self.beside = arm, arm.table, goals, beside
+        self.keeps_pace = keeps_pace
+        self.cell, self.settings = arm.cell, arm.settings
+        self.seen: Pending[Seen] = Pending()
+
+    async def transfer_all(self) -> None:
+        """Do all transfers; an arm that stopped does no more."""
+        for number in range(len(self.goals)):
+            start_s = self.cell.clock.now_s()
+            reason = ""
+            try:
+                outcome = await with_helpers(partial(self._transfer, number))
+                if outcome not in (TransferOutcome.DONE, TransferOutcome.NO_BLOCK):
+                    await self.arm.let_go()
+            except Blocked:
+                outcome = TransferOutcome.BLOCKED
+            except ArmStopped as error:
+                self.arm.stopped = True
+                outcome, reason = TransferOutcome.ARM_STOPPED, str(error)
+            self._come(number, Step.LEFT_SOURCE)
+            self.note(self.goals[number], start_s, outcome, reason)
+            if self.arm.stopped:
+                for goal in self.goals[number + 1 :]:
+                    self.note(goal, self.cell.clock.now_s(), TransferOutcome.ARM_STOPPED, reason)
+                return
+
+    def note(
+        self,
+        goal: Transfer,
+        start_s: float,
+        outcome: TransferOutcome,
+        reason: str = "",
+        turns: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        """Note how a transfer ended.
+
+        Args:
+            goal: the transfer.
+            start_s: when it began.
+            outcome: of it.
+            reason: a sentence, if there is one.
+            turns: when each arm began and ended its part of it; None: this arm did it alone.
+        """
+        values = {"reason": reason} if reason else {}
+        turns = {self.arm.name: (start_s, self.cell.clock.now_s())} if turns is None else turns
+        self.cell.log.event(
+            "transfer",
+            goal=self.arm.goals.index(goal),
+            turns={name: [round(time_s, 6) for time_s in times] for name, times in turns.items()},
+            source=goal.source,
+            target=goal.target,
+            start_s=round(start_s, 6),
+            outcome=outcome.name,
+            **values,
+        )
+
+    async def look_first(self) -> None:
+        """Look at the first block while the arm is still waking."""
+        if self.goals:
+            source = self.goals[0].source
+            grasp = await self.arm.eyes.see(source)
+            self.seen.put(Seen(source, grasp, None) if isinstance(grasp, Grasp) else None)
+
+    async def look_ahead(self, path: TimedPath, source: int, rise_m: float = 0.0) -> Seen | None:
+        """Look at the next block while the arm moves, and plan the approach from where the motion ends.
+
+        ``rise_m`` is how far it will have to rise there first.
+
+        The newest image is taken when the arm is over its target. If it does not show the block, an earlier one may, in
+        which no arm was in front of it.
+        """
+        clock, hand, begin_s = self.cell.clock, self.arm.hand, self.cell.clock.now_s()
+        over = -1 if self.settings.looks_before_placing else -2
+        down_s = float(path.waypoint_times_s[over] - path.waypoint_times_s[0])
+        images: list[RgbdImage] = []
+        for after_s in (0.0, down_s / 2, down_s):
+            await clock.sleep(max(0.0, begin_s + after_s - clock.now_s()))
+            images.append(await self.table.capture(hand))
+        for image in reversed(images):
+            grasp = await self.arm.eyes.look(image, source)
+            if isinstance(grasp, Grasp):
+                planned = partial(self.arm.motions.approach, end_of(path), grasp, source, rise_m)
+                return Seen(source, grasp, await self.arm.plan(planned))
+        return None
+
+    def _come(self, number: int, step: Step) -> None:
+        if self.keeps_pace:
+            self.arm.coordinator.reached(self.arm.name, number + step.value)
+
+    async def _keep_pace(self, number: int, step: Step) -> None:
+        if self.keeps_pace:
+            await self.arm.coordinator.wait_for_others(self.arm.name, number + step.value, self.arm.settings.pace_s)
+
+    async def _transfer(self, number: int, helpers: trio.Nursery) -> TransferOutcome:
+        """Move one block; every way in which this can end is an outcome.
+
+        A block that was lost on its way is searched for at its source, to which it slips back if it is lost during the
+        lift.
+        """
+        goal, outcome = self.goals[number], TransferOutcome.BLOCKED
+        await self._keep_pace(number - 1, Step.LEFT_SOURCE)
+        for _ in range(self.settings.rounds):
+            carriage: Pending[Carriage] = Pending()
+            grasp = await self.pick(goal.source, partial(self._plan_carriage, goal, carriage, helpers))
+            if not isinstance(grasp, Grasp):
+                return outcome if outcome is TransferOutcome.DROPPED else grasp
+            T_board_block = self.table.blocks.pop(goal.source)
+            try:
+                outcome = await self._bring(number, grasp, T_board_block, carriage, helpers)
+            except Blocked:  # the block stands where it stood: nothing has moved
+                self.table.blocks[goal.source] = T_board_block
+                self.table.blocks.pop(goal.target, None)
+                await self.arm.open()
+                await self.arm.give_way()
+                continue
+            if outcome is not TransferOutcome.DROPPED:
+                return outcome
+            await self.arm.let_go()
+        return outcome
+
+    async def _bring(
+        self, number: int, grasp: Grasp, T_board_block: SE3, carriage: Pending[Carriage], helpers: trio.Nursery
+    ) -> TransferOutcome:
+        """Bring a held block to its target; on the way down, look at the next one."""
+        T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
+        goal, following = self.goals[number], self.goals[number + 1 : number + 2]
+        self._come(number, Step.HOLDS)
+        await self._keep_pace(number, Step.HOLDS)
+        ready = await carriage.take()
+
+        def begun(carriage: Carriage) -> None:
+            self._come(number, Step.LEFT_SOURCE)
+            self.table.blocks[goal.target] = carriage.T_board_placed
+            if self.settings.looks_ahead and following:
+                self.seen.start(helpers, partial(self.look_ahead, carriage.path, following[0].source))
+
+        place = await self.arm.carry(T_tip_block, goal.target, ready, begun)
+        if place is None:
+            return TransferOutcome.OUT_OF_REACH
+        if not self.arm.holds:
+            del self.table.blocks[goal.target]
+            await self.seen.take()  # a dropped block may be anywhere now
+            return TransferOutcome.DROPPED
+        self.table.blocks[goal.target] = place
+        await self.before_release(goal)
+        await self.arm.open()
+        return TransferOutcome.DONE
+
+    async def before_release(self, goal: Transfer) -> None:
+        """Hook for agents when a block is at its target, still in the jaws; does nothing here."""
+
+    def _plan_carriage(
+        self, goal: Transfer, carriage: Pending[Carriage], helpers: trio.Nursery, approach: Approach
+    ) -> None:
+        """Plan, as the approach begins, how to carry the block from where it ends."""
+        block = self.table.blocks.get(goal.source)
+        if not self.settings.looks_ahead or block is None:
+            return
+        motions, q = self.arm.motions, end_of(approach.path)
+        found = partial(motions.carriage, q, motions.gripped(q, block), goal.source, goal.target)
+        carriage.start(helpers, partial(self.arm.plan, found))
+
+    async def pick(self, source: int, on_the_way: Callable[[Approach], None] | None = None) -> Grasp | TransferOutcome:
+        """Take hold of the block on a peg; return the grasp, or why it failed.
+
+        Args:
+            source: peg.
+            on_the_way: called with the approach when it begins.
+        """
+        failed: list[int] = []
+        for attempt in range(1 + self.settings.retries):
+            seen = await self.seen.take()
+            known = seen is not None and seen.source == source and not failed
+            grasp = seen.grasp if seen is not None and known else await self._see(source, failed)
+            if not isinstance(grasp, Grasp):
+                return grasp
+            ready = seen.approach if seen is not None and known else None
+            there = seen is not None and known and seen.there
+            if not there and not await self.arm.go_to(grasp, source, ready, on_the_way):
+                return TransferOutcome.OUT_OF_REACH
+            if await self.arm.grip(self.arm.motions.gripped(self.arm.hand.q, self.table.blocks[source])):
+                return grasp
+            jaw_rad = round(self.arm.hand.jaw_rad, 4)
+            self.cell.log.event("pick failed", peg=source, attempt=attempt, jaw_rad=jaw_rad)
+            failed.append(grasp.candidate)
+            await self.arm.let_go()
+        return TransferOutcome.NOT_GRASPED
+
+    async def _see(self, source: int, failed: Sequence[int]) -> Grasp | TransferOutcome:
+        """Look at a peg; if its block is hidden, go home and look again, repeatedly if another arm may hide it."""
+        grasp = await self.arm.eyes.see(source, failed)
+        for look in range(self.settings.looks if self.beside else 1):
+            if isinstance(grasp, Grasp):
+                break
+            if look == 0:
+                await self.arm.go_home()
+            else:
+                await self.cell.clock.sleep(self.settings.pause_s)
+            grasp = await self.arm.eyes.see(source, failed)
+        return grasp
+
 
 __all__ = ["Settings", "Unilateral"]
 

@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, InvalidValue
 from trocar.geometry import SE3, SO3, shown
 from trocar.perception.color import red_mask
 from trocar.perception.depth import Patch, patch_around
 from trocar.perception.image import RgbdImage
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.pegboard import Pegboard
-from trocar.tasks.peg_transfer.perception.outline import fit_outline
-from trocar.tasks.peg_transfer.perception.top_face import top_face
+from trocar.tasks.peg_transfer.perception.outline import fit_outline, top_face
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 WINDOW_M = 13e-3
 """Half-width of the window round the peg: outline 8.95 mm, clearance 3.2 mm, and a pixel."""
@@ -63,7 +61,7 @@ class BlockFit:
     def yaw_rad(self) -> float:
         """Return the angle of the block's x axis about the board's z, in [0, 120 deg) because of the symmetry."""
         if self.T_board_block is None:
-            raise TrocarError(f"there is no yaw without a block: {self.reason}")
+            raise InvalidInput("a fit without a block", "has no yaw", self.reason)
         x = self.T_board_block.matrix[:3, 0]
         return float(np.arctan2(x[1], x[0]) % np.radians(120.0))
 
@@ -83,11 +81,11 @@ def find_block(image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Bl
         peg: 0-11.
 
     Raises:
-        TrocarError: the peg does not exist.
+        InvalidValue: the peg does not exist.
     """
     pegs = board.pegs_m
     if not 0 <= peg < len(pegs):
-        raise TrocarError(f"peg {peg} does not exist: the board has pegs 0 to {len(pegs) - 1}")
+        raise InvalidValue("the peg's number", peg, f"the board has pegs 0 to {len(pegs) - 1}")
     foot = pegs[peg]
     T_camera_top = T_camera_board @ SE3.from_parts(translation_m=foot + [0, 0, block.height_m])
     half = np.array([WINDOW_M, WINDOW_M, 1e-3])

@@ -11,7 +11,7 @@ from trocar.geometry import SE3, SO3
 from trocar.perception.color import red_mask
 from trocar.perception.depth import patch_around
 from trocar.perception.image import RgbdImage
-from trocar.tasks.peg_transfer.pegboard import Pegboard
+from trocar.tasks.peg_transfer.shapes import Pegboard
 
 REACH_M = (0.075, 0.060)
 """Half-size of the search region in x and y: the peg positions, with a guess that is off by up to 15 mm."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
-from trocar.tasks.peg_transfer.block import Block
-from trocar.tasks.peg_transfer.perception.top_face import TopFace, top_face
+from trocar.tasks.peg_transfer.perception.outline import TopFace, top_face
+from trocar.tasks.peg_transfer.shapes import Block
 
 MIN_POINTS = 60
 PLANE_GATES_M = (4e-3, 2.5e-3, 1.5e-3)
@@ -54,16 +54,16 @@ def fit_cloud(points_m: ArrayLike, block: Block) -> CloudFit:
     the result to which point-to-point ICP on a dense model converges. The search starts from all yaws and nine offsets.
 
     Raises:
-        TrocarError: the shape is wrong, there are fewer than 60 points, or points are not finite.
+        InvalidInput: the shape is wrong, there are fewer than 60 points, or points are not finite.
     """
     points = np.asarray(points_m, dtype=np.float64)
     if points.ndim != 2 or points.shape[-1] != 3:
-        raise TrocarError(f"a capture needs points of shape (n, 3), got {points.shape}")
+        raise InvalidInput("a capture", f"needs points of shape (n, 3), got {points.shape}")
     if len(points) < MIN_POINTS:
-        raise TrocarError(f"a capture needs at least {MIN_POINTS} points, got {len(points)}")
+        raise InvalidInput("a capture", f"needs at least {MIN_POINTS} points, got {len(points)}")
     if not np.isfinite(points).all():
         bad = int((~np.isfinite(points).all(-1)).sum())
-        raise TrocarError(f"the capture holds {bad} points that are NaN or infinite; remove them")
+        raise InvalidInput("the capture", f"holds {bad} points that are NaN or infinite", "remove them")
 
     T_capture_face, near = _face_plane(points)
     if near.sum() < MIN_POINTS:
