@@ -242,7 +242,9 @@ def test_a_joint_that_moves_a_little_moves(arrays):
         q_cmd[:, 4] = 0.2 + span * (np.arange(N) % 2)
         recording = Recording(**(arrays | {"q_cmd": q_cmd, "q_phy": q_cmd}))
         if rests:
-            with pytest.raises(TrocarError, match=f"q5, which rests at 0.2000 rad in all {recording.valid.sum()} valid"):
+            with pytest.raises(
+                TrocarError, match=f"q5, which rests at 0.2000 rad in all {recording.valid.sum()} valid"
+            ):
                 recording.require_motion()
         else:
             recording.require_motion()
