@@ -22,11 +22,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from trocar.arms import MOTION_LIMITS, fk, ik
-from trocar.calibration.command_path import command_paths
-from trocar.calibration.command_request import CommandRequest
-from trocar.calibration.compensation import Compensator, sample_positions
+from trocar.calibration.command_path import CommandRequest, command_paths
+from trocar.calibration.compensation import Compensator, HysteresisState, sample_positions
 from trocar.calibration.excitation import EXERCISE_RAD, random_smooth_path
-from trocar.calibration.hysteresis import HysteresisState
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PLANTS
 from trocar.calibration.recording import Recording

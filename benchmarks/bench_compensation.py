@@ -18,11 +18,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from trocar.arms import MOTION_LIMITS, ik
-from trocar.calibration.command_path import command_paths
-from trocar.calibration.command_request import CommandRequest
-from trocar.calibration.compensation import Invertible, inverse
+from trocar.calibration.command_path import CommandRequest, command_paths
+from trocar.calibration.compensation import HysteresisState, Invertible, inverse
 from trocar.calibration.excitation import random_smooth_path
-from trocar.calibration.hysteresis import HysteresisState
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording

@@ -16,7 +16,7 @@ import numpy as np
 
 from trocar.calibration.fleet import FleetPrior, fit_from_prior, learn_from, learn_prior
 from trocar.calibration.models.play import PlayModel
-from trocar.calibration.play import play_operator
+from trocar.calibration.plant import play_operator
 from trocar.calibration.recording import Recording, load_recording
 
 INSTRUMENTS = {

@@ -7,12 +7,11 @@ from numpy.testing import assert_allclose
 from trocar.arms import ARMS, MOTION_LIMITS, jacobian
 from trocar.calibration import command_fit
 from trocar.calibration.command_fit import EASE, LEVER, CommandFit
+from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.excitation import random_smooth_path
-from trocar.calibration.hysteresis import HysteresisState
-from trocar.calibration.limited_paths import LimitedPaths
+from trocar.calibration.limited_paths import LimitedPaths, QuadraticSpline
 from trocar.calibration.models import MODELS, OffsetModel
 from trocar.calibration.plant import PLANTS, WRIST
-from trocar.calibration.quadratic import QuadraticSpline
 from trocar.calibration.recording import Recording
 
 HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])

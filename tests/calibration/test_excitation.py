@@ -18,7 +18,8 @@ from trocar.calibration.excitation import (
     slack_taken_up,
     wide_path,
 )
-from trocar.calibration.recording import load_recording, sampling_interval
+from trocar.calibration.models.base import sampling_interval
+from trocar.calibration.recording import load_recording
 from trocar.errors import TrocarError
 
 WIDEST_PLAY_RAD = 2 * 0.128

@@ -6,11 +6,10 @@ from numpy.testing import assert_allclose
 
 from plant_models import plant_model
 from trocar.arms import ARMS
+from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.excitation import random_smooth_path
-from trocar.calibration.hysteresis import HysteresisState
 from trocar.calibration.models import MODELS
-from trocar.calibration.plant import PSM1_GREY
-from trocar.calibration.play import play_operator
+from trocar.calibration.plant import PSM1_GREY, play_operator
 from trocar.calibration.recording import Recording
 from trocar.trajectory import Trajectory
 

@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
-from trocar.calibration.limited_paths import LimitedPaths
-from trocar.calibration.quadratic import QuadraticSpline
+from trocar.calibration.limited_paths import LimitedPaths, QuadraticSpline
 
 TIMES = np.array([0.0, 0.05, 0.12, 0.2, 0.25, 0.36, 0.4, 0.5])
 KNOTS, FREE = len(TIMES), len(TIMES) - 2

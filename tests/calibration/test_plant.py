@@ -8,8 +8,15 @@ from numpy.testing import assert_allclose
 
 from trocar.calibration.fleet import load_prior
 from trocar.calibration.fleet.loops import LoopShape
-from trocar.calibration.plant import PLANTS, PSM1_GREY, PSM1_GREY_SESSIONS, CablePlant, fit_plant, play_slacks
-from trocar.calibration.play import play_operator
+from trocar.calibration.plant import (
+    PLANTS,
+    PSM1_GREY,
+    PSM1_GREY_SESSIONS,
+    CablePlant,
+    fit_plant,
+    play_operator,
+    play_slacks,
+)
 from trocar.calibration.recording import Recording, load_recording
 from trocar.errors import TrocarError
 
@@ -204,5 +211,5 @@ def test_a_plants_numbers_stay_as_they_are():
 
 @pytest.mark.parametrize("shape", [(6,), (3, 5), (1, 3, 6)])
 def test_a_plant_runs_rows_of_six(shape):
-    with pytest.raises(TrocarError, match="commands of shape"):
+    with pytest.raises(TrocarError, match="must have shape"):
         PSM1_GREY.run(np.zeros(shape))

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from trocar.calibration.play import play_operator
+from trocar.calibration.plant import play_operator
 from trocar.errors import TrocarError
 
 seeds = st.integers(0, 2**32 - 1)

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import linprog
 
 from trocar.arms import MotionLimits
-from trocar.calibration.quadratic import QuadraticSpline
+from trocar.calibration.limited_paths import QuadraticSpline
 
 
 def random_spline(seed):

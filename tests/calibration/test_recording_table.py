@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from trocar.calibration import study
-from trocar.calibration.recording import load_recording
-from trocar.calibration.recording_table import COMMANDED, MEASURED
+from trocar.calibration.recording import COMMANDED, MEASURED, load_recording
 from trocar.errors import TrocarError
 
 N = 40
@@ -50,12 +49,12 @@ def test_times_and_valid_may_be_left_out_and_an_empty_cell_is_no_measurement(tmp
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda h: [n for n in h if n != "q6_measured_rad"], "lacks column q6_measured_rad; it has time_s, q1_comm"),
+        (lambda h: [n for n in h if n != "q6_measured_rad"], "lacks column q6_measured_rad, it has time_s, q1_comm"),
         (
             lambda h: [n.replace("q4_commanded_rad", "q4_commanded_deg") for n in h],
-            "is in 'deg'; give it in rad and call",
+            "in 'deg'; give it in rad and call",
         ),
-        (lambda h: [n.replace("q3_measured_m", "q3_measured_mm") for n in h], "is in 'mm'; give it in m and call"),
+        (lambda h: [n.replace("q3_measured_m", "q3_measured_mm") for n in h], "in 'mm'; give it in m and call"),
         (
             lambda h: [n.replace("q2_measured_rad", "q2_measured") for n in h],
             "without a unit; .* call it 'q2_measured_rad'",
@@ -77,14 +76,14 @@ def test_columns_that_are_missing_or_strange_are_named(tmp_path, values, change,
     ("cell", "said"),
     [
         ((5, "q4_commanded_rad", "abc"), "row 7 .* holds 'abc' under 'q4_commanded_rad'; give a number"),
-        ((5, "q4_commanded_rad", ""), "row 7 .* has no number under 'q4_commanded_rad'; .* whole history"),
+        ((5, "q4_commanded_rad", ""), "has no number under 'q4_commanded_rad' in row 7; .* whole history"),
         ((5, "q4_measured_rad", "inf"), "row 7 .* holds 'inf'"),
         ((5, "q4_measured_rad", "1,2"), "row 7 .* has 15 cells, not 14"),
-        ((5, "time_s", "-1"), "t_s must be finite and not decrease"),
-        ((5, "time_s", ""), "t_s must be finite and not decrease"),
-        ((5, "valid", "2"), "valid must hold true or false only"),
-        ((5, "q4_commanded_rad", "30"), "q4 is commanded to 30.0, which looks like degrees"),
-        ((5, "q3_commanded_m", "120"), "q3 is commanded to 120.0, which looks like millimetres"),
+        ((5, "time_s", "-1"), "times t_s that are not finite or decrease"),
+        ((5, "time_s", ""), "times t_s that are not finite or decrease"),
+        ((5, "valid", "2"), "has other values of valid than true or false"),
+        ((5, "q4_commanded_rad", "30"), "which looks like degrees; give rad"),
+        ((5, "q3_commanded_m", "120"), "commands of q3 up to 120.0, which looks like millimetres"),
     ],
 )
 def test_cells_that_are_wrong_are_named_with_their_row(tmp_path, values, cell, said):
@@ -93,7 +92,7 @@ def test_cells_that_are_wrong_are_named_with_their_row(tmp_path, values, cell, s
 
 
 def test_tables_without_rows_are_refused(tmp_path, values):
-    with pytest.raises(TrocarError, match="needs 2 rows or more, got 0"):
+    with pytest.raises(TrocarError, match="has 0 rows; a recording needs 2 or more"):
         load_recording(written(tmp_path / "none.csv", values[:0]))
     (tmp_path / "empty.csv").write_text("")
     with pytest.raises(

@@ -13,7 +13,7 @@ from trocar.calibration import study
 from trocar.calibration.excitation import PSM2_BOX, wide_path
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY
-from trocar.calibration.recording_table import COMMANDED, MEASURED
+from trocar.calibration.recording import COMMANDED, MEASURED
 from trocar.cli import main
 from trocar.cli.study_calibration import errors_table, models_table
 

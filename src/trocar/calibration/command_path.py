@@ -14,16 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits
-from trocar.calibration.command_fit import LEVER, MET, CommandFit, Fitted
-from trocar.calibration.command_request import CommandRequest
-from trocar.calibration.compensation import inverse
-from trocar.calibration.hysteresis import HysteresisState
-from trocar.calibration.initial_commands import InitialCommands, knots_of, sketched
-from trocar.calibration.limited_paths import HEADROOM, LimitedPaths
-from trocar.calibration.quadratic import QuadraticSpline
+from trocar.calibration.command_fit import (
+    LEVER,
+    MET,
+    CommandFit,
+    CommandRequest,
+    Fitted,
+    InitialCommands,
+    knots_of,
+    sketched,
+)
+from trocar.calibration.compensation import HysteresisState, inverse
+from trocar.calibration.limited_paths import HEADROOM, LimitedPaths, QuadraticSpline
 from trocar.errors import TrocarError
 from trocar.motion.moves import rest_to_rest
 from trocar.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
 
 Array = NDArray[np.float64]
 

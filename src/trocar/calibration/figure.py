@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trocar.calibration.evaluation import Evaluation
-from trocar.calibration.recording import JOINT_NAMES, Recording, why_invalid
-from trocar.errors import TrocarError
+from trocar.calibration.recording import JOINT_NAMES, Recording
+from trocar.errors import InvalidInput
 from trocar.files.output import write_figure
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def wrist(figure: Figure, recording: Recording, evaluation: Evaluation | None = 
     """
     rows = np.flatnonzero(recording.valid)
     if not len(rows):
-        raise TrocarError(f"{recording.name} has no valid row to be drawn ({why_invalid(recording)})")
+        raise InvalidInput(recording.name, f"has no valid row to be drawn ({recording.why_invalid()})")
     t_s = recording.t_s[rows] - recording.t_s[rows[0]]
     loop = rows[:LOOP_ROWS]
     figure.set_size_inches(14, 9)

@@ -1,4 +1,4 @@
-"""The cable transmission between encoder and joint, as identified from recordings of real arms."""
+"""Play operators, and the cable transmission made of them, as identified from recordings of real arms."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.calibration.play import play_operator
 from trocar.calibration.recording import Recording
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry.arrays import finite
 
 WRIST = slice(3, 6)
@@ -18,7 +17,57 @@ WRIST = slice(3, 6)
 PlayState = tuple[float, float, float]
 """Outputs of the three play operators (roll, pitch, yaw) in rad: the whole memory of a plant."""
 
+FEW = 4
+"""For up to this many operators, a loop over plain floats is ten times faster than one over small arrays."""
+
 _SHAPES = {"radii": (3,), "offset": (3,), "K": (3, 3), "C": (3, 3), "noise_sd": (6,)}
+
+
+def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None) -> NDArray[np.float64]:
+    """Return the play operator of a sequence, ``P_t = clip(P_{t-1}, u_t - r, u_t + r)``: an exact model of backlash.
+
+    The slack ``u - P`` lies in [-r, r]. It depends on past reversals, not on the rate.
+
+    Args:
+        u: (n, ...) inputs over time, in rad.
+        radii: half-widths r of the backlash in rad, broadcast against the inputs' trailing shape:
+            inputs (n, 3, 1) and radii (3, 4) give (n, 3, 4).
+        start: state P before the first sample; None starts without slack.
+
+    Returns:
+        (n, ...) outputs P.
+
+    Raises:
+        InvalidInput: a radius is negative or the inputs are not finite.
+    """
+    u, r = np.asarray(u, dtype=np.float64), np.asarray(radii, dtype=np.float64)
+    if not np.all(np.isfinite(u)):
+        raise InvalidInput("the inputs of a play operator", "hold NaN or infinity", "remove those rows")
+    if not np.all(r >= 0):
+        raise InvalidInput("the radii of a play operator", f"are {r}", "give 0 or more")
+    low, high = u - r, u + r
+    out = np.empty_like(low)
+    if not len(u):
+        return out
+    state: NDArray[np.float64] = np.broadcast_to(u[0] if start is None else np.asarray(start), low.shape[1:])
+    if state.size <= FEW:
+        for index in np.ndindex(*state.shape):
+            column = (slice(None), *index)
+            p = float(state[index])
+            values = []
+            for floor, ceiling in zip(low[column].tolist(), high[column].tolist(), strict=True):
+                if p < floor:
+                    p = floor
+                elif p > ceiling:
+                    p = ceiling
+                values.append(p)
+            out[column] = values
+        return out
+    for row, floor, ceiling in zip(out, low, high, strict=True):
+        np.maximum(state, floor, out=row)
+        np.minimum(row, ceiling, out=row)
+        state = row
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +103,7 @@ class CablePlant:
             value.setflags(write=False)
             object.__setattr__(self, name, value)
         if np.any(self.radii < 0) or np.any(self.noise_sd < 0):
-            raise TrocarError("a cable plant's radii and noise SDs must be 0 or more")
+            raise InvalidInput("a cable plant", "has a radius or a noise SD below 0", "give 0 or more")
         object.__setattr__(self, "_r", tuple(self.radii.tolist()))
         rows = np.column_stack([self.offset, self.K, self.C]).tolist()
         object.__setattr__(self, "_rows", tuple(map(tuple, rows)))
@@ -91,9 +140,7 @@ class CablePlant:
 
     def run(self, q_cmd: ArrayLike) -> NDArray[np.float64]:
         """Return the joints (n, 6) for a sequence of commands (n, 6) that starts without slack."""
-        q = np.asarray(q_cmd, dtype=np.float64)
-        if q.ndim != 2 or q.shape[1] != 6:
-            raise TrocarError(f"a plant runs commands of shape (n, 6), got {q.shape}")
+        q = finite("a plant's commands", q_cmd, "n", 6)
         u = self.inputs(q)
         slack = u - play_operator(u, self.radii)
         joints = q.copy()
@@ -181,7 +228,7 @@ def fit_plant(recording: Recording) -> CablePlant:
     """
     q, valid = recording.q_cmd, recording.valid
     if valid.sum() < 30:
-        raise TrocarError(f"{recording.name} has {valid.sum()} valid rows; identifying a plant needs 30 or more")
+        raise InvalidInput(recording.name, f"has {valid.sum()} valid rows", "identifying a plant needs 30 or more")
     from scipy.optimize import minimize  # slow to import; few callers identify a plant, all draw one
 
     error = (recording.q_phy - q)[:, WRIST][valid]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.calibration.evaluation import Evaluation, evaluate
+from trocar.calibration.fitting import REFIT_ROWS, refit_ends, refit_offset
 from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import CableModel
 from trocar.calibration.recording import Recording, load_recording
-from trocar.calibration.session import REFIT_ROWS, refit_ends, refit_offset
 from trocar.errors import TrocarError
 
 TABLE_1_ROWS = 1000

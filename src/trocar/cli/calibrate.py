@@ -57,14 +57,14 @@ def fit(
     """Fit a cable model to a recording; with a prior, a minute of it is enough."""
     from trocar.calibration.fleet import fit_from_prior, load_prior  # SciPy only when needed
     from trocar.calibration.models import MODELS, save_model
-    from trocar.calibration.models.model_file import FORMAT
-    from trocar.calibration.recording import load_recording, require_motion
+    from trocar.calibration.models.files import FORMAT
+    from trocar.calibration.recording import load_recording
 
     kind = MODELS.pick(model)
     require_file("--out", out, FORMAT, (".npz",), [recording])
     data = load_recording(recording)
     data = data.first(_first_rows(len(data), rows, fraction))
-    require_motion(data)
+    data.require_motion()
     prior = prior or ("fleet" if model == "play" else "none")
     if prior != "none" and model != "play":
         raise InvalidInput(f"cable model {model!r}", "starts from no prior", "leave --prior out, or fit 'play'")
@@ -112,9 +112,9 @@ def evaluate(
     """
     from trocar.calibration.evaluation import evaluate as score
     from trocar.calibration.figure import draw_evaluation
+    from trocar.calibration.fitting import refit_ends, refit_offset
     from trocar.calibration.models import load_model
     from trocar.calibration.recording import load_recording
-    from trocar.calibration.session import refit_ends, refit_offset
 
     if plot is not None:
         require_picture(plot)

@@ -13,10 +13,10 @@ import numpy as np
 
 import trocar
 from trocar.calibration.excitation import SAMPLES, WIDE_ROWS
+from trocar.calibration.fitting import refit_offset
 from trocar.calibration.fleet import FleetPrior, expected, fit_from_prior, load_prior
 from trocar.calibration.models import MODELS, CableModel, load_model, save_model
 from trocar.calibration.recording import Recording
-from trocar.calibration.session import refit_offset
 from trocar.collect.collection import Collection
 from trocar.errors import TrocarError
 from trocar.eval.config import CALIBRATION, IMAGES, NO_PRIOR, REFIT, REMOUNT, SESSION, RunConfig, fingerprint

@@ -11,8 +11,8 @@ from scipy.special import chdtri
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.calibration.command_path import CommandPath
+from trocar.calibration.compensation import REPLAY_S, HysteresisState
 from trocar.calibration.fleet import FleetPrior, Learned, learn_from
-from trocar.calibration.hysteresis import REPLAY_S, HysteresisState
 from trocar.calibration.models.base import MIN_ROWS, CableModel
 from trocar.calibration.models.play import PlayModel
 from trocar.cell import Clock, Log, MotionResult, Robot, SetPoint

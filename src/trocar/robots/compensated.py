@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
-from trocar.calibration.command_path import CommandPath, command_paths
-from trocar.calibration.command_request import CommandRequest
-from trocar.calibration.hysteresis import HysteresisState
+from trocar.calibration.command_path import CommandPath, CommandRequest, command_paths
+from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.models import CableModel
 from trocar.cell import Clock, JointReading, Log, MotionEnd, MotionResult, Robot, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, OutOfReach, TrocarError

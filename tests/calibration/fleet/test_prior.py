@@ -4,8 +4,7 @@ from numpy.testing import assert_allclose
 
 from fleets import fleet
 from trocar.calibration.fleet import learn_prior, load_prior
-from trocar.calibration.fleet.loop_fit import LoopFit
-from trocar.calibration.fleet.loops import FEATURES
+from trocar.calibration.fleet.loops import FEATURES, LoopFit
 from trocar.calibration.fleet.prior import COMMON, FORMAT, VERSION, FleetPrior
 from trocar.errors import TrocarError
 from trocar.files.archive import Archive, read_archive
@@ -97,7 +96,7 @@ def test_a_prior_is_kept_in_a_file(tmp_path):
     assert again.sources == prior.sources
     for key in ("shape_mean", "shape_sd", "weights", "factors", "noise_sd", "outer_sd", "outer_noise_sd"):
         assert_allclose(getattr(again, key), getattr(prior, key))
-    with pytest.raises(TrocarError, match=r"must end in \.npz"):
+    with pytest.raises(TrocarError, match=r"must end in .npz"):
         prior.save(tmp_path / "prior.txt")
 
 

@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trocar.calibration.models.drift import DRIFT_ROWS, DriftWhitener, drift_ratio
-from trocar.calibration.models.play_map import fit_linear
+from trocar.calibration.models.play_map import DRIFT_ROWS, DriftWhitener, drift_ratio, fit_linear
 
 RATIO = 0.3
 

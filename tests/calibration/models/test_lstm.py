@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 
 from trocar.calibration.models import LstmModel, TrainingMotion
 from trocar.calibration.models import lstm as module
+from trocar.calibration.models.linear import windows
 from trocar.calibration.models.lstm import dense, recur, remember
-from trocar.calibration.models.window import windows
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 from walks import stepped, walk

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trocar.calibration.models import MODELS, load_model, save_model
-from trocar.calibration.models.model_file import FORMAT, VERSION
+from trocar.calibration.models.files import FORMAT, VERSION
 from trocar.errors import TrocarError
 from trocar.files.archive import Archive, read_archive
 
@@ -81,7 +81,7 @@ def test_errors_that_no_cable_has_are_refused(light, tmp_path, joint):
         to = np.where(np.arange(6) == joint, sign, 0.0)
         load_model(save_model(model.shifted(0.99 * to - model.offset), tmp_path / "good.npz"))
         path = save_model(model.shifted(1.01 * to - model.offset), tmp_path / "bad.npz")
-        refused(path, "is damaged: it expects errors that no cable has")
+        refused(path, "is damaged: the model expects errors that no cable has")
 
 
 def test_sense_is_asked_of_a_model_where_it_was_fitted(light, tmp_path):
@@ -101,7 +101,7 @@ def test_sense_is_asked_of_a_model_where_it_was_fitted(light, tmp_path):
         ({"name": "gru"}, "is of kind 'gru'; this Trocar knows offset, ridge, lstm, play"),
         ({"name": None}, "is of kind 'None'"),
         ({"name": ["play"]}, "is of kind"),
-        ({"name": "ridge"}, "is damaged: it lacks '"),
+        ({"name": "ridge"}, "is damaged: array '"),
         ({"format": "trocar trial"}, "is a 'trocar trial' of version 2, not a 'trocar cable model' of version 2"),
         ({"version": 1}, "of version 1, not"),
         ({"version": 3}, "of version 3, not"),

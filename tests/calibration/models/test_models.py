@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from trocar.calibration.fitting import refit_ends, refit_offset
 from trocar.calibration.models import MODELS, load_model, save_model
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording, load_recording
-from trocar.calibration.session import refit_ends, refit_offset
 from trocar.calibration.study import LIMITS_RAD
 from trocar.errors import TrocarError
 from walks import stepped, walk

@@ -8,8 +8,7 @@ from trocar.calibration.models import PlayModel, TrainingMotion
 from trocar.calibration.models import play as module
 from trocar.calibration.models.play import fit_wrist, with_spectrum, wrist_features
 from trocar.calibration.models.play_map import PlayMap
-from trocar.calibration.plant import PSM1_GREY
-from trocar.calibration.play import play_operator
+from trocar.calibration.plant import PSM1_GREY, play_operator
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 from walks import walk

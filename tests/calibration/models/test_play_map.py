@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from trocar.calibration.models.drift import DRIFT_ROWS, DriftWhitener
-from trocar.calibration.models.play_map import CENTRES, PlayMap, _fits, fit_linear, fit_map
+from trocar.calibration.models.play_map import CENTRES, DRIFT_ROWS, DriftWhitener, PlayMap, _fits, fit_linear, fit_map
 from trocar.errors import TrocarError
 
 

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.calibration.models import RidgeModel
-from trocar.calibration.models.window import windows
+from trocar.calibration.models.linear import windows
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 from walks import stepped

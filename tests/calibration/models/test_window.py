@@ -1,7 +1,7 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
-from trocar.calibration.models.window import advance, resting_window, windows
+from trocar.calibration.models.linear import advance, resting_window, windows
 
 Q = np.arange(10.0)[:, None] + 100.0 * np.arange(6)
 

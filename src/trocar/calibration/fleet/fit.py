@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.calibration.excitation import MotionBox
-from trocar.calibration.fleet.loop_fit import DRIFT, outer_features
-from trocar.calibration.fleet.loops import FEATURES, MULTIPLES, LoopShape
+from trocar.calibration.fleet.loops import DRIFT, FEATURES, MULTIPLES, LoopShape, outer_features
 from trocar.calibration.fleet.prior import FleetPrior
 from trocar.calibration.models.base import TrainingMotion
-from trocar.calibration.models.drift import DriftWhitener
 from trocar.calibration.models.play import RADII_RAD, PlayBank, PlayModel, fit_wrist, with_spectrum, wrist_features
-from trocar.calibration.models.play_map import PlayMap
+from trocar.calibration.models.play_map import DriftWhitener, PlayMap
 from trocar.calibration.plant import WRIST, fit_plant
 from trocar.calibration.recording import Recording
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.fleet.loop_fit import LoopFit
-from trocar.calibration.fleet.loops import FEATURES, MULTIPLES
+from trocar.calibration.fleet.loops import FEATURES, MULTIPLES, LoopFit, fit_loops
 from trocar.calibration.models.base import shaped
 from trocar.calibration.plant import WRIST
+from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 from trocar.files.archive import Archive, read_archive
 
@@ -154,3 +154,12 @@ def _least_sd(joint: int) -> NDArray[np.float64]:
     sd = np.full(FEATURES, SLACK_SD)
     sd[0], sd[1:4], sd[1 + joint] = OFFSET_SD, COUPLING_SD, OWN_SD[joint]
     return sd
+
+
+def learn_prior(recordings: Sequence[Recording]) -> FleetPrior:
+    """Return the prior over instruments and sessions, learned from recordings of some of them.
+
+    Raises:
+        InvalidInput: they are fewer than two.
+    """
+    return FleetPrior.of([fit_loops(recording) for recording in recordings])

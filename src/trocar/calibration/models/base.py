@@ -1,17 +1,18 @@
-"""The interface of cable models, and their file format."""
+"""The interface of cable models, and what their implementations share."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.calibration.recording import Recording, sampling_interval, why_invalid
+from trocar.calibration.recording import Recording
 from trocar.checks import require_numbers
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
+from trocar.geometry.arrays import finite
 
 MAX_VALUE = 1e6
 """Numbers of a cable model are not larger than this: features are standardised, angles in rad."""
@@ -48,13 +49,12 @@ class TrainingMotion:
 
     @staticmethod
     def of(recording: Recording) -> TrainingMotion:
-        """Return the statistics of a recording, or raise TrocarError if it is too short for a fit."""
+        """Return the statistics of a recording; raises InvalidInput if it is too short for a fit."""
         rows = int(recording.valid.sum())
         if rows < MIN_ROWS:
-            why = f" ({reasons})" if (reasons := why_invalid(recording)) else ""
-            raise TrocarError(
-                f"{recording.name} has {rows} valid rows of {len(recording)}{why}; a fit needs {MIN_ROWS} or more"
-            )
+            why = f" ({reasons})" if (reasons := recording.why_invalid()) else ""
+            problem = f"has {rows} valid rows of {len(recording)}{why}"
+            raise InvalidInput(recording.name, problem, f"a fit needs {MIN_ROWS} or more")
         q = recording.q_cmd[: int(np.flatnonzero(recording.valid)[-1]) + 1]
         return TrainingMotion(sampling_interval(q), q.min(axis=0), q.max(axis=0), rows)
 
@@ -63,10 +63,12 @@ class CableModel(Protocol):
     """A forward model of the cables: joints from the history of commands.
 
     ``step`` is pure: it returns the joints and a new state without changing the old one, so that a controller can try
-    several commands from one state.
+    several commands from one state. For a sequence that starts at rest, ``predict`` gives what ``start`` at its first
+    command and ``step`` through all of them give.
     """
 
     name: ClassVar[str]
+    """On the command line and in files."""
     rate_independent: ClassVar[bool]
     """Whether the joints depend only on the path of the commands, however densely it is sampled."""
 
@@ -102,7 +104,16 @@ class CableModel(Protocol):
 
     @classmethod
     def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
-        """Return the model that :meth:`arrays` described."""
+        """Return the model that :meth:`arrays` described; raises InvalidInput if they are damaged (:func:`shaped`)."""
+        ...
+
+
+@runtime_checkable
+class Invertible(Protocol):
+    """A cable model that also provides the wrist's Jacobian: its commands are found exactly, not by Algorithm 1."""
+
+    def linearize(self, state: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the joints (6,) after the command (6,), and the wrist's d q_joint / d q_cmd (3, 3)."""
         ...
 
 
@@ -112,13 +123,15 @@ def in_words(model: CableModel, more: str = "") -> str:
 
 
 def commands(q_cmd: ArrayLike) -> NDArray[np.float64]:
-    """Return a history of commands as float64 (n, 6), or raise TrocarError."""
-    q = np.asarray(q_cmd, dtype=np.float64)
-    if q.ndim != 2 or q.shape[1] != 6:
-        raise TrocarError(f"commands have shape {q.shape}; they need (n, 6), one row of q1 to q6 per sample")
-    if not np.all(np.isfinite(q)):
-        raise TrocarError("commands hold NaN or infinity; remove those rows")
-    return q
+    """Return a history of commands as float64 (n, 6), one row of q1 to q6 per sample; raises InvalidInput."""
+    return finite("commands q1 to q6", q_cmd, "n", 6)
+
+
+def sampling_interval(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean step |dq| (6,) between the samples of a motion (n, 6), ignoring pauses."""
+    steps = np.abs(np.diff(q, axis=0))
+    moving = steps[steps.max(axis=1, initial=0.0) > 1e-9]
+    return moving.mean(axis=0) if len(moving) else np.zeros(q.shape[1])
 
 
 def shaped(arrays: Arrays, **shapes: tuple[int | str, ...]) -> dict[str, NDArray[Any]]:
@@ -131,23 +144,23 @@ def shaped(arrays: Arrays, **shapes: tuple[int | str, ...]) -> dict[str, NDArray
         shapes: by name; a letter stands for any length, the same wherever it stands.
 
     Raises:
-        TrocarError: one is missing, has another shape, or holds what is not finite or absurdly large.
+        InvalidInput: one is missing, has another shape, or holds what is not finite or absurdly large.
     """
     lengths: dict[str, int] = {}
     found: dict[str, NDArray[Any]] = {}
     for name, shape in shapes.items():
         if name not in arrays:
-            raise TrocarError(f"it lacks {name!r}")
+            raise InvalidInput(f"array {name!r}", "is missing")
         value = arrays[name]
-        told = tuple(
+        wanted = tuple(
             lengths.setdefault(n, value.shape[i]) if isinstance(n, str) and i < value.ndim else n
             for i, n in enumerate(shape)
         )
-        if value.shape != told:
-            raise TrocarError(f"{name!r} has shape {value.shape}, not {told}")
+        if value.shape != wanted:
+            raise InvalidInput(f"array {name!r}", f"has shape {value.shape}, not {wanted}")
         # a column that never moved has an infinite scale, and so no weight
         known = value[value != np.inf] if name.endswith("scale") else value
         if value.dtype.kind not in "biuf" or not np.isfinite(known).all() or np.abs(known).max(initial=0.0) > MAX_VALUE:
-            raise TrocarError(f"{name!r} holds numbers that no model can have")
+            raise InvalidInput(f"array {name!r}", "holds numbers that no model can have")
         found[name] = value
     return found

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
-from trocar.calibration.models.window import advance, resting_window, windows
+from trocar.calibration.models.linear import advance, resting_window, windows
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 from trocar.extras import how_to_install

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
 from trocar.calibration.models.play_map import PlayMap, fit_linear, fit_map
-from trocar.calibration.plant import WRIST, fit_plant, play_slacks
-from trocar.calibration.play import play_operator
+from trocar.calibration.plant import WRIST, fit_plant, play_operator, play_slacks
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 

@@ -1,4 +1,4 @@
-"""A linear map from the last commands: the memory of a window, without a network."""
+"""Linear cable models: a constant error, and a linear map from the last commands, the memory of a window."""
 
 from __future__ import annotations
 
@@ -9,8 +9,76 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
-from trocar.calibration.models.window import PRIOR_COMMANDS, advance, resting_window, windows
 from trocar.calibration.recording import Recording
+
+PRIOR_COMMANDS = 5
+"""Number of prior commands in a window, in addition to the present one (paper, section IV-A)."""
+
+
+def windows(q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return each sample's window, oldest first, (n, 6) -> (n, 1 + 5, 6); the arm is at rest before the first."""
+    rows = np.arange(len(q_cmd))[:, None] + np.arange(-PRIOR_COMMANDS, 1)
+    return q_cmd[np.maximum(rows, 0)]
+
+
+def resting_window(q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the prior commands (5, 6) of an arm that has been at rest at this command (6,)."""
+    return np.repeat(q_cmd[None], PRIOR_COMMANDS, axis=0)
+
+
+def advance(prior: NDArray[np.float64], q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the window (6, 6) of a command (6,) that follows its prior commands (5, 6)."""
+    return np.concatenate([prior, q_cmd[None]])
+
+
+@dataclass(frozen=True, eq=False)
+class OffsetModel:
+    """``q_joint = q_cmd + offset``: no memory, no coupling.
+
+    Attributes:
+        offset: (6,) rad and m (q3).
+        training: the motion it was fitted on.
+    """
+
+    name: ClassVar[str] = "offset"
+    rate_independent: ClassVar[bool] = True
+    offset: NDArray[np.float64]
+    training: TrainingMotion
+
+    def __repr__(self) -> str:
+        offsets = ", ".join(f"{x:.2f}" for x in np.degrees(self.offset[3:]))
+        return in_words(self, f"offsets of q4 q5 q6 {offsets} deg")
+
+    @classmethod
+    def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
+        """Return the model with the mean error over the valid rows."""
+        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        return cls(error.mean(axis=0), TrainingMotion.of(recording))
+
+    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the joints (n, 6) for a history of commands (n, 6)."""
+        return commands(q_cmd) + self.offset
+
+    def start(self, q_cmd: NDArray[np.float64]) -> None:
+        """Return None: the model has no state."""
+
+    def step(self, state: None, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
+        """Return the joints (6,) after the command (6,)."""
+        return q_cmd + self.offset, None
+
+    def shifted(self, offset: NDArray[np.float64]) -> Self:
+        """Return the model with this offset (6,) added to its predictions."""
+        return replace(self, offset=self.offset + offset)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays for the file."""
+        return {"offset": self.offset}
+
+    @classmethod
+    def from_arrays(cls, arrays: Arrays, training: TrainingMotion) -> Self:
+        """Return the model from the arrays of a file."""
+        return cls(shaped(arrays, offset=(6,))["offset"], training)
+
 
 PENALTY = 1.0
 """Ridge penalty on standardised windows: about one sample in a thousand."""
