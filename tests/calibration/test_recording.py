@@ -161,7 +161,7 @@ def test_rows_are_scored_from_one_up_to_another(arrays):
         with pytest.raises(TrocarError, match=f"rows {bounds[0]} to {bounds[1]} of recording are not within"):
             recording.scored(*bounds)
     arrays["valid"][30:] = False
-    with pytest.raises(TrocarError, match="no valid measurement in rows 30 to 40"):
+    with pytest.raises(TrocarError, match="rows 30 to 40 of recording have no valid measurement"):
         Recording(**arrays).scored(30, 40)
     assert Recording(**arrays).scored(29, 40).valid.sum() == 1
 

@@ -26,7 +26,7 @@ from trocar.calibration.command_fit import (
 )
 from trocar.calibration.compensation import HysteresisState, inverse
 from trocar.calibration.limited_paths import HEADROOM, LimitedPaths, QuadraticSpline
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.motion.moves import rest_to_rest
 from trocar.trajectory import Trajectory
 
@@ -107,8 +107,10 @@ def command_paths(requests: Mapping[str, CommandRequest]) -> dict[str, CommandPa
             break
     lost = [repr(arm) for arm in requests if arm not in fits]
     if lost:
-        raise TrocarError(
-            f"no commands of arm {', '.join(lost)} within the limits were found; let it come to rest before the motion"
+        raise InvalidInput(
+            "no commands",
+            f"of arm {', '.join(lost)} within the limits were found",
+            "let it come to rest before the motion",
         )
     return {arm: _finished(fit) for arm, fit in fits.items()}
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.calibration.models.base import CableModel, TrainingMotion, commands
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.plant import WRIST
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.trajectory import Trajectory
 
 REPLAY_S = 0.004
@@ -235,15 +235,16 @@ class Compensator:
         alpha: float = ALPHA,
     ):
         if method not in METHODS:
-            raise TrocarError(f"compensation method {method!r} is unknown; choose one of {', '.join(METHODS)}")
+            raise InvalidInput(f"compensation method {method!r}", "is unknown", f"choose one of {', '.join(METHODS)}")
         if iterations < 1 or not 0.0 < alpha <= 1.0:
-            raise TrocarError(
-                f"Algorithm 1 cannot run {iterations} iterations with alpha {alpha}; "
-                "give 1 or more iterations and an alpha in (0, 1]"
+            raise InvalidInput(
+                "Algorithm 1",
+                f"cannot run {iterations} iterations with alpha {alpha}",
+                "give 1 or more iterations and an alpha in (0, 1]",
             )
         self._inverse = model if isinstance(model, Invertible) and method != "algorithm1" else None
         if method == "exact" and self._inverse is None:
-            raise TrocarError(f"model {model.name!r} has no exact inverse; use method 'algorithm1'")
+            raise InvalidInput(f"model {model.name!r}", "has no exact inverse", "use method 'algorithm1'")
         self.model = model
         self.method = "algorithm1" if self._inverse is None else "exact"
         self._iterations, self._alpha = iterations, alpha

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import TURN
 from trocar.geometry.arrays import finite
 
@@ -118,12 +118,13 @@ def slack_taken_up(arm: ArmModel, path: NDArray[np.float64]) -> NDArray[np.float
 
 def _check(arm: ArmModel, n: int, box: MotionBox) -> None:
     if not 2 <= n <= MOST_SAMPLES:
-        raise TrocarError(f"a path cannot have {n} samples; ask for 2 to {MOST_SAMPLES}")
+        raise InvalidInput("a path", f"cannot have {n} samples", f"ask for 2 to {MOST_SAMPLES}")
     for joint, lower, upper in zip(arm.joints, box.lower, box.upper, strict=True):
         if not joint.lower <= lower < upper <= joint.upper:
-            raise TrocarError(
-                f"the motion's range [{lower:.4f}, {upper:.4f}] of joint {joint.name!r} is not inside "
-                f"[{joint.lower:.4f}, {joint.upper:.4f}]; choose a box within the limits of {arm.name}"
+            raise InvalidInput(
+                f"the motion's range [{lower:.4f}, {upper:.4f}]",
+                f"of joint {joint.name!r} is not inside [{joint.lower:.4f}, {joint.upper:.4f}]",
+                f"choose a box within the limits of {arm.name}",
             )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from trocar.calibration.models.base import CableModel
 from trocar.calibration.recording import Recording
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 
 REFIT_ROWS = 30
 """Number of samples for a refit of the offsets: half a minute on the robot."""
@@ -28,8 +28,8 @@ def refit_offset(model: Model, recording: Recording, rows: int = REFIT_ROWS) -> 
     """
     good = np.flatnonzero(recording.valid)[:rows]
     if rows < 1 or len(good) < rows:
-        raise TrocarError(
-            f"{recording.name} has {len(good)} valid rows, but a refit of the offsets needs {rows}; record more"
+        raise InvalidInput(
+            f"{recording.name}", f"has {len(good)} valid rows, but a refit of the offsets needs {rows}", "record more"
         )
     error = recording.q_phy - model.predict(recording.q_cmd)
     return model.shifted(error[good].mean(axis=0))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import BadFile, InvalidInput
+from trocar.errors import BadFile, InvalidInput, TrocarError
 from trocar.files.archive import HEADER
 from trocar.files.csv_file import TIMES, read_csv
 from trocar.files.output import mark_zip, writing
@@ -234,7 +234,7 @@ def _require_units(recording: Recording, path: Path) -> None:
 def _npz_arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
         arrays = read_arrays(path)
-    except InvalidInput:
+    except TrocarError:
         raise
     except (OSError, ValueError):
         raise _bad(path, "is not a readable .npz of numbers", "copy it again") from None

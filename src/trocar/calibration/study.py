@@ -14,7 +14,7 @@ from trocar.calibration.fitting import REFIT_ROWS, refit_ends, refit_offset
 from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import CableModel
 from trocar.calibration.recording import Recording, load_recording
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 
 TABLE_1_ROWS = 1000
 """Number of valid rows of a recording on which Table I is computed."""
@@ -116,9 +116,11 @@ def load_study_recordings(data: str | Path, names: Sequence[str]) -> dict[str, R
     files = {name: [path for path in (data / f"{name}.npz", data / f"{name}.csv") if path.is_file()] for name in names}
     missing = [name for name, found in files.items() if not found]
     if missing:
-        raise TrocarError(
-            f"folder {str(data)!r} lacks the recordings {', '.join(missing)} (.npz or .csv); give their folder with "
-            "--data or TROCAR_DATA (docs/calibration.md, 'Public recordings': where they are and how to convert them)"
+        raise InvalidInput(
+            f"folder {str(data)!r}",
+            f"lacks the recordings {', '.join(missing)} (.npz or .csv)",
+            "give their folder with --data or TROCAR_DATA (docs/calibration.md, 'Public recordings': where they are and "
+            "how to convert them)",
         )
     return {name: load_recording(found[0]) for name, found in files.items()}
 

@@ -98,7 +98,7 @@ def why_no_images(station: Station, arm: str, box: MotionBox, fixture: Fixture =
     seen_by = station.cameras[camera]
     assert isinstance(seen_by.model, Intrinsics)
     view = View(seen_by.model, seen_by.T_world_camera.inverse() @ station.arm(arm).T_world_base)
-    return "" if always_in_view(model, fixture, view, box) else _not_in_view(model)
+    return "" if always_in_view(model, fixture, view, box) else str(_not_in_view(model))
 
 
 def depth_camera(station: Station) -> str:
@@ -115,10 +115,11 @@ def depth_camera(station: Station) -> str:
     return found[0]
 
 
-def _not_in_view(arm: ArmModel) -> str:
-    return (
-        f"the camera does not see the spheres of {arm.name!r} where it should move to be calibrated; move the camera, "
-        "or name another range in the station's 'calibration'"
+def _not_in_view(arm: ArmModel) -> InvalidInput:
+    return InvalidInput(
+        "the camera",
+        f"does not see the spheres of {arm.name!r} where it should move to be calibrated",
+        "move the camera, or name another range in the station's 'calibration'",
     )
 
 
@@ -132,7 +133,7 @@ def _pulled_into_view(
         tried[:, :3] = middle + share * (path[:, :3] - middle)
         need[np.isnan(need) & in_view(arm, fixture, view, tried)] = share
     if np.isnan(need).any():
-        raise TrocarError(_not_in_view(arm))
+        raise _not_in_view(arm)
     # the mean of the least shares nearby never exceeds a row's own share
     least = minimum_filter1d(need, SMOOTH_ROWS, mode="nearest")
     share = uniform_filter1d(least, SMOOTH_ROWS, mode="nearest")

@@ -15,7 +15,7 @@ from trocar.calibration.fleet.prior import FleetPrior
 from trocar.calibration.models.base import MIN_ROWS
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.recording import Recording
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.files.output import write_figure
 
 TAIL_SHARE = 0.2
@@ -58,7 +58,9 @@ def curve(recording: Recording, prior: FleetPrior, rows: Sequence[int] | None = 
     chosen = tuple(rows) if rows is not None else (*(n for n in USUAL_ROWS if n < cut), cut)
     for n in chosen:
         if not MIN_ROWS <= n <= cut:
-            raise TrocarError(f"{n} rows are outside {MIN_ROWS}..{cut}: {recording.name} is scored from row {cut} on")
+            raise InvalidInput(
+                f"{n} rows", f"are outside {MIN_ROWS}..{cut}: {recording.name} is scored from row {cut} on"
+            )
     held = recording.scored(cut)
     rmse: dict[str, list[NDArray[np.float64]]] = {WITH: [], WITHOUT: []}
     for n in chosen:

@@ -14,7 +14,7 @@ from trocar.calibration.fleet.loops import FEATURES, MULTIPLES, LoopFit, fit_loo
 from trocar.calibration.models.base import shaped
 from trocar.calibration.plant import WRIST
 from trocar.calibration.recording import Recording
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, InvalidInput, TrocarError
 from trocar.files.archive import Archive, read_archive
 
 FORMAT = "trocar fleet prior"
@@ -73,7 +73,7 @@ class FleetPrior:
             TrocarError: they are fewer than two.
         """
         if len(fits) < 2:
-            raise TrocarError(f"a prior cannot be learned from {len(fits)} recordings; give two or more")
+            raise InvalidInput("a prior", f"cannot be learned from {len(fits)} recordings", "give two or more")
         shapes, weights, outer, left = (
             np.array([getattr(fit, name) for fit in fits]) for name in ("shape", "weights", "outer", "left")
         )
@@ -114,7 +114,7 @@ class FleetPrior:
         """Write the prior to an ``.npz`` file: what was fitted to each recording."""
         path = Path(path)
         if path.suffix != ".npz":
-            raise TrocarError(f"prior {str(path)!r} must end in .npz; choose another name")
+            raise BadFile(path, "must end in .npz", "choose another name", kind="prior")
         header = {"format": FORMAT, "version": VERSION, "sources": list(self.sources)}
         arrays = {name: np.array([getattr(fit, name) for fit in self.fits]) for name in _SHAPES}
         return Archive(header, arrays).save(path)
@@ -137,16 +137,16 @@ def _load(path: Path) -> FleetPrior:
     sources = archive.header.get("sources")
     try:
         if not isinstance(sources, list) or not all(isinstance(source, str) for source in sources):
-            raise TrocarError("it does not say what it was learned from")
+            raise InvalidInput("it", "does not say what it was learned from")
         arrays = {name: np.asarray(a, dtype=np.float64) for name, a in shaped(archive.arrays, **_SHAPES).items()}
         if len(sources) != len(arrays["left"]):
-            raise TrocarError(f"it names {len(sources)} recordings and has fits to {len(arrays['left'])}")
+            raise InvalidInput("it", f"names {len(sources)} recordings and has fits to {len(arrays['left'])}")
         if (arrays["left"] <= 0).any():
-            raise TrocarError("'left' holds values that are not variances")
+            raise InvalidInput("'left'", "holds values that are not variances")
         fits = [LoopFit(name, *(arrays[key][k] for key in _SHAPES)) for k, name in enumerate(sources)]
         return FleetPrior.of(fits)
     except TrocarError as error:
-        raise TrocarError(f"prior {str(path)!r} is damaged: {error}; learn it again") from None
+        raise BadFile(path, f"is damaged: {error}", "learn it again", kind="prior") from None
 
 
 def _least_sd(joint: int) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
 from trocar.calibration.models.linear import advance, resting_window, windows
 from trocar.calibration.recording import Recording
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.extras import how_to_install
 
 HIDDEN = 256
@@ -77,7 +77,7 @@ class LstmModel:
             # Looked up by name, so that using a trained network imports no framework.
             trainer = importlib.import_module("trocar.calibration.lstm_training")
         except ModuleNotFoundError as missing:
-            raise TrocarError(f"training 'lstm' needs {missing.name!r}; {how_to_install('learn')}") from None
+            raise InvalidInput("training 'lstm'", f"needs {missing.name!r}", f"{how_to_install('learn')}") from None
         weights = trainer.train((x - mean) / scale, (error - offset) / error_scale, HIDDEN, rng)
         return cls(weights, mean, scale, error_scale, offset, training)
 

@@ -13,7 +13,7 @@ from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_
 from trocar.calibration.models.play_map import PlayMap, fit_linear, fit_map
 from trocar.calibration.plant import WRIST, fit_plant, play_operator, play_slacks
 from trocar.calibration.recording import Recording
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 
 RADII_RAD = (0.01, 0.02, 0.04, 0.06, 0.09, 0.13, 0.18, 0.25)
 """Backlash half-widths of the features, in addition to the one radius identified per joint: a spectrum that covers the
@@ -186,7 +186,7 @@ class PlayModel:
         """Return the model from the arrays of a file."""
         own = shaped(arrays, coupling=(2,), radii=(3, "k"), offset=(6,), outer=(3, 6))
         if (own["radii"] < 0).any():
-            raise TrocarError("'radii' holds negative ones")
+            raise InvalidInput("'radii'", "holds negative ones")
         a, b = own["coupling"].tolist()
         fitted = PlayMap.from_arrays(arrays, own["radii"].shape[1])
         return cls(a, b, own["radii"], own["offset"], own["outer"], fitted, training)

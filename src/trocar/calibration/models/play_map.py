@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_banded
 
 from trocar.calibration.models.base import Arrays, shaped
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 
 DRIFT_RATIOS = (0.0, 0.3)
 """Candidate ratios of the drift's variance to that of the independent noise: none, or the best in forward chaining over
@@ -164,7 +164,7 @@ class PlayMap:
         )
         inputs, scale = own["map_inputs"], own["map_scale"]
         if inputs.dtype.kind not in "iu" or ((inputs < 0) | (inputs >= features)).any() or (scale <= 0).any():
-            raise TrocarError("'map_inputs' or 'map_scale' are not valid")
+            raise InvalidInput("'map_inputs' or 'map_scale'", "are not valid")
         return cls(**{key: own[f"map_{key}"] for key in cls.__dataclass_fields__})
 
 
