@@ -119,8 +119,8 @@ def load_study_recordings(data: str | Path, names: Sequence[str]) -> dict[str, R
         raise InvalidInput(
             f"folder {str(data)!r}",
             f"lacks the recordings {', '.join(missing)} (.npz or .csv)",
-            "give their folder with --data or TROCAR_DATA (docs/calibration.md, 'Public recordings': where they are and "
-            "how to convert them)",
+            "give their folder with --data or TROCAR_DATA (docs/calibration.md, 'Public recordings': where they are "
+            "and how to convert them)",
         )
     return {name: load_recording(found[0]) for name, found in files.items()}
 
