@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 
 
 def require_numbers(value: Any) -> None:
@@ -19,7 +19,7 @@ def require_numbers(value: Any) -> None:
     for field in fields(value):
         held = getattr(value, field.name)
         if _has_nan(held):
-            raise TrocarError(f"{field.name} of {type(value).__name__} holds NaN ({held}); give a number")
+            raise InvalidInput(f"{field.name}", f"of {type(value).__name__} holds NaN ({held})", "give a number")
 
 
 def _has_nan(held: Any) -> bool:

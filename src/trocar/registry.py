@@ -14,7 +14,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from trocar.errors import TrocarError, UnknownName
+from trocar.errors import BadFile, InvalidInput, TrocarError, UnknownName
 
 T = TypeVar("T")
 
@@ -90,9 +90,9 @@ class Registry(Mapping[str, T], Generic[T]):
     def register(self, name: str, thing: T) -> T:
         """Add your own thing under a name that is still free, and return it."""
         if not (isinstance(name, str) and name):
-            raise TrocarError(f"a {self.what} is registered as {name!r}; give it a name")
+            raise InvalidInput(f"a {self.what}", f"is registered as {name!r}", "give it a name")
         if name in self:
-            raise TrocarError(f"{self.what} {name!r} is already registered; register yours under another name")
+            raise InvalidInput(f"{self.what} {name!r}", "is already registered", "register yours under another name")
         if self._check is not None and not isinstance(thing, Lazy):
             self._check(name, thing)
         self._known[name] = thing
@@ -125,7 +125,7 @@ def load_plugin(path: str | Path) -> str:
     """
     file = Path(path).resolve()
     if not file.is_file() or file.suffix != ".py":
-        raise TrocarError(f"plugin {str(path)!r} is not a Python file; give one that registers what it adds")
+        raise BadFile(path, "is not a Python file", "give one that registers what it adds", kind="plugin")
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     if _LOADED.get(str(file)) == digest:
         return digest
@@ -139,8 +139,8 @@ def load_plugin(path: str | Path) -> str:
     except TrocarError as error:
         raise TrocarError(f"plugin {str(path)!r}{_line_of(error, file)}: {error}") from error
     except (Exception, SystemExit) as error:
-        raise TrocarError(
-            f"plugin {str(path)!r} cannot be loaded{_line_of(error, file)}: {type(error).__name__}: {error}"
+        raise BadFile(
+            path, f"cannot be loaded{_line_of(error, file)}: {type(error).__name__}: {error}", kind="plugin"
         ) from error
     _LOADED[str(file)] = digest
     return digest

@@ -8,7 +8,7 @@ from math import comb, factorial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry.arrays import finite
 
 MAX_SAMPLES = 10_000_000
@@ -37,11 +37,11 @@ class Trajectory:
     def __post_init__(self) -> None:
         times = finite("the times of a trajectory", self.times_s, "n")
         if len(times) < 2 or not np.all(np.diff(times) > 0):
-            raise TrocarError(f"a trajectory needs two or more strictly increasing times, got {_few(times)}")
+            raise InvalidInput("a trajectory", f"needs two or more strictly increasing times, got {_few(times)}")
         what = f"the coefficients of a trajectory of {len(times)} times"
         coefficients = finite(what, self.coefficients, "k", len(times) - 1, "joints")
         if not coefficients.size:
-            raise TrocarError(f"{what} need at least one power and one joint, got shape {coefficients.shape}")
+            raise InvalidInput(f"{what}", f"need at least one power and one joint, got shape {coefficients.shape}")
         from scipy.interpolate import PPoly  # half a second, even for commands that only print help
 
         object.__setattr__(self, "times_s", times)
@@ -54,7 +54,7 @@ class Trajectory:
         t = finite("the times of a trajectory", times_s, "n")
         q, v = finite("its positions", q, "n", "joints"), finite("its velocities", v, "n", "joints")
         if q.shape != v.shape or q.shape[:1] != t.shape:
-            raise TrocarError(f"times {t.shape}, q {q.shape} and v {v.shape} do not fit (n,), (n, joints) twice")
+            raise InvalidInput(f"times {t.shape}, q {q.shape} and v {v.shape}", "do not fit (n,), (n, joints) twice")
         h = np.diff(t)[:, None]
         dq, v0, v1 = np.diff(q, axis=0), v[:-1], v[1:]
         a = (v1 + v0) / h**2 - 2 * dq / h**3
@@ -87,9 +87,10 @@ class Trajectory:
     def sample(self, step_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return times from the first knot to the last in equal steps of at most ``step_s``, and positions there."""
         if not (step_s > 0 and self.duration_s / step_s < MAX_SAMPLES):
-            raise TrocarError(
-                f"the sampling step is {step_s} s of {self.duration_s:.3f} s; give one above 0 that makes fewer than "
-                f"{MAX_SAMPLES} samples"
+            raise InvalidInput(
+                "the sampling step",
+                f"is {step_s} s of {self.duration_s:.3f} s",
+                f"give one above 0 that makes fewer than {MAX_SAMPLES} samples",
             )
         count = max(1, int(np.ceil(self.duration_s / step_s - 1e-9)))
         times = np.linspace(self.times_s[0], self.times_s[-1], count + 1)
@@ -98,8 +99,8 @@ class Trajectory:
     def stretched(self, factor: float) -> Trajectory:
         """Return the same path taking ``factor`` times as long."""
         if not 0 < factor < MAX_STRETCH:
-            raise TrocarError(
-                f"a trajectory cannot be stretched by {factor}; give a factor above 0 and below {MAX_STRETCH:.0e}"
+            raise InvalidInput(
+                "a trajectory", f"cannot be stretched by {factor}", f"give a factor above 0 and below {MAX_STRETCH:.0e}"
             )
         powers = np.arange(len(self.coefficients) - 1, -1, -1)[:, None, None]
         start = self.times_s[0]
@@ -112,7 +113,9 @@ class Trajectory:
             TrocarError: they do not begin and end at the same times.
         """
         if not np.allclose(self.times_s[[0, -1]], other.times_s[[0, -1]], rtol=0.0, atol=SAME_KNOT_S):
-            raise TrocarError(f"trajectories over {self.times_s[[0, -1]]} s and {other.times_s[[0, -1]]} s do not add")
+            raise InvalidInput(
+                f"trajectories over {self.times_s[[0, -1]]} s and {other.times_s[[0, -1]]} s", "do not add"
+            )
         nearest = np.abs(other.times_s[:, None] - self.times_s).min(axis=1)
         times = np.sort(np.concatenate([self.times_s, other.times_s[nearest > SAME_KNOT_S]]))
         count = max(len(self.coefficients), len(other.coefficients))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.model import ArmModel
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry.arrays import finite
 
 
@@ -30,7 +30,7 @@ def actuators_from_joints(arm: ArmModel, joints_rad: ArrayLike) -> NDArray[np.fl
 
 def _matrix(arm: ArmModel) -> NDArray[np.float64]:
     if arm.coupling is None:
-        raise TrocarError(f"arm '{arm.name}' has no actuator coupling; set ArmModel.coupling")
+        raise InvalidInput(f"arm '{arm.name}'", "has no actuator coupling", "set ArmModel.coupling")
     return np.array(arm.coupling)
 
 

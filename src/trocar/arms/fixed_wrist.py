@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms.forward import fk
 from trocar.arms.jacobian import jacobian, limit_violations
 from trocar.arms.model import ArmModel
-from trocar.errors import OutOfReach, TrocarError
+from trocar.errors import InvalidInput, OutOfReach
 
 OUTER = 3
 """Joints before the wrist."""
@@ -58,5 +58,5 @@ def _place(arm: ArmModel, p_m: ArrayLike) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         place = np.empty(0)
     if place.shape != (3,) or not np.isfinite(place).all():
-        raise TrocarError(f"{arm.name} needs three finite numbers as a place, got {p_m!r}")
+        raise InvalidInput(f"{arm.name}", f"needs three finite numbers as a place, got {p_m!r}")
     return place

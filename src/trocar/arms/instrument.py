@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.checks import require_numbers
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import shown
 from trocar.geometry.arrays import finite
 
@@ -95,11 +95,14 @@ class Instrument:
         finite(f"instrument {self.name!r}", list(sizes.values()), len(sizes))
         small = [name for name, size in sizes.items() if not size > 0]
         if small:
-            raise TrocarError(f"{small[0]} of instrument {self.name!r} is {sizes[small[0]]}; give a length above 0")
+            raise InvalidInput(
+                f"{small[0]}", f"of instrument {self.name!r} is {sizes[small[0]]}", "give a length above 0"
+            )
         if not self.tip_chamfer_m < self.finger_length_m:
-            raise TrocarError(
-                f"the fingers of instrument {self.name!r} are {self.finger_length_m} m long, and the chamfer at their "
-                f"end {self.tip_chamfer_m} m; give a shorter one"
+            raise InvalidInput(
+                "the fingers",
+                f"of instrument {self.name!r} are {self.finger_length_m} m long, and the chamfer at their end {self.tip_chamfer_m} m",
+                "give a shorter one",
             )
 
     def __repr__(self) -> str:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.branch import BRANCHES, SolverConstants
 from trocar.arms.model import ArmModel
-from trocar.errors import OutOfReach, TrocarError
+from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3, TURN
 
 LIMIT_TOLERANCE = 1e-9
@@ -70,7 +70,7 @@ def ik(
         [True, False]
     """
     if unreachable not in ("raise", "nan"):
-        raise TrocarError(f"unreachable is {unreachable!r:.40}; choose 'raise' or 'nan'")
+        raise InvalidInput("unreachable", f"is {unreachable!r:.40}", "choose 'raise' or 'nan'")
     matrix = SE3.of(T_base_tip).matrix
     if matrix.ndim == 2 and (one := _six_floats(arm, reference)):
         try:
@@ -107,7 +107,7 @@ def ik_floats(arm: ArmModel, matrix: list[list[float]], reference: ArrayLike | N
     """
     near = _six_floats(arm, reference)
     if near is None:
-        raise TrocarError(f"a reference for arm '{arm.name}' needs six finite numbers, got {reference!r}")
+        raise InvalidInput(f"a reference for arm '{arm.name}'", f"needs six finite numbers, got {reference!r}")
     return _solve_one(arm, matrix, near)
 
 
@@ -226,7 +226,7 @@ def _solve_chunks(
 def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose") -> NDArray[np.float64]:
     """Return the solution of one pose (16,), on any branch within the limits, that is nearest to ``near``."""
     if not np.isfinite(pose).all():
-        raise TrocarError(f"{name} for arm '{arm.name}' holds NaN or infinity; check what it was computed from")
+        raise InvalidInput(f"{name} for arm '{arm.name}'", "holds NaN or infinity", "check what it was computed from")
     T = SE3.unchecked(pose.reshape(4, 4))
     place = "({:.4f}, {:.4f}, {:.4f}) m".format(*T.translation_m)
     q, real = ik_branches(arm, T)

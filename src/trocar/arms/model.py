@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.branch import Branch, SolverConstants
 from trocar.arms.instrument import Instrument
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import TURN, shown, shown_scale
 from trocar.geometry.arrays import finite
 from trocar.notebook import table
@@ -40,13 +40,14 @@ class Joint:
     def __post_init__(self) -> None:
         finite(f"joint '{self.name}'", (self.lower, self.upper, self.max_speed, self.max_acceleration), 4)
         if not self.lower < self.upper:
-            raise TrocarError(
-                f"joint '{self.name}' has limits {self.lower} to {self.upper} {self.unit}; give lower < upper"
+            raise InvalidInput(
+                f"joint '{self.name}'", f"has limits {self.lower} to {self.upper} {self.unit}", "give lower < upper"
             )
         if not (self.max_speed > 0 and self.max_acceleration > 0):
-            raise TrocarError(
-                f"joint '{self.name}' has speed {self.max_speed} and acceleration {self.max_acceleration}; "
-                "both must be above 0"
+            raise InvalidInput(
+                f"joint '{self.name}'",
+                f"has speed {self.max_speed} and acceleration {self.max_acceleration}",
+                "both must be above 0",
             )
 
     @property
@@ -88,10 +89,10 @@ class MotionLimits:
         bounds = {n: finite(f"{n} of motion limits", value, ...) for n, value in given.items() if value is not None}
         shapes = {name: value.shape for name, value in bounds.items()}
         if bounds["velocity"].ndim != 1 or len(set(shapes.values())) > 1:
-            raise TrocarError(f"motion limits need one number per joint of each, got shapes {shapes}")
+            raise InvalidInput("motion limits", f"need one number per joint of each, got shapes {shapes}")
         for name, value in bounds.items():
             if not np.all(value > 0):
-                raise TrocarError(f"motion limits must be above 0, got {name} {value.tolist()}")
+                raise InvalidInput("motion limits", f"must be above 0, got {name} {value.tolist()}")
             object.__setattr__(self, name, value)
 
 
@@ -141,24 +142,24 @@ class ArmModel:
 
     def __post_init__(self) -> None:
         if len(self.joints) != 6 or len(self.offsets) != 6:
-            raise TrocarError(
-                f"arm '{self.name}' needs 6 joints and offsets, got {len(self.joints)} and {len(self.offsets)}"
+            raise InvalidInput(
+                f"arm '{self.name}'", f"needs 6 joints and offsets, got {len(self.joints)} and {len(self.offsets)}"
             )
         finite(f"twists_rad of arm '{self.name}'", self.twists_rad, 3)
         finite(f"offsets of arm '{self.name}'", self.offsets, 6)
         lengths = finite(f"arm '{self.name}'", (self.wrist_length_m, self.tip_length_m, self.safe_depth_m), 3)
         if lengths.min() < 0:
-            raise TrocarError(
-                f"arm '{self.name}' has wrist, tip and safe depth {lengths.tolist()} m; none may be below 0"
+            raise InvalidInput(
+                f"arm '{self.name}'", f"has wrist, tip and safe depth {lengths.tolist()} m", "none may be below 0"
             )
         if self.coupling is not None:
             finite(f"the coupling of arm '{self.name}'", self.coupling, 4, 4)
         if [joint.prismatic for joint in self.joints] != [False, False, True, False, False, False]:
-            raise TrocarError(f"arm '{self.name}' needs exactly its third joint to be prismatic")
+            raise InvalidInput(f"arm '{self.name}'", "needs exactly its third joint to be prismatic")
         if self.wrist_sign not in (-1, 1):
-            raise TrocarError(f"arm '{self.name}' has wrist_sign {self.wrist_sign}; choose -1 or 1")
+            raise InvalidInput(f"arm '{self.name}'", f"has wrist_sign {self.wrist_sign}", "choose -1 or 1")
         if abs(math.sin(self.twists_rad[1]) * math.sin(self.twists_rad[2])) < 1e-6:
-            raise TrocarError(f"arm '{self.name}' has parallel axes: twists {self.twists_rad} rad")
+            raise InvalidInput(f"arm '{self.name}'", f"has parallel axes: twists {self.twists_rad} rad")
 
     def __repr__(self) -> str:
         names = ", ".join(joint.name for joint in self.joints)
@@ -295,7 +296,7 @@ class ArmModel:
     def with_tip(self, length_m: float) -> ArmModel:
         """Return this arm with its controlled point ``length_m`` beyond the jaw axis (0: on the axis)."""
         if not (math.isfinite(length_m) and length_m >= 0):
-            raise TrocarError(f"the tip length is {length_m} m; give a finite length of at least 0")
+            raise InvalidInput("the tip length", f"is {length_m} m", "give a finite length of at least 0")
         return replace(self, tip_length_m=float(length_m))
 
     def configurations(self, q: ArrayLike) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, InvalidInput, TrocarError
 from trocar.files.output import mark_zip, writing
 from trocar.files.reading import MAX_BYTES, UNREADABLE, array_of, parsed_json, require_short_list
 
@@ -93,7 +93,7 @@ def read_archive(path: str | Path, kind: str, version: int) -> Archive:
                 elif name.endswith(".npy"):
                     arrays[name.removesuffix(".npy")] = _numbers(file.read(member))
             except UNREADABLE:
-                raise TrocarError(f"{str(path)!r} is damaged at {name!r}; make it again") from None
+                raise BadFile(path, f"is damaged at {name!r}", "make it again") from None
     return Archive(header, arrays, blobs)
 
 
@@ -105,15 +105,15 @@ class _opened:
 
     def __enter__(self) -> zipfile.ZipFile:
         if self._path.is_dir():
-            raise TrocarError(f"{str(self._path)!r} is a folder; give a file, a {self._kind}")
+            raise InvalidInput(f"{str(self._path)!r}", "is a folder", f"give a file, a {self._kind}")
         if not self._path.is_file():
-            raise TrocarError(f"{self._kind} {str(self._path)!r} does not exist; give another")
+            raise InvalidInput(f"{self._kind} {str(self._path)!r}", "does not exist", "give another")
         require_short_list(self._path)
         try:
             self._file = zipfile.ZipFile(self._path)
         except UNREADABLE:
-            raise TrocarError(
-                f"{str(self._path)!r} is not a readable {self._kind}; move it away and make it again"
+            raise InvalidInput(
+                f"{str(self._path)!r}", f"is not a readable {self._kind}", "move it away and make it again"
             ) from None
         return self._file
 
@@ -124,18 +124,19 @@ class _opened:
 def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) -> dict[str, Any]:
     if HEADER not in file.namelist():
         held = ", ".join(repr(name.removesuffix(".npy"))[1:-1] for name in file.namelist()[:8]) or "nothing"
-        raise TrocarError(f"{str(path)!r} is not a {kind}, it holds {held}; give another file")
+        raise BadFile(path, f"is not a {kind}, it holds {held}", "give another file")
     try:
         if file.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
             raise ValueError
         header = parsed_json(file.read(HEADER))
         found = header["format"], header["version"]
     except UNREADABLE:
-        raise TrocarError(f"{str(path)!r} is not a readable {kind}; move it away and make it again") from None
+        raise BadFile(path, f"is not a readable {kind}", "move it away and make it again") from None
     if found != (kind, version):
-        raise TrocarError(
-            f"{str(path)!r} is a {str(found[0])[:40]!r} of version {str(found[1])[:10]}, not a {kind!r} of version "
-            f"{version}; give another file"
+        raise BadFile(
+            path,
+            f"is a {str(found[0])[:40]!r} of version {str(found[1])[:10]}, not a {kind!r} of version {version}",
+            "give another file",
         )
     return header
 

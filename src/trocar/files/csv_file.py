@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, InvalidInput, TrocarError
 
 TIMES = ("t_s", "time_s", "t", "time")
 """Names that a column of times in seconds may have."""
@@ -33,24 +33,25 @@ def read_csv(path: str | Path, example: str) -> tuple[list[str], NDArray[np.floa
         with path.open(newline="", encoding="utf-8-sig") as file:
             lines = [line for line in csv.reader(file) if line]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TrocarError(f"{str(path)!r} cannot be read as CSV ({error}); give a text file with commas") from None
+        raise BadFile(path, f"cannot be read as CSV ({error})", "give a text file with commas") from None
     if not lines:
-        raise TrocarError(f"{str(path)!r} is empty; its first line must name the columns, such as {example}")
+        raise BadFile(path, "is empty", f"its first line must name the columns, such as {example}")
     names = [name.strip() for name in lines[0]]
     if any(_number(name) is not None for name in names) or len(set(names)) < len(names):
-        raise TrocarError(f"the first line of {str(path)!r} does not name its columns; write e.g. {example}")
+        raise InvalidInput("the first line", f"of {str(path)!r} does not name its columns", f"write e.g. {example}")
     numbers = np.empty((len(lines) - 1, len(names)))
     for row, line in enumerate(lines[1:]):
         if len(line) != len(names):
-            raise TrocarError(
-                f"row {row + 2} of {str(path)!r} has {len(line)} cells, not {len(names)}; repair the file"
+            raise InvalidInput(
+                f"row {row + 2}", f"of {str(path)!r} has {len(line)} cells, not {len(names)}", "repair the file"
             )
         for column, cell in enumerate(line):
             value = np.nan if not cell.strip() else _number(cell)
             if value is None or np.isinf(value):
-                raise TrocarError(
-                    f"row {row + 2} of {str(path)!r} holds {cell.strip()[:20]!r} under {names[column]!r}; give a "
-                    "number, or nothing where there is no measurement"
+                raise InvalidInput(
+                    f"row {row + 2}",
+                    f"of {str(path)!r} holds {cell.strip()[:20]!r} under {names[column]!r}",
+                    "give a number, or nothing where there is no measurement",
                 )
             numbers[row, column] = value
     return names, numbers

@@ -18,7 +18,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trocar.errors import MachineError, TrocarError
+from trocar.errors import BadFile, InvalidInput, MachineError, TrocarError
 from trocar.files.atomic import drafted
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def make_folder(path: str | Path) -> Path:
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except FileExistsError:
-        raise TrocarError(f"{str(path)!r} is a file where a folder is to be; give another") from None
+        raise BadFile(path, "is a file where a folder is to be", "give another") from None
     except OSError as error:
         raise blame(error)(f"folder {str(path)!r} cannot be made ({error.strerror}); give another") from None
     return Path(path)
@@ -98,13 +98,14 @@ def require_place(path: str | Path, kind: str, inputs: Sequence[str | Path] = ()
     path = Path(path)
     try:
         if any(Path(other).exists() and path.exists() and path.samefile(other) for other in inputs):
-            raise TrocarError(f"{str(path)!r} is read, and what is written would replace it; give another name")
+            raise BadFile(path, "is read, and what is written would replace it", "give another name")
         if path.is_dir():
-            raise TrocarError(f"{str(path)!r} is a folder where a file is to be; give another name or folder")
+            raise BadFile(path, "is a folder where a file is to be", "give another name or folder")
         if path.exists() and not bears(path, mark or mark_of(kind)):
-            raise TrocarError(
-                f"{str(path)!r} already exists and is not a {kind} that Trocar wrote, so it is not replaced; "
-                "give another name or folder, or move it away"
+            raise InvalidInput(
+                f"{str(path)!r} already exists and",
+                f"is not a {kind} that Trocar wrote, so it is not replaced",
+                "give another name or folder, or move it away",
             )
     except OSError as error:
         raise blame(error)(f"cannot look at {str(path)!r} ({error.strerror}); give another name or folder") from None
@@ -177,7 +178,7 @@ def require_picture(path: str | Path) -> Path:
     """
     path = Path(path)
     if path.suffix.lower() not in PICTURES:
-        raise TrocarError(f"picture {str(path)!r} must end in {', '.join(PICTURES)}; choose another name")
+        raise BadFile(path, f"must end in {', '.join(PICTURES)}", "choose another name", kind="picture")
     if not path.parent.is_dir():
         raise TrocarError(f"cannot write {str(path)!r} (No such file or directory); choose another folder")
     return require_place(path, PICTURE)

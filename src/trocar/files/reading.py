@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import BadFile
 
 MAX_BYTES = 1 << 30
 """Maximum size of a file's unpacked content; a file that claims more is refused before anything is allocated."""
@@ -63,9 +63,10 @@ def require_short_list(path: str | Path) -> None:
         return
     members, list_bytes = struct.unpack_from("<HL", end, place + 10)
     if list_bytes > MAX_LIST_BYTES:
-        raise TrocarError(
-            f"{str(path)!r} is a zip whose list of members alone is {list_bytes >> 20} MB long ({members} or more); it "
-            "is no file of numbers"
+        raise BadFile(
+            path,
+            f"is a zip whose list of members alone is {list_bytes >> 20} MB long ({members} or more)",
+            "it is no file of numbers",
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 
 
 def direction(vector: ArrayLike, what: str) -> NDArray[np.float64]:
@@ -26,6 +26,6 @@ def direction(vector: ArrayLike, what: str) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         given = np.empty(0)
     if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
-        raise TrocarError(f"{what} is {vector}; give three finite numbers that are not all 0, such as 0 0 1")
+        raise InvalidInput(f"{what}", f"is {vector}", "give three finite numbers that are not all 0, such as 0 0 1")
     scaled = given / np.abs(given).max()  # squares of the largest and smallest floats overflow or underflow
     return scaled / np.linalg.norm(scaled)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError
 from trocar.geometry.se3 import SE3
 from trocar.geometry.so3 import SO3
 
@@ -69,10 +69,10 @@ def fit_rigid(
     """
     source, target = _points(source_m, "source"), _points(target_m, "target")
     if source.shape != target.shape:
-        raise TrocarError(f"paired points need equal shapes, got source {source.shape} and target {target.shape}")
+        raise InvalidInput("paired points", f"need equal shapes, got source {source.shape} and target {target.shape}")
     weight = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)
     if weight.shape != (len(source),) or not np.isfinite(weight).all() or np.any(weight < 0):
-        raise TrocarError(f"weights need shape ({len(source)},), finite and at least 0, got shape {weight.shape}")
+        raise InvalidInput("weights", f"need shape ({len(source)},), finite and at least 0, got shape {weight.shape}")
     inliers = weight > 0
     if inlier_distance_m is not None:
         inliers &= _consensus(source, target, inliers, inlier_distance_m, rng)
@@ -86,25 +86,25 @@ def _points(values: ArrayLike, what: str) -> NDArray[np.float64]:
     try:
         points = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise TrocarError(f"the {what} points are not an array of numbers of shape (n, 3)") from None
+        raise InvalidInput(f"the {what} points", "are not an array of numbers of shape (n, 3)") from None
     if points.ndim != 2 or points.shape[1] != 3:
-        raise TrocarError(f"the {what} points need shape (n, 3), got {points.shape}")
+        raise InvalidInput(f"the {what} points", f"need shape (n, 3), got {points.shape}")
     if not np.isfinite(points).all():
         row = int(np.flatnonzero(~np.isfinite(points).all(1))[0])
-        raise TrocarError(f"the {what} points hold NaN or infinity, first in row {row}; remove such pairs")
+        raise InvalidInput(f"the {what} points", f"hold NaN or infinity, first in row {row}", "remove such pairs")
     return points
 
 
 def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
     if len(source) < 3:
-        raise TrocarError(f"a rigid fit needs at least 3 pairs of points, got {len(source)}")
+        raise InvalidInput("a rigid fit", f"needs at least 3 pairs of points, got {len(source)}")
     center_s, center_t = (np.average(points, axis=0, weights=weight) for points in (source, target))
     from_s, from_t = source - center_s, target - center_t
     for points, what in ((from_s, "source"), (from_t, "target")):
         extent = np.linalg.svd(np.sqrt(weight)[:, None] * points, compute_uv=False)
         if extent[1] <= COLLINEAR_RATIO * extent[0]:
-            raise TrocarError(
-                f"the {what} points lie on one line, so the rotation about it is unknown; add points off it"
+            raise InvalidInput(
+                f"the {what} points", "lie on one line, so the rotation about it is unknown", "add points off it"
             )
     u, _, vt = np.linalg.svd(from_t.T @ (weight[:, None] * from_s))
     R = SO3.unchecked(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
@@ -116,10 +116,10 @@ def _consensus(
 ) -> NDArray[np.bool_]:
     """Return the largest set of pairs that agree with the fit to a random triple, refitted until it is stable."""
     if rng is None or not distance_m > 0:
-        raise TrocarError(f"leaving outliers out needs rng and an inlier distance above 0 m, got {distance_m}")
+        raise InvalidInput("leaving outliers out", f"needs rng and an inlier distance above 0 m, got {distance_m}")
     index = np.flatnonzero(usable)
     if len(index) < 3:
-        raise TrocarError(f"a rigid fit needs at least 3 pairs of points, got {len(index)}")
+        raise InvalidInput("a rigid fit", f"needs at least 3 pairs of points, got {len(index)}")
     best = np.zeros(len(source), dtype=bool)
     for _ in range(RANSAC_DRAWS):
         triple = rng.choice(index, 3, replace=False)

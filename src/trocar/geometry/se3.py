@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry.arrays import finite
 from trocar.geometry.so3 import RIGID, SO3, exp_coefficients, picked, require_rotation, skew
 
@@ -42,7 +42,9 @@ class SE3:
         matrix = finite("a pose", self.matrix, ..., 4, 4)
         require_rotation("the rotation of a pose", matrix[..., :3, :3])
         if np.abs(matrix[..., 3, :] - LAST_ROW).max(initial=0.0) > RIGID:
-            raise TrocarError("the last row of a pose is not 0, 0, 0, 1; give T[:3, :3] a rotation, T[:3, 3] metres")
+            raise InvalidInput(
+                "the last row", "of a pose is not 0, 0, 0, 1", "give T[:3, :3] a rotation, T[:3, 3] metres"
+            )
         object.__setattr__(self, "matrix", matrix)
 
     @staticmethod
@@ -149,7 +151,7 @@ def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
     """
     T = SE3.of(pose)
     if T.matrix.ndim != 2:
-        raise TrocarError(f"{what} needs one pose (4, 4), got {T.matrix.shape}; pick one with [k]")
+        raise InvalidInput(f"{what}", f"needs one pose (4, 4), got {T.matrix.shape}", "pick one with [k]")
     return T
 
 

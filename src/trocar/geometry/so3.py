@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError
 from trocar.geometry.arrays import finite
 from trocar.geometry.direction import direction
 
@@ -66,7 +66,7 @@ class SO3:
         given = finite("a matrix", matrix, ..., 3, 3)
         u, sizes, vt = np.linalg.svd(given)
         if np.any(np.linalg.det(given) <= 0) or np.any(sizes[..., -1] <= RIGID * sizes[..., 0]):
-            raise TrocarError("a matrix whose determinant is not above 0 is near no rotation; check its columns")
+            raise InvalidInput("a matrix whose determinant", "is not above 0 is near no rotation", "check its columns")
         return SO3.unchecked(u @ vt)
 
     @staticmethod
@@ -87,7 +87,7 @@ class SO3:
     def axis(axis: str, angle_rad: ArrayLike) -> SO3:
         """Return the rotation about the coordinate axis ``'x'``, ``'y'`` or ``'z'`` by ``angle_rad`` (...,)."""
         if axis not in ("x", "y", "z"):
-            raise TrocarError(f"axis {axis!r} is not one of 'x', 'y', 'z'")
+            raise InvalidInput(f"axis {axis!r}", "is not one of 'x', 'y', 'z'")
         angle = finite(f"an angle about {axis}", angle_rad, ...)
         rotvec = np.zeros((*angle.shape, 3))
         rotvec[..., "xyz".index(axis)] = angle
@@ -116,7 +116,7 @@ class SO3:
         q = finite("a quaternion", wxyz, ..., 4)
         norm = np.linalg.norm(q, axis=-1, keepdims=True)
         if not np.all(norm > 0):
-            raise TrocarError("a quaternion of four zeros turns nowhere; give one with a length above 0")
+            raise InvalidInput("a quaternion", "of four zeros turns nowhere", "give one with a length above 0")
         q = q / norm
         w, v = q[..., :1, None], q[..., 1:]
         V = skew(v)
@@ -191,15 +191,17 @@ def require_rotation(what: str, matrix: NDArray[np.float64]) -> None:
             (-2, -1)
         )
     if np.any(off > RIGID):
-        raise TrocarError(
-            f"{what} needs columns of length 1 at right angles to each other, but these are off by {off.max():.2g}"
-            f"{_which(off > RIGID)}; repair rounding with SO3.nearest(R), and remove any scale"
+        raise InvalidInput(
+            f"{what}",
+            f"needs columns of length 1 at right angles to each other, but these are off by {off.max():.2g}{_which(off > RIGID)}",
+            "repair rounding with SO3.nearest(R), and remove any scale",
         )
     mirrored = np.linalg.det(matrix) < 0
     if np.any(mirrored):
-        raise TrocarError(
-            f"{what} has determinant -1{_which(mirrored)}: it is a reflection; one axis has the wrong sign, or two are "
-            "swapped"
+        raise InvalidInput(
+            f"{what}",
+            f"has determinant -1{_which(mirrored)}: it is a reflection",
+            "one axis has the wrong sign, or two are swapped",
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, ik
-from trocar.errors import AlreadyThere, OutOfReach, TrocarError
+from trocar.errors import AlreadyThere, InvalidInput, OutOfReach
 from trocar.geometry import SE3, direction
 from trocar.geometry.arrays import finite, numbers
 from trocar.geometry.se3 import one_pose
@@ -78,22 +78,24 @@ class ArmMotion:
         goals = 0 if self.T_base_goals is None else _count(self.T_base_goals)
         points = numbers(f"the waypoints of {self.model.name}", self.waypoints, "n", JOINTS)
         if points.ndim != 2 or points.shape[1] != JOINTS or len(points) < 1 or len(points) + goals < 2:
-            raise TrocarError(
-                f"{self.model.name} needs waypoints of shape (n, {JOINTS}) with n of 2 or more, or of 1 and goals, "
-                f"got {points.shape} and {goals} goals"
+            raise InvalidInput(
+                f"{self.model.name}",
+                f"needs waypoints of shape (n, {JOINTS}) with n of 2 or more, or of 1 and goals, got {points.shape} and {goals} goals",
             )
         if not isinstance(self.limits, MotionLimits):
-            raise TrocarError(
-                f"{self.model.name} needs its limits as MotionLimits(velocity, acceleration), got "
-                f"{type(self.limits).__name__}"
+            raise InvalidInput(
+                f"{self.model.name}",
+                f"needs its limits as MotionLimits(velocity, acceleration), got {type(self.limits).__name__}",
             )
         if self.limits.velocity.shape != (JOINTS,):
-            raise TrocarError(f"{self.model.name} needs limits of {JOINTS} joints, got {self.limits.velocity.size}")
+            raise InvalidInput(
+                f"{self.model.name}", f"needs limits of {JOINTS} joints, got {self.limits.velocity.size}"
+            )
         straight = tuple(bool(piece) for piece in self.straight) or (False,) * (len(points) + goals - 1)
         if len(straight) != len(points) + goals - 1:
-            raise TrocarError(
-                f"{len(points) + goals} waypoints have {len(points) + goals - 1} pieces between them, but "
-                f"{len(straight)} times it was said whether a piece is straight"
+            raise InvalidInput(
+                f"{len(points) + goals} waypoints",
+                f"have {len(points) + goals - 1} pieces between them, but {len(straight)} times it was said whether a piece is straight",
             )
         object.__setattr__(self, "waypoints", points)
         object.__setattr__(self, "straight", straight)
@@ -101,9 +103,11 @@ class ArmMotion:
         object.__setattr__(self, "start_velocity", self._checked_velocity())
         self._require_apart()
         if not np.isfinite(self.jaw_rad):
-            raise TrocarError(f"the jaws of {self.model.name} open {self.jaw_rad} rad; give a finite number")
+            raise InvalidInput("the jaws", f"of {self.model.name} open {self.jaw_rad} rad", "give a finite number")
         if not self.max_tip_m_s > 0:
-            raise TrocarError(f"the tip of {self.model.name} may move at {self.max_tip_m_s} m/s; give a speed above 0")
+            raise InvalidInput(
+                "the tip", f"of {self.model.name} may move at {self.max_tip_m_s} m/s", "give a speed above 0"
+            )
 
     def __repr__(self) -> str:
         goals = "" if self.T_base_goals is None else f" and {_count(self.T_base_goals)} goals"
@@ -137,18 +141,20 @@ class ArmMotion:
             for joint, value in zip(self.model.joints, point, strict=True):
                 beyond = slack * (joint.upper - joint.lower)
                 if not joint.lower - beyond <= value <= joint.upper + beyond:
-                    raise TrocarError(
-                        f"waypoint {index}, joint '{joint.name}' = {value:.4f} {joint.unit} is outside "
-                        f"[{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} of {self.model.name}; move it inside"
+                    raise InvalidInput(
+                        f"waypoint {index}, joint '{joint.name}' = {value:.4f} {joint.unit}",
+                        f"is outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} of {self.model.name}",
+                        "move it inside",
                     )
 
     def _checked_velocity(self) -> NDArray[np.float64]:
         velocity = finite(f"the start velocity of {self.model.name}", self.start_velocity, JOINTS)
         for joint, value, most in zip(self.model.joints, velocity, self.limits.velocity, strict=True):
             if abs(value) > KEPT * most:
-                raise TrocarError(
-                    f"joint '{joint.name}' starts with {value:.4f} {joint.unit}/s, beyond its limit of {most:.4f}; "
-                    "raise the limit or slow down first"
+                raise InvalidInput(
+                    f"joint '{joint.name}'",
+                    f"starts with {value:.4f} {joint.unit}/s, beyond its limit of {most:.4f}",
+                    "raise the limit or slow down first",
                 )
         return velocity
 
@@ -157,7 +163,7 @@ class ArmMotion:
         for index, point in enumerate(points):
             for joint, value in zip(self.model.joints, point, strict=True):
                 if not np.isfinite(value):
-                    raise TrocarError(f"waypoint {index}, joint '{joint.name}' is {value}; give a finite number")
+                    raise InvalidInput(f"waypoint {index}, joint '{joint.name}'", f"is {value}", "give a finite number")
         same = np.all(np.abs(np.diff(points, axis=0)) < NEAREST, axis=1)
         if self.moves and len(same):
             same[0] = False  # stopping and coming back is a motion too
@@ -169,5 +175,5 @@ class ArmMotion:
 def _count(T_base_goals: SE3) -> int:
     """Return how many goals there are, or raise."""
     if T_base_goals.matrix.ndim != 3:
-        raise TrocarError(f"goals are poses (m, 4, 4), got {T_base_goals.matrix.shape}; index one as [None]")
+        raise InvalidInput("goals", f"are poses (m, 4, 4), got {T_base_goals.matrix.shape}", "index one as [None]")
     return len(T_base_goals.matrix)

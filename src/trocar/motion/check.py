@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trocar.errors import LimitExceeded, MotionRefused, NoPlan, OutOfReach, TooNear, TrocarError
+from trocar.errors import InvalidInput, LimitExceeded, MotionRefused, NoPlan, OutOfReach, TooNear, TrocarError
 from trocar.geometry import shown
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.clearance import Clearance, swept_clearance
@@ -96,13 +96,14 @@ def _require_shape(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> No
             raise TrocarError(f"a planner returned {joints} joints for arm '{name}'; it has {len(arm.model.joints)}")
         times = path.waypoint_times_s
         if times.shape != (count,) or not np.isfinite(times).all() or np.any(np.diff(times) < 0):
-            raise TrocarError(
-                f"a planner returned {times.tolist()} s for the {count} waypoints of arm '{name}'; "
-                "it must say when each is passed, in order"
+            raise InvalidInput(
+                f"a planner returned {times.tolist()} s for the {count} waypoints",
+                f"of arm '{name}'",
+                "it must say when each is passed, in order",
             )
         starts_s = float(path.trajectory.times_s[0]), float(times[0])
         if starts_s != (0.0, 0.0):
-            raise TrocarError(f"a planner's motion of arm '{name}' starts at {max(starts_s)} s; all start at 0")
+            raise InvalidInput("a planner's motion", f"of arm '{name}' starts at {max(starts_s)} s", "all start at 0")
 
 
 def _waypoints(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem) -> Iterator[Violation]:

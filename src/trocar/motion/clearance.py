@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.checks import require_numbers
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry.capsules import segment_gaps_m
 from trocar.motion.bodies import Bodies
 from trocar.motion.moving_arm import MovingArm
@@ -86,7 +86,7 @@ def swept_clearance(
         resolution_m: how far the bound may lie below the samples, if these are less than ``enough_m``.
     """
     if not resolution_m > 0:
-        raise TrocarError(f"distances cannot be resolved to {resolution_m} m; give a resolution above 0")
+        raise InvalidInput("distances", f"cannot be resolved to {resolution_m} m", "give a resolution above 0")
     bodies = Bodies.of(arms, others or {}, obstacles or {})
     if not len(bodies.pairs):
         return Clearance(inf, inf, 0.0, ("", ""))
@@ -124,7 +124,7 @@ def _first_samples(bodies: Bodies, span_s: tuple[float, float] | None) -> NDArra
     begin = min(arm.start_s for arm in bodies.movers) if span_s is None else float(span_s[0])
     end = max(arm.end_s for arm in bodies.movers) if span_s is None else float(span_s[1])
     if not (np.isfinite([begin, end]).all() and begin <= end):
-        raise TrocarError(f"distances are asked for from {begin} to {end} s; give two finite times in order")
+        raise InvalidInput("distances", f"are asked for from {begin} to {end} s", "give two finite times in order")
     knots = np.concatenate([arm.knots_s for arm in bodies.movers])
     even = np.linspace(begin, end, min(COARSE, max(1, ceil((end - begin) / COARSE_S))) + 1)
     times = np.unique(np.concatenate([even, knots[(knots > begin) & (knots < end)]]))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.trajectory import Trajectory
 
 CHECK_STEP_S = 1e-3  # ten times finer than the control period of the dVRK, 10 ms
@@ -70,9 +70,10 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     """
     times, joints = trajectory.times_s, trajectory.coefficients.shape[2]
     if not joints == len(arm.joints) == len(limits.velocity):
-        raise TrocarError(
-            f"{arm.name} has {len(arm.joints)} joints, its trajectory {joints} and the limits {len(limits.velocity)}; "
-            "give what belongs together"
+        raise InvalidInput(
+            f"{arm.name}",
+            f"has {len(arm.joints)} joints, its trajectory {joints} and the limits {len(limits.velocity)}",
+            "give what belongs together",
         )
     pieces = np.arange(len(times) - 1)
     orders = (0, 1, 2) if limits.jerk is None else (0, 1, 2, 3)
@@ -103,9 +104,10 @@ def require_range(arm: ArmModel, trajectory: Trajectory, slack: float = 0.0) -> 
     use = limit_use(arm, trajectory, any_limits)
     for joint, excess in zip(arm.joints, use.range_excess, strict=True):
         if excess > slack * (joint.upper - joint.lower):
-            raise TrocarError(
-                f"the planned motion takes joint '{joint.name}' {excess:.4f} {joint.unit} out of its range "
-                f"[{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints; move the waypoints inwards"
+            raise InvalidInput(
+                "the planned motion",
+                f"takes joint '{joint.name}' {excess:.4f} {joint.unit} out of its range [{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints",
+                "move the waypoints inwards",
             )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, MotionLimits, fk, jacobian
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry.arrays import finite
 from trocar.motion.bound import shortest_rest_to_rest_s, shortest_to_rest_s
 from trocar.motion.limits import KEPT, limit_use, require_range
@@ -69,8 +69,10 @@ def move_to(q: ArrayLike, velocity: ArrayLike, q_goal: ArrayLike, limits: Motion
     given = (("start", q), ("velocity at the start", velocity), ("goal", q_goal))
     start, v, goal = (_joint_values(name, values, limits) for name, values in given)
     if np.any(np.abs(v) > KEPT * limits.velocity):
-        raise TrocarError(
-            f"a move that starts with velocities {v.tolist()} breaks the limits {limits.velocity.tolist()}; slow down"
+        raise InvalidInput(
+            "a move that",
+            f"starts with velocities {v.tolist()} breaks the limits {limits.velocity.tolist()}",
+            "slow down",
         )
     if np.all(np.abs(v) <= STILL * limits.velocity):
         return rest_to_rest(start, goal, limits)
@@ -179,9 +181,10 @@ def _along_line(arm: ArmModel, start: NDArray[np.float64], offsets_m: NDArray[np
         if max(np.abs(missing_m).max(), np.abs(turned_rad).max()) < REACHED:
             return q
         q = q + _solve(arm, q, np.concatenate([missing_m, -turned_rad], axis=1))
-    raise TrocarError(
-        f"{arm.name} cannot move its tip straight by {np.round(1e3 * offsets_m[-1], 1).tolist()} mm; "
-        f"choose a shorter line or another start"
+    raise InvalidInput(
+        f"{arm.name}",
+        f"cannot move its tip straight by {np.round(1000.0 * offsets_m[-1], 1).tolist()} mm",
+        "choose a shorter line or another start",
     )
 
 
@@ -196,4 +199,4 @@ def _solve(arm: ArmModel, q: NDArray[np.float64], twists: NDArray[np.float64]) -
     try:
         return np.linalg.solve(jacobian(arm, q), twists[..., None])[..., 0].astype(np.float64)
     except np.linalg.LinAlgError:
-        raise TrocarError(f"{arm.name} is singular on the straight line; choose another start") from None
+        raise InvalidInput(f"{arm.name}", "is singular on the straight line", "choose another start") from None

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, capsules
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3
 from trocar.geometry.se3 import one_pose
 from trocar.trajectory import Trajectory
@@ -40,11 +40,12 @@ class MovingArm:
         object.__setattr__(self, "T_world_base", one_pose(f"T_world_base of {self.model.name}", self.T_world_base))
         joints = self.trajectory.coefficients.shape[2]
         if joints != len(self.model.joints):
-            raise TrocarError(f"{self.model.name} has {len(self.model.joints)} joints, its trajectory {joints}")
+            raise InvalidInput(f"{self.model.name}", f"has {len(self.model.joints)} joints, its trajectory {joints}")
         if not (np.isfinite(self.start_s) and np.isfinite(self.jaw_rad)):
-            raise TrocarError(
-                f"a motion of {self.model.name} starts at {self.start_s} s, jaws at {self.jaw_rad} rad; "
-                "give finite numbers"
+            raise InvalidInput(
+                "a motion",
+                f"of {self.model.name} starts at {self.start_s} s, jaws at {self.jaw_rad} rad",
+                "give finite numbers",
             )
 
     def __repr__(self) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import direction
 from trocar.geometry.arrays import finite
 from trocar.geometry.capsules import Capsules
@@ -42,7 +42,7 @@ class Capsule:
         object.__setattr__(self, "start_m", finite("the start of a capsule", self.start_m, 3))
         object.__setattr__(self, "end_m", finite("the end of a capsule", end, 3))
         if not (np.isfinite(self.radius_m) and self.radius_m >= 0):
-            raise TrocarError(f"the radius of a capsule is {self.radius_m} m; give a finite radius of at least 0")
+            raise InvalidInput("the radius", f"of a capsule is {self.radius_m} m", "give a finite radius of at least 0")
 
     def as_capsule(self) -> Capsule:
         """Return itself."""

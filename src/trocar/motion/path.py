@@ -9,7 +9,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry.arrays import finite
 from trocar.trajectory import Trajectory
 
@@ -28,7 +28,7 @@ class TimedPath:
 
     def __post_init__(self) -> None:
         if not isinstance(self.trajectory, Trajectory):
-            raise TrocarError(f"a timed path needs a Trajectory, got {type(self.trajectory).__name__}")
+            raise InvalidInput("a timed path", f"needs a Trajectory, got {type(self.trajectory).__name__}")
         object.__setattr__(self, "waypoint_times_s", finite("the waypoints' times", self.waypoint_times_s, "n"))
 
     def __repr__(self) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, MotionLimits
-from trocar.errors import AlreadyThere, MotionRefused, NoPlan, OutOfReach, TrocarError
+from trocar.errors import AlreadyThere, InvalidInput, MotionRefused, NoPlan, OutOfReach, TrocarError
 from trocar.geometry.arrays import finite, numbers
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.bound import duration_bound_s
@@ -105,7 +105,7 @@ class MotionPlan:
         """
         trajectories = self.trajectories
         if len(trajectories) > 1:
-            raise TrocarError(f"this plan moves {', '.join(trajectories)}; take one of its `trajectories`")
+            raise InvalidInput("this plan", f"moves {', '.join(trajectories)}", "take one of its `trajectories`")
         return next(iter(trajectories.values()))
 
     @property

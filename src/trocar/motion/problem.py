@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from trocar.errors import AlreadyThere, OutOfReach, TrocarError
+from trocar.errors import AlreadyThere, InvalidInput, OutOfReach, TrocarError
 from trocar.geometry import shown
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.moving_arm import MovingArm
@@ -61,7 +61,7 @@ class MotionProblem:
 
     def __post_init__(self) -> None:
         if not self.arms:
-            raise TrocarError("a motion problem needs at least one arm; give what each is asked by its name")
+            raise InvalidInput("a motion problem", "needs at least one arm", "give what each is asked by its name")
         for what, things, kind in (
             ("arms", self.arms, ArmMotion),
             ("others", self.others, MovingArm),
@@ -69,15 +69,15 @@ class MotionProblem:
         ):
             if not (isinstance(things, Mapping) and all(isinstance(thing, kind) for thing in things.values())):
                 wanted = getattr(kind, "__name__", "Capsule or HalfSpace")
-                raise TrocarError(f"{what} of a motion problem are {things!r:.60}; give {wanted} by name")
+                raise InvalidInput(f"{what}", f"of a motion problem are {things!r:.60}", f"give {wanted} by name")
         for name in SETTINGS:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
-                raise TrocarError(f"{name} of a motion problem is {value}; give a finite number of at least 0")
+                raise InvalidInput(f"{name}", f"of a motion problem is {value}", "give a finite number of at least 0")
         names = [*self.arms, *self.others, *self.obstacles]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise TrocarError(f"two things are called {', '.join(twice)}; give arms and obstacles distinct names")
+            raise InvalidInput("two things", f"are called {', '.join(twice)}", "give arms and obstacles distinct names")
         for name, arm in self.arms.items():
             try:
                 arm.require_ranges(self.range_slack)

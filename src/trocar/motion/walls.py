@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3
 from trocar.geometry.arrays import finite
 from trocar.motion.obstacles import Capsule
@@ -31,9 +31,10 @@ def wall(name: str, start_m: ArrayLike, end_m: ArrayLike, height_m: float, radiu
         radius_m: half its thickness.
     """
     if not (0 < 2 * radius_m <= height_m <= HIGHEST_M):
-        raise TrocarError(
-            f"a wall cannot be {height_m} m high and {2 * radius_m} m thick; give a thickness above 0, and a height of "
-            f"at least that and at most {HIGHEST_M} m"
+        raise InvalidInput(
+            "a wall",
+            f"cannot be {height_m} m high and {2 * radius_m} m thick",
+            f"give a thickness above 0, and a height of at least that and at most {HIGHEST_M} m",
         )
     rows = ceil((height_m - 2 * radius_m) / (2 * radius_m + GAP_M) - 1e-9) + 1
     ends = finite(f"the foot of wall {name!r}", [start_m, end_m], 2, 3)  # type: ignore[list-item]
@@ -59,7 +60,7 @@ def open_box(
         radius_m: half the walls' thickness, outside of what is inside.
     """
     if not min(finite(f"the inside of box {name!r}", inside_m, 2)) > 0:
-        raise TrocarError(f"box {name!r} is {inside_m} m wide inside; give two lengths above 0")
+        raise InvalidInput(f"box {name!r}", f"is {inside_m} m wide inside", "give two lengths above 0")
     x, y = (length / 2 + radius_m for length in inside_m)
     corners = T_world_box.apply(np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]]))
     walls: dict[str, Capsule] = {}

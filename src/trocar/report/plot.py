@@ -9,7 +9,7 @@ from typing import Any
 from trocar.calibration.evaluation import Evaluation
 from trocar.calibration.figure import wrist
 from trocar.calibration.recording import Recording
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
 from trocar.motion import MotionPlan, TimedPath
 from trocar.registry import Registry
@@ -55,7 +55,7 @@ def plot(thing: Any, **options: Any) -> Picture:
     if plot.dispatch(type(thing)) is not plot.dispatch(object):
         return plot(thing, **options)
     kinds = ", ".join(sorted(kind.__name__ for kind in plot.registry if kind is not object))
-    raise TrocarError(f"{type(thing).__name__} has no picture; plot one of {kinds}")
+    raise InvalidInput(f"{type(thing).__name__}", "has no picture", f"plot one of {kinds}")
 
 
 @plot.register(Trajectory)
@@ -67,7 +67,7 @@ def _path(thing: Trajectory | TimedPath, joints: tuple[str, ...] = ()) -> Pictur
 @plot.register(MotionPlan)
 def _motion(thing: MotionPlan, joints: tuple[str, ...] = ()) -> Picture:
     if not thing.paths:
-        raise TrocarError(f"there is no motion to plot: {thing.reason}")
+        raise InvalidInput("there", f"is no motion to plot: {thing.reason}")
     return picture(lambda figure: course(figure, thing.paths, joints))
 
 

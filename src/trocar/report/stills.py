@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.eval import TaskReport
 from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
@@ -31,7 +31,7 @@ def photographer_of(trial: Trial, report: TaskReport, scale: float = 1.0) -> Off
         TrocarError: the simulator is not installed.
     """
     if not can_photograph():
-        raise TrocarError(f"pictures of a trial need mujoco; {how_to_install('sim')}")
+        raise InvalidInput("pictures", "of a trial need mujoco", f"{how_to_install('sim')}")
     from trocar.sim.offscreen import OffscreenCamera  # an extra
 
     return OffscreenCamera(trial.replay(), report.view, report.colours, scale, report.frame(trial))

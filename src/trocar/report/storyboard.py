@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.report import style
 
 MAX_PICTURES = 12  # more are thinned out evenly, keeping the first and last
@@ -28,11 +28,11 @@ def draw_storyboard(
     """
     path = Path(path)
     if not frames:
-        raise TrocarError("a storyboard needs at least one picture; the trial kept none")
+        raise InvalidInput("a storyboard", "needs at least one picture", "the trial kept none")
     for caption, image in frames:
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-            raise TrocarError(
-                f"picture '{caption}' is {image.dtype} of shape {image.shape}; it must be uint8 (h, w, 3)"
+            raise InvalidInput(
+                f"picture '{caption}'", f"is {image.dtype} of shape {image.shape}", "it must be uint8 (h, w, 3)"
             )
     kept = [frames[i] for i in np.linspace(0, len(frames) - 1, min(MAX_PICTURES, len(frames))).round().astype(int)]
     columns = min(columns, len(kept))

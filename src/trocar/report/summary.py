@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.eval import TaskReport
 from trocar.eval.statistics import Spread, session_interval
 from trocar.eval.trial import Trial
@@ -49,7 +49,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
         report: what the task adds; None: nothing.
     """
     if not trials:
-        raise TrocarError("there are no finished trials to summarise; run some with `trocar run`")
+        raise InvalidInput("there", "are no finished trials to summarise", "run some with `trocar run`")
     report = report or TaskReport()
     added = report.summary(trials)
     trials = [trial.noted() for trial in trials]

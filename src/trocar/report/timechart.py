@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
 from trocar.log import Span
 from trocar.report import style
@@ -63,7 +63,7 @@ def chart(figure: Figure, trial: Trial, title: str = "Time chart") -> None:
     """
     spans, turns, piece = sorted(trial.spans, key=lambda span: span.start_s), turns_of(trial), trial.goal_noun
     if not spans:
-        raise TrocarError("a time chart needs at least one span; the trial's log has none")
+        raise InvalidInput("a time chart", "needs at least one span", "the trial's log has none")
     names = list(dict.fromkeys(span.name for span in spans))
     spare = iter(SPARE * (1 + len(names) // len(SPARE)))
     colours = {name: COLOURS.get(name) or next(spare) for name in names}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.replay import Replay
 
 FRAME_RATES = (30.0, 25.0, 20.0, 15.0, 12.0, 10.0, 7.5, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -89,17 +89,21 @@ def _check(replay: Replay) -> None:
     """Raise a sentence unless times and poses match."""
     n = len(replay.times_s)
     if n == 0:
-        raise TrocarError("a replay without times cannot be shown; give at least one tick")
+        raise InvalidInput("a replay without times", "cannot be shown", "give at least one tick")
     for body, T in replay.T_world_body.items():
         if T.matrix.shape[:-2] not in ((), (n,)):
-            raise TrocarError(f"body '{body}' has poses {T.matrix.shape}; give one, or one for each of the {n} times")
+            raise InvalidInput(
+                f"body '{body}'", f"has poses {T.matrix.shape}", f"give one, or one for each of the {n} times"
+            )
     for arm, path in replay.tools.items():
         for kind, points in (("planned", path.p_world_planned_m), ("driven", path.p_world_driven_m)):
             if points.shape != (n, 3):
-                raise TrocarError(f"the {kind} path of '{arm}' has shape {points.shape}; give {(n, 3)}")
+                raise InvalidInput(f"the {kind} path", f"of '{arm}' has shape {points.shape}", f"give {(n, 3)}")
     missing = sorted({solid.body for solid in replay.solids} - set(replay.T_world_body))
     if missing:
-        raise TrocarError(f"there is no pose of body '{missing[0]}'; the replay has {', '.join(replay.T_world_body)}")
+        raise InvalidInput(
+            "there", f"is no pose of body '{missing[0]}'", f"the replay has {', '.join(replay.T_world_body)}"
+        )
 
 
 def _ticks(times_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.intp]:

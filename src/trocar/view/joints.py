@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.replay import Replay
 
 KINDS = ("desired", "commanded", "measured", "true")
@@ -50,7 +50,7 @@ class Joints:
         shape = (len(replay.times_s), 7)
         for kind in kinds:
             if given[kind].shape != shape:
-                raise TrocarError(f"the {kind} joints of '{arm}' have shape {given[kind].shape}; give {shape}")
+                raise InvalidInput(f"the {kind} joints", f"of '{arm}' have shape {given[kind].shape}", f"give {shape}")
         names = replay.joint_names.get(arm, tuple(f"joint {k + 1}" for k in range(7)))
         return Joints(names, replay.times_s, {kind: given[kind] * SCALE for kind in kinds}, kinds[0])
 

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3, TURN
 
 CREASE_RAD = math.radians(30.0)
@@ -62,8 +62,8 @@ def hull(points_m: ArrayLike) -> Mesh:
     try:
         found = ConvexHull(points)
     except (QhullError, ValueError):
-        raise TrocarError(
-            f"a hull of {len(points)} points spans no volume; give at least four that do not lie in one plane"
+        raise InvalidInput(
+            "a hull", f"of {len(points)} points spans no volume", "give at least four that do not lie in one plane"
         ) from None
     faces = found.simplices
     a, b, c = (points[faces[:, i]] for i in range(3))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import rich
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.extras import how_to_install
 
 if TYPE_CHECKING:
@@ -29,11 +29,11 @@ def open_server(port: int) -> ViserServer:
         TrocarError: viser is not installed, or there is no such port.
     """
     if not 0 <= port <= 65535:
-        raise TrocarError(f"the port is {port}; give 1 to 65535, or 0 for any that is free")
+        raise InvalidInput("the port", f"is {port}", "give 1 to 65535, or 0 for any that is free")
     try:
         from viser import ViserServer  # an extra
     except ImportError:
-        raise TrocarError(f"3D in the browser needs viser; {how_to_install('view')}") from None
+        raise InvalidInput("3D in the browser", "needs viser", f"{how_to_install('view')}") from None
     with _quiet():
         return ViserServer(host=LOCAL, port=port, verbose=False)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.replay import SHAPES, Solid
 from trocar.view.mesh import Mesh, box, creased, hull, joined, tube
 
@@ -47,13 +47,15 @@ def solid_mesh(solid: Solid) -> Mesh:
         TrocarError: an unknown shape, sizes that are not positive or of the wrong number, a flat hull.
     """
     if solid.shape not in SHAPES:
-        raise TrocarError(f"a solid on body '{solid.body}' has shape '{solid.shape}'; choose from {', '.join(SHAPES)}")
+        raise InvalidInput(
+            f"a solid on body '{solid.body}'", f"has shape '{solid.shape}'", f"choose from {', '.join(SHAPES)}"
+        )
     if solid.shape == "hull":
         return hull(solid.vertices_m)
     count, make = SIZED[solid.shape]
     if len(solid.size_m) != count or not all(size > 0 for size in solid.size_m):
-        raise TrocarError(
-            f"a {solid.shape} on body '{solid.body}' has size {solid.size_m} m; give {count} numbers above 0"
+        raise InvalidInput(
+            f"a {solid.shape} on body '{solid.body}'", f"has size {solid.size_m} m", f"give {count} numbers above 0"
         )
     return make(*solid.size_m)
 

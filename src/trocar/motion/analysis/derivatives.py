@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, jacobian
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.motion.analysis.huber import estimate
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def analyse(measured: Array, step_s: float, smoothness: float | None = None) -> 
         smoothness: weight of smoothness; None: by cross-validation, for each signal.
     """
     if measured.ndim != 2:
-        raise TrocarError(f"signals have shape {measured.shape}; give (samples, signals)")
+        raise InvalidInput("signals", f"have shape {measured.shape}", "give (samples, signals)")
     motions = [estimate(column, step_s, smoothness) for column in measured.T]
     return Derivatives(
         np.column_stack([m.position for m in motions]),

@@ -10,7 +10,7 @@ import piqp
 from numpy.typing import NDArray
 from scipy import sparse
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError
 
 Array = NDArray[np.float64]
 
@@ -68,12 +68,13 @@ def estimate(measured: Array, step_s: float, smoothness: float | None = None) ->
     """
     there = np.isfinite(measured)
     if measured.ndim != 1 or len(measured) < SHORTEST or np.count_nonzero(there) < len(measured) / 2:
-        raise TrocarError(
-            f"a signal needs {SHORTEST} or more samples (n,), half of them measured; got shape {measured.shape}, "
-            f"{np.count_nonzero(there)} measured"
+        raise InvalidInput(
+            "a signal",
+            f"needs {SHORTEST} or more samples (n,), half of them measured",
+            f"got shape {measured.shape}, {np.count_nonzero(there)} measured",
         )
     if not step_s > 0:
-        raise TrocarError(f"the time between samples is {step_s} s; give a time above 0")
+        raise InvalidInput("the time between samples", f"is {step_s} s", "give a time above 0")
     times = np.arange(len(measured))
     bridged = np.interp(times, times[there], measured[there])
     reach, middle = float(np.ptp(bridged)), float(np.median(bridged))

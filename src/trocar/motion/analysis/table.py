@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import BadFile, InvalidInput
 from trocar.files.csv_file import TIMES, read_csv
 from trocar.motion.analysis.huber import SHORTEST
 
@@ -39,8 +39,8 @@ class JointTable:
         """
         missing = [name for name in names if name not in self.names]
         if missing:
-            raise TrocarError(
-                f"{str(path)!r} has no column {missing[0]!r}; it has {', '.join(self.names)}; name yours with --columns"
+            raise BadFile(
+                path, f"has no column {missing[0]!r}; it has {', '.join(self.names)}", "name yours with --columns"
             )
         return self.values[:, [self.names.index(name) for name in names]]
 
@@ -57,15 +57,15 @@ def read_joint_table(path: str | Path, rate_hz: float | None = None) -> JointTab
     """
     names, rows = read_csv(path, "t_s,q1,q2,q3,q4,q5,q6")
     if len(rows) < SHORTEST:
-        raise TrocarError(f"{str(path)!r} has {len(rows)} rows of numbers; {SHORTEST} are needed at least")
+        raise BadFile(path, f"has {len(rows)} rows of numbers", f"{SHORTEST} are needed at least")
     time_name = next((name for name in TIMES if name in names), None)
     signals = [place for place, name in enumerate(names) if name != time_name]
     if not signals:
-        raise TrocarError(f"{str(path)!r} has no column besides the times; give one for each joint")
+        raise BadFile(path, "has no column besides the times", "give one for each joint")
     kept = tuple(names[place] for place in signals)
     if time_name is None:
         if rate_hz is None:
-            raise TrocarError(f"{str(path)!r} has no column {TIMES[0]!r}; add one, or give --rate in Hz")
+            raise BadFile(path, f"has no column {TIMES[0]!r}", "add one, or give --rate in Hz")
         return JointTable(kept, rows[:, signals], 1.0 / rate_hz)
     times_s = rows[:, names.index(time_name)]
     return JointTable(kept, *_on_grid(times_s, rows[:, signals], path))
@@ -78,19 +78,24 @@ def _on_grid(
     steps = np.diff(times_s)
     if not np.isfinite(times_s).all() or (steps <= 0).any():
         row = 1 + int(np.argmax(~(steps > 0)))  # counted from the first line of numbers
-        raise TrocarError(f"times of {str(path)!r} do not increase at row {row + 2}; sort the rows, drop repeated ones")
+        raise InvalidInput(
+            "times", f"of {str(path)!r} do not increase at row {row + 2}", "sort the rows, drop repeated ones"
+        )
     counts = steps / np.median(steps)
     off = np.abs(counts - np.rint(counts))
     if off.max() > OFF_GRID or counts.min() < 0.5:
         row = int(np.argmax(np.maximum(off, counts < 0.5)))
-        raise TrocarError(
-            f"times of {str(path)!r} are not even: the step to row {row + 3} is {1e3 * steps[row]:.2f} ms, most are "
-            f"{1e3 * np.median(steps):.2f} ms; resample the recording to even steps"
+        raise InvalidInput(
+            "times",
+            f"of {str(path)!r} are not even: the step to row {row + 3} is {1000.0 * steps[row]:.2f} ms, most are {1000.0 * np.median(steps):.2f} ms",
+            "resample the recording to even steps",
         )
     index = np.concatenate([[0], np.cumsum(np.rint(counts))]).astype(int)
     step_s = float(np.polyfit(index, times_s, 1)[0])
     if index[-1] + 1 > 2 * len(times_s):
-        raise TrocarError(f"more than half of the samples of {str(path)!r} are missing; cut it into parts without gaps")
+        raise InvalidInput(
+            "more than half", f"of the samples of {str(path)!r} are missing", "cut it into parts without gaps"
+        )
     grid = np.full((index[-1] + 1, values.shape[1]), np.nan)
     grid[index] = values
     return grid, step_s

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
 from trocar.files.output import make_folder
 from trocar.report.export.notes import Notes
@@ -60,7 +60,7 @@ def export_trials(
         MachineError: a file cannot be written.
     """
     if format not in FORMATS:
-        raise TrocarError(f"format {format!r} is unknown; choose one of {', '.join(FORMATS)}")
+        raise InvalidInput(f"format {format!r}", "is unknown", f"choose one of {', '.join(FORMATS)}")
     if format == "parquet":
         require_parquet()
     folder, notes, told = make_folder(folder), Notes(), {}

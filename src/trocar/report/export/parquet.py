@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.extras import how_to_install
 from trocar.files.output import MADE_BY, mark_of, writing
 from trocar.report.export.table import FlatTable
@@ -15,7 +15,7 @@ def require_parquet() -> None:
     try:
         import pyarrow  # noqa: F401 - an extra, of 150 MB
     except ImportError:
-        raise TrocarError(f"--format parquet needs pyarrow; {how_to_install('parquet')}, or use csv") from None
+        raise InvalidInput("--format parquet", "needs pyarrow", f"{how_to_install('parquet')}, or use csv") from None
 
 
 def write_parquet(table: FlatTable, path: str | Path) -> Path:
