@@ -1,9 +1,12 @@
 """Errors keep their fields, also on the way to another process, and their sentences are made from them."""
 
+import ast
 import pickle
+from pathlib import Path
 
 import pytest
 
+import trocar
 from trocar import errors
 
 MADE = [
@@ -46,3 +49,49 @@ def test_sentences_are_made_from_fields():
     assert str(MADE[1]) == "the seed is -1; give 0 or more"
     assert str(MADE[3]) == "'x.npz' is no recording; give another"
     assert str(errors.BadFile("x", "is cut", kind="station file")) == "station file 'x' is cut"
+
+
+WORDS = {"problem", "remedy", "reason"}
+"""Fields of refusals that are sentences, for people."""
+SEARCHES = {"startswith", "endswith", "find", "index", "search", "match", "fullmatch", "count"}
+
+
+def reads_words(node, caught):
+    """Whether an expression reads a caught error as a whole, or a field of it that is a sentence."""
+    return any(
+        (isinstance(part, ast.Attribute) and part.attr in WORDS) or (isinstance(part, ast.Name) and part.id in caught)
+        for part in ast.walk(node)
+    )
+
+
+def decisions_by_words(text):
+    """Lines that look for words in the sentence of an error."""
+    tree = ast.parse(text)
+    caught = {node.name for node in ast.walk(tree) if isinstance(node, ast.ExceptHandler) and node.name}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            sides = (node.left, *node.comparators)
+            literal = any(
+                isinstance(side, ast.Constant) and isinstance(side.value, str) and side.value for side in sides
+            )
+            if literal and any(reads_words(side, caught) for side in sides):
+                yield node.lineno
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            if node.func.attr in SEARCHES and any(reads_words(part, caught) for part in (node.func.value, *node.args)):
+                yield node.lineno
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["if 'comes within' in str(error): pass", "if error.reason == 'late': pass", "str(error).startswith('psm1')"],
+)
+def test_a_decision_by_words_would_be_found(line):
+    assert list(decisions_by_words(f"try:\n    pass\nexcept ValueError as error:\n    {line}\n"))
+
+
+def test_programs_decide_by_types_and_fields_and_refuse_by_kind():
+    root = Path(trocar.__file__).parent
+    texts = {path.relative_to(root).as_posix(): path.read_text() for path in root.rglob("*.py")}
+    assert {name: list(decisions_by_words(text)) for name, text in texts.items() if [*decisions_by_words(text)]} == {}
+    bare = [name for name, text in texts.items() if "raise TrocarError(" in text or "raise MotionRefused(" in text]
+    assert bare == []

@@ -19,7 +19,7 @@ def require_numbers(value: Any) -> None:
     for field in fields(value):
         held = getattr(value, field.name)
         if _has_nan(held):
-            raise InvalidInput(f"{field.name}", f"of {type(value).__name__} holds NaN ({held})", "give a number")
+            raise InvalidInput(field.name, f"of {type(value).__name__} holds NaN ({held})", "give a number")
 
 
 def _has_nan(held: Any) -> bool:

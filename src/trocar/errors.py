@@ -39,6 +39,12 @@ class TrocarError(ValueError):
 
     exit_code: ClassVar[int] = 2
 
+    def worded(self, sentence: str) -> Self:
+        """Return the same refusal, with its fields, in other words: who tells it knows more than who found it."""
+        other = copy.copy(self)
+        other.args = (sentence,)
+        return other
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what recreates the error in another process, with its fields."""
         return _recreated, (type(self), self.args, vars(self))
@@ -119,12 +125,6 @@ class NotInstalled(InvalidInput):
 
 class MotionRefused(TrocarError):
     """A motion that cannot be planned, or that a robot does not start or go on with."""
-
-    def worded(self, sentence: str) -> Self:
-        """Return the same refusal, with its fields, in other words: who tells it knows more than who found it."""
-        other = copy.copy(self)
-        other.args = (sentence,)
-        return other
 
 
 class OutOfReach(MotionRefused):

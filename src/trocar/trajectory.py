@@ -41,7 +41,7 @@ class Trajectory:
         what = f"the coefficients of a trajectory of {len(times)} times"
         coefficients = finite(what, self.coefficients, "k", len(times) - 1, "joints")
         if not coefficients.size:
-            raise InvalidInput(f"{what}", f"need at least one power and one joint, got shape {coefficients.shape}")
+            raise InvalidInput(what, f"need at least one power and one joint, got shape {coefficients.shape}")
         from scipy.interpolate import PPoly  # half a second, even for commands that only print help
 
         object.__setattr__(self, "times_s", times)

@@ -58,5 +58,5 @@ def _place(arm: ArmModel, p_m: ArrayLike) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         place = np.empty(0)
     if place.shape != (3,) or not np.isfinite(place).all():
-        raise InvalidInput(f"{arm.name}", f"needs three finite numbers as a place, got {p_m!r}")
+        raise InvalidInput(arm.name, f"needs three finite numbers as a place, got {p_m!r}")
     return place

@@ -101,7 +101,8 @@ class Instrument:
         if not self.tip_chamfer_m < self.finger_length_m:
             raise InvalidInput(
                 "the fingers",
-                f"of instrument {self.name!r} are {self.finger_length_m} m long, and the chamfer at their end {self.tip_chamfer_m} m",
+                f"of instrument {self.name!r} are {self.finger_length_m} m long, "
+                f"and the chamfer at their end {self.tip_chamfer_m} m",
                 "give a shorter one",
             )
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import BadFile, InvalidInput, TrocarError
+from trocar.errors import BadFile, InvalidInput
 from trocar.files.output import mark_zip, writing
 from trocar.files.reading import MAX_BYTES, UNREADABLE, array_of, parsed_json, require_short_list
 
@@ -82,7 +82,7 @@ def read_archive(path: str | Path, kind: str, version: int) -> Archive:
     with _opened(path, kind) as file:
         header = _header(file, path, kind, version)
         if sum(member.file_size for member in file.infolist()) > MAX_BYTES:
-            raise TrocarError(f"{str(path)!r} claims to unpack to more than {MAX_BYTES >> 20} MB; it is not a {kind}")
+            raise BadFile(path, f"claims to unpack to more than {MAX_BYTES >> 20} MB", f"it is not a {kind}")
         arrays: dict[str, NDArray] = {}
         blobs: dict[str, bytes] = {}
         for member in file.infolist():

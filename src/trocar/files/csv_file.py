@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import BadFile, InvalidInput, TrocarError
+from trocar.errors import BadFile, InvalidInput
 
 TIMES = ("t_s", "time_s", "t", "time")
 """Names that a column of times in seconds may have."""
@@ -28,7 +28,7 @@ def read_csv(path: str | Path, example: str) -> tuple[list[str], NDArray[np.floa
     path = Path(path)
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
-        raise TrocarError(f"recording {str(path)!r} {what}; give a CSV file")
+        raise BadFile(path, what, "give a CSV file", kind="recording")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             lines = [line for line in csv.reader(file) if line]

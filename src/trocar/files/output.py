@@ -180,7 +180,7 @@ def require_picture(path: str | Path) -> Path:
     if path.suffix.lower() not in PICTURES:
         raise BadFile(path, f"must end in {', '.join(PICTURES)}", "choose another name", kind="picture")
     if not path.parent.is_dir():
-        raise TrocarError(f"cannot write {str(path)!r} (No such file or directory); choose another folder")
+        raise BadFile(path, "(No such file or directory)", "choose another folder", kind="cannot write")
     return require_place(path, PICTURE)
 
 

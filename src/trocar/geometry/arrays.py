@@ -31,9 +31,9 @@ def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> ND
     last = array.shape[array.ndim - len(shape) + 1 :] if shape[:1] == (...,) else array.shape
     wanted = shape[1:] if shape[:1] == (...,) else shape
     if len(last) != len(wanted) or any(isinstance(n, int) and n != m for n, m in zip(wanted, last, strict=True)):
-        raise InvalidInput(f"{what}", f"must have shape {_shown(shape)}, got {array.shape}")
+        raise InvalidInput(what, f"must have shape {_shown(shape)}, got {array.shape}")
     if not np.isfinite(array).all():
-        raise InvalidInput(f"{what}", f"must be finite, got {_where(array)}", "check where it comes from")
+        raise InvalidInput(what, f"must be finite, got {_where(array)}", "check where it comes from")
     return array
 
 
@@ -48,9 +48,7 @@ def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> N
     except (TypeError, ValueError):  # rows of different lengths
         array = np.empty(0, dtype=object)
     if array.dtype.kind not in NUMBERS:
-        raise InvalidInput(
-            f"{what}", f"must be numbers of shape {_shown(shape)}, got {' '.join(repr(values).split()):.60}"
-        )
+        raise InvalidInput(what, f"must be numbers of shape {_shown(shape)}, got {' '.join(repr(values).split()):.60}")
     return array.astype(np.float64, copy=False)
 
 

@@ -26,6 +26,6 @@ def direction(vector: ArrayLike, what: str) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         given = np.empty(0)
     if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
-        raise InvalidInput(f"{what}", f"is {vector}", "give three finite numbers that are not all 0, such as 0 0 1")
+        raise InvalidInput(what, f"is {vector}", "give three finite numbers that are not all 0, such as 0 0 1")
     scaled = given / np.abs(given).max()  # squares of the largest and smallest floats overflow or underflow
     return scaled / np.linalg.norm(scaled)

@@ -130,7 +130,7 @@ def _consensus(
         if near.sum() > best.sum():
             best = near
     if best.sum() < 3:
-        raise TrocarError(f"no three pairs agree within {distance_m} m; check the pairing or raise the distance")
+        raise InvalidInput("no three pairs", f"agree within {distance_m} m", "check the pairing or raise the distance")
     for _ in range(10):
         again = _near(_least_squares(source[best], target[best], np.ones(best.sum())), source, target, distance_m)
         if np.array_equal(again, best) or again.sum() < best.sum():

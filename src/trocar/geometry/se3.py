@@ -151,7 +151,7 @@ def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
     """
     T = SE3.of(pose)
     if T.matrix.ndim != 2:
-        raise InvalidInput(f"{what}", f"needs one pose (4, 4), got {T.matrix.shape}", "pick one with [k]")
+        raise InvalidInput(what, f"needs one pose (4, 4), got {T.matrix.shape}", "pick one with [k]")
     return T
 
 

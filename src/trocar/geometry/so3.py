@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import InvalidInput, TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry.arrays import finite
 from trocar.geometry.direction import direction
 
@@ -192,14 +192,15 @@ def require_rotation(what: str, matrix: NDArray[np.float64]) -> None:
         )
     if np.any(off > RIGID):
         raise InvalidInput(
-            f"{what}",
-            f"needs columns of length 1 at right angles to each other, but these are off by {off.max():.2g}{_which(off > RIGID)}",
+            what,
+            f"needs columns of length 1 at right angles to each other, "
+            f"but these are off by {off.max():.2g}{_which(off > RIGID)}",
             "repair rounding with SO3.nearest(R), and remove any scale",
         )
     mirrored = np.linalg.det(matrix) < 0
     if np.any(mirrored):
         raise InvalidInput(
-            f"{what}",
+            what,
             f"has determinant -1{_which(mirrored)}: it is a reflection",
             "one axis has the wrong sign, or two are swapped",
         )
@@ -215,7 +216,9 @@ def picked(what: str, matrix: NDArray[np.float64], index: Any) -> NDArray[np.flo
     batch = matrix.shape[:-2]
     chosen = matrix[index]
     if chosen.shape[-2:] != matrix.shape[-2:]:
-        raise TrocarError(f"index {index!r:.60} cuts {what} apart; a batch of shape {batch} has {len(batch)} axes")
+        raise InvalidInput(
+            f"index {index!r:.60}", f"cuts {what} apart", f"a batch of shape {batch} has {len(batch)} axes"
+        )
     return chosen
 
 

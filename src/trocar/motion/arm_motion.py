@@ -79,23 +79,23 @@ class ArmMotion:
         points = numbers(f"the waypoints of {self.model.name}", self.waypoints, "n", JOINTS)
         if points.ndim != 2 or points.shape[1] != JOINTS or len(points) < 1 or len(points) + goals < 2:
             raise InvalidInput(
-                f"{self.model.name}",
-                f"needs waypoints of shape (n, {JOINTS}) with n of 2 or more, or of 1 and goals, got {points.shape} and {goals} goals",
+                self.model.name,
+                f"needs waypoints of shape (n, {JOINTS}) with n of 2 or more, or of 1 and goals, "
+                f"got {points.shape} and {goals} goals",
             )
         if not isinstance(self.limits, MotionLimits):
             raise InvalidInput(
-                f"{self.model.name}",
+                self.model.name,
                 f"needs its limits as MotionLimits(velocity, acceleration), got {type(self.limits).__name__}",
             )
         if self.limits.velocity.shape != (JOINTS,):
-            raise InvalidInput(
-                f"{self.model.name}", f"needs limits of {JOINTS} joints, got {self.limits.velocity.size}"
-            )
+            raise InvalidInput(self.model.name, f"needs limits of {JOINTS} joints, got {self.limits.velocity.size}")
         straight = tuple(bool(piece) for piece in self.straight) or (False,) * (len(points) + goals - 1)
         if len(straight) != len(points) + goals - 1:
             raise InvalidInput(
                 f"{len(points) + goals} waypoints",
-                f"have {len(points) + goals - 1} pieces between them, but {len(straight)} times it was said whether a piece is straight",
+                f"have {len(points) + goals - 1} pieces between them, "
+                f"but {len(straight)} times it was said whether a piece is straight",
             )
         object.__setattr__(self, "waypoints", points)
         object.__setattr__(self, "straight", straight)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trocar.errors import InvalidInput, LimitExceeded, MotionRefused, NoPlan, OutOfReach, TooNear, TrocarError
+from trocar.errors import InvalidInput, LimitExceeded, MotionRefused, NoPlan, OutOfReach, TooNear
 from trocar.geometry import shown
 from trocar.motion.arm_motion import ArmMotion
 from trocar.motion.clearance import Clearance, swept_clearance
@@ -93,7 +93,9 @@ def _require_shape(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> No
         path, count = paths[name], len(arm.waypoints)
         joints = path.trajectory.coefficients.shape[2]
         if joints != len(arm.model.joints):
-            raise TrocarError(f"a planner returned {joints} joints for arm '{name}'; it has {len(arm.model.joints)}")
+            raise InvalidInput(
+                "a planner", f"returned {joints} joints for arm '{name}'", f"it has {len(arm.model.joints)}"
+            )
         times = path.waypoint_times_s
         if times.shape != (count,) or not np.isfinite(times).all() or np.any(np.diff(times) < 0):
             raise InvalidInput(

@@ -8,7 +8,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput
 from trocar.geometry import SE3, direction
 from trocar.geometry.arrays import finite
 
@@ -32,7 +32,7 @@ class Facing:
     def __post_init__(self) -> None:
         object.__setattr__(self, "towards_m", finite("'towards_m' of what a tip faces", self.towards_m, 3))
         if not 0 < self.max_rad <= pi:
-            raise TrocarError(f"a tip may face {self.max_rad} rad aside; give an angle above 0, up to pi")
+            raise InvalidInput("a tip", f"may face {self.max_rad} rad aside", "give an angle above 0, up to pi")
         object.__setattr__(self, "axis", direction(self.axis, "the axis that faces a point"))
 
     def angle_rad(self, T_world_tip: SE3) -> NDArray[np.float64]:

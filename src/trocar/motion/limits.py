@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
-from trocar.errors import InvalidInput
+from trocar.errors import InvalidInput, OutOfReach
 from trocar.trajectory import Trajectory
 
 CHECK_STEP_S = 1e-3  # ten times finer than the control period of the dVRK, 10 ms
@@ -71,7 +71,7 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     times, joints = trajectory.times_s, trajectory.coefficients.shape[2]
     if not joints == len(arm.joints) == len(limits.velocity):
         raise InvalidInput(
-            f"{arm.name}",
+            arm.name,
             f"has {len(arm.joints)} joints, its trajectory {joints} and the limits {len(limits.velocity)}",
             "give what belongs together",
         )
@@ -104,10 +104,12 @@ def require_range(arm: ArmModel, trajectory: Trajectory, slack: float = 0.0) -> 
     use = limit_use(arm, trajectory, any_limits)
     for joint, excess in zip(arm.joints, use.range_excess, strict=True):
         if excess > slack * (joint.upper - joint.lower):
-            raise InvalidInput(
-                "the planned motion",
-                f"takes joint '{joint.name}' {excess:.4f} {joint.unit} out of its range [{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints",
-                "move the waypoints inwards",
+            raise OutOfReach(
+                f"the planned motion takes joint '{joint.name}' {excess:.4f} {joint.unit} out of its range "
+                f"[{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints; move the waypoints inwards",
+                arm=arm.name,
+                joint=joint.name,
+                by=float(excess),
             )
 
 

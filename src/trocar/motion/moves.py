@@ -182,7 +182,7 @@ def _along_line(arm: ArmModel, start: NDArray[np.float64], offsets_m: NDArray[np
             return q
         q = q + _solve(arm, q, np.concatenate([missing_m, -turned_rad], axis=1))
     raise InvalidInput(
-        f"{arm.name}",
+        arm.name,
         f"cannot move its tip straight by {np.round(1000.0 * offsets_m[-1], 1).tolist()} mm",
         "choose a shorter line or another start",
     )
@@ -199,4 +199,4 @@ def _solve(arm: ArmModel, q: NDArray[np.float64], twists: NDArray[np.float64]) -
     try:
         return np.linalg.solve(jacobian(arm, q), twists[..., None])[..., 0].astype(np.float64)
     except np.linalg.LinAlgError:
-        raise InvalidInput(f"{arm.name}", "is singular on the straight line", "choose another start") from None
+        raise InvalidInput(arm.name, "is singular on the straight line", "choose another start") from None

@@ -40,7 +40,7 @@ class MovingArm:
         object.__setattr__(self, "T_world_base", one_pose(f"T_world_base of {self.model.name}", self.T_world_base))
         joints = self.trajectory.coefficients.shape[2]
         if joints != len(self.model.joints):
-            raise InvalidInput(f"{self.model.name}", f"has {len(self.model.joints)} joints, its trajectory {joints}")
+            raise InvalidInput(self.model.name, f"has {len(self.model.joints)} joints, its trajectory {joints}")
         if not (np.isfinite(self.start_s) and np.isfinite(self.jaw_rad)):
             raise InvalidInput(
                 "a motion",

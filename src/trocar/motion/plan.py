@@ -194,10 +194,12 @@ def plan_through(
 def _answered(name: str, problem: MotionProblem, paths: object) -> dict[str, TimedPath]:
     """Return a planner's answer, or raise a sentence that names the planner and says what is wrong with it."""
     if not (isinstance(paths, Mapping) and all(isinstance(path, TimedPath) for path in paths.values())):
-        raise TrocarError(f"planner '{name}' returned {paths!r:.80}; it must return a TimedPath for each arm by name")
+        raise InvalidInput(
+            f"planner '{name}'", f"returned {paths!r:.80}", "it must return a TimedPath for each arm by name"
+        )
     if set(paths) != set(problem.arms):
-        raise TrocarError(
-            f"planner '{name}' returned paths for {sorted(paths)}; it was asked for {sorted(problem.arms)}"
+        raise InvalidInput(
+            f"planner '{name}'", f"returned paths for {sorted(paths)}", f"it was asked for {sorted(problem.arms)}"
         )
     return dict(paths)
 

@@ -69,11 +69,11 @@ class MotionProblem:
         ):
             if not (isinstance(things, Mapping) and all(isinstance(thing, kind) for thing in things.values())):
                 wanted = getattr(kind, "__name__", "Capsule or HalfSpace")
-                raise InvalidInput(f"{what}", f"of a motion problem are {things!r:.60}", f"give {wanted} by name")
+                raise InvalidInput(what, f"of a motion problem are {things!r:.60}", f"give {wanted} by name")
         for name in SETTINGS:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"{name}", f"of a motion problem is {value}", "give a finite number of at least 0")
+                raise InvalidInput(name, f"of a motion problem is {value}", "give a finite number of at least 0")
         names = [*self.arms, *self.others, *self.obstacles]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -82,7 +82,7 @@ class MotionProblem:
             try:
                 arm.require_ranges(self.range_slack)
             except TrocarError as error:
-                raise TrocarError(str(error) if len(self.arms) == 1 else f"arm '{name}': {error}") from None
+                raise (error if len(self.arms) == 1 else error.worded(f"arm '{name}': {error}")) from None
         self._require_bases_apart()
 
     def __repr__(self) -> str:
@@ -96,7 +96,7 @@ class MotionProblem:
         centers = {name: arm.T_world_base.translation_m for name, arm in (*self.arms.items(), *self.others.items())}
         for a, b in combinations(centers, 2):
             if np.linalg.norm(centers[a] - centers[b]) < SAME_PLACE_M:
-                raise TrocarError(f"arms '{a}' and '{b}' share one remote centre; give each its own T_world_base")
+                raise InvalidInput(f"arms '{a}' and '{b}'", "share one remote centre", "give each its own T_world_base")
 
     def resolved(self) -> MotionProblem:
         """Return the same with all goals as waypoints, as planners get it.

@@ -10,7 +10,7 @@ import piqp
 from numpy.typing import NDArray
 from scipy import sparse
 
-from trocar.errors import InvalidInput, TrocarError
+from trocar.errors import InvalidInput
 
 Array = NDArray[np.float64]
 
@@ -165,9 +165,10 @@ def _solve(scaled: Array, weight: float, kept: Array) -> tuple[Array, Array, Arr
     quadratic = (residuals.T @ residuals).tocsc()
     solver.setup(quadratic, cost, dynamics, np.zeros(2 * (n - 1)), None, None, None, lower, None)
     if solver.solve() != piqp.PIQP_SOLVED:
-        raise TrocarError(
-            f"no motion could be fitted to {n} samples (solver: {solver.result.info.status}); give positions at even "
-            "steps"
+        raise InvalidInput(
+            "no motion",
+            f"could be fitted to {n} samples (solver: {solver.result.info.status})",
+            "give positions at even steps",
         )
     p, v, a = solver.result.x[: 3 * n].reshape(3, n)
     return p.copy(), v.copy(), a.copy()

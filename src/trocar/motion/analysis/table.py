@@ -87,7 +87,8 @@ def _on_grid(
         row = int(np.argmax(np.maximum(off, counts < 0.5)))
         raise InvalidInput(
             "times",
-            f"of {str(path)!r} are not even: the step to row {row + 3} is {1000.0 * steps[row]:.2f} ms, most are {1000.0 * np.median(steps):.2f} ms",
+            f"of {str(path)!r} are not even: the step to row {row + 3} is {1000.0 * steps[row]:.2f} ms, "
+            f"most are {1000.0 * np.median(steps):.2f} ms",
             "resample the recording to even steps",
         )
     index = np.concatenate([[0], np.cumsum(np.rint(counts))]).astype(int)

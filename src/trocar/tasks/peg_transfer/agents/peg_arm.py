@@ -9,7 +9,7 @@ import numpy as np
 import trio
 
 from trocar.cell import MotionResult, Result
-from trocar.errors import ArmStopped, TrocarError
+from trocar.errors import ArmStopped, MotionRefused
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
@@ -320,11 +320,11 @@ class PegArm:
             await self.cell.clock.sleep(TICK_S)
         await self.hand.drive_jaw(jaw_rad)
 
-    async def _run(self, motion: Trajectory) -> MotionResult | TrocarError:
+    async def _run(self, motion: Trajectory) -> MotionResult | MotionRefused:
         """Run an admitted motion; return why the robot refuses to start it, if it does."""
         try:
             return await self.coordinator.run(self.name, motion)
-        except TrocarError as error:
+        except MotionRefused as error:
             return error
 
     async def plan(self, compute: Callable[[], Result]) -> Result | None:
@@ -333,7 +333,7 @@ class PegArm:
         def attempt() -> Result | None:
             try:
                 return compute()
-            except TrocarError as error:
+            except MotionRefused as error:
                 self.cell.log.event("no motion", arm=self.name, reason=str(error))
                 return None
 
