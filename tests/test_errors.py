@@ -70,15 +70,17 @@ def decisions_by_words(text):
     caught = {node.name for node in ast.walk(tree) if isinstance(node, ast.ExceptHandler) and node.name}
     for node in ast.walk(tree):
         if isinstance(node, ast.Compare):
-            sides = (node.left, *node.comparators)
-            literal = any(
-                isinstance(side, ast.Constant) and isinstance(side.value, str) and side.value for side in sides
+            read = [node.left, *node.comparators]
+            searches = any(
+                isinstance(part, ast.Constant) and part.value and isinstance(part.value, str) for part in read
             )
-            if literal and any(reads_words(side, caught) for side in sides):
-                yield node.lineno
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            if node.func.attr in SEARCHES and any(reads_words(part, caught) for part in (node.func.value, *node.args)):
-                yield node.lineno
+            read = [node.func.value, *node.args]
+            searches = node.func.attr in SEARCHES
+        else:
+            continue
+        if searches and any(reads_words(part, caught) for part in read):
+            yield node.lineno
 
 
 @pytest.mark.parametrize(

@@ -284,7 +284,7 @@ class PegArm:
         Raises:
             Blocked: the other arm is in the way, and waiting does not help; or the robot refuses to move beside it.
             ArmStopped: the arm did not reach the end.
-            TrocarError: the robot refuses the motion of an arm that is alone.
+            MotionRefused: the robot refuses the motion of an arm that is alone.
         """
         widest_rad = max(0.0, self.hand.jaw_rad, jaw_rad or 0.0)
         await self.coordinator.admit(
@@ -306,7 +306,7 @@ class PegArm:
                 nursery.start_soon(self._drive_jaw_once_risen, jaw_rad, ended)
                 result = await self._run(motion)
                 ended.set()
-        if isinstance(result, TrocarError):
+        if isinstance(result, MotionRefused):
             if self.coordinator.alone:
                 raise result
             self.cell.log.event("refused", arm=self.name, reason=str(result))
