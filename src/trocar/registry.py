@@ -137,7 +137,7 @@ def load_plugin(path: str | Path) -> str:
     try:
         spec.loader.exec_module(module)
     except TrocarError as error:
-        raise BadFile(path, f"{_line_of(error, file)}: {error}".strip(), kind="plugin") from error
+        raise BadFile(path, f"is refused{_line_of(error, file)}: {error}", kind="plugin") from error
     except (Exception, SystemExit) as error:
         raise BadFile(
             path, f"cannot be loaded{_line_of(error, file)}: {type(error).__name__}: {error}", kind="plugin"

@@ -82,7 +82,7 @@ def test_a_file_of_another_kind_is_named(said):
 )
 def test_a_name_that_is_taken_is_told_with_the_file(said, text, words):
     for command in ("run", "plan"):
-        assert f"plugin 'mine.py', line 2: {words}" in said(COMMANDS[command], text)
+        assert f"plugin 'mine.py' is refused, line 2: {words}" in said(COMMANDS[command], text)
 
 
 @pytest.mark.parametrize(

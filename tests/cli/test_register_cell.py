@@ -1,6 +1,8 @@
 """``trocar register cell``: lenses, camera and bases in one command; its result is a station that agents use."""
 
+import io
 import json
+from contextlib import redirect_stdout
 
 import numpy as np
 import pytest
@@ -27,17 +29,14 @@ def mine(tmp_path_factory):
 def done(mine):
     """The folder that the command wrote, and what it printed."""
     folder = mine.parent / "out"
-    printed = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "sys.argv", ["trocar", "register", "cell", str(mine), "--seed", "1", "--out", str(folder), "--json"]
         )
-        patch.setattr("typer.echo", printed.append)
-        with pytest.raises(SystemExit) as stop:
+        with redirect_stdout(io.StringIO()) as printed, pytest.raises(SystemExit) as stop:
             main()
     assert not stop.value.code
-    (text,) = printed
-    return folder, json.loads(text)
+    return folder, json.loads(printed.getvalue())
 
 
 @pytest.mark.slow

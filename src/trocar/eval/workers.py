@@ -80,6 +80,7 @@ class Processes:
             except KeyboardInterrupt:
                 for worker in multiprocessing.active_children():
                     worker.kill()
+                pool.shutdown(wait=True)  # or the interpreter's own exit wakes a thread that is just ending
                 raise
 
 

@@ -42,7 +42,7 @@ def summary_of(name: str, study: TaskStudy[Any], results: Sequence[Results[Any]]
 
 
 def write_study(
-    folder: Path, name: str, study: TaskStudy[Any], results: Sequence[Results[Any]], missing: Sequence[str]
+    folder: str | Path, name: str, study: TaskStudy[Any], results: Sequence[Results[Any]], missing: Sequence[str]
 ) -> tuple[dict[str, Any], list[TableData], list[str], list[Path]]:
     """Write summary, pictures and page of a study; return the summary, its tables, its notes, and the files.
 
@@ -53,6 +53,7 @@ def write_study(
         results: of its conditions.
         missing: a sentence for each trial that is missing.
     """
+    folder = Path(folder)
     summary = summary_of(name, study, results)
     difficulty = f"difficulty of the cell: {', '.join(summary['difficulty'])}"
     notes = [*study.remarks(summary), *study.notes, difficulty, *missing]
