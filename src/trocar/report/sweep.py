@@ -210,7 +210,7 @@ def row_of(trial: Trial) -> Row:
 KIND = RowKind(Row, row_of)
 
 
-def figures_of(point: Point, rows_of: Mapping[str | Path, Sequence[Row]]) -> dict[str, Any] | None:
+def figures_of(point: Point, rows_of: Mapping[Any, Sequence[Row]]) -> dict[str, Any] | None:
     """Return the figures of a point with their 95 % intervals over sessions, as JSON values; None without a trial."""
     rows = [
         replace(row, session=number * MAX_TRIALS + row.session)  # sessions of different seeds differ
