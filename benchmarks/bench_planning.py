@@ -25,7 +25,7 @@ from trocar.motion import (
     swept_clearance,
     vertical_deviation_m,
 )
-from trocar.motion.cubic import CubicGrid
+from trocar.motion.splines import CubicGrid
 from trocar.motion.straight_line import StraightLine
 
 ARM, LIMITS = ARMS["psm-classic"], MOTION_LIMITS["paper"]

@@ -25,7 +25,7 @@ from trocar.lab import load_station
 from trocar.lab.station_file import station_text
 from trocar.motion.analysis import read_joint_table
 from trocar.perception.capture import load_capture
-from trocar.report.storyboard import draw_storyboard
+from trocar.report.stills import draw_storyboard
 from trocar.tasks.suture.demonstrations import load_demonstrations
 from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
 from trocar.tasks.suture.planning.plan_file import load_plan

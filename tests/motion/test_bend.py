@@ -5,7 +5,7 @@ import pytest
 
 from trocar.arms import ARMS, wrist_depth_m
 from trocar.motion import MovingArm
-from trocar.motion.chord_error import _greatest_rates, _levers, greatest_accelerations
+from trocar.motion.bodies import _greatest_rates, _levers, greatest_accelerations
 from trocar.trajectory import Trajectory
 
 PSM = ARMS["psm-classic"]

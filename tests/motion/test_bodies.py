@@ -5,8 +5,7 @@ import numpy as np
 from trocar.arms import SOLIDS
 from trocar.arms.solids import solid_radii_m
 from trocar.motion import Capsule, MovingArm, rest_to_rest
-from trocar.motion.bodies import Bodies
-from trocar.motion.chord_error import greatest_accelerations
+from trocar.motion.bodies import Bodies, greatest_accelerations
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT
 
 ONE = MovingArm(PSM, rest_to_rest(FOUR[0], FOUR[1], PAPER), LEFT)

@@ -10,9 +10,8 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.motion import ArmMotion, Capsule, Demand, Facing, MotionProblem, MovingArm, TimedPath
 from trocar.motion.check import check
-from trocar.motion.straightness import line_deviation
 from trocar.motion.tip import tip_use
-from trocar.motion.tolerances import passing_deviation, sag_m
+from trocar.motion.tolerances import line_deviation, passing_deviation, sag_m
 from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT
 

@@ -11,8 +11,7 @@ from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import Capsules, capsule_distances_m, segment_distances_m
 from trocar.motion import Capsule, HalfSpace, MotionProblem, MovingArm, plan_motion, rest_to_rest, swept_clearance
 from trocar.motion import clearance as module
-from trocar.motion.bodies import Bodies
-from trocar.motion.chord_error import greatest_accelerations
+from trocar.motion.bodies import Bodies, greatest_accelerations
 from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, transfer
 

@@ -15,8 +15,7 @@ from trocar.geometry import SE3, SO3
 from trocar.motion import ArmMotion, MotionProblem, TimedPath, duration_bound_s, plan_motion, rest_to_rest
 from trocar.motion import relaxed as module
 from trocar.motion.spline_program import JointSpline, Rows
-from trocar.motion.straightness import line_deviation
-from trocar.motion.tolerances import joint_strays, passing_deviation, sag_m
+from trocar.motion.tolerances import joint_strays, line_deviation, passing_deviation, sag_m
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, transfer
 
 NEAR = {

@@ -12,7 +12,7 @@ from synthetic import synthetic_trial
 from trocar.errors import TrocarError
 from trocar.log import Span
 from trocar.report.files import draw_trial
-from trocar.report.storyboard import draw_storyboard
+from trocar.report.stills import draw_storyboard
 from trocar.report.tables import parts_table, run_table
 from trocar.report.timechart import draw_timechart
 from trocar.tasks.peg_transfer.report.peg_report import PAPER, PegReport, draw_paths

@@ -11,7 +11,7 @@ from made_up_replay import made_up_replay
 pytest.importorskip("viser")
 from browser import NAMES, THUMB, browser, find_chromium
 
-from trocar.view.palette import DRIVEN, PLANNED
+from trocar.view.overlay import DRIVEN, PLANNED
 from trocar.view.replay import END_S, write_replay
 from trocar.view.trial_view import TrialView
 

@@ -147,7 +147,7 @@ def _lines(summary: Mapping[str, Any], parts: Mapping[str, Any]) -> list[Any]:
 
 
 def _save(out: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], summary: Mapping[str, Any]) -> None:
-    from trocar.report.motion import draw_motion  # matplotlib only when needed
+    from trocar.report.plot import draw_motion  # matplotlib only when needed
 
     make_folder(out)
     write_json(out / "summary.json", summary, KIND)

@@ -52,7 +52,7 @@ def _draw_video(folder: Path, place: tuple[int, int] | None) -> None:
     from trocar.eval.folder import load_trials
     from trocar.eval.trial import Trial, trial_file
     from trocar.report.files import report_of
-    from trocar.report.video import draw_video
+    from trocar.report.stills import draw_video
 
     trial = Trial.load(trial_file(folder, *place)) if place else load_trials(folder)[0][0]
     with progress() as tick:
@@ -110,9 +110,8 @@ def _show(
     interrupted: bool,
 ) -> None:
     from trocar.report.files import report_of
-    from trocar.report.flaws import brief_flaws
     from trocar.report.summary import MISSED_WARNING
-    from trocar.report.tables import headline, parts_table, run_table
+    from trocar.report.tables import brief_flaws, headline, parts_table, run_table
 
     report = report_of(trials[0])
     console = details()

@@ -7,13 +7,12 @@ from trocar.motion.facing import Facing
 from trocar.motion.limits import LimitUse, limit_use
 from trocar.motion.moves import move_to, rest_to_rest, straight
 from trocar.motion.moving_arm import MovingArm
-from trocar.motion.obstacles import Capsule, HalfSpace, Obstacle
+from trocar.motion.obstacles import Capsule, HalfSpace, Obstacle, open_box, wall
 from trocar.motion.path import TimedPath
 from trocar.motion.plan import MotionPlan, plan_motion, plan_through
 from trocar.motion.planners import PLANNERS, Demand, Planner, ignores
 from trocar.motion.problem import MotionProblem
-from trocar.motion.straightness import line_deviation, vertical_deviation_m
-from trocar.motion.walls import open_box, wall
+from trocar.motion.tolerances import line_deviation, vertical_deviation_m
 
 __all__ = [
     "PLANNERS",

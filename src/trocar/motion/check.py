@@ -16,9 +16,8 @@ from trocar.motion.moving_arm import MovingArm
 from trocar.motion.path import TimedPath
 from trocar.motion.planners import Demand
 from trocar.motion.problem import MotionProblem
-from trocar.motion.straightness import line_deviation
 from trocar.motion.tip import tip_use
-from trocar.motion.tolerances import passed_over, passing_deviation, sag_m
+from trocar.motion.tolerances import line_deviation, passed_over, passing_deviation, sag_m
 
 REACHED = 1e-6
 """How far (rad, m, and per second) a motion may miss a waypoint, its start, its rest, or itself at a knot."""

@@ -13,9 +13,8 @@ from trocar.arms import MotionLimits, fk
 from trocar.errors import ArmMoving
 from trocar.geometry import SE3
 from trocar.motion.arm_motion import ArmMotion
-from trocar.motion.double_integrator import phases_between, shortest_common_s
 from trocar.motion.path import TimedPath
-from trocar.motion.phases import joined
+from trocar.motion.phases import joined, phases_between, shortest_common_s
 from trocar.motion.planners import Demand, ignores
 from trocar.motion.problem import MotionProblem
 from trocar.motion.straight_line import Sprint, StraightLine

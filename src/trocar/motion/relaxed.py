@@ -19,8 +19,7 @@ from trocar.motion.path import TimedPath
 from trocar.motion.planners import Demand, ignores
 from trocar.motion.problem import MotionProblem
 from trocar.motion.spline_program import FREE, JointSpline, Rows
-from trocar.motion.straightness import line_deviation
-from trocar.motion.tolerances import sag_m
+from trocar.motion.tolerances import line_deviation, sag_m
 from trocar.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from trocar.motion.planners import Demand, ignores
 from trocar.motion.problem import MotionProblem
 from trocar.motion.spline_program import FREE, Block, JointSpline, Rows
 from trocar.motion.splines import spline
-from trocar.motion.straightness import SHORT_M, line_deviation
+from trocar.motion.tolerances import SHORT_M, line_deviation
 
 Array = NDArray[np.float64]
 

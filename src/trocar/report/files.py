@@ -14,12 +14,10 @@ from trocar.files.output import make_folder, write_json
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
 from trocar.report.command import command_of
-from trocar.report.failed import MOST, draw_failed, failed_goals, picked
-from trocar.report.goals import failures_table, goals_table, trials_table
+from trocar.report.goals import MOST, draw_failed, failed_goals, failures_table, goals_table, picked, trials_table
 from trocar.report.page.run_page import RunReport, write_page
 from trocar.report.picture import Picture
-from trocar.report.stills import can_photograph, photographer_of
-from trocar.report.storyboard import draw_storyboard
+from trocar.report.stills import can_photograph, draw_storyboard, photographer_of
 from trocar.report.summary import Summary, summarise
 from trocar.report.tables import run_table
 from trocar.report.timechart import draw_timechart

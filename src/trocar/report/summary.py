@@ -13,7 +13,7 @@ from trocar.eval import TaskReport
 from trocar.eval.statistics import Spread, session_interval
 from trocar.eval.trial import Trial
 from trocar.notebook import table
-from trocar.report.parts import OTHER, parts_of
+from trocar.report.timechart import OTHER, parts_of
 
 MISSED_WARNING = 0.01
 """A run warns when more than this share of computations took longer than the trial's clock counted."""

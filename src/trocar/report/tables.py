@@ -1,4 +1,4 @@
-"""A run in tables: beside published rows, and the time by part."""
+"""Tables of a run for the terminal and for its page, and the active flaws."""
 
 from __future__ import annotations
 
@@ -9,7 +9,22 @@ from rich.table import Table
 
 from trocar.counting import counted
 from trocar.eval import PaperCount, PaperRow
+from trocar.eval.config import FITTED_ON
 from trocar.eval.statistics import wilson_interval
+
+
+def brief_flaws(flaws: Mapping[str, str]) -> str:
+    """Return the difficulty of a run's laboratory and only what differs from it.
+
+    Args:
+        flaws: as in ``summary.json``, with the difficulty's level and the flaws that were given sizes.
+    """
+    level, *named = flaws["difficulty"].split(", ")
+    said = [f"difficulty {level}" + (f" except for {', '.join(named)}" if named else "")]
+    said += [f"{what} {how}" for what, how in flaws.items() if how == "switched off"]
+    if FITTED_ON in flaws:
+        said.append(f"{FITTED_ON} {flaws[FITTED_ON]}")
+    return f"laboratory: {'; '.join(said)}; summary.json has the size of every flaw"
 
 
 def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), theirs: PaperCount | None = None) -> Table:

@@ -1,8 +1,11 @@
-"""When each arm did what: a chart of the spans of a trial."""
+"""Who did what when: the parts and turns of a trial's arms, drawn over time."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -12,8 +15,89 @@ from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
 from trocar.log import Span
 from trocar.report import style
-from trocar.report.parts import parts_of
-from trocar.report.turns import Turn, turn_at, turns_of, working_s
+
+OTHER = "other"
+"""Name of the time in which a script noted nothing."""
+
+
+def parts_of(spans: Sequence[Span], arm: str, duration_s: float) -> dict[str, float]:
+    """Return the time in s that one arm spent on each part; they add up to the duration.
+
+    Where spans of the arm overlap, such as when jaws open during a motion, the moment counts for the one that began
+    first (of those that began together, the longest).
+
+    Args:
+        spans: of all arms.
+        arm: the arm.
+        duration_s: of the trial.
+    """
+    mine = sorted(
+        (max(0.0, s.start_s), -min(s.end_s, duration_s), s.name) for s in spans if s.arm == arm and s.end_s > s.start_s
+    )
+    parts: dict[str, float] = {}
+    counted_s = 0.0
+    for start_s, minus_end_s, name in mine:
+        seconds = -minus_end_s - max(start_s, counted_s)
+        if seconds > 0:
+            parts[name] = parts.get(name, 0.0) + seconds
+            counted_s = -minus_end_s
+    parts[OTHER] = max(0.0, duration_s - sum(parts.values()))  # sums of floats leave -1e-15 s
+    return parts
+
+
+NEARLY_S = 1e-9
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A stretch of a trial in which one arm worked on one goal.
+
+    Attributes:
+        goal: its number, from 0 on.
+        arm: the arm; None: any arm.
+        start_s: on the trial's clock.
+        end_s: likewise.
+    """
+
+    goal: int
+    arm: str | None
+    start_s: float
+    end_s: float
+
+    def holds(self, time_s: float) -> bool:
+        """Return whether a time is within it."""
+        return self.start_s - NEARLY_S <= time_s < self.end_s - NEARLY_S
+
+
+def turns_of(trial: Trial) -> list[Turn]:
+    """Return the turns of all arms.
+
+    A script notes them in the event that ends a goal, named after the trial's piece: ``turns`` holds for each arm when
+    it began and when it ended; ``arm`` and ``start_s`` suffice if one arm did it alone. Its ``goal`` is the goal's
+    number among the scores; without one, goals are numbered as they ended. If no arms are noted, every goal belongs to
+    all arms, for as long as its score says.
+    """
+    found: list[Turn] = []
+    ended = (event for event in trial.events if event["name"] == trial.goal_noun)
+    for order, event in enumerate(ended):
+        alone = {event["arm"]: (event["start_s"], event["time_s"])} if {"arm", "start_s"} <= event.keys() else {}
+        goal = int(event.get("goal", order))
+        found += [Turn(goal, arm, *map(float, times)) for arm, times in event.get("turns", alone).items()]
+    return found or [
+        Turn(number, None, float(score["start_s"]), float(score["end_s"])) for number, score in enumerate(trial.scores)
+    ]
+
+
+def turn_at(turns: list[Turn], arm: str, time_s: float) -> Turn | None:
+    """Return an arm's turn at a time; None: it has none."""
+    return next((turn for turn in turns if turn.arm in (None, arm) and turn.holds(time_s)), None)
+
+
+def working_s(turns: list[Turn], span: Span) -> tuple[float, float]:
+    """Return when the first turn of a span's arm begins and the last one ends; after everything if it has none."""
+    mine = [turn for turn in turns if turn.arm in (None, span.arm)]
+    return min((t.start_s for t in mine), default=inf), max((t.end_s for t in mine), default=inf)
+
 
 COLOURS = {
     "capture": style.SKY,

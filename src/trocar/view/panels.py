@@ -1,21 +1,200 @@
-"""Panels beside a replay in the browser: time line, camera, joints. Each shows one moment."""
+"""Panels beside a scene: joints, timeline, figures."""
 
 from __future__ import annotations
 
 import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageDraw, ImageFont, UnidentifiedImageError
 
+from trocar.errors import InvalidInput
 from trocar.replay import CameraImage, Replay
-from trocar.view.joints import WINDOW_S, Joints, unit
-from trocar.view.palette import CONTACT, DRIVEN, PLANNED, css
-from trocar.view.timeline import TimeLine
+from trocar.view.overlay import CONTACT, DRIVEN, PLANNED, SPANS, Rgb, css
 
 if TYPE_CHECKING:
     from viser import GuiApi
+
+KINDS = ("desired", "commanded", "measured", "true")
+PRISMATIC = 2
+"""Yaw, pitch, insertion, roll, wrist pitch, wrist yaw, jaw: ``ArmModel`` has its third joint slide."""
+
+WINDOW_S = 5.0
+"""Time before and after the present that is drawn."""
+
+POINTS = 250  # of a curve, maximum
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """Joints of one arm in degrees, the insertion in mm.
+
+    Attributes:
+        names: seven.
+        times_s: (n,).
+        values: (n, 7) of each available one of ``KINDS``.
+        reference: the one of ``KINDS`` with which the others are compared.
+    """
+
+    names: tuple[str, ...]
+    times_s: NDArray[np.float64]
+    values: dict[str, NDArray[np.float64]]
+    reference: str
+
+    @staticmethod
+    def of(replay: Replay, arm: str) -> Joints | None:
+        """Return the joints of an arm, or None if the replay has none.
+
+        Raises:
+            TrocarError: an array has another shape than (n, 7).
+        """
+        given = replay.joints.get(arm, {})
+        kinds = [kind for kind in KINDS if kind in given]
+        if not kinds:
+            return None
+        shape = (len(replay.times_s), 7)
+        for kind in kinds:
+            if given[kind].shape != shape:
+                raise InvalidInput(f"the {kind} joints", f"of '{arm}' have shape {given[kind].shape}", f"give {shape}")
+        names = replay.joint_names.get(arm, tuple(f"joint {k + 1}" for k in range(7)))
+        return Joints(names, replay.times_s, {kind: given[kind] * SCALE for kind in kinds}, kinds[0])
+
+    def table(self, tick: int) -> str:
+        """Return the joints at a tick in Markdown, with the last kind's error against the reference."""
+        kinds = list(self.values)
+        error = kinds[-1] if len(kinds) > 1 else None
+        heads = ["joint", *kinds, *([f"{error} - {self.reference}"] if error else [])]
+        rows = [f"| {' | '.join(heads)} |", "|:--" + "|--:" * (len(heads) - 1) + "|"]
+        for k, name in enumerate(self.names):
+            numbers = [f"{self.values[kind][tick, k]:.1f}" for kind in kinds]
+            if error:
+                numbers.append(f"**{self.values[error][tick, k] - self.values[self.reference][tick, k]:+.2f}**")
+            rows.append(f"| {name.replace('_', ' ')}, {unit(k)} | {' | '.join(numbers)} |")
+        return "\n".join(rows)
+
+    def compared(self) -> tuple[str, ...]:
+        """Return the kinds that are compared with the reference."""
+        return tuple(kind for kind in self.values if kind != self.reference)
+
+    def errors_near(self, tick: int, joint: int) -> tuple[NDArray[np.float64], ...]:
+        """Return seconds from a tick's time (k,), and the difference (k,) of each of :meth:`compared`, deg or mm."""
+        now = self.times_s[tick]
+        first, last = np.searchsorted(self.times_s, [now - WINDOW_S, now + WINDOW_S])
+        ticks = np.arange(first, last, max(1, (last - first) // POINTS))
+        reference = self.values[self.reference][ticks, joint]
+        return (self.times_s[ticks] - now, *(self.values[kind][ticks, joint] - reference for kind in self.compared()))
+
+
+def unit(joint: int) -> str:
+    """Return the unit in which a joint, counted from 0, is shown."""
+    return "mm" if joint == PRISMATIC else "deg"
+
+
+SCALE = np.where(np.arange(7) == PRISMATIC, 1e3, 180 / np.pi)
+"""Factors from m and rad to the units shown."""
+
+
+Span = tuple[str, str, float, float]
+"""Arm, name, start and end in s."""
+
+WIDTH_PX, ROW_PX, AXIS_PX, NAMES_PX = 840, 40, 34, 90
+INK: Rgb = (34, 38, 43)
+QUIET: Rgb = (107, 112, 120)
+PAPER: Rgb = (255, 255, 255)
+FONT = ImageFont.load_default(size=20)
+NEAR_S = 5.0
+"""Time before and after the present in the close-up."""
+
+
+class TimeLine:
+    """Pictures of spans.
+
+    Attributes:
+        arms: one row each.
+        colours: of the spans, by name.
+    """
+
+    def __init__(self, spans: Sequence[Span], start_s: float, end_s: float) -> None:
+        """Draw the whole trial once.
+
+        Args:
+            spans: of all arms.
+            start_s: of the trial.
+            end_s: of the trial.
+        """
+        self._spans, self._start_s = spans, start_s
+        self._end_s = max(end_s, start_s + 1e-3)
+        self.arms = tuple(dict.fromkeys(arm for arm, *_ in spans))
+        names = dict.fromkeys(name for _, name, *_ in spans)
+        self.colours = {name: SPANS[k % len(SPANS)] for k, name in enumerate(names)}
+        self._all = self._drawn(self._start_s, self._end_s)
+
+    def whole(self, time_s: float) -> NDArray[np.uint8]:
+        """Return the whole trial (h, w, 3) with a line at a time."""
+        return _marked(self._all, (time_s - self._start_s) / (self._end_s - self._start_s))
+
+    def near(self, time_s: float) -> NDArray[np.uint8]:
+        """Return the spans near a time (h, w, 3), within the trial, with a line at it."""
+        length = min(2 * NEAR_S, self._end_s - self._start_s)
+        start = min(max(time_s - length / 2, self._start_s), self._end_s - length)
+        return _marked(self._drawn(start, start + length), (time_s - start) / length)
+
+    def legend(self) -> str:
+        """Return names and colours of the spans as HTML."""
+        chip = '<span style="display:inline-block;width:10px;height:10px;margin:0 4px 0 0;background:{}"></span>{}'
+        entries = (chip.format(css(colour), escape(name)) for name, colour in self.colours.items())
+        return f'<div style="font-size:12px;line-height:1.6">{" &ensp; ".join(entries)}</div>'
+
+    def _drawn(self, from_s: float, to_s: float) -> NDArray[np.uint8]:
+        """Return a stretch of time without a line."""
+        picture = Image.new("RGB", (WIDTH_PX, ROW_PX * len(self.arms) + AXIS_PX), PAPER)
+        pen = ImageDraw.Draw(picture)
+        scale = (WIDTH_PX - NAMES_PX) / (to_s - from_s)
+        for arm, name, start_s, end_s in self._spans:
+            if end_s <= from_s or start_s >= to_s:
+                continue
+            left = NAMES_PX + scale * (max(start_s, from_s) - from_s)
+            right = NAMES_PX + scale * (min(end_s, to_s) - from_s)
+            top = ROW_PX * self.arms.index(arm) + 4
+            pen.rectangle((left, top, max(left + 1, right - 1), top + ROW_PX - 8), fill=self.colours[name])
+            if pen.textlength(name, font=FONT) < right - left - 8:
+                pen.text((left + 5, top + 4), name, fill=INK, font=FONT)
+        for row, arm in enumerate(self.arms):
+            pen.text((0, ROW_PX * row + 8), arm, fill=INK, font=FONT)
+        _draw_axis(pen, from_s, to_s, ROW_PX * len(self.arms))
+        return np.asarray(picture)
+
+
+def _draw_axis(pen: ImageDraw.ImageDraw, from_s: float, to_s: float, top: int) -> None:
+    """Draw seconds below the rows."""
+    step = nice_step(to_s - from_s)
+    scale = (WIDTH_PX - NAMES_PX) / (to_s - from_s)
+    for k in range(math.ceil(from_s / step), math.floor(to_s / step) + 1):
+        x = NAMES_PX + scale * (k * step - from_s)
+        pen.line((x, top, x, top + 6), fill=QUIET)
+        pen.text((min(x, WIDTH_PX - 18), top + 7), f"{k * step:g}", fill=QUIET, font=FONT, anchor="ma")
+    pen.text((0, top + 7), "s", fill=QUIET, font=FONT)
+
+
+def nice_step(length_s: float) -> float:
+    """Return a round number of seconds that fits five to twelve times into this length."""
+    rough = length_s / 10
+    unit = 10.0 ** math.floor(math.log10(rough))
+    return unit * next(factor for factor in (1, 2, 5, 10) if factor * unit >= rough * 0.9)
+
+
+def _marked(picture: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
+    """Return a picture with a line at a share of its time."""
+    marked = picture.copy()
+    x = NAMES_PX + round(min(max(share, 0.0), 1.0) * (WIDTH_PX - NAMES_PX - 1))
+    marked[:-AXIS_PX, max(0, x - 1) : x + 2] = INK
+    return marked
+
 
 WIDEST_PX = 840  # width of a camera's image, small enough to be sent quickly
 CURVES = (PLANNED, CONTACT, DRIVEN)

@@ -17,7 +17,7 @@ from trocar.view.stage import Stage
 if TYPE_CHECKING:
     from viser.infra import StateSerializer
 
-    from trocar.view.bodies import Bodies
+    from trocar.view.stage import Bodies
 
 LARGEST_BYTES = 3_000_000
 MAX_POSES = 40_000

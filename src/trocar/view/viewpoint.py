@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.replay import Replay
 from trocar.view.film import Film
-from trocar.view.solids import solid_mesh
+from trocar.view.mesh import solid_mesh
 
 ELEVATION_RAD = math.radians(33.0)
 FIELD_RAD = math.radians(34.0)  # from the upper to the lower edge; narrow, so that parallel edges stay nearly parallel

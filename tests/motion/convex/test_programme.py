@@ -1,10 +1,203 @@
+"""The convex programme in the control points of a curve: rows, solution and certificate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ravens import CAMERA_M, NAMES, STATION, asked, down, joints, swapping
+from trocar.arms import fk
+from trocar.motion import Capsule, Facing, MovingArm
 from trocar.motion.convex import programme as module
-from trocar.motion.convex.curve import curve_of
-from trocar.motion.convex.programme import Programme
-from trocar.motion.convex.rows import Rows
+from trocar.motion.convex.programme import (
+    Programme,
+    Rows,
+    clearance,
+    distance_rows,
+    faces,
+    facing_rows,
+    in_range,
+    range_rows,
+    taper,
+)
+from trocar.motion.convex.scene import Scene, curve_of, joint_path
+from trocar.trajectory import Trajectory
+
+PROBLEM = asked(swapping(0.03))
+ARMS = tuple(PROBLEM.arms.values())
+START = np.concatenate([arm.waypoints[0] for arm in ARMS])
+UPPER = np.concatenate([arm.model.upper for arm in ARMS])
+LOWER = np.concatenate([arm.model.lower for arm in ARMS])
+
+
+@pytest.mark.parametrize("joint", [2, 11])
+@pytest.mark.parametrize("slack", [0.0, 0.01])
+def test_what_a_parabola_hides_between_two_places_counts(joint, slack):
+    """Four places: the two in the middle are equally far, the peak between them an eighth of the bend further."""
+    for end, sign in ((UPPER, 1.0), (LOWER, -1.0)):
+        bound = end[joint] + sign * slack * (UPPER - LOWER)[joint]
+        for room, inside in ((1e-6, True), (-1e-6, False)):
+            q = np.tile((LOWER + UPPER) / 2, (4, 1))
+            bend = 1e-3
+            q[:, joint] = bound - sign * (room + bend / 8 + bend * np.array([1.0, 0.0, 0.0, 1.0]))
+            assert in_range(ARMS, q, slack) == inside
+
+
+def test_all_places_are_looked_at_for_ranges():
+    q = np.tile((LOWER + UPPER) / 2, (5, 1))
+    assert in_range(ARMS, q, 0.0)
+    for row in range(5):
+        for end, joint in ((UPPER, 0), (LOWER, 6)):
+            beyond = q.copy()
+            beyond[row, joint] = end[joint] + np.sign(end[joint] - q[row, joint]) * 0.1
+            assert not in_range(ARMS, beyond, 0.0)
+
+
+@pytest.mark.parametrize("inner", [[0.3, 0.35, 0.2], [0.35, 0.3, 0.2], [0.1, 0.2, 0.35]])
+def test_what_a_tip_faces_is_judged_between_the_first_place_and_the_last(inner):
+    left, right = ARMS
+    turns = [0.0, *inner, 0.9]
+    q = np.tile(START, (5, 1))
+    q[:, 6:] = [joints("right", down([-0.055, 0.0, -0.12], turn)) for turn in turns]
+    facing = Facing([0.0, 1.0, 0.0], [-0.05, 0.5, -0.12], 3.0)
+    angles = facing.angle_rad(right.T_world_base @ fk(right.model, q[:, 6:]))
+    hidden = np.abs(np.diff(angles, n=2)).max() / 8
+    least = angles[1:-1].max() + hidden
+    assert hidden > 0.01 and angles[-1] > least > angles[1:-1].max()
+    for off, kept in ((1e-6, True), (-1e-6, False)):
+        limited = replace(right, facing=replace(facing, max_rad=float(least + off)))
+        assert faces((left, limited), q) == kept
+    assert faces((left, right), q)  # nothing is asked
+
+
+def still_path():
+    end = START + 1e-7
+    return Trajectory(np.array([0.0, 1.0]), np.stack([end - START, START])[:, None])
+
+
+def test_distances_on_a_path_are_those_of_both_arms_and_what_is_in_the_way():
+    tip = ARMS[1].T_world_base @ fk(ARMS[1].model, ARMS[1].waypoints[0])
+    ball = {"ball": Capsule(tip.translation_m + [0.0, 0.0, -0.011], radius_m=1e-3)}
+    clear = clearance(replace(PROBLEM, obstacles=ball, min_distance_m=0.05), still_path())
+    assert clear.between[1] == "ball" and clear.between[0].startswith("right")
+    assert clear.sampled_m - clear.distance_m <= 1e-6 + 1e-9  # as closely as is certified
+    assert 0 < clear.distance_m < 0.012
+
+
+def test_a_path_that_leads_through_something_need_not_be_known_well():
+    """More than 3 mm short of what was asked, one sample is enough; a little less, all are looked at."""
+    left = ARMS[0]
+    end = left.waypoints[0] + [0.3, 0, 0, 0, 0, 0]
+    whole = np.concatenate([end - left.waypoints[0], np.zeros(6)])
+    path = Trajectory(np.array([0.0, 1.0]), np.stack([whole, START])[:, None])
+    tip = left.T_world_base @ fk(left.model, left.waypoints[0])
+    ball = {"ball": Capsule(tip.translation_m + [0.0, 0.0, -0.02], radius_m=1e-3)}
+    free = replace(PROBLEM, arms={"left": left}, obstacles=ball, min_distance_m=1.0)
+    least_m = clearance(free, joint_path(path, 0)).sampled_m
+    for wanted_m, exact in ((least_m + 2.9e-3, True), (least_m + 3.5e-3, False)):
+        clear = clearance(replace(free, min_distance_m=wanted_m), joint_path(path, 0))
+        assert (clear.sampled_m - clear.distance_m <= 1.1e-6) == exact
+
+
+def test_others_count_until_they_rest():
+    station = STATION.arms["right"]
+    meets = ARMS[0].T_world_base @ fk(ARMS[0].model, ARMS[0].waypoints[0])
+    hit = joints("right", meets)
+    away = ARMS[1].waypoints[0]
+    comes = Trajectory.hermite([0.0, 1.0], np.array([away, hit]), np.zeros((2, 6)))
+    alone = replace(PROBLEM, arms={"left": ARMS[0]})
+    path = joint_path(still_path(), 0)
+    for start_s, hits in ((5.0, True), (-5.0, True)):
+        other = MovingArm(station.model, comes, station.T_world_base, start_s)
+        assert (clearance(replace(alone, others={"right": other}), path).distance_m < 0) == hits
+    goes = Trajectory.hermite([0.0, 1.0], np.array([hit, away]), np.zeros((2, 6)))
+    gone = MovingArm(station.model, goes, station.T_world_base, -5.0)
+    assert clearance(replace(alone, others={"right": gone}), path).distance_m > 0
+
+
+SCENE = Scene.of(PROBLEM)
+ROWS_START = np.concatenate([arm.waypoints[0] for arm in PROBLEM.arms.values()])
+
+
+def test_rows_are_linear_in_what_the_control_points_move():
+    rows = Rows(np.array([1.0, -2.0]), np.array([[1.0, 0.0], [2.0, 3.0]]), np.array([[0.5, 0.5], [0.0, 1.0]]))
+    change = np.array([[2.0, 1.0], [4.0, -1.0]])  # each joint by its column
+    np.testing.assert_allclose(rows.after(change), [1.0 + 3.0, -2.0 + 8.0 - 3.0])
+    both = Rows.joined([rows, rows])
+    np.testing.assert_allclose(both.after(change), np.tile(rows.after(change), 2))
+
+
+def test_a_margin_grows_from_nothing_at_both_ends():
+    shares = np.array([0.0, 0.05, 0.1, 0.5, 0.9, 0.95, 1.0])
+    np.testing.assert_allclose(taper(shares, 2e-3), [0, 1e-3, 2e-3, 2e-3, 2e-3, 1e-3, 0], atol=1e-12)
+    np.testing.assert_allclose(taper(shares, 1.0, share=0.2)[:3], [0, 0.25, 0.5], atol=1e-12)
+
+
+def test_pairs_count_that_are_nearer_than_wanted_or_not_much_further():
+    q = np.stack([ROWS_START, ROWS_START + [0.1, *np.zeros(11)]])
+    distances = SCENE.distances(q, np.zeros(2))
+    basis = np.array([[1.0, 0.0], [0.0, 1.0]])
+    wanted_m = np.array([0.0, 0.01])
+    watched_m = float(np.sort(distances.distance_m[0])[3]) + 1e-9
+    rows = distance_rows(distances, wanted_m, basis, watched_m)
+    nearest = [distances.distance_m[0] < watched_m, distances.distance_m[1] < watched_m + 0.01]
+    assert nearest[0].sum() == 4 and nearest[1].sum() > 0
+    assert len(rows.room) == nearest[0].sum() + nearest[1].sum()
+    np.testing.assert_allclose(rows.room[:4], distances.distance_m[0, nearest[0]])
+    np.testing.assert_allclose(rows.room[4:], distances.distance_m[1, nearest[1]] - 0.01)
+    np.testing.assert_array_equal(rows.basis, np.repeat(basis, [4, len(rows.room) - 4], axis=0))
+
+
+@pytest.mark.parametrize("joint", [2, 9])
+def test_control_points_near_the_end_of_a_range_count_and_both_ends_do_not(joint):
+    lower = np.concatenate([arm.model.lower for arm in SCENE.arms])
+    upper = np.concatenate([arm.model.upper for arm in SCENE.arms])
+    extent = upper - lower
+    for slack in (0.0, 0.02):
+        control = np.tile((lower + upper) / 2, (5, 1))
+        control[[0, -1], joint] = upper[joint] + 1.0
+        assert not len(range_rows(SCENE.arms, control, slack).room)
+        for end, sign in ((lower, 1.0), (upper, -1.0)):
+            for share, near in ((0.09, True), (0.11, False)):
+                inside = 5e-4 - slack * extent[joint]
+                control[2, joint] = end[joint] + sign * (inside + share * extent[joint])
+                rows = range_rows(SCENE.arms, control, slack)
+                assert len(rows.room) == near
+                np.testing.assert_allclose(rows.room, near * [0.1 * share * extent[joint]])
+                change = np.zeros_like(control)
+                change[2, joint], change[1, joint - 1] = sign * 0.01, 5.0
+                np.testing.assert_allclose(rows.after(change), rows.room + 0.1 * 0.01)
+
+
+def facing_scene(max_rad):
+    facing = Facing([0.0, 1.0, 0.0], CAMERA_M, max_rad)
+    right = NAMES[1]
+    return Scene.of(replace(PROBLEM, arms=PROBLEM.arms | {right: replace(PROBLEM.arms[right], facing=facing)})), right
+
+
+def test_what_tips_face_has_room_by_the_cosines_and_slopes_by_its_joints_alone():
+    scene, name = facing_scene(3.0)
+    arm, q = PROBLEM.arms[name], np.tile(ROWS_START, (2, 1))
+    q[1, 6:] = joints(name, down([-0.055, 0.0, -0.12], 0.7))
+    angles = scene.arms[1].facing.angle_rad(arm.T_world_base @ fk(arm.model, q[:, 6:]))
+    assert abs(angles[0] - angles[1]) > 0.2
+    basis = np.eye(2)
+    for spare in (0.0, 0.05):
+        limit = float(angles.max()) + 0.01
+        distances = facing_scene(limit)[0].distances(q, np.zeros(2))
+        rows = facing_rows(distances, np.full(2, spare), basis)
+        wanted = 0.05 * (np.cos(angles) - np.cos(limit - spare))
+        kept = wanted < 0.05 * 0.3
+        assert 1 <= kept.sum() <= 2
+        np.testing.assert_allclose(rows.room, wanted[kept], atol=1e-12)
+        np.testing.assert_array_equal(rows.basis, basis[kept])
+        assert not rows.slope[:, :6].any() and np.abs(rows.slope[:, 6:]).max() > 1e-3
+    tight = facing_scene(1e-4)[0].distances(q, np.zeros(2))
+    np.testing.assert_allclose(facing_rows(tight, np.ones(2), basis).room, 0.05 * (np.cos(angles) - np.cos(1e-3)))
+    assert not len(facing_rows(SCENE.distances(q, np.zeros(2)), np.zeros(2), basis).room)  # nothing is asked
+
 
 CURVE = curve_of(5)
 JOINTS = 12

@@ -8,9 +8,8 @@ from ravens import asked, random_waypoints
 from trocar.arms import ARMS, MotionLimits
 from trocar.motion import ArmMotion, limit_use, rest_to_rest
 from trocar.motion.convex import retime
-from trocar.motion.convex.curve import curve_of
 from trocar.motion.convex.retime import retimed
-from trocar.motion.convex.scene import joint_path
+from trocar.motion.convex.scene import curve_of, joint_path
 from trocar.motion.tip import tip_speeds_m_s
 from trocar.trajectory import Trajectory
 

@@ -14,9 +14,8 @@ from trocar.arms import fk
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.report.export import FORMATS, export_trials
-from trocar.report.export.notes import COLLISIONS, EVENTS, GOALS, SPANS, TRIALS
-from trocar.report.export.parquet import write_parquet
-from trocar.report.export.table import Column, FlatTable
+from trocar.report.export.export import write_parquet
+from trocar.report.export.table import COLLISIONS, EVENTS, GOALS, SPANS, TRIALS, Column, FlatTable
 
 RUN = config()
 TICKS = 50

@@ -1,12 +1,14 @@
-"""Where everything is along a path of all joints: distances of pairs of capsules, with gradients by the joints."""
+"""The curve in joint space and the scene that it keeps clear of."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
 from trocar.arms import SOLIDS, capsules
 from trocar.arms.solids import MOVED, joint_axes
@@ -18,6 +20,85 @@ from trocar.motion.problem import MotionProblem
 from trocar.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+DEGREE = 3
+BENDING = 0.01
+"""Weight of the squared second derivative by the share, relative to that of the squared first one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A clamped, evenly spaced cubic B-spline from 0 to 1, for any number of joints; control points are given later.
+
+    Attributes:
+        pieces: number of its polynomials.
+    """
+
+    pieces: int
+
+    @property
+    def controls(self) -> int:
+        """Return how many control points it has; the first is its start, the last its end."""
+        return self.pieces + DEGREE
+
+    @cached_property
+    def knots(self) -> Array:
+        """Return where its pieces meet, (pieces + 1,) from 0 to 1."""
+        return np.linspace(0.0, 1.0, self.pieces + 1)
+
+    @cached_property
+    def places(self) -> Array:
+        """Return the shares (controls,) at which the control points of a straight line lie."""
+        return np.lib.stride_tricks.sliding_window_view(self._padded[1:-1], DEGREE).mean(axis=1)
+
+    @cached_property
+    def energy(self) -> Array:
+        """Return the matrix (controls, controls) of the energy: squared first and second derivative, integrated."""
+        nodes, weights = np.polynomial.legendre.leggauss(DEGREE)
+        at = ((self.knots[:-1, None] + self.knots[1:, None]) / 2 + nodes / (2 * self.pieces)).ravel()
+        weight = np.tile(weights, self.pieces) / (2 * self.pieces)
+        first, second = self.basis(at, 1), self.basis(at, 2)
+        return (first.T * weight) @ first + BENDING * (second.T * weight) @ second
+
+    def basis(self, shares: Array, order: int = 0) -> Array:
+        """Return the weights of the control points in a derivative by the share, at shares (k,): (k, controls)."""
+        return np.asarray(self._unit(np.asarray(shares, dtype=np.float64), nu=order), dtype=np.float64)
+
+    def inner(self, samples: int) -> Array:
+        """Return shares inside the curve, this many per piece."""
+        return np.linspace(0.0, 1.0, self.pieces * samples + 1)[1:-1]
+
+    def line(self, start: Array, end: Array) -> Array:
+        """Return the control points (controls, joints) of the straight line between two places (joints,)."""
+        return start + self.places[:, None] * (end - start)
+
+    def path(self, control: Array) -> Trajectory:
+        """Return the path of control points (controls, joints), with the share for its time."""
+        return Trajectory(self.knots, np.einsum("kpc,cj->kpj", self._taylor, control))
+
+    @cached_property
+    def _taylor(self) -> Array:
+        """Return the control points' weights in the pieces' coefficients, (4, pieces, controls), highest first."""
+        orders = range(DEGREE, -1, -1)
+        inside = (self.knots[:-1] + self.knots[1:]) / 2
+        third = self.basis(inside, DEGREE)  # it jumps at the knots
+        values = [third] + [self.basis(self.knots[:-1], order) for order in orders if order < DEGREE]
+        return np.stack([value / factorial(order) for value, order in zip(values, orders, strict=True)])
+
+    @cached_property
+    def _padded(self) -> Array:
+        return np.concatenate([np.zeros(DEGREE), self.knots, np.ones(DEGREE)])
+
+    @cached_property
+    def _unit(self) -> BSpline:
+        return BSpline(self._padded, np.eye(self.controls), DEGREE)
+
+
+@lru_cache(maxsize=16)
+def curve_of(pieces: int) -> Curve:
+    """Return the curve with this number of pieces; cached."""
+    return Curve(pieces)
+
 
 SOLID_COUNT = len(SOLIDS)
 SLIDING = 2

@@ -1,4 +1,4 @@
-"""The page of a run, to hand to a colleague."""
+"""A run's page: headline, figures, pictures, and what the simulator assumes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,124 @@ from rich.table import Table
 
 from trocar.eval import in_words
 from trocar.files.output import write_text
-from trocar.report.failed import Failed
-from trocar.report.page.assumed import assumed, reproduced
-from trocar.report.page.elements import document, of_table, paragraph, picture, pictures, section
-from trocar.report.page.headline import headline, warnings
+from trocar.lab.flaws import HARSH, HARSHER, MILD, RECORDED
+from trocar.report.goals import Failed
+from trocar.report.page.elements import bullets, document, of_table, paragraph, picture, pictures, section, table
 from trocar.report.picture import Picture
-from trocar.report.tables import parts_table
+from trocar.report.summary import MISSED_WARNING
+from trocar.report.tables import parts_table, percent
+
+
+def headline(summary: Mapping[str, Any]) -> str:
+    """Return success with its interval, time and collisions as HTML.
+
+    Args:
+        summary: keys as in ``summary.json``.
+    """
+    piece, sessions = summary["goal_noun"], summary["sessions"]
+    low, high = summary["success_ci95"]
+    whole = summary["completion_time_s"]
+    spread = "" if whole["sd"] is None else f" ± {whole['sd']:.1f} (SD)"
+    mean_s = summary["mean_time_s"]
+    cards = (
+        (
+            f"{piece}s done",
+            f"{summary['succeeded']} of {summary['attempted']}",
+            f"{percent(summary['success_rate'])}, 95 % interval {100 * low:.1f} to {percent(high)}, counting "
+            f"{sessions} session{'' if sessions == 1 else 's'}",
+        ),
+        (
+            f"mean time of a {piece}",
+            "-" if mean_s is None else f"{mean_s:.2f} s",
+            f"a whole trial: {whole['mean']:.1f}{spread} s",
+        ),
+        (
+            "collisions per trial",
+            f"{summary['collisions_per_trial']:.2f}",
+            f"{summary['trials']} trial{'' if summary['trials'] == 1 else 's'}",
+        ),
+        (
+            "complete trials",
+            f"{summary['complete_trials']} of {summary['trials']}",
+            f"in which every {piece} succeeded",
+        ),
+    )
+    inside = "".join(
+        f"<div><dt>{escape(what)}</dt><dd class=figure>{escape(value)}</dd><dd class=quiet>{escape(more)}</dd></div>"
+        for what, value, more in cards
+    )
+    return f"<dl class=headline>{inside}</dl>"
+
+
+def warnings(summary: Mapping[str, Any]) -> Sequence[str]:
+    """Return reasons to doubt the figures."""
+    if summary["missed_budgets"] <= MISSED_WARNING:
+        return []
+    return [
+        f"{percent(summary['missed_budgets'])} of computations took longer than the trial's clock counted for them: "
+        "on the machine that ran this, a real arm would have waited."
+    ]
+
+
+LEVELS = {
+    RECORDED: "The laboratory's errors are as large as in recordings of real instruments, or assumed where none exist.",
+    MILD: "The laboratory's errors are smaller than in recordings of real instruments.",
+    HARSH: f"The laboratory's errors are {HARSHER:g} times as large as in recordings of real instruments.",
+}
+
+
+def assumed(summary: Mapping[str, Any], notes: Sequence[str]) -> list[str]:
+    """Return how hard the laboratory was, every flaw with its size, and the notes, as HTML.
+
+    Args:
+        summary: keys as in ``summary.json``.
+        notes: sentences that a reader must know.
+    """
+    flaws = {str(what): str(how) for what, how in summary["flaws"].items()}
+    difficulty = flaws.pop("difficulty", "")
+    level, _, named = difficulty.partition(", ")
+    own = " The flaws named here have their own sizes." if named else ""
+    told = [(what, how) for what, how in flaws.items() if ": " not in what]
+    sized = [(*what.split(": ", 1), how) for what, how in flaws.items() if ": " in what]
+    rows = [(name, how, about) for name, about, how in sized]
+    return [
+        paragraph(f"Difficulty: {difficulty}. {LEVELS.get(level, '')}{own}") if difficulty else "",
+        bullets(f"{note[:1].upper()}{note[1:]}." for note in notes),
+        table(("what the laboratory has", "how"), told, compact=True) if told else "",
+        table(("flaw", "size", "what it is"), rows, compact=True) if rows else "",
+    ]
+
+
+def reproduced(summary: Mapping[str, Any], command: str) -> list[str]:
+    """Return the command, what it was run with, and how fast it was, as HTML.
+
+    Args:
+        summary: keys as in ``summary.json``.
+        command: that repeats the run.
+    """
+    use = summary["command_limit_use"]
+    versions = ", ".join(f"{name} {number}" for name, number in summary["versions"].items())
+    compute = "; ".join(
+        f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in sorted(summary["compute_ms"].items())
+    )
+    factor = summary["realtime_factor"]
+    rows = [
+        ("seed", str(summary["seed"])),
+        ("versions", versions),
+        ("fingerprint of the run", str(summary["fingerprint"])),
+        ("computations, median / 95th percentile", compute or "-"),
+        ("computations over their budget", percent(summary["missed_budgets"])),
+        ("speed of the simulation", "-" if factor is None else f"{factor:.1f} x real time"),
+        (
+            "largest share of the limits sent",
+            f"velocity {percent(use['velocity'])}, acceleration {percent(use['acceleration'])}",
+        ),
+    ]
+    said = "The same command with the same versions makes the same trials, byte for byte; computation times differ."
+    if "FILE" in command.split():
+        said += " FILE stands for a file that was given."
+    return [f"<pre><code>{escape(command)}</code></pre>", paragraph(said), table(("what", "value"), rows, compact=True)]
+
 
 REPLAY = "replay.html"
 

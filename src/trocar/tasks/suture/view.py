@@ -19,7 +19,7 @@ from trocar.tasks.suture.planning import DexterityMap, Needle, Suture, SuturePla
 from trocar.tasks.suture.planning.joints import ROLL, unwound
 from trocar.tasks.suture.planning.primitive import needle_poses, steps, tip_poses
 from trocar.tasks.suture.report.circle import texture
-from trocar.view import shapes
+from trocar.view import mesh
 from trocar.view.mesh import Mesh, tube
 from trocar.view.server import close_server, open_server
 
@@ -199,10 +199,10 @@ class PlanView:
         centre = tuple(self.setup.T_world_base.translation_m.tolist())
         scene.add_icosphere("/remote_centre", radius=0.004, color=GOLD, position=centre)
         scene.add_label("/remote_centre/label", "remote centre")
-        self._shaft = self._add("/arm/shaft", shapes.shaft(arm), DARK)
-        self._wrist = self._add("/arm/wrist", shapes.wrist_link(arm), STEEL)
+        self._shaft = self._add("/arm/shaft", mesh.shaft(arm), DARK)
+        self._wrist = self._add("/arm/wrist", mesh.wrist_link(arm), STEEL)
         self._jaws = scene.add_frame("/arm/jaws", show_axes=False)
-        self._fingers = [self._add(f"/arm/jaws/{side}", shapes.finger(arm), STEEL) for side in ("left", "right")]
+        self._fingers = [self._add(f"/arm/jaws/{side}", mesh.finger(arm), STEEL) for side in ("left", "right")]
         self._needle = self._add("/needle", needle_mesh(self.setup.needle), GOLD)
 
     def _add_controls(self) -> None:

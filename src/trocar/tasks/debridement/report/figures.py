@@ -12,7 +12,7 @@ import numpy as np
 from trocar.eval.comparison import ratio_estimate, session_estimate
 from trocar.eval.statistics import session_interval
 from trocar.eval.study import by_session
-from trocar.report.parts import parts_of
+from trocar.report.timechart import parts_of
 from trocar.tasks.debridement.report.table_one import MODES, PARTS
 
 if TYPE_CHECKING:

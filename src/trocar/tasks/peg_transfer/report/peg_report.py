@@ -21,8 +21,7 @@ from trocar.eval.statistics import session_interval
 from trocar.geometry import SE3
 from trocar.replay import Viewpoint
 from trocar.report import style
-from trocar.report.parts import parts_of
-from trocar.report.turns import NEARLY_S, turns_of
+from trocar.report.timechart import NEARLY_S, parts_of, turns_of
 from trocar.tasks.peg_transfer.goals import PegSet, TransferOutcome
 
 if TYPE_CHECKING:

@@ -1,3 +1,7 @@
+"""What a motion keeps clear of: obstacles and walls."""
+
+from __future__ import annotations
+
 import numpy as np
 import pytest
 

@@ -1,11 +1,13 @@
 """An arm's time, part by part: every moment counts once."""
 
+from __future__ import annotations
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from trocar.log import Span
-from trocar.report.parts import parts_of
+from trocar.report.timechart import parts_of
 
 
 def test_what_is_noted_one_after_the_other_is_counted_as_it_is():
