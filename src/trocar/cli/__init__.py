@@ -79,8 +79,8 @@ def main() -> None:
         if error.errno in NO_NAME:
             _end(2, f"that can be no file's name ({what}); give another")
         _end(3, f"the machine is in trouble ({what}); see to it and give the same command again")
-    except KeyboardInterrupt:
-        _end(130, "stopped")
+    except KeyboardInterrupt as error:
+        _end(130, str(error) or "stopped")
     except Exception:
         traceback.print_exc()
         _end(70, "that was a mistake in Trocar or in a plugin, not in what you typed; the lines above say where")

@@ -136,8 +136,10 @@ def run(
             _play(config, folder, todo, raise_errors)
         else:
             _play_at_once(config, folder.absolute(), todo, jobs)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         interrupted = True
+        if str(stop):
+            beside().print(str(stop), soft_wrap=True, markup=False)
     all_succeeded = finish(folder, as_json, interrupted)
     if interrupted:
         raise typer.Exit(130)

@@ -23,6 +23,7 @@ from trocar.sim.record import Record
 from trocar.sim.recorder import ContactMonitor, Recorder
 from trocar.sim.robot import SimRobot
 from trocar.sim.spec import Servo, Surface
+from trocar.sim.watchdog import Watchdog
 from trocar.sim.world import TaskWorld, World
 
 REST_S = 0.5
@@ -129,6 +130,8 @@ class SimLaboratory:
         )
         self._observe()
         self._nursery: trio.Nursery | None = None
+        self._watchdog: Watchdog | None = None
+        self._ticking = False
 
     def now_s(self) -> float:
         """Return the cell's clock."""
@@ -181,10 +184,20 @@ class SimLaboratory:
         """
         clock = MockClock()
         repeat_scheduling()
-        try:
-            return trio.run(self._run, script, budget_s, pace or Virtual(), clock, clock=clock)
-        except BaseExceptionGroup as group:
-            raise _cause(group) from None
+        with Watchdog(self.now_s, lambda: self._nursery is not None and not self._ticking) as self._watchdog:
+            try:
+                ended = trio.run(self._run, script, budget_s, pace or Virtual(), clock, clock=clock)
+            except BaseException as error:
+                if self._watchdog.asked:
+                    raise self._interruption() from None
+                raise (_cause(error) if isinstance(error, BaseExceptionGroup) else error) from None
+        if self._watchdog.asked:
+            raise self._interruption()
+        return ended
+
+    def _interruption(self) -> KeyboardInterrupt:
+        where = self._watchdog.where if self._watchdog else ""
+        return KeyboardInterrupt(*([f"stopped in {where}, which let no time pass"] if where else []))
 
     def stepping(self, script: Script | None = None, budget_s: float = float("inf")) -> Stepping:
         """Return the cell to be stepped from outside; a context manager."""
@@ -194,15 +207,13 @@ class SimLaboratory:
         """Start another script beside the one that runs."""
         if self._nursery is None:
             raise RuntimeError("a script can be started only while the cell runs")
-        self._nursery.start_soon(_interruptible(script), self.cell)
+        self._nursery.start_soon(script, self.cell)
 
     def end(self) -> None:
         """Cancel all scripts that run; the arms come to rest."""
         if self._nursery is not None:
             self._nursery.cancel_scope.cancel()
 
-    # Ctrl-C raises at once in a script, also in one that never waits; in what brings the arms to rest it waits.
-    @trio.lowlevel.enable_ki_protection
     async def _run(self, script: Script, budget_s: float, pace: Pace, clock: MockClock) -> bool:
         ended = False
         async with trio.open_nursery() as outer:
@@ -212,7 +223,7 @@ class SimLaboratory:
                 with budget:
                     async with trio.open_nursery() as scripts:
                         self._nursery = scripts
-                        await _interruptible(script)(self.cell)
+                        await script(self.cell)
                         ended = not budget.cancel_called
                         scripts.cancel_scope.cancel()
             finally:
@@ -224,14 +235,18 @@ class SimLaboratory:
                 outer.cancel_scope.cancel()
         return ended
 
-    @trio.lowlevel.enable_ki_protection
     async def _turn(self, pace: Pace, clock: MockClock, latest_s: float) -> None:
         """Run the clock: let every script run until it waits, then advance 10 ms; forever."""
         try:
             while True:
                 await wait_all_tasks_blocked()
                 await pace.wait(self.now_s())
+                if self._watchdog is not None and self._watchdog.asked and self._nursery is not None:
+                    self._nursery.cancel_scope.cancel()
+                    latest_s = min(latest_s, clock.current_time() + GRACE_S)
+                self._ticking = True
                 self.tick()
+                self._ticking = False
                 shielded = self._nursery is not None and clock.current_time() > latest_s
                 clock.jump(HURRY_S if shielded else TICK_S)
         except Exception as error:
@@ -244,15 +259,6 @@ class SimLaboratory:
 def simulated(station: Station, rng: np.random.Generator) -> SimLaboratory:
     """Return a simulated laboratory in a session drawn from the generator, with nothing on its table."""
     return SimLaboratory(draw_session(station, rng), rng=rng)
-
-
-def _interruptible(script: Script) -> Script:
-    """Return a script that Ctrl-C ends at whatever line it is."""
-
-    async def interruptible(cell: Cell) -> Any:
-        return await trio.lowlevel.disable_ki_protection(script)(cell)
-
-    return interruptible
 
 
 def _cause(group: BaseExceptionGroup) -> BaseException:

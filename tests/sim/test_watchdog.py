@@ -1,0 +1,100 @@
+"""Ctrl-C in a running cell: whatever a script does, it ends soon, and the line that let no time pass is named."""
+
+import _thread
+import logging
+import signal
+import threading
+import time
+
+import pytest
+import trio
+
+from simulated import ideal_laboratory, standing
+from trocar.sim import watchdog
+
+
+@pytest.fixture
+def laboratory():
+    return ideal_laboratory(standing(0))
+
+
+@pytest.fixture
+def ctrl_c():
+    """Press Ctrl-C a moment after the script has begun."""
+    timers = []
+
+    def press(after_s=0.3):
+        timers.append(threading.Timer(after_s, _thread.interrupt_main))
+        timers[-1].start()
+
+    yield press
+    for timer in timers:
+        timer.cancel()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_script_that_waits_is_ended_at_a_tick(laboratory, ctrl_c):
+    cleaned = []
+
+    async def waits(cell):
+        ctrl_c()
+        try:
+            await trio.sleep_forever()
+        finally:
+            cleaned.append(cell)
+
+    with pytest.raises(KeyboardInterrupt) as stop:
+        laboratory.run(waits, 1e6)
+    assert cleaned and not stop.value.args
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_script_that_loops_is_ended_even_if_something_swallows_the_interruption(laboratory, ctrl_c, times):
+    swallowed = []
+
+    async def loops(cell):
+        ctrl_c()
+        for _ in range(times):
+            try:
+                while True:
+                    time.sleep(0.01)
+            except KeyboardInterrupt:
+                swallowed.append(cell)
+        while True:
+            pass
+
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt, match=r"test_watchdog\.py, line \d+, which let no time pass"):
+        laboratory.run(loops, 1e6)
+    assert len(swallowed) == times
+    assert time.monotonic() - begin < 60
+
+
+def test_a_script_that_lets_no_time_pass_is_named_in_a_warning(laboratory, monkeypatch, caplog):
+    monkeypatch.setattr(watchdog, "WARNING_S", 0.5)
+
+    async def computes(cell):
+        del cell
+        begin = time.monotonic()
+        while not caplog.records and time.monotonic() - begin < 30:
+            time.sleep(0.01)
+
+    with caplog.at_level(logging.WARNING, "trocar"):
+        assert laboratory.run(computes, 1.0)
+    (record,) = caplog.records
+    assert "test_watchdog.py, line" in record.getMessage()
+
+
+def test_another_handler_of_ctrl_c_is_left_alone(laboratory):
+    def mine(*_):
+        raise AssertionError
+
+    async def looks(cell):
+        del cell
+        assert signal.getsignal(signal.SIGINT) is mine
+
+    before = signal.signal(signal.SIGINT, mine)
+    try:
+        assert laboratory.run(looks, 1.0)
+    finally:
+        signal.signal(signal.SIGINT, before)
