@@ -38,7 +38,7 @@ WORDS = (
 )
 
 KNOWN = (
-    *("play", "offset", "ridge", "spline", "sqp", "optimal", "relaxed", "psm-classic", "raven2-left", "paper"),
+    *("play", "offset", "ridge", "spline", "sqp", "optimal", "psm-classic", "raven2-left", "paper"),
     *("peg-transfer", "suture", "raven-pair", "debridement", "calibrated", "uncalibrated", "adaptive", "best", "blind"),
     *("images", "joints", "mild", "harsh", "registration=1.0mm", "registration=nan", "registration=1e308mm", "mm", "m"),
     *("circle", "port", "circle_radius_mm=25:35", "circle_radius_mm=nan:35", "circle_radius_mm=25:1e308", "10:1e308"),

@@ -54,19 +54,6 @@ def test_every_planner_plans_a_transfer(run, tmp_path, planner):
     assert answer["mean_bound_s"] < answer["mean_duration_s"] < 1.5 * answer["mean_bound_s"]
 
 
-def test_a_clearance_makes_a_transfer_shorter_and_is_checked(run, tmp_path):
-    path = tmp_path / "four.npy"
-    np.save(path, FOUR)
-    clearance = ("--clearance-mm", "1", "--clearance-deg", "6", "--json")
-    answers = [json.loads(run(path, "--planner", name, *clearance)[1]) for name in ("optimal", "relaxed")]
-    exact, near = (answer["motions"][0] for answer in answers)
-    assert near["found"] and near["duration_s"] < 0.97 * exact["duration_s"]
-    assert 0.5e-3 < near["vertical_deviation_m"] <= 1e-3
-    code, out, _ = run(path, "--planner", "spline", "--clearance-mm", "0.1", "--clearance-deg", "6")
-    assert code == 1 and "strays" in out
-    assert run(path, "--clearance-mm", "-1")[0] != 0
-
-
 def test_table_says_what_left_the_nominal_range(run, tmp_path):
     beyond = FOUR.copy()
     beyond[0, 2] = 0.2403

@@ -11,7 +11,7 @@ from trocar.geometry import SE3
 from trocar.motion import ArmMotion, Capsule, Demand, Facing, MotionProblem, MovingArm, TimedPath
 from trocar.motion.check import check
 from trocar.motion.tip import tip_use
-from trocar.motion.tolerances import line_deviation, passing_deviation, sag_m
+from trocar.motion.tolerances import line_deviation
 from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT
 
@@ -153,36 +153,6 @@ def near_miss():
     points = FOUR.copy()
     points[1, 2:4] += -5e-4, 0.02
     return path_of(points)
-
-
-def test_waypoints_with_a_tolerance_are_passed_within_it_and_the_tip_sinks_no_further():
-    path = near_miss()
-    off_m, off_rad = passing_deviation(ALL, path, 1)
-    below_m = max(sag_m(ALL, path, piece) for piece in range(3))
-    assert 0 < off_m < below_m and off_rad > 0.01
-    wide = {"waypoint_tolerance_m": below_m + 1e-6, "waypoint_tolerance_rad": 1.0}
-    assert not found(path, ALL, **wide)[0]
-    for rad, refused in ((off_rad + 0.5e-9, False), (off_rad - 0.5e-9, False), (off_rad - 1.5e-9, True)):
-        sentences, _ = found(path, ALL, **(wide | {"waypoint_tolerance_rad": rad}))
-        assert [s[:24] for s in sentences] == refused * ["'it' misses waypoint 1 a"]
-    for short_m, refused in ((0.5e-9, False), (1.5e-9, True)):
-        sentences, demands = found(path, ALL, **(wide | {"waypoint_tolerance_m": below_m - short_m}))
-        assert ["sinks" in s for s in sentences] == refused * [True]
-        assert demands == ({Demand.WAYPOINTS} if refused else set())
-    high = replace(ALL, up=np.array([1.0, 0.0, 0.0]), straight=(True, True, True))  # nothing sags there
-    across_m = passing_deviation(high, path, 1)[0]
-    loose = {"straight_tolerance_m": 1.0, "straight_tolerance_rad": 1.0, "waypoint_tolerance_rad": 1.0}
-    for short_m, refused in ((0.5e-9, False), (1.5e-9, True)):
-        sentences, _ = found(path, high, **loose, waypoint_tolerance_m=across_m - short_m)
-        assert ["misses waypoint 1" in s for s in sentences] == refused * [True]
-    assert len(found(path, ALL)[0]) == 1  # without a tolerance it is missed, and may sag
-
-
-def test_ends_have_no_tolerance():
-    points = FOUR.copy()
-    points[[0, 3], 3] += 1e-3
-    sentences, _ = found(path_of(points), ALL, waypoint_tolerance_m=0.1, waypoint_tolerance_rad=1.0)
-    assert len(sentences) == 3 and "at the start" in sentences[0] and "at the end" in sentences[2]
 
 
 def test_the_tip_is_no_faster_than_it_may_be():

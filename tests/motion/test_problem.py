@@ -206,7 +206,6 @@ def test_remote_centres_are_a_millimetre_apart_at_least():
 def test_what_is_not_said_of_a_problem():
     problem = MotionProblem({"psm1": ONE})
     assert problem.min_distance_m == problem.range_slack == 0.0
-    assert problem.waypoint_tolerance_m == problem.waypoint_tolerance_rad == 0.0
     assert (problem.straight_tolerance_m, problem.straight_tolerance_rad) == (1e-4, 1e-3)
     assert repr(problem) == "<MotionProblem psm1: <ArmMotion of psm-classic through 4 waypoints>>"
     around = MotionProblem({"psm1": ONE}, obstacles={"ball": Capsule([1, 0, 0])}, min_distance_m=2e-3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite, radians
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,12 +49,6 @@ def transfer(
         0.0,
         1.0,
     ),
-    clearance_mm: Annotated[
-        float, typer.Option(help="How far the tip may be off the verticals and the inner waypoints.")
-    ] = 0.0,
-    clearance_deg: Annotated[
-        float, typer.Option(help="How far it may be turned there; 'relaxed' needs both to gain anything.")
-    ] = 0.0,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Save the motions, sample by sample: .csv or .npz.")
     ] = None,
@@ -62,14 +56,12 @@ def transfer(
 ) -> Result:
     """Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.
 
-    With a clearance, lifting and lowering must be straight within it. A motion that breaks what was asked is
-    printed with the reason, and the exit code is then 1.
+    A motion that breaks what was asked is printed with the reason, and the exit code is then 1.
     """
     model = ARMS.pick(arm)
     if limits not in MOTION_LIMITS:
         raise UnknownName("set of limits", limits, MOTION_LIMITS)
     PLANNERS.pick(planner)
-    near = _tolerances(clearance_mm, clearance_deg)
     if not MIN_STEP_MS <= step_ms < np.inf:
         outside = f"is outside {MIN_STEP_MS}..inf"
         raise InvalidInput(f"--step-ms {step_ms}", outside, "give the time between two samples")
@@ -80,8 +72,8 @@ def transfer(
     motions, found = [], []
     for index, four in enumerate(_load(waypoints)):
         try:
-            asked = ArmMotion(model, four, MOTION_LIMITS[limits], up=np.array(up), straight=UPRIGHT if near else ())
-            plan = plan_motion(MotionProblem({arm: asked}, range_slack=RANGE_SLACK, **near), planner)
+            asked = ArmMotion(model, four, MOTION_LIMITS[limits], up=np.array(up))
+            plan = plan_motion(MotionProblem({arm: asked}, range_slack=RANGE_SLACK), planner)
         except TrocarError as error:
             raise InvalidInput(f"{waypoints}, motion {index}:", str(error)) from None
         motions.append(_record(asked, plan))
@@ -97,19 +89,6 @@ def transfer(
     if out is not None and found:
         summary["out"] = str(_write(out, found, joints, 1e-3 * step_ms))
     return Result(summary, _lines(summary), succeeded=all(motion["found"] for motion in motions))
-
-
-def _tolerances(clearance_mm: float, clearance_deg: float) -> dict[str, Any]:
-    """Return the tolerances of a motion problem; empty without a clearance."""
-    if not (clearance_mm or clearance_deg):
-        return {}
-    off_m, off_rad = 1e-3 * clearance_mm, radians(clearance_deg)
-    return {
-        "straight_tolerance_m": off_m,
-        "straight_tolerance_rad": off_rad,
-        "waypoint_tolerance_m": off_m,
-        "waypoint_tolerance_rad": off_rad,
-    }
 
 
 def _record(asked: ArmMotion, plan: MotionPlan) -> dict[str, Any]:

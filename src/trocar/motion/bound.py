@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -51,7 +49,6 @@ def duration_bound_s(
     waypoints: ArrayLike,
     limits: MotionLimits,
     start_velocity: ArrayLike | None = None,
-    strays: ArrayLike | None = None,
 ) -> float:
     """Return a lower bound of the duration of any motion through the waypoints to rest at the last, s.
 
@@ -70,38 +67,11 @@ def duration_bound_s(
         waypoints: (n, joints), rad or m.
         limits: bounds of velocity and acceleration.
         start_velocity: (joints,) at the first waypoint, per second; None: at rest.
-        strays: (n, joints) how far each joint may be from each waypoint when it passes it; None: not at all. Between
-            two reversals it then travels at least their distance minus the allowed deviations at both.
     """
     q = np.asarray(waypoints, dtype=np.float64)
     v0 = np.zeros(q.shape[1]) if start_velocity is None else np.asarray(start_velocity, dtype=np.float64)
     joints = zip(q.T, v0, limits.velocity, limits.acceleration, strict=True)
-    if strays is None:
-        return max(_least_s(values, start, v, a) for values, start, v, a in joints)
-    off = np.asarray(strays, dtype=np.float64).T
-    return max(
-        _least_straying_s(values, start, v, a, stray) for (values, start, v, a), stray in zip(joints, off, strict=True)
-    )
-
-
-def _least_straying_s(
-    values: NDArray[np.float64], v0: float, velocity: float, acceleration: float, strays: NDArray[np.float64]
-) -> float:
-    """Return a lower bound of the time in which one joint passes near its values and rests at the last.
-
-    Each choice of waypoints at which it reverses, by more than it may deviate, gives a bound; the greatest counts. From
-    a moving start only the end is considered.
-    """
-    bounds_s = [_least_s(values[[0, -1]], v0, velocity, acceleration)]
-    inner = [] if v0 else range(1, len(values) - 1)
-    for count in range(1, len(inner) + 1):
-        for turns in combinations(inner, count):
-            at = [0, *turns, len(values) - 1]
-            steps, room = np.diff(values[at]), strays[at[1:]] + strays[at[:-1]]
-            gaps = np.abs(steps) - room
-            if gaps.min() > 0 and np.all(steps[1:] * steps[:-1] < 0):
-                bounds_s.append(float(shortest_rest_to_rest_s(gaps, velocity, acceleration).sum()))
-    return max(bounds_s)
+    return max(_least_s(values, start, v, a) for values, start, v, a in joints)
 
 
 def _least_s(values: NDArray[np.float64], v0: float, velocity: float, acceleration: float) -> float:

@@ -17,7 +17,7 @@ from trocar.motion.path import TimedPath
 from trocar.motion.planners import Demand
 from trocar.motion.problem import MotionProblem
 from trocar.motion.tip import tip_use
-from trocar.motion.tolerances import line_deviation, passed_over, passing_deviation, sag_m
+from trocar.motion.tolerances import line_deviation
 
 REACHED = 1e-6
 """How far (rad, m, and per second) a motion may miss a waypoint, its start, its rest, or itself at a knot."""
@@ -76,10 +76,9 @@ def check(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Check:
     use = {name: limit_use(arm.model, paths[name].trajectory, arm.limits) for name, arm in problem.arms.items()}
     violations: list[Violation] = []
     for name, arm in problem.arms.items():
-        violations += _waypoints(name, arm, paths[name], problem)
+        violations += _waypoints(name, arm, paths[name])
         violations += _limits(name, arm, use[name], problem.range_slack)
         violations += _straight(name, arm, paths[name], problem)
-        violations += _sag(name, arm, paths[name], problem)
         violations += _tip(name, arm, paths[name])
     clearance = _clearance(problem, paths)
     if clearance.distance_m < problem.min_distance_m - DISTANCE_M:
@@ -107,14 +106,12 @@ def _require_shape(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> No
             raise InvalidInput("a planner's motion", f"of arm '{name}' starts at {max(starts_s)} s", "all start at 0")
 
 
-def _waypoints(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem) -> Iterator[Violation]:
+def _waypoints(name: str, arm: ArmMotion, path: TimedPath) -> Iterator[Violation]:
     """Yield violations of the start, the waypoints, the rest at the end and the continuity of a path."""
     q, last = path.trajectory, path.trajectory.duration_s
     times = np.array([0.0, *path.waypoint_times_s[1:], last])
     off = np.abs(q(times) - np.concatenate([arm.waypoints, arm.waypoints[-1:]])).max(axis=1)
     for row in np.flatnonzero(off > REACHED).tolist():
-        if 0 < row < len(off) - 2 and _passes(arm, path, row, problem):
-            continue
         where = f"misses waypoint {row} at {times[row]:.3f} s" if 0 < row < len(off) - 1 else "is off its waypoint"
         where += {0: " at the start", len(off) - 1: " at the end"}.get(row, "")
         yield Violation(Demand.WAYPOINTS, NoPlan(f"'{name}' {where} by {off[row]:.6f} rad or m"))
@@ -129,26 +126,6 @@ def _waypoints(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProble
     jump = knot_jumps(q, 0).max(initial=0.0)
     if jump > REACHED:
         yield Violation(Demand.WAYPOINTS, NoPlan(f"'{name}' jumps at a knot, by {jump:.6f} rad or m"))
-
-
-def _passes(arm: ArmMotion, path: TimedPath, waypoint: int, problem: MotionProblem) -> bool:
-    """Return whether the tip passes an inner waypoint within the tolerance."""
-    if not problem.waypoint_tolerance_m:
-        return False
-    off_m, off_rad = passing_deviation(arm, path, waypoint)
-    return off_m <= problem.waypoint_tolerance_m + ROUNDED and off_rad <= problem.waypoint_tolerance_rad + ROUNDED
-
-
-def _sag(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem) -> Iterator[Violation]:
-    """Yield violations where the tip sinks below waypoints that it may pass at a distance."""
-    if not problem.waypoint_tolerance_m:
-        return
-    for piece in passed_over(arm):
-        below_m = sag_m(arm, path, piece)
-        if below_m > problem.waypoint_tolerance_m + ROUNDED:
-            below, allowed = (shown(value, "m", ".3f") for value in (below_m, problem.waypoint_tolerance_m))
-            sentence = f"the tip of '{name}' sinks {below} below its waypoints on piece {piece}, not {allowed}"
-            yield Violation(Demand.WAYPOINTS, NoPlan(sentence))
 
 
 def _limits(name: str, arm: ArmMotion, use: LimitUse, range_slack: float) -> Iterator[Violation]:

@@ -21,7 +21,6 @@ from trocar.motion.limits import LimitUse
 from trocar.motion.path import TimedPath
 from trocar.motion.planners import PLANNERS, Demand, Planner, ignored
 from trocar.motion.problem import MotionProblem
-from trocar.motion.tolerances import joint_strays
 from trocar.notebook import table
 from trocar.trajectory import Trajectory
 
@@ -138,10 +137,7 @@ def plan_motion(problem: MotionProblem, planner: str | Planner = "spline") -> Mo
         problem = problem.resolved()
     except (OutOfReach, AlreadyThere) as error:
         return MotionPlan(name, {}, nan, _ms_since(begin), refusal=error)
-    bound_s = max(
-        duration_bound_s(arm.waypoints, arm.limits, arm.start_velocity, joint_strays(arm, problem))
-        for arm in problem.arms.values()
-    )
+    bound_s = max(duration_bound_s(arm.waypoints, arm.limits, arm.start_velocity) for arm in problem.arms.values())
     try:
         paths = solve(problem)
     except TrocarError as error:

@@ -24,7 +24,6 @@ PLANNERS: Registry[Planner] = Registry(
         "spline": Lazy("trocar.motion.splines:spline"),
         "sqp": Lazy("trocar.motion.sqp:sqp"),
         "optimal": Lazy("trocar.motion.optimal:optimal"),
-        "relaxed": Lazy("trocar.motion.relaxed:relaxed"),
         "convex": Lazy("trocar.motion.convex:convex"),
     },
 )

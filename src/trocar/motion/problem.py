@@ -19,8 +19,6 @@ SETTINGS = (
     "range_slack",
     "straight_tolerance_m",
     "straight_tolerance_rad",
-    "waypoint_tolerance_m",
-    "waypoint_tolerance_rad",
 )
 SAME_PLACE_M = 1e-3
 """Remote centres closer than this mean that the arms' bases were not given."""
@@ -43,10 +41,6 @@ class MotionProblem:
             range is wider than the nominal one.
         straight_tolerance_m: how far the tip may be off a straight piece.
         straight_tolerance_rad: how far it may be turned there from the shortest turn between its ends.
-        waypoint_tolerance_m: how far from the waypoints between the first and the last the tip may pass: to their
-            sides, and higher or lower along ``up``. Where it is above 0, the tip must not sink between two of them
-            below the lower one by more.
-        waypoint_tolerance_rad: how far it may be turned there.
     """
 
     arms: Mapping[str, ArmMotion]
@@ -56,8 +50,6 @@ class MotionProblem:
     range_slack: float = 0.0
     straight_tolerance_m: float = 1e-4
     straight_tolerance_rad: float = 1e-3
-    waypoint_tolerance_m: float = 0.0
-    waypoint_tolerance_rad: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.arms:
