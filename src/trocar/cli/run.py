@@ -18,6 +18,7 @@ from trocar.cli.terminal import beside
 from trocar.counting import counted
 from trocar.errors import InvalidInput
 from trocar.eval import Task
+from trocar.interruption import CtrlC
 
 if TYPE_CHECKING:
     from trocar.eval.config import RunConfig
@@ -179,10 +180,11 @@ def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], rais
         beside().print(f"nothing to run: {folder} has the run's {kept}", soft_wrap=True)
         return
     goals, piece = len(config.task.goals()), config.task.goal_noun
-    with progress() as tick:
+    with progress() as tick, CtrlC() as ctrl_c:
         done, prepared = 0, None
 
         def say(now: str) -> None:
+            ctrl_c.check()
             tick(f"{piece}s", done, goals * len(todo), now)
 
         for number, (session, index) in enumerate(todo):
@@ -191,6 +193,7 @@ def _play(config: RunConfig, folder: Path, todo: Sequence[tuple[int, int]], rais
                 say(f"{day}: setting up")
 
                 def count(arm: str, image: int, total: int, day: str = day) -> None:
+                    ctrl_c.check()
                     tick(f"{day}, images for the calibration of {arm}", image, total)
 
                 prepared = prepare(config, session, folder, listener=count)

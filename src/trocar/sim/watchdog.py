@@ -12,6 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
+from trocar.interruption import interrupts
+
 LOOK_S = 0.25
 """Between two looks at the cell's clock, of the wall clock."""
 PATIENCE_S = 0.5
@@ -49,7 +51,7 @@ class Watchdog:
         self.asked, self.where = False, ""
 
     def __enter__(self) -> Watchdog:
-        if threading.current_thread() is threading.main_thread() and self._before is signal.default_int_handler:
+        if interrupts():
             signal.signal(signal.SIGINT, self._on_ctrl_c)
             self._thread.start()
         return self

@@ -1,0 +1,52 @@
+"""A Ctrl-C that is not lost."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+
+
+class CtrlC:
+    """Ctrl-C raises ``KeyboardInterrupt`` as usual, and is kept in case something swallows it.
+
+    Python swallows what is raised in a destructor or in a weak reference's callback. Long work calls :meth:`check` now
+    and then, which raises what was lost.
+
+    >>> with CtrlC() as ctrl_c:
+    ...     for trial in trials:
+    ...         ctrl_c.check()
+    ...         run(trial)
+    """
+
+    def __init__(self) -> None:
+        self._pressed = self._installed = False
+
+    def __enter__(self) -> CtrlC:
+        main = threading.current_thread() is threading.main_thread()
+        if main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, self)
+            self._installed = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._installed:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Handle the signal."""
+        del number, frame
+        self._pressed = True
+        raise KeyboardInterrupt
+
+    def check(self) -> None:
+        """Raise ``KeyboardInterrupt`` if Ctrl-C was pressed."""
+        if self._pressed:
+            raise KeyboardInterrupt
+
+
+def interrupts() -> bool:
+    """Return whether Ctrl-C raises ``KeyboardInterrupt`` in the thread that calls this."""
+    handler = signal.getsignal(signal.SIGINT)
+    ours = handler is signal.default_int_handler or isinstance(handler, CtrlC)
+    return ours and threading.current_thread() is threading.main_thread()
