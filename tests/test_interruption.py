@@ -14,7 +14,7 @@ class PressedInDestructor:
         signal.raise_signal(signal.SIGINT)
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
 def test_an_interruption_in_a_destructor_comes_at_the_next_check():
     reached = []
     with pytest.raises(KeyboardInterrupt), CtrlC() as ctrl_c:

@@ -6,12 +6,15 @@ import signal
 import threading
 from types import FrameType
 
+FINALIZERS = ("weakref.py", "_weakrefset.py")
+"""Files of the standard library whose callbacks swallow exceptions, as destructors do."""
+
 
 class CtrlC:
-    """Ctrl-C raises ``KeyboardInterrupt`` as usual, and is kept in case something swallows it.
+    """Ctrl-C raises ``KeyboardInterrupt`` as usual, but not where Python would swallow it.
 
-    Python swallows what is raised in a destructor or in a weak reference's callback. Long work calls :meth:`check` now
-    and then, which raises what was lost.
+    That is in a destructor and in a weak reference's callback; there it is noted, and long work calls :meth:`check` now
+    and then, which raises it.
 
     >>> with CtrlC() as ctrl_c:
     ...     for trial in trials:
@@ -35,8 +38,12 @@ class CtrlC:
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle the signal."""
-        del number, frame
+        del number
         self._pressed = True
+        while frame is not None:
+            if frame.f_code.co_name == "__del__" or frame.f_code.co_filename.endswith(FINALIZERS):
+                return  # it would be swallowed there, and printed
+            frame = frame.f_back
         raise KeyboardInterrupt
 
     def check(self) -> None:
