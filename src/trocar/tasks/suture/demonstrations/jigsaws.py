@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import fk, ik_unbounded
+from trocar.arms import ArmModel, fk, ik_unbounded
 from trocar.errors import BadFile
 from trocar.geometry import SE3, SO3, shown
-from trocar.tasks.suture.demonstrations.recordings import INSERTION, LENGTHS, UNITS, Convention
+from trocar.tasks.suture.demonstrations.manifest import Manifest
+from trocar.tasks.suture.demonstrations.recordings import INSERTION, UNITS
 
 COLUMNS = 76
 SLAVES = (38, 57)
@@ -29,8 +30,8 @@ MIN_REAL_SHARE = 0.5
 """Share of a recording's poses for which the arm must have a solution; with fewer the bases are wrong."""
 
 
-def read_jigsaws(path: Path, convention: Convention) -> SE3:
-    """Return the poses (n, 2) of the slaves' tips, left and right, in the frame of the recording.
+def read_jigsaws(path: Path, rows: slice, manifest: Manifest) -> SE3:
+    """Return rows of the poses (n, 2) of the slaves' tips, left and right, in the frame of the recording.
 
     Recorded rotations are rounded; each is replaced by the nearest rotation.
 
@@ -38,9 +39,9 @@ def read_jigsaws(path: Path, convention: Convention) -> SE3:
         BadFile: the file is not such a text, its lengths are in another unit than the manifest says, or the manifest
             does not have two arms.
     """
-    if len(convention.arms) != len(SLAVES):
+    if len(manifest.arms) != len(SLAVES):
         raise BadFile(
-            path, f"records two slaves, but the manifest has {len(convention.arms)} arm(s)", "name two, left and right"
+            path, f"records two slaves, but the manifest has {len(manifest.arms)} arm(s)", "name two, left and right"
         )
     try:
         with warnings.catch_warnings():
@@ -60,20 +61,15 @@ def read_jigsaws(path: Path, convention: Convention) -> SE3:
     if off.max() > SKEWED:
         row = int(np.argmax(off.max(1)))
         raise BadFile(path, f"has a rotation in row {row} that is {off.max():.2g} away from any: not JIGSAWS' columns")
-    places_m = used[..., :3] * LENGTHS[convention.lengths]
-    _check_spread(places_m, convention, path)
-    return SE3.from_parts(rotations, places_m)
-
-
-def _check_spread(places_m: NDArray[np.float64], convention: Convention, path: Path) -> None:
-    """Raise BadFile if positions (n, 2, 3) of the tips spread farther than an arm reaches, or hardly at all."""
+    places_m = used[..., :3] * manifest.length_m
     spread_m = np.linalg.norm(np.ptp(places_m, axis=0), axis=-1)
-    reach_m = 2 * np.array([arm.upper[INSERTION] + arm.tip_length_m for arm in convention.arms])
+    reach_m = 2 * np.array([arm.upper[INSERTION] + arm.tip_length_m for arm in manifest.models])
     if (spread_m > reach_m).any() or spread_m.max() < MIN_SPREAD_M:
         found = f"has poses whose positions spread over {' and '.join(shown(each, 'm', '.3g') for each in spread_m)}"
         raise BadFile(
             path, f"{found}; a suture takes {shown(MIN_SPREAD_M, 'm')} to {shown(reach_m.min(), 'm')}", f"check {UNITS}"
         )
+    return SE3.from_parts(rotations, places_m)[rows]
 
 
 def nearest_rotations(matrices: NDArray[np.float64]) -> tuple[SO3, NDArray[np.float64]]:
@@ -86,7 +82,7 @@ def nearest_rotations(matrices: NDArray[np.float64]) -> tuple[SO3, NDArray[np.fl
 
 
 def joints_from_poses(
-    recordings: Sequence[tuple[Path, SE3]], convention: Convention
+    recordings: Sequence[tuple[Path, SE3]], manifest: Manifest
 ) -> tuple[list[NDArray[np.float64]], str]:
     """Return joints (n, arms, 6) of recorded poses (n, arms), and what was assumed, in words.
 
@@ -94,18 +90,19 @@ def joints_from_poses(
 
     Args:
         recordings: file and poses as recorded of all sutures of a set, which share the bases.
-        convention: the recorded arms, and the poses of their bases if known.
+        manifest: the recorded arms, and the poses of their bases if known.
 
     Raises:
         BadFile: most poses of a recording cannot be reached from the bases.
     """
-    turn = SE3.from_parts(convention.R_recorded_tip)
+    arms = manifest.models
+    turn = SE3.from_parts(SO3.from_quaternion(manifest.recorded_tip_wxyz))
     tips = [(path, recording @ turn) for path, recording in recordings]
-    bases = convention.T_frame_base or assumed_bases([tip for _, tip in tips], convention)
-    lower, upper = (np.stack([getattr(arm, end) for arm in convention.arms]) for end in ("lower", "upper"))
+    bases = manifest.T_frame_base or assumed_bases([tip for _, tip in tips], arms)
+    lower, upper = (np.stack([getattr(arm, end) for arm in arms]) for end in ("lower", "upper"))
     joints, outside, lost, total = [], 0, 0, 0
     for path, tip in tips:
-        q = np.stack([ik_unbounded(arm, bases[a].inverse() @ tip[:, a]) for a, arm in enumerate(convention.arms)], 1)
+        q = np.stack([ik_unbounded(arm, bases[a].inverse() @ tip[:, a]) for a, arm in enumerate(arms)], 1)
         real = np.asarray(np.isfinite(q).all((1, 2)))
         if real.mean() < MIN_REAL_SHARE or real.sum() < 2:
             raise BadFile(
@@ -118,7 +115,7 @@ def joints_from_poses(
         joints.append(q[real])
     given = (
         "bases as given in the manifest"
-        if convention.T_frame_base
+        if manifest.bases
         else "assumed bases, from which each arm's mean recorded pose is that at the middle of its joints' ranges"
     )
     return joints, (
@@ -127,14 +124,14 @@ def joints_from_poses(
     )
 
 
-def assumed_bases(tips: list[SE3], convention: Convention) -> tuple[SE3, ...]:
+def assumed_bases(tips: list[SE3], arms: Sequence[ArmModel]) -> tuple[SE3, ...]:
     """Return a plausible base for each arm: one from which it works in the middle of its joints' ranges.
 
     Poses of the tip do not determine the remote centre (the inverse kinematics has solutions for any), so it is assumed
     such that the mean pose of the tip over all recordings (n, arms) is that at the middle of the joints' ranges.
     """
     bases = []
-    for a, arm in enumerate(convention.arms):
+    for a, arm in enumerate(arms):
         matrices = np.concatenate([tip.matrix[:, a] for tip in tips])
         rotation, _ = nearest_rotations(matrices[:, :3, :3].mean(0))
         mean = SE3.from_parts(rotation, matrices[:, :3, 3].mean(0))
