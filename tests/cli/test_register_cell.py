@@ -65,18 +65,3 @@ def test_agents_get_the_registered_lenses_camera_and_bases_and_images_the_true_o
     assert cell.cameras["stereo"].model is camera.rig_registered and camera.rig_registered is not camera.model
     true = draw_session(load_station(mine), np.random.default_rng(0)).T_world_camera["stereo"]
     assert np.array_equal(lab.session.T_world_camera["stereo"].matrix, true.matrix)
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("kitchen",), "station 'kitchen' is unknown"),
-        (("peg-transfer",), "station 'peg-transfer' is registered by points; give its [registration]"),
-        (("raven-pair", "--seed", "-1"), "--seed is '-1'"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_writes_nothing(trocar, tmp_path, words, said):
-    code, out, err = trocar("register", "cell", *words, "--out", tmp_path / "cell")
-    assert (code, out) == (2, "")
-    assert said in err and err.startswith("trocar: ") and err.count("\n") == 1
-    assert not (tmp_path / "cell").exists()

@@ -47,16 +47,8 @@ def test_json_is_one_object_equal_to_the_summary(trocar, played, tmp_path):
 def test_the_table_names_task_figures_and_files(trocar, played, tmp_path):
     code, out, _ = trocar("run", "peg-transfer", "--out", tmp_path / "run")
     assert code == 0
-    for words in (
-        "peg-transfer",
-        "12 of 12",
-        "5.0",
-        "collisions per trial",
-        "real time",
-        "summary.json",
-        "took longer",
-    ):
-        assert words in out
+    said = ("peg-transfer", "12 of 12", "5.0", "collisions per trial", "real time", "summary.json", "took longer")
+    assert all(words in out for words in said)
 
 
 def test_a_quiet_run_prints_the_end_of_its_result_alone(trocar, played, tmp_path):
@@ -131,14 +123,6 @@ def test_the_difficulty_and_the_sizes_of_all_flaws_are_told(trocar, played, tmp_
     sizes = {name.partition(":")[0]: size for name, size in said.items()}
     assert (sizes["registration"], sizes["residual"], sizes["wear"]) == ("1 mm", "0 deg", "1 x")
     assert "kinematics" not in sizes, "no Raven is there"
-
-
-@pytest.mark.parametrize(
-    "more", [("--difficulty", "easy"), ("--flaw", "wind=3"), ("--flaw", "jaw=3mm"), ("--flaw", "kinematics=2")]
-)
-def test_a_difficulty_that_is_none_is_refused(trocar, tmp_path, more):
-    code, _, error = trocar("run", "peg-transfer", *more, "--out", tmp_path / "no")
-    assert code == 2 and more[1].partition("=")[0] in error and not (tmp_path / "no").exists()
 
 
 def test_a_run_says_its_difficulty_and_only_what_differs_from_it(trocar, played, tmp_path):
@@ -303,39 +287,6 @@ def test_a_video_is_a_moving_picture_of_the_first_trial(trocar, real, tmp_path):
     with Image.open(folder / "video.webp") as film:
         assert film.format == "WEBP" and film.n_frames > 10
     assert not list(folder.rglob(".*"))
-
-
-# What is refused.
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (("run", "knitting"), "peg-transfer"),
-        (("run", "peg-transfer", "--variant", "sideways"), "unilateral"),
-        (("run", "peg-transfer", "--transfers", "13"), "give 1 to 12"),
-        (("run", "peg-transfer", "--budget", "0"), "--budget"),
-        (("run", "peg-transfer", "--method", "magic"), "calibrated, uncalibrated"),
-        (("run", "peg-transfer", "--model", "oracle"), "play"),
-        (("run", "peg-transfer", "--planner", "dice"), "spline"),
-        (("run", "peg-transfer", "--perception", "dreams"), "depth"),
-        (("run", "peg-transfer", "--station", "kitchen"), "raven-pair"),
-        (("run", "peg-transfer", "--station", "suture"), "no fixture 'board'"),
-        (("run", "peg-transfer", "--station", "nowhere.toml"), "does not exist"),
-        (("run", "peg-transfer", "--trials", "0"), "--trials"),
-        (("run", "peg-transfer", "--sessions", "0"), "--sessions"),
-        (("run", "peg-transfer", "--seed", "-4"), "--seed"),
-        (("run", "peg-transfer", "--method", "uncalibrated", "--refit-offsets"), "--refit-offsets"),
-        (("report", "nowhere"), "nowhere"),
-        (("report", "."), "holds no trial"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_writes_nothing(trocar, tmp_path, monkeypatch, words, named):
-    monkeypatch.chdir(tmp_path)
-    code, out, err = trocar(*words, "--json")
-    assert (code, out) == (2, "")
-    assert err.count("\n") == 1 and named in err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_option_of_one_task_is_none_of_anothers():
