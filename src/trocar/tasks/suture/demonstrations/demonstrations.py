@@ -100,9 +100,8 @@ def load_demonstrations(path: str | Path) -> Demonstrations:
     Raises:
         BadFile: the manifest or a recording is missing or broken, or a recording contradicts the manifest.
     """
-    from trocar.tasks.suture.demonstrations.jigsaws import joints_from_poses, read_jigsaws
     from trocar.tasks.suture.demonstrations.manifest import NAME, load_manifest  # pydantic is slow to import
-    from trocar.tasks.suture.demonstrations.recordings import read_joints
+    from trocar.tasks.suture.demonstrations.recordings import joints_from_poses, read_jigsaws, read_joints
 
     path = Path(path) / NAME if Path(path).is_dir() else Path(path)
     manifest = load_manifest(path)

@@ -61,7 +61,7 @@ class Manifest(Table):
         lengths: unit of the prismatic joint, or of recorded positions.
         columns: names of six columns per arm; None: as the arm's joints are called.
         sutures: the recorded sutures.
-        bases: of the arms, for recordings without joints; None: see ``jigsaws.assumed_bases``.
+        bases: of the arms, for recordings without joints; None: see ``recordings.assumed_bases``.
         recorded_tip_wxyz: rotation of the model's tip frame (z back along the jaws, y the jaw axis) in the recorded
             one.
     """
