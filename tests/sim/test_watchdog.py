@@ -69,6 +69,7 @@ def test_a_script_that_loops_is_ended_even_if_something_swallows_the_interruptio
         laboratory.run(loops, 1e6)
     assert len(swallowed) == times
     assert time.monotonic() - begin < 60
+    assert all(laboratory.driver.idle(arm) for arm in ("psm1", "psm2"))
 
 
 def test_a_script_that_lets_no_time_pass_is_named_in_a_warning(laboratory, monkeypatch, caplog):
