@@ -12,8 +12,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-import unpictured
-from processes import python
+from processes import UNPICTURED, python
 from synthetic import synthetic_trial, unmarked
 from trocar.cli import app
 from trocar.eval import run as trials_run
@@ -153,19 +152,6 @@ def test_a_broken_trial_is_named_by_report_and_the_rest_is_counted(trocar, playe
     assert (code, out) == (2, "") and err.count("\n") == 1 and str(path) in err
 
 
-def test_a_trial_of_another_run_is_named_and_not_counted(trocar, played, tmp_path):
-    trocar("run", "peg-transfer", "--trials", 2, "--out", tmp_path / "mine")
-    trocar("run", "peg-transfer", "--seed", 9, "--out", tmp_path / "other")
-    shutil.copy(trial_file(tmp_path / "other", 0, 0), trial_file(tmp_path / "mine", 0, 0))
-    code, out, _ = trocar("report", tmp_path / "mine")
-    assert code == 0
-    assert "isofanotherrun" in "".join(out.split())
-    summary = summary_of(tmp_path / "mine")
-    assert (summary["trials"], summary["seed"]) == (1, 0)
-    code, _, err = trocar("run", "peg-transfer", "--trials", 2, "--out", tmp_path / "mine")
-    assert code == 2 and "is a trial of another run; move it away" in err
-
-
 # Ctrl-C.
 
 
@@ -205,7 +191,7 @@ def test_a_real_ctrl_c_in_a_running_trial_ends_it_without_a_traceback(tmp_path):
     quick = ("--transfers", "1", "--method", "uncalibrated", "--flawless-camera")
     options = (*quick, "--trials", "50", "--out", str(tmp_path), "--json")
     with subprocess.Popen(
-        [sys.executable, "-c", unpictured.COMMAND, "run", "peg-transfer", *options],
+        [sys.executable, "-c", UNPICTURED, "run", "peg-transfer", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -25,8 +25,9 @@ class Toys(TaskWorld):
     def add(self, spec):
         world, box = spec.worldbody, {"type": SHAPE.mjGEOM_BOX, "size": (0.1, 0.2, 0.3)}
         world.add_geom(type=SHAPE.mjGEOM_PLANE, size=(1, 1, 0.1))
-        world.add_geom(pos=(1, 2, 3), rgba=(0.1, 0.2, 0.3, 1), **box)
-        world.add_geom(group=4, **box)
+        world.add_geom(pos=(1, 2, 3), rgba=(0.1, 0.2, 0.3, 1), group=2, **box)
+        for unseen in (3, 4):
+            world.add_geom(group=unseen, **box)
         post = world.add_body(name="post", pos=(4, 5, 6))
         post.add_geom(type=SHAPE.mjGEOM_CYLINDER, size=(0.01, 0.05, 0), pos=(0, 0, 0.1))
         for name, shape in BODIES.items():
@@ -142,12 +143,12 @@ def test_a_touch_counts_once_with_its_time_its_force_and_its_place(press):
 
 @pytest.mark.parametrize(("gap_s", "collisions"), [(0.18, 1), (0.22, 2)])
 def test_a_touch_that_comes_back_at_once_is_the_same(press, gap_s, collisions):
-    press.look(0.0, 1e-3)
-    press.look(gap_s / 2, -1e-3)
-    press.look(gap_s, 1e-3)
+    for time_s, depth_m in ((1.0, 1e-3), (1.0 + gap_s / 2, -1e-3), (1.0 + gap_s, 1e-3)):
+        press.look(time_s, depth_m)
     found = press.touches.collisions()
     assert len(found) == collisions
-    assert [c.time_s for c in found] == [0.0, gap_s][:collisions] and found[-1].end_s == pytest.approx(gap_s)
+    assert [c.time_s for c in found] == [1.0, 1.0 + gap_s][:collisions]
+    assert found[-1].end_s == pytest.approx(1.0 + gap_s)
 
 
 def test_a_touch_without_force_is_none():

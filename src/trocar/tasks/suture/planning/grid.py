@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from trocar.errors import InvalidInput
 from trocar.geometry import TURN, shown
@@ -102,6 +101,8 @@ class Walks:
             starts: (s,) positions; columns are the places ahead of them, the last is the start again.
             add: adds a place to a walk: ``np.add`` for sums, ``np.minimum`` for the worst place.
         """
+        from scipy.ndimage import maximum_filter1d  # slow to import
+
         gain = around[(starts[:, None] + np.arange(self.positions + 1)) % self.positions].astype(np.float64)
         found = [np.full(gain.shape, -np.inf)]
         found[0][:, 0] = gain[:, 0]
