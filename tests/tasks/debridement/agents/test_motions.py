@@ -11,7 +11,7 @@ from trio.testing import MockClock
 from driven import ARM, HOME, PAPER
 from trocar.arms import fk
 from trocar.cell import MotionEnd, MotionResult
-from trocar.errors import AlreadyThere, ArmStopped, LimitExceeded, NoPlan, TooNear
+from trocar.errors import AlreadyThere, ArmStopped, InvalidInput, LimitExceeded, NoPlan, TooNear
 from trocar.geometry import SE3
 from trocar.lab import load_station
 from trocar.log import CellLog
@@ -280,3 +280,13 @@ def test_another_arm_is_where_it_is_commanded_now_and_goes_on_from_there():
     assert other.start_s == pytest.approx(9.5 - 10.0 - 0.2)
     np.testing.assert_allclose(other.joints(-0.2), PARKED["right"], atol=1e-12)
     np.testing.assert_allclose(other.joints(0.1) - other.joints(-0.2), motion(0.8) - motion(0.5), atol=1e-12)
+
+
+def test_a_planner_that_finds_nothing_refuses_but_one_that_answers_wrongly_is_an_error():
+    def finds_nothing(problem):
+        raise NoPlan("no way round")
+
+    goals = {"left": TipGoal(tip("left", (0, 0, -0.01)), 0.05)}
+    assert isinstance(MotionRunner(problems(), None, finds_nothing, best())._plan(goals).refusal, NoPlan)
+    with pytest.raises(InvalidInput, match="returned paths for"):
+        MotionRunner(problems(), None, lambda problem: {}, best())._plan(goals)

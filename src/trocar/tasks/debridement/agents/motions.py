@@ -11,7 +11,7 @@ import trio
 
 from trocar.arms import MotionLimits, fk, ik
 from trocar.cell import Cell
-from trocar.errors import AlreadyThere, ArmStopped, MotionRefused, NoPlan, TooNear, TrocarError
+from trocar.errors import AlreadyThere, ArmStopped, MotionRefused, TooNear
 from trocar.geometry import SE3
 from trocar.motion import ArmMotion, Facing, HalfSpace, MotionPlan, MotionProblem, Obstacle, open_box, plan_motion
 from trocar.motion.clearance import swept_clearance
@@ -311,10 +311,7 @@ class MotionRunner:
         return dict.fromkeys(steps, _Answer(refusal=NotItsTurn())) | unmoved | moved
 
     def _plan(self, goals: Mapping[str, TipGoal]) -> MotionPlan:
-        try:
-            return plan_motion(self._problems.of(goals, self._settings.plan_budget_s), self._planner)
-        except TrocarError as error:
-            return MotionPlan("", {}, float("nan"), 0.0, refusal=NoPlan(str(error)))
+        return plan_motion(self._problems.of(goals, self._settings.plan_budget_s), self._planner)
 
     def _time_to_stop(self, arm: str, motion: Trajectory, step: _Step) -> float | None:
         """Return the time at which the tip has gone as far as a step; None if the motion is shorter."""
