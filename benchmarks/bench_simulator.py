@@ -30,7 +30,7 @@ from trocar.sim.recorder import ContactMonitor, Recorder
 from trocar.sim.robot import SimRobot
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.tasks.peg_transfer.world.peg_world import PegWorld
+from trocar.tasks.peg_transfer.world import PegWorld
 
 BUSY = 0.9
 """Below this share of the real time on the processor, the times are no measurement."""

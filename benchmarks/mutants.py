@@ -45,7 +45,7 @@ PARTS += ("pyproject.toml", "README.md", "Makefile", "mkdocs.yml")
 """What the tests need of the tree."""
 MORE_TESTS = 2
 """Files of tests beside the mirror of a file: those that use most of its names."""
-WHOLE_RUNS = ("tests/cli", "tests/trials", "tests/test_examples.py")
+WHOLE_RUNS = ("tests/cli", "tests/eval", "tests/test_examples.py")
 """Tests of the whole that are not asked unless they mirror a file: they notice much, and take minutes."""
 SKIPPED = ast.Import | ast.ImportFrom | ast.Raise | ast.JoinedStr
 PAIRS = ["+ -", "* /", "** *", "// /", "% *", "< <=", "> >=", "== !=", "and or", "+= -=", "*= /=", "True False"]

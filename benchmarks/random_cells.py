@@ -13,7 +13,7 @@ from trocar.sim.ray_camera import RayCamera
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
-from trocar.tasks.peg_transfer.world.peg_world import PegWorld
+from trocar.tasks.peg_transfer.world import PegWorld
 
 CLEARANCE_M = 1.4e-3
 """Blocks stand off their peg by up to this in x and y, 2 mm in all: what the hole allows."""

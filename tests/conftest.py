@@ -37,17 +37,13 @@ settings.load_profile("same")
 
 
 LONGEST = (
-    *("tasks/peg_transfer/agents/test_faults", "cli/test_run", "trials/test_run_trial", "test_examples"),
-    *("tasks/test_truth_barrier", "tasks/debridement/world/test_debridement_world", "trials/test_folder"),
-    *("tasks/suture/test_trial", "sim/test_laboratory", "collect/test_collection"),
-    *("tasks/debridement/agents/test_faults", "calibration/fleet/test_fleet", "calibration/test_command_path"),
-    *("tasks/suture/agents/test_circle", "trials/test_trial_file", "tasks/peg_transfer/agents/test_handover"),
-    *("view/test_replay_page", "cli/test_collect", "tasks/test_every_task"),
-    *("tasks/peg_transfer/agents/test_unilateral", "cli/test_plan_suture", "report/test_statistics"),
-    *("report/test_figures", "motion/test_sqp", "cli/test_bad_input"),
-    *("tasks/debridement/pose/test_error_filter", "tasks/peg_transfer/report/test_peg_study"),
-    *("motion/test_motion_plan", "cli/test_run_suture", "fuzz/test_fuzz", "report/test_page"),
-    "collect/test_checkerboard",
+    *("tasks/suture/commands/test_run_suture", "tasks/peg_transfer/agents/test_learner"),
+    *("tasks/peg_transfer/report/test_peg_study", "tasks/peg_transfer/agents/test_faults", "cli/test_run"),
+    *("eval/test_run_trial", "test_examples", "tasks/test_truth_barrier", "eval/test_folder", "test_tutorial"),
+    *("tasks/suture/test_trial", "sim/test_laboratory", "collect/test_collection", "report/test_summary"),
+    *("tasks/debridement/agents/test_faults", "tasks/suture/agents/test_circle", "eval/test_workers"),
+    *("tasks/peg_transfer/agents/test_handover", "view/test_replay_page", "cli/test_collect"),
+    *("tasks/test_every_task", "cli/test_bad_input", "calibration/test_lstm_training", "motion/test_sqp"),
 )
 """Files that take longest: first, for at the end one of them would keep one core busy, and the others idle."""
 

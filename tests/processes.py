@@ -68,3 +68,14 @@ def _run(words: list[str], folder: str, said: str, environment: dict[str, str]) 
     else:
         sys.argv = words
         runpy.run_path(words[0], run_name="__main__")
+
+
+UNPICTURED = """
+from trocar.cli import main
+from trocar.report import files
+files._pictures = lambda *rest: ([], None)
+files.can_photograph = lambda: False
+files.find_spec = lambda module: None
+main()
+"""
+"""``trocar`` without pictures and replay, which take longer than a short trial, for tests of other things."""

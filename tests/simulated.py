@@ -27,7 +27,7 @@ from trocar.tasks.peg_transfer.agents.unilateral import Settings
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
-from trocar.tasks.peg_transfer.world.peg_world import PegWorld
+from trocar.tasks.peg_transfer.world import PegWorld
 
 PAPER = MOTION_LIMITS["paper"]
 TWICE = MotionLimits(2 * PAPER.velocity, 2 * PAPER.acceleration)

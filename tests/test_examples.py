@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processes import python
+from processes import UNPICTURED, python
 from trocar.calibration.plant import PSM1_GREY
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import trial_file
 from trocar.files.archive import read_header
-from unpictured import COMMAND
 from waypoints import FOUR
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -40,7 +39,7 @@ def run(words, folder):
     return result.stdout
 
 
-def trocar(words, folder, code=COMMAND):
+def trocar(words, folder, code=UNPICTURED):
     return run(["-c", code, *words], folder)
 
 

@@ -53,7 +53,14 @@ def test_a_plugin_is_run_once_and_told_by_its_text(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("text", "match"),
-    [(None, "is not a Python file"), ("1 / 0", "cannot be loaded, line 1: ZeroDivisionError"), ("def", "SyntaxError")],
+    [
+        (None, "is not a Python file"),
+        ("1 / 0", "cannot be loaded, line 1: ZeroDivisionError"),
+        ("def", "cannot be loaded: SyntaxError"),
+        ("import nothing_of_this_name", "line 1: ModuleNotFoundError: No module named 'nothing_of"),
+        ("raise SystemExit(0)", "cannot be loaded, line 1: SystemExit"),
+        ("\0", "cannot be loaded"),
+    ],
 )
 def test_a_plugin_that_is_not_there_or_fails_is_a_sentence(tmp_path, text, match):
     file = tmp_path / "broken.py"

@@ -66,19 +66,3 @@ def test_a_trial_is_analysed_by_its_own_arm(trocar, tmp_path):
     assert json.loads(out)["joints"] != json.loads(other)["joints"]
     code, _, err = trocar("analyse", path, "--arm", "psm9")
     assert code == 2 and "choose one of psm1, psm2" in err
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--columns", "q7"), "no column 'q7'"),
-        (("--columns", "q1,q2", "--arm", "psm-si"), "name the six joints"),
-        (("--arm", "crane"), "choose one of psm-classic"),
-        (("--smoothness", "0"), "--smoothness is 0"),
-        (("--rate", "-1"), "--rate is -1"),
-    ],
-)
-def test_bad_input_is_one_sentence(trocar, table, words, said):
-    code, _, err = trocar("analyse", table, *words)
-    assert (code, err.count("\n")) == (2, 1)
-    assert said in err

@@ -60,30 +60,3 @@ def test_a_model_with_a_window_gets_rows_as_dense_as_it_was_fitted_on(trocar, fi
     assert len(rows) > 60 and np.all(np.diff(rows[:, 0]) > 0) and rows[-1, 0] == pytest.approx(5.9)
     fitted = load_model(model)
     assert Compensator(fitted).method == "algorithm1"
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["{model}", "{path}", "--out", "{path}"], "is read"),
-        (["{model}", "{path}", "--out", "commands.txt"], "must end in .csv"),
-        (["{model}", "{path}", "--out", "{folder}/c.csv", "--columns", "q1,q2"], "names 2 different columns"),
-        (["{model}", "{path}", "--out", "{folder}/c.csv", "--columns", "a,b,c,d,e,f"], "has no column 'a'"),
-        (["{model}", "{path}", "--out", "{folder}/c.csv", "--rate", "nan"], "is not a rate"),
-        (["{model}", "{holes}", "--out", "{folder}/c.csv"], "row 4 of"),
-        (["{path}", "{path}", "--out", "{folder}/c.csv"], "not a readable trocar cable model"),
-        (["{model}", "{path}", "--out", "{folder}/theirs.csv"], "not replaced"),
-        (["{model}", "{path}", "--out", "{folder}/gone/c.csv"], "lie in a folder that exists"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_nothing_is_written(trocar, files, tmp_path, words, said):
-    model = model_of(trocar, files, tmp_path, "offset")
-    lines = files[1].read_text().splitlines()
-    (tmp_path / "holes.csv").write_text("\n".join([*lines[:3], ",".join(["0.2", *[""] * 6]), *lines[4:]]) + "\n")
-    (tmp_path / "theirs.csv").write_text("mine,alone\n")
-    given = {"model": model, "path": files[1], "holes": tmp_path / "holes.csv", "folder": tmp_path}
-    before = files[1].read_bytes()
-    code, out, err = trocar("calibrate", "apply", *(word.format(**given) for word in words))
-    assert (code, out) == (2, "") and said in err and err.count("\n") == 1
-    assert files[1].read_bytes() == before and not (tmp_path / "c.csv").exists()
-    assert (tmp_path / "theirs.csv").read_text() == "mine,alone\n"

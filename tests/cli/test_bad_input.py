@@ -5,14 +5,14 @@ import os
 import re
 import subprocess
 import sys
+import zipfile
 
 import numpy as np
 import pytest
 
 from trocar.calibration.models import MODELS, save_model
 from trocar.calibration.plant import PSM1_GREY
-from trocar.calibration.recording import load_recording
-from trocar.cli import main
+from trocar.calibration.recording import JOINT_NAMES, load_recording
 from trocar.eval.trial import trial_file
 from trocar.lab import station_text
 from trocar.tasks.peg_transfer.shapes import Block
@@ -46,18 +46,38 @@ def folder(tmp_path_factory):
         "flat.npz": {"points_m": face[:, :2]},
         "nanpoints.npz": {"points_m": np.full((500, 3), np.nan)},
         "nopoints.npz": {"points_m": np.zeros((0, 3))},
+        "one.npz": {"waypoints": np.array(WAYPOINTS)},
         "words.npz": {"q_cmd": np.array(["a"]), "q_phy": np.array(["b"]), "points_m": np.array(["c"])},
     }
     for name, arrays in good.items():
         np.savez(tmp_path / name, **arrays)
-    np.save(tmp_path / "points.npy", points)
-    np.save(tmp_path / "fewer.npy", points[:-1])
-    np.save(tmp_path / "nan.npy", np.where(points == points[2, 1], np.nan, points))
-    np.save(tmp_path / "one.npy", points[:1])
-    np.save(tmp_path / "words.npy", np.array(["a", "b"]))
-    np.save(tmp_path / "waypoints.npy", np.array(WAYPOINTS))
-    np.save(tmp_path / "far.npy", np.array(WAYPOINTS) + [0, 0, 1, 0, 0, 0])
-    np.save(tmp_path / "empty_array.npy", np.zeros((0, 4, 6)))
+    waypoints = np.array(WAYPOINTS)
+    arrays = {
+        "points": points,
+        "fewer": points[:-1],
+        "flat": points[:, :2],
+        "line": np.linspace([0, 0, 0], [1, 1, 1], 20),
+        "nan": np.where(points == points[2, 1], np.nan, points),
+        "one": points[:1],
+        "words": np.array(["a", "b"]),
+        "waypoints": waypoints,
+        "three": waypoints[:3],
+        "same": waypoints[[0, 1, 1, 3]],
+        "nanway": np.where(waypoints == 0.3, np.nan, waypoints),
+        "far": waypoints + [0, 0, 1, 0, 0, 0],
+        "empty_array": np.zeros((0, 4, 6)),
+    }
+    for name, array in arrays.items():
+        np.save(tmp_path / f"{name}.npy", array)
+    rows = "\n".join(f"{0.1 * k:.1f}," + ",".join(map(str, q[k])) for k in range(20))
+    (tmp_path / "path.csv").write_text(f"t_s,{','.join(JOINT_NAMES)}\n{rows}\n")
+    (tmp_path / "holes.csv").write_text(f"t_s,{','.join(JOINT_NAMES)}\n{rows}\n2.0,,,,,,\n")
+    (tmp_path / "theirs.csv").write_text("mine,alone\n")
+    (tmp_path / "theirs.xml").write_text("<mine/>")
+    (tmp_path / "file").write_text("")
+    with zipfile.ZipFile(tmp_path / "many.npz", "w") as many:
+        many.writestr("q_cmd.npy", b"")
+    _claim_long_list(tmp_path / "many.npz")
     np.save(tmp_path / "objects.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     for suffix in ("npz", "npy"):
         (tmp_path / f"empty.{suffix}").write_bytes(b"")
@@ -82,10 +102,16 @@ def folder(tmp_path_factory):
     (tmp_path / "otherrun" / "run.json").write_text(json.dumps({"task": "peg-transfer", "seed": 99}))
     (tmp_path / "badrecord").mkdir()
     (tmp_path / "badrecord" / "run.json").write_text("{")
-    (tmp_path / "broken.py").write_text("1 / 0\n")
     text = station_text("peg-transfer")
-    (tmp_path / "nan.toml").write_text(text.replace("133.2", "nan", 1))
-    (tmp_path / "key.toml").write_text("colour = 'red'\n" + text)
+    changed = {
+        "nan": ("133.2", "nan"),
+        "key": ('name = "peg-transfer"', 'nome = "peg-transfer"'),
+        "inch": ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_inch = [5, 0, 7]"),
+        "future": ('model = "psm-classic"', 'model = "psm-future"'),
+    }
+    for name, (old, new) in changed.items():
+        assert old in text
+        (tmp_path / f"{name}.toml").write_text(text.replace(old, new, 1))
     (tmp_path / "cut.toml").write_text(text[:200])
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     rows = load_recording(tmp_path / "recording.npz")
@@ -94,101 +120,191 @@ def folder(tmp_path_factory):
     return tmp_path
 
 
+def _claim_long_list(path):
+    """Let a zip's last record claim a list of 16 MB, which a file of 200 000 members really has."""
+    data = bytearray(path.read_bytes())
+    place = data.rfind(b"PK\5\6")
+    data[place + 12 : place + 16] = (16 << 20).to_bytes(4, "little")
+    path.write_bytes(data)
+
+
 @pytest.fixture(autouse=True)
 def in_the_folder(folder, monkeypatch):
     monkeypatch.chdir(folder)
 
 
-RUN, FIT = "run peg-transfer", "calibrate fit"
+RUN, FIT, EVALUATE, STUDY = "run peg-transfer", "calibrate fit", "calibrate evaluate", "study peg-transfer"
+EXCITE, COLLECT, REGISTER = "calibrate excite", "calibrate collect", "register cell"
+APPLY, EXPORT = "calibrate apply model.npz", "station export peg-transfer"
 BAD_ARRAYS = ("missing", "empty", "text", "cut", "words")
-BAD_STATIONS = ("missing", "nan", "key", "cut", "bytes")
-BAD_PLUGINS = ("missing.py", "broken.py", "recording.npz", "folder")
-PLUGGED = (
-    "report badtrial",
-    "station show suture",
-    "plan transfer waypoints.npy",
-    f"{FIT} recording.npz --out m.npz",
-    "calibrate evaluate model.npz recording.npz",
-)
+STATIONS = {
+    "missing": "does not exist",
+    "nan": "is nan",
+    "key": "unknown key 'nome'; did you mean 'name'",
+    "inch": "unknown key 'xyz_inch'",
+    "future": "arms.psm1.model: arm 'psm-future' is unknown; choose",
+    "cut": "cut.toml",
+    "bytes": "bytes.toml",
+}
+LONG_LIST = "is a zip whose list of members alone is 16 MB long"
 BAD = [
-    "run peg-transfers",
+    "statoin list -> command 'statoin' is unknown; did you mean 'station'? choose one of run",
+    "calibrate evalute -> command 'evalute' is unknown; did you mean 'evaluate'?",
+    "run peg-transfers -> peg-transfer",
     "run debridement --arms 3",
-    f"{RUN} --variant trilateral",
-    f"{RUN} --method magic",
-    f"{RUN} --model gru",
-    f"{RUN} --trials 0",
-    f"{RUN} --trials -3",
-    f"{RUN} --seed -1",
-    f"{RUN} --method uncalibrated --refit-offsets",
-    f"{RUN} --out recording.npz",
+    "run debridement --calibration images -> --calibration images has no effect with --method best",
+    f"{RUN} --variant sideways -> unilateral",
+    f"{RUN} --method magic -> calibrated, uncalibrated",
+    f"{RUN} --method uncalibrated --model lstm -> --model lstm has no effect with --method uncalibrated",
+    f"{RUN} --method adaptive --new-session -> --method adaptive makes none; drop --new-session",
+    f"{RUN} --model gru -> play",
+    f"{RUN} --trials 0 -> --trials",
+    f"{RUN} --trials -3 -> --trials",
+    f"{RUN} --seed -1 -> --seed",
+    f"{RUN} --method uncalibrated --refit-offsets -> --refit-offsets",
+    f"{RUN} --out file -> 'file' is a file; choose a folder with --out",
     f"{RUN} --out recording.npz/inside",
     f"{RUN} --out otherrun",
     f"{RUN} --out badrecord",
-    f"{RUN} --sessions 0",
-    f"{RUN} --planner magic",
-    f"{RUN} --perception magic",
-    f"{RUN} --transfers 0",
-    f"{RUN} --transfers 13",
-    f"{RUN} --budget 0",
-    f"{RUN} --budget nan",
-    f"{RUN} --station kitchen",
-    f"{RUN} --station suture",
-    *(f"{RUN} --station {name}.toml" for name in BAD_STATIONS),
-    *(f"{RUN} --plugin {name}" for name in BAD_PLUGINS),
-    *(f"run --plugin {name} peg-transfer" for name in BAD_PLUGINS),
+    f"{RUN} --sessions 0 -> --sessions",
+    f"{RUN} --planner magic -> spline",
+    f"{RUN} --perception magic -> depth",
+    f"{RUN} --transfers 0 -> give 1 to 12",
+    f"{RUN} --transfers 13 -> give 1 to 12",
+    f"{RUN} --budget 0 -> --budget",
+    f"{RUN} --budget nan -> --budget",
+    f"{RUN} --difficulty easy -> easy",
+    f"{RUN} --flaw wind=3 -> wind",
+    f"{RUN} --flaw jaw=3mm -> jaw",
+    f"{RUN} --flaw kinematics=2 -> kinematics",
+    f"{RUN} --flaw print=-0.1mm -> flaw 'print=-0.1mm' has a negative size; give 0 or more",
+    f"{RUN} --flaw depth=2mm -> give how many times what was recorded, as in 'depth=2x'",
+    f"{RUN} --flaw depth=2x --station nowhere -> station 'nowhere' is unknown",  # the flaw was read
+    f"{RUN} --station kitchen -> raven-pair",
+    f"{RUN} --station suture -> no fixture 'board'",
+    *(f"{RUN} --station {name}.toml -> {said}" for name, said in STATIONS.items()),
     "run suture --budget 0",
     "run suture --sutures 0",
     "run suture --sutures 1000",
     "run suture --plan missing.json",
     "run suture --plan text.npy",
     "run suture --station raven-pair",
-    *(f"station {command} {name}.toml" for command in ("show", "check") for name in BAD_STATIONS),
-    "station show kitchen",
-    "station check folder",
-    *(f"{line} --plugin {name}" for line in PLUGGED for name in BAD_PLUGINS),
-    "view missing",
+    *(f"station {verb} {name}.toml -> {said}" for verb in ("show", "check") for name, said in STATIONS.items()),
+    "station show kitchen -> station 'kitchen' is unknown; choose one of peg-transfer",
+    "station check folder -> is unknown; choose one of",
+    f"{EXPORT} -> nothing to write; give --mjcf FILE.xml, --urdf FOLDER, or both",
+    f"{EXPORT} --mjcf a.txt -> 'a.txt' must end in .xml",
+    f"{EXPORT} --mjcf nowhere/a.xml -> lie in a folder that exists",
+    f"{EXPORT} --urdf urdf --task peg-transfer -> --task is for the whole station",
+    f"{EXPORT} --mjcf a.xml --task cooking -> 'cooking' is unknown; choose one of",
+    f"{EXPORT} --mjcf a.xml --seed -1 -> --seed is '-1'",
+    f"{EXPORT} --mjcf theirs.xml -> theirs.xml' already exists",
+    f"{EXPORT} --urdf theirs.xml -> is a file where a folder is to be",
+    "station export kitchen --urdf urdf -> station 'kitchen' is unknown",
+    "station export suture --mjcf a.xml --task peg-transfer -> no fixture 'board'",
+    "view missing -> holds no trial; give the folder of a run",
+    "view file -> 'file' is a file; give the folder of a run",
     "view folder",
-    "view badtrial",
+    "view badtrial -> is not a readable trocar trial",
     "view badtrial --session 1",
-    "report missing",
-    "report folder",
-    "report recording.npz",
+    "report missing -> missing",
+    "report folder -> holds no trial",
+    "report file -> 'file' is a file; give the folder of a run",
     "report badtrial",
     "report cuttrial",
     "report damagedtrial",
     "report otherrun",
+    "analyse folder -> recording 'folder' is a folder; give a CSV file",
+    "analyse path.csv --columns q7 -> no column 'q7'",
+    "analyse path.csv --columns q1,q2 --arm psm-si -> name the six joints",
+    "analyse path.csv --arm crane -> choose one of psm-classic",
+    "analyse path.csv --smoothness 0 -> --smoothness is 0",
+    "analyse path.csv --rate -1 -> --rate is -1",
     *(f"{FIT} {name}.npz --out m.npz" for name in BAD_ARRAYS),
     *(f"{FIT} {name}.npz --out m.npz" for name in ("short", "unequal", "five", "nan", "allbad", "other", "damaged")),
     f"{FIT} folder --out m.npz",
     f"{FIT} halfdata --out m.npz",
     f"{FIT} recording.npz --out m.npz --model gru",
     f"{FIT} recording.npz --out m.npz --fraction 0",
+    f"{FIT} recording.npz --out m.npz --fraction 1.5",
     f"{FIT} recording.npz --out m.npz --fraction nan",
     f"{FIT} recording.npz --out m.npz --rows 0",
     f"{FIT} recording.npz --out m.npz --rows -1",
     f"{FIT} recording.npz --out m.npz --rows 61",
+    f"{FIT} recording.npz --out m.npz --rows 10 --fraction 0.5",
     f"{FIT} recording.npz --out m.npz --seed -1",
     f"{FIT} recording.npz --out nowhere/m.npz",
     f"{FIT} recording.npz --out m.txt",
+    f"{FIT} path.csv --out path.csv -> must end in .npz",
     f"{FIT} recording.npz --out folder",
-    *(f"calibrate evaluate {name}.npz recording.npz" for name in (*BAD_ARRAYS, "recording", "damaged", "cutmodel")),
-    *(f"calibrate evaluate model.npz {name}.npz" for name in (*BAD_ARRAYS, "unequal", "five", "nan", "damaged")),
-    "calibrate evaluate model.npz recording.npz --from-row -1",
-    "calibrate evaluate model.npz recording.npz --from-row 60",
-    "calibrate evaluate model.npz recording.npz --refit -1",
-    "calibrate evaluate model.npz recording.npz --refit 1000",
-    "calibrate evaluate model.npz recording.npz --plot nowhere/loops.png",
-    "calibrate evaluate model.npz recording.npz --plot folder",
-    "calibrate evaluate model.npz recording.npz --plot loops.xyz",
+    *(f"{EVALUATE} {name}.npz recording.npz" for name in (*BAD_ARRAYS, "damaged", "cutmodel")),
+    *(f"{EVALUATE} model.npz {name}.npz" for name in (*BAD_ARRAYS, "unequal", "five", "nan", "damaged")),
+    f"{EVALUATE} recording.npz model.npz -> 'recording.npz' is a recording, not a cable model",
+    f"{EVALUATE} model.npz model.npz -> 'model.npz' is a 'trocar cable model', not a recording",
+    f"{EVALUATE} other.npz recording.npz -> 'other.npz' is not a trocar cable model, it holds something",
+    f"{EVALUATE} folder recording.npz -> 'folder' is a folder; give a file, a trocar cable model",
+    f"{EVALUATE} many.npz recording.npz -> {LONG_LIST}",
+    f"{EVALUATE} model.npz many.npz -> {LONG_LIST}",
+    f"{EVALUATE} model.npz recording.npz --from-row -1",
+    f"{EVALUATE} model.npz recording.npz --from-row 60 -> 60",
+    f"{EVALUATE} model.npz recording.npz --refit -1",
+    f"{EVALUATE} model.npz recording.npz --refit 1000",
+    f"{EVALUATE} model.npz recording.npz --plot nowhere/loops.png",
+    f"{EVALUATE} model.npz recording.npz --plot folder",
+    f"{EVALUATE} model.npz recording.npz --plot loops.xyz",
+    f"{APPLY} path.csv --out path.csv -> is read",
+    f"{APPLY} path.csv --out commands.txt -> must end in .csv",
+    f"{APPLY} path.csv --out c.csv --columns q1,q2 -> names 2 different columns",
+    f"{APPLY} path.csv --out c.csv --columns a,b,c,d,e,f -> has no column 'a'",
+    f"{APPLY} path.csv --out c.csv --rate nan -> is not a rate",
+    f"{APPLY} path.csv --out c.csv --rate inf -> is not a rate",
+    f"{APPLY} holes.csv --out c.csv -> row 22 of",
+    f"{APPLY} path.csv --out theirs.csv -> not replaced",
+    f"{APPLY} path.csv --out gone/c.csv -> lie in a folder that exists",
+    "calibrate apply path.csv path.csv --out c.csv -> not a readable trocar cable model",
+    f"{EXCITE} peg-transfer --out minute.csv --arm psm3 -> psm3",
+    f"{EXCITE} raven-pair --out minute.csv -> does not define where arm 'left' moves",
+    f"{EXCITE} peg-transfer --out minute.csv --rows 1 -> 1 samples",
+    f"{EXCITE} peg-transfer --out minute.csv --rows 1000000000 -> 1000000000 samples",
+    f"{EXCITE} peg-transfer --out nowhere/minute.csv -> nowhere",
+    f"{EXCITE} peg-transfer --out minute.txt -> must end in .csv",
+    f"{COLLECT} kitchen --out cal -> station 'kitchen' is unknown",
+    f"{COLLECT} peg-transfer --out cal --arm psm3 -> arm 'psm3' is unknown; did you mean",
+    f"{COLLECT} raven-pair --out cal -> does not define where arm 'left' moves during calibration",
+    f"{COLLECT} peg-transfer --out cal --rows 10 -> 10 rows is too small to fit on; give 30 or more",
+    f"{COLLECT} peg-transfer --out cal --rows 60 --fraction 0.8 -> leaves too few to fit on (60 or more)",
+    f"{COLLECT} peg-transfer --out cal --fraction 1 -> --fraction 1 of 1355 rows",
+    f"{COLLECT} peg-transfer --out cal --seed -1 -> --seed is '-1'",
+    f"{COLLECT} peg-transfer --out cal --model oracle -> cable model 'oracle' is unknown",
+    f"{COLLECT} peg-transfer --out cal --difficulty easy -> 'easy' is unknown; choose one of mild, recorded, harsh",
+    f"{COLLECT} peg-transfer --out cal --flaw creep=1m -> creep=1m",
+    f"{COLLECT} peg-transfer --out cal --flaw needle=2 -> flaw 'needle' has no effect",
     "study calibration --data missing",
-    *(f"export {name} --out tables" for name in ("missing", "folder", "badtrial", "recording.npz", "empty.npz")),
-    "export recording.npz --out recording.npz",
     "study calibration --data folder",
     "study calibration --data recording.npz",
-    *(f"register points {name}.npy points.npy" for name in (*BAD_ARRAYS, "fewer", "nan", "one", "objects")),
-    *(f"register points points.npy {name}.npy" for name in (*BAD_ARRAYS, "fewer", "nan")),
+    f"{STUDY} --variants , -> --variants ',' has a comma too many; choose from unilateral, bilateral, handover",
+    f"{STUDY} --methods best,best -> --methods names 'best' twice; name each once",
+    f"{STUDY} --methods uncalibrated --model ridge -> --model ridge has no effect with uncalibrated",
+    f"{STUDY} --report-only --out nothere -> folder 'nothere' does not exist; give that of a study with --out",
+    f"{STUDY} --report-only --out folder -> folder 'folder' holds no study",
+    f"{STUDY} --out file -> --out 'file' is a file; give a folder",
+    "study debridement --arms 1,,2 -> --arms '1,,2' has a comma too many",
+    "study debridement --model ridge -> --model ridge has no effect with best",
+    *(f"export {name} --out tables" for name in ("missing", "folder", "badtrial", "recording.npz", "empty.npz")),
+    "export recording.npz --out recording.npz",
+    f"{REGISTER} kitchen --out cell -> station 'kitchen' is unknown",
+    f"{REGISTER} peg-transfer --out cell -> is registered by points; give its [registration]",
+    f"{REGISTER} raven-pair --out cell --seed -1 -> --seed is '-1'; it should be greater than or equal",
+    f"{REGISTER} suture --seed abc -> --seed is 'abc'; it should be a valid integer",
+    *(f"register points {name}.npy points.npy -> {name}.npy" for name in (*BAD_ARRAYS, "objects")),
+    *(f"register points points.npy {name}.npy -> {name}.npy" for name in (*BAD_ARRAYS, "fewer", "nan")),
+    "register points fewer.npy points.npy -> fewer.npy has shape (19, 3)",
+    "register points flat.npy points.npy -> shape",
+    "register points nan.npy points.npy -> nan.npy' holds NaN or infinity, first in row 2",
+    "register points line.npy points.npy -> one line",
+    "register points one.npy points.npy",
     "register points one.npy one.npy",
-    "register points folder points.npy",
+    "register points folder file -> 'folder' is a folder; give a .npy file",
     "register points recording.npz points.npy",
     "register points cut.npz points.npy",
     "register points points.npy points.npy --inlier-mm 0",
@@ -197,15 +313,21 @@ BAD = [
     *(f"register block {name}.npy --unit m" for name in (*BAD_ARRAYS, "objects")),
     "register block points.npy",
     "register block capture.npz --unit inch",
-    "register block folder",
-    *(f"plan transfer {name}.npy" for name in (*BAD_ARRAYS, "points", "nan", "empty_array", "objects", "far")),
-    *(f"plan transfer {name}.npz" for name in (*BAD_ARRAYS, "other", "damaged")),
-    "plan transfer folder",
-    "plan transfer waypoints.npy --planner magic",
+    "register block folder -> 'folder' is a folder; give an .npz or .npy file",
+    *(f"plan transfer {name}.npy -> {name}.npy" for name in (*BAD_ARRAYS, "points", "three", "same", "nanway", "far")),
+    *(f"plan transfer {name}.npy -> {name}.npy" for name in ("empty_array", "objects")),
+    *(f"plan transfer {name}.npz -> {name}.npz" for name in (*BAD_ARRAYS, "other", "damaged")),
+    f"plan transfer many.npz -> {LONG_LIST}",
+    "plan transfer folder -> 'folder' is a folder; give a .npy or .npz with waypoints",
+    "plan transfer waypoints.npy --planner magic -> spline",
     "plan transfer waypoints.npy --arm psm-xi",
     "plan transfer waypoints.npy --limits none",
     "plan transfer waypoints.npy --up 0 0 0",
     "plan transfer waypoints.npy --up nan 0 1",
+    "plan transfer one.npz --out motions.txt -> must end in .csv, .npz",
+    "plan transfer one.npz --out one.npz -> is read",
+    "plan transfer one.npz --step-ms 0 -> is outside",
+    "plan transfer one.npz --step-ms nan -> is outside",
     "plan suture --preset magic",
     "plan suture --count 0",
     "plan suture --count 7",
@@ -265,34 +387,27 @@ USAGE = [
 ]
 
 
-def trocar(monkeypatch, capsys, line):
-    monkeypatch.setattr("sys.argv", ["trocar", *line.split()])
-    with pytest.raises(SystemExit) as end:
-        main()
-    output = capsys.readouterr()
-    return end.value.code or 0, output.out, output.err
-
-
 def contents(folder):
     return {path.relative_to(folder): path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.mark.parametrize("line", BAD)
-def test_bad_input_is_one_sentence_and_code_2(folder, monkeypatch, capsys, line):
+def test_bad_input_is_one_sentence_and_code_2(folder, trocar, line):
     before = contents(folder)
+    words, _, said = line.partition(" -> ")
     flags = ["", *([" --json"] if not line.startswith("view") else [])]
     for flag in flags:
-        code, out, err = trocar(monkeypatch, capsys, line + flag)
+        code, out, err = trocar(*f"{words}{flag}".split())
         assert code == 2, err
         assert out == ""
-        assert re.fullmatch(r"trocar: [^\n]+\n", err), err
+        assert re.fullmatch(r"trocar: [^\n]+\n", err) and said in err, err
         assert contents(folder) == before, "something was written"
 
 
 @pytest.mark.parametrize("line", USAGE)
-def test_wrong_usage_is_code_2(folder, monkeypatch, capsys, line):
+def test_wrong_usage_is_code_2(folder, trocar, line):
     before = contents(folder)
-    code, out, err = trocar(monkeypatch, capsys, line)
+    code, out, err = trocar(*line.split())
     assert code == 2
     assert out == ""
     assert "Traceback" not in err
@@ -313,17 +428,17 @@ def test_wrong_usage_is_code_2(folder, monkeypatch, capsys, line):
         "station list",
     ],
 )
-def test_json_is_one_object_and_nothing_else(tmp_path, monkeypatch, capsys, line):
-    code, out, _ = trocar(monkeypatch, capsys, f"{line.format(out=tmp_path)} --json")
+def test_json_is_one_object_and_nothing_else(trocar, tmp_path, line):
+    code, out, _ = trocar(*line.format(out=tmp_path).split(), "--json")
     assert code == 0
     assert isinstance(json.loads(out), dict)
     assert out.count("\n") == 1
 
 
-def test_an_absent_block_is_code_1_with_an_object(tmp_path, monkeypatch, capsys):
+def test_an_absent_block_is_code_1_with_an_object(trocar, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.save("plate.npy", np.random.default_rng(0).uniform((-0.05, -0.05, 0.5), (0.05, 0.05, 0.5001), (3000, 3)))
-    code, out, err = trocar(monkeypatch, capsys, "register block plate.npy --unit m --json")
+    code, out, err = trocar(*["register", "block", "plate.npy", "--unit", "m", "--json"])
     assert code == 1
     assert json.loads(out)["found"] is False
     assert err == ""

@@ -14,16 +14,7 @@ from trocar.calibration.excitation import PSM2_BOX, wide_path
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import COMMANDED, MEASURED
-from trocar.cli import main
 from trocar.cli.study_calibration import errors_table, models_table
-
-
-def run(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr("sys.argv", ["trocar", *map(str, arguments)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    output = capsys.readouterr()
-    return end.value.code or 0, output.out, output.err
 
 
 @pytest.fixture
@@ -53,25 +44,14 @@ def test_a_model_from_a_plugin_is_fitted_kept_and_evaluated_like_any_other(troca
         assert json.loads(out)["model"] == "plane"
 
 
-def test_fit_and_evaluate(monkeypatch, capsys, recording, tmp_path):
+def test_fit_and_evaluate(trocar, recording, tmp_path):
     model, picture = tmp_path / "m.npz", tmp_path / "loops.png"
-    arguments = (
-        "calibrate",
-        "fit",
-        recording,
-        "--model",
-        "ridge",
-        "--out",
-        model,
-        "--fraction",
-        0.8,
-        "--json",
+    code, out, _ = trocar(
+        "calibrate", "fit", recording, "--model", "ridge", "--out", model, "--fraction", 0.8, "--json"
     )
-    code, out, _ = run(monkeypatch, capsys, *arguments)
     assert code == 0
     assert json.loads(out)["model"] == "ridge"
-    arguments = ("calibrate", "evaluate", model, recording, "--from-row", 160, "--json", "--plot", picture)
-    code, out, _ = run(monkeypatch, capsys, *arguments)
+    code, out, _ = trocar("calibrate", "evaluate", model, recording, "--from-row", 160, "--json", "--plot", picture)
     result = json.loads(out)
     with np.load(recording) as data:
         error = (data["q_phy"] - data["q_cmd"])[160:][data["valid"][160:]]
@@ -84,38 +64,6 @@ def test_fit_and_evaluate(monkeypatch, capsys, recording, tmp_path):
     assert result["model"] == "ridge"
     assert 0 < result["compensation_ms"] < 10
     assert picture.stat().st_size > 10_000
-
-
-def test_bad_input_is_one_sentence_and_writes_nothing(monkeypatch, capsys, recording, tmp_path):
-    out = tmp_path / "m.npz"
-    (tmp_path / "empty.npz").write_bytes(b"")
-    fit = ("calibrate", "fit")
-    for arguments in (
-        (*fit, tmp_path / "none.npz", "--out", out),
-        (*fit, tmp_path / "empty.npz", "--out", out),
-        (*fit, recording, "--out", out, "--model", "gru"),
-        (*fit, recording, "--out", out, "--fraction", 1.5),
-        (*fit, recording, "--out", out, "--rows", 999),
-        (*fit, recording, "--out", out, "--rows", 10, "--fraction", 0.5),
-        (*fit, recording, "--out", tmp_path / "m.txt"),
-        (*fit, recording, "--out", tmp_path / "nowhere" / "m.npz"),
-        ("calibrate", "evaluate", out, recording),
-        ("calibrate", "evaluate", recording, recording),
-    ):
-        code, stdout, stderr = run(monkeypatch, capsys, *arguments)
-        assert code == 2, arguments
-        assert stdout == ""
-        assert stderr.startswith("trocar: ")
-        assert stderr.count("\n") == 1
-        assert not out.exists()
-
-
-def test_a_row_beyond_the_recording_is_refused(monkeypatch, capsys, recording, tmp_path):
-    model = tmp_path / "m.npz"
-    run(monkeypatch, capsys, "calibrate", "fit", recording, "--model", "offset", "--out", model)
-    code, _, stderr = run(monkeypatch, capsys, "calibrate", "evaluate", model, recording, "--from-row", 200)
-    assert code == 2
-    assert "200" in stderr
 
 
 def test_the_studys_tables_fit_into_a_terminal_of_80_columns():
@@ -131,18 +79,9 @@ def test_the_studys_tables_fit_into_a_terminal_of_80_columns():
 
 
 @pytest.mark.slow
-def test_the_study_prints_table_1(monkeypatch, capsys, recordings, tmp_path):
-    arguments = (
-        "study",
-        "calibration",
-        "--data",
-        recordings,
-        "--no-lstm",
-        "--json",
-        "--out",
-        tmp_path / "study",
-    )
-    code, out, _ = run(monkeypatch, capsys, *arguments)
+def test_the_study_prints_table_1(trocar, recordings, tmp_path):
+    words = ("study", "calibration", "--data", recordings, "--no-lstm", "--json", "--out", tmp_path / "study")
+    code, out, _ = trocar(*words)
     assert code == 0
     result = json.loads(out)
     table = result["table_1"]["psm1_grey_random"]
@@ -162,23 +101,7 @@ def test_a_minutes_commands_are_written_for_a_robot(trocar, tmp_path):
     np.testing.assert_allclose(json.loads(out)["q_cmd"], rows, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("more", "what"),
-    [
-        (("peg-transfer", "--arm", "psm3"), "psm3"),
-        (("raven-pair",), "does not define where arm 'left' moves"),
-        (("peg-transfer", "--rows", 1), "1 samples"),
-        (("peg-transfer", "--rows", 10**9), "1000000000 samples"),
-        (("peg-transfer", "--out", "nowhere/minute.csv"), "nowhere"),
-        (("peg-transfer", "--out", "minute.txt"), "must end in .csv"),
-    ],
-)
-def test_commands_that_cannot_be_written_are_refused(trocar, tmp_path, more, what):
-    code, _, error = trocar("calibrate", "excite", "--out", tmp_path / "minute.csv", *more)
-    assert code == 2 and what in error
-
-
-def test_a_recording_may_be_a_csv_file_and_is_never_written_over(monkeypatch, capsys, recording, tmp_path):
+def test_a_recording_may_be_a_csv_file(trocar, recording, tmp_path):
     with np.load(recording) as arrays:
         values = np.column_stack([arrays["t_s"], arrays["q_cmd"], arrays["q_phy"], arrays["valid"]])
     header = ",".join(["time_s", *COMMANDED, *MEASURED, "valid"])
@@ -186,10 +109,8 @@ def test_a_recording_may_be_a_csv_file_and_is_never_written_over(monkeypatch, ca
     said = {}
     for kind in ("npz", "csv"):
         path, model = tmp_path / f"r.{kind}", tmp_path / f"m_{kind}.npz"
-        assert run(monkeypatch, capsys, "calibrate", "fit", path, "--model", "ridge", "--out", model)[0] == 0
-        code, stdout, _ = run(monkeypatch, capsys, "calibrate", "evaluate", model, path, "--json")
+        assert trocar("calibrate", "fit", path, "--model", "ridge", "--out", model)[0] == 0
+        code, stdout, _ = trocar("calibrate", "evaluate", model, path, "--json")
         assert code == 0
         said[kind] = json.loads(stdout)
     assert said["csv"]["rmse_after"] == said["npz"]["rmse_after"]
-    code, _, stderr = run(monkeypatch, capsys, "calibrate", "fit", tmp_path / "r.csv", "--out", tmp_path / "r.csv")
-    assert code == 2 and "must end in .npz" in stderr

@@ -40,22 +40,11 @@ def test_the_whole_tree_is_walked():
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_every_command_has_help_with_an_example_of_itself(words):
-    result = RUNNER.invoke(app, [*words, "--help"], env=WIDE)
-    assert result.exit_code == 0
-    text = " ".join(result.output.split())
-    assert f"Example: trocar {' '.join(words)}" in text
-
-
-@pytest.mark.parametrize("words", [words for words in COMMANDS if words not in WITHOUT_JSON], ids=" ".join)
-def test_every_command_that_computes_has_json(words):
-    assert "--json" in RUNNER.invoke(app, [*words, "--help"], env=WIDE).output
-
-
-@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_h_is_help(words):
+def test_every_command_has_help_with_an_example_of_itself_and_json_if_it_computes(words):
     short, long = (RUNNER.invoke(app, [*words, option], env=WIDE) for option in ("-h", "--help"))
-    assert short.exit_code == 0 and short.output == long.output
+    assert short.exit_code == long.exit_code == 0 and short.output == long.output
+    assert f"Example: trocar {' '.join(words)}" in " ".join(long.output.split())
+    assert "--json" in long.output or words in WITHOUT_JSON
 
 
 def test_the_version_is_that_of_the_package_and_the_package_is_a_command():

@@ -7,31 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from synthetic import synthetic_trial
 from trocar.cli import main
-from trocar.eval import run as trials_run
-from trocar.eval.prepare import Prepared
-from trocar.report import files
 
 WORDS = ("trocar", "run", "peg-transfer", "--method", "uncalibrated", "--sessions", "2", "--trials", "1", "--json")
 MOMENTS = ("half a draft", "a whole draft", "its name just taken")
-
-
-@pytest.fixture
-def played(monkeypatch):
-    """Replace trials by synthetic ones and leave pictures out: what is left is the run's own writing."""
-
-    def run_trial(config, prepared, index, listener=None, *, raise_errors=False):
-        return synthetic_trial(config, index, session=prepared.number)
-
-    def prepare(config, number, folder, **_):
-        (folder / f"session_{number:02d}").mkdir(exist_ok=True)
-        return Prepared(number, None, {})
-
-    monkeypatch.setattr(trials_run, "prepare", prepare)
-    monkeypatch.setattr(trials_run, "run_trial", run_trial)
-    monkeypatch.setattr(files, "_pictures", lambda *rest: ([], None))
-    monkeypatch.setattr(files, "find_spec", lambda module: None)
 
 
 def run_in_a_process(folder, write=None, moment=""):

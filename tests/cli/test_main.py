@@ -1,10 +1,15 @@
-"""Exit codes for each cause of an error."""
+"""Exit codes for each cause of an error, and output on terminals with limited encodings or widths."""
 
 import errno
+import io
+import json
+import os
+import sys
 
 import pytest
+from rich.console import Console
 
-from trocar.cli import doctor
+from trocar.cli import doctor, prepare_streams
 from trocar.errors import MachineError, TrocarError
 
 
@@ -37,22 +42,23 @@ def test_an_empty_word_is_refused(trocar, words):
 
 
 def test_doctor_tells_programs_too(trocar):
-    import json
-
     code, out, _ = trocar("doctor", "--json")
     said = json.loads(out)
     assert code == 0 and said["extras"]["sim"]["mujoco"]
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("statoin", "list"), "trocar: command 'statoin' is unknown; did you mean 'station'? choose one of run"),
-        (("calibrate", "evalute"), "trocar: command 'evalute' is unknown; did you mean 'evaluate'?"),
-        (("register", "cell", "suture", "--seed", "abc"), "trocar: --seed is 'abc'; it should be a valid integer\n"),
-        (("register", "cell", "suture", "--seed", "-1"), "trocar: --seed is '-1'; it should be greater than or equal"),
-    ],
-)
-def test_a_mistyped_word_is_quoted_with_what_was_meant(trocar, words, said):
-    code, out, err = trocar(*words)
-    assert (code, out) == (2, "") and said in err and err.count("\n") == 1
+def test_text_that_an_encoding_lacks_is_written_as_an_escape(monkeypatch):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii", errors="strict"))
+    prepare_streams()
+    Console().print("files: é/run.json", soft_wrap=True)
+    sys.stdout.flush()
+    assert written.getvalue() == b"files: \\xe9/run.json\n"
+
+
+@pytest.mark.parametrize(("columns", "width"), [("0", 80), ("-1", 80), ("many", 80), ("3", 80), ("120", 120)])
+def test_a_width_that_is_none_counts_as_not_given(monkeypatch, columns, width):
+    monkeypatch.setenv("COLUMNS", columns)
+    prepare_streams()
+    assert os.environ.get("COLUMNS", "80") == str(width)
+    assert Console(file=io.StringIO()).width == width

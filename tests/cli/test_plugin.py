@@ -50,19 +50,6 @@ def test_a_file_that_raises_is_named_with_its_error(said, line):
     assert "plugin 'mine.py' cannot be loaded, line 2: ZeroDivisionError: division" in said(line, "import os\n1 / 0\n")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("def\n", "cannot be loaded: SyntaxError"),
-        ("import nothing_of_this_name\n", "cannot be loaded, line 1: ModuleNotFoundError: No module named 'nothing_of"),
-        ("raise SystemExit(0)\n", "cannot be loaded, line 1: SystemExit"),
-        ("\0", "cannot be loaded"),
-    ],
-)
-def test_whatever_is_wrong_with_a_file_is_one_sentence(said, text, words):
-    assert words in said(COMMANDS["plan"], text)
-
-
 def test_a_file_of_another_kind_is_named(said):
     assert "plugin 'mine.txt' is not a Python file" in said(COMMANDS["run"], "VALUE = 1\n", "mine.txt")
 

@@ -79,45 +79,6 @@ def test_findings_are_sentences_and_code_1(trocar, mine):
     assert json.loads(out) == {"station": "mine", "ok": False, "findings": findings}
 
 
-@pytest.mark.parametrize("command", ["show", "check"])
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ('name = "peg-transfer"', "name = ", "mine.toml"),
-        ('name = "peg-transfer"', 'nome = "peg-transfer"', "unknown key 'nome'; did you mean 'name'"),
-        (
-            'model = "psm-classic"',
-            'model = "psm-future"',
-            "arms.psm1.model: arm 'psm-future' is unknown; choose",
-        ),
-        ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_mm = [nan, 0.0, 166.0]", "is nan"),
-        ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_inch = [5, 0, 7]", "unknown key 'xyz_inch'"),
-    ],
-)
-def test_a_bad_file_is_one_sentence(trocar, mine, command, old, new, words):
-    path = mine((old, new))
-    for flags in ((), ("--json",)):
-        code, out, err = trocar("station", command, path, *flags)
-        assert (code, out) == (2, "")
-        assert err.startswith("trocar: ") and err.count("\n") == 1
-        assert words in err and str(path) in err
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("kitchen", "station 'kitchen' is unknown; choose one of peg-transfer"),
-        ("kitchen.toml", "station file 'kitchen.toml' does not exist"),
-        (".", "is unknown; choose one of"),
-    ],
-)
-def test_a_station_that_is_not_there_is_one_sentence(trocar, tmp_path, monkeypatch, name, words):
-    monkeypatch.chdir(tmp_path)
-    for command in ("show", "check"):
-        code, out, err = trocar("station", command, name)
-        assert (code, out) == (2, "") and err.count("\n") == 1 and words in err
-
-
 def test_a_transmission_of_ones_own_comes_with_a_plugin(trocar, mine, tmp_path):
     path = mine(('transmission = "psm1_grey"', 'transmission = "ropes-of-mine"'))
     plugin = tmp_path / "ropes.py"
@@ -144,30 +105,6 @@ def test_a_station_is_exported_for_mujoco_and_its_arms_as_urdf(trocar, tmp_path)
     code, out, _ = trocar("station", "export", "peg-transfer", "--mjcf", tmp_path / "p.xml", "--task", "peg-transfer")
     assert code == 0 and f"python -m mujoco.viewer --mjcf={tmp_path / 'p.xml'}" in out
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "p.xml")).body("block5").id > 0
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["peg-transfer"], "nothing to write; give --mjcf FILE.xml, --urdf FOLDER, or both"),
-        (["peg-transfer", "--mjcf", "a.txt"], "'a.txt' must end in .xml"),
-        (["peg-transfer", "--mjcf", "nowhere/a.xml"], "lie in a folder that exists"),
-        (["kitchen", "--urdf", "urdf"], "station 'kitchen' is unknown"),
-        (["peg-transfer", "--urdf", "urdf", "--task", "peg-transfer"], "--task is for the whole station"),
-        (["peg-transfer", "--mjcf", "a.xml", "--task", "cooking"], "'cooking' is unknown; choose one of"),
-        (["suture", "--mjcf", "a.xml", "--task", "peg-transfer"], "no fixture 'board'"),
-        (["peg-transfer", "--mjcf", "a.xml", "--seed", "-1"], "--seed is '-1'"),
-        (["peg-transfer", "--mjcf", "theirs.xml"], "theirs.xml' already exists"),
-        (["peg-transfer", "--urdf", "theirs.xml"], "is a file where a folder is to be"),
-    ],
-)
-def test_what_cannot_be_exported_is_one_sentence_and_writes_nothing(trocar, tmp_path, monkeypatch, words, said):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "theirs.xml").write_text("<mine/>")
-    code, out, err = trocar("station", "export", *words)
-    assert (code, out) == (2, "") and said in err and err.count("\n") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["theirs.xml"]
-    assert (tmp_path / "theirs.xml").read_text() == "<mine/>"
 
 
 def test_work_out_of_an_arms_reach_is_told_before_anything_is_run(trocar, mine, tmp_path):

@@ -78,21 +78,6 @@ def test_a_trial_that_is_not_there_is_told(trocar, run, served):
     assert (code, err) == (2, f"trocar: {str(run)!r} has no trial 1 of session 0; choose one of {choices}\n")
 
 
-def test_a_damaged_trial_is_told(trocar, tmp_path, served):
-    path = trial_file(tmp_path, 0, 0)
-    path.parent.mkdir()
-    path.write_bytes(b"PK")
-    code, _, err = trocar("view", tmp_path)
-    assert code == 2 and err.count("\n") == 1
-    assert f"{str(path)!r} is not a readable trocar trial" in err
-
-
-def test_a_folder_without_trials_is_told(trocar, tmp_path, served):
-    code, _, err = trocar("view", tmp_path / "nowhere")
-    assert code == 2
-    assert "holds no trial; give the folder of a run" in err
-
-
 def test_without_viser_the_extra_is_named(trocar, run, monkeypatch):
     monkeypatch.setattr("trocar.cli.options.find_spec", lambda module: None)
     code, _, err = trocar("view", run)

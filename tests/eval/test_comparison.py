@@ -13,6 +13,7 @@ from trocar.eval.comparison import (
     session_difference,
     session_estimate,
 )
+from trocar.eval.statistics import session_posterior
 
 
 def sessions(*values):
@@ -39,6 +40,11 @@ def test_the_p_value_is_the_share_of_sign_patterns():
     assert session_difference(sessions(0, 0, 0, 0), sessions(1, 2, 3, 4), less=True).p == pytest.approx(1 / 16)
     assert session_difference(sessions(1, 0, 0, 0), sessions(0, 2, 3, 4), less=True).p == pytest.approx(2 / 16)
     assert session_difference(sessions(0, 0, 0, 0), sessions(1, 2, 3, 4), less=False).p == 1.0
+
+
+def test_a_session_counts_with_the_mean_of_its_trials():
+    found = session_difference(sessions([0, 0, 6], [1, 1, 7]), sessions([0, 3, 0], 0), less=False)
+    assert found.mean == pytest.approx(np.mean([2 - 1, 3 - 0]))
 
 
 def test_no_difference_is_never_significant():
@@ -86,6 +92,17 @@ def test_rates_that_differ_are_told_apart():
     assert rate_difference(([12] * 8, [12] * 8), ([1, 2, 0, 3, 1, 2, 1, 2], [12] * 8), 0.5)[0] > low
 
 
+@pytest.mark.parametrize("share", [0.95, 0.5])
+def test_the_interval_of_a_difference_of_rates_holds_its_share_of_the_posterior(share):
+    first, second = ([9, 11, 7], [12] * 3), ([3, 6, 2], [12] * 3)
+    rng, drawn = np.random.default_rng(0), []
+    for condition in (first, second):
+        middles, weights = session_posterior(*condition)
+        drawn.append(rng.choice(middles, 200_000, p=weights / weights.sum()))
+    expected = np.quantile(drawn[0] - drawn[1], [(1 - share) / 2, (1 + share) / 2])
+    assert rate_difference(first, second, share) == pytest.approx(expected, abs=4e-3)
+
+
 def test_holm_by_hand():
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert holm([0.6, 0.7]) == [1.0, 1.0]
@@ -103,6 +120,7 @@ def test_a_ratio_counts_sessions_in_which_nothing_was_reached():
     found = ratio_estimate({0: [(10.0, 5.0)], 1: [(10.0, 0.0)]})
     assert found.mean == 4.0
     assert ratio_estimate({0: [(10.0, 0.0)]}) is None
+    assert ratio_estimate({0: [(10.0, -3.0)], 1: [(10.0, 2.0)]}) is None
     assert ratio_estimate({0: [(10.0, 5.0)]}).low is None
 
 
@@ -128,3 +146,5 @@ def test_two_ratios_are_compared_in_the_sessions_that_both_have():
     assert ratio_of_ratios(slow, {0: [(1.0, 0.0)]}) is None
     assert ratio_of_ratios(slow, {}) is None
     assert ratio_of_ratios({0: [(4.0, 2.0)]}, {0: [(1.0, 1.0)]}).low is None
+    two = ratio_of_ratios({k: [(4.0 + k, 2.0)] for k in range(2)}, {k: [(1.0, 1.0)] for k in range(2)})
+    assert (two.low, two.mean, two.high) == pytest.approx((2.0, 2.25, 2.5))

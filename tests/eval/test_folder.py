@@ -15,7 +15,7 @@ from synthetic import config, synthetic_trial
 from trocar.calibration.excitation import WIDE_ROWS, random_smooth_path
 from trocar.calibration.models import save_model
 from trocar.errors import TrocarError
-from trocar.eval.config import RunConfig
+from trocar.eval.config import RunConfig, fingerprint
 from trocar.eval.folder import load_trials, open_folder
 from trocar.eval.run import prepare
 from trocar.eval.trial import Trial, trial_file
@@ -96,7 +96,8 @@ def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
     assert config(plugins=(str(plugin),)).fingerprint != found[-1]
 
 
-def test_a_fingerprint_is_the_same_in_another_process():
+def test_a_fingerprint_is_the_same_in_another_process_and_in_any_order():
+    assert fingerprint({"a": 1, "b": {"c": 2, "d": 3}}) == fingerprint({"b": {"d": 3, "c": 2}, "a": 1})
     code = (
         "from trocar.eval.config import RunConfig; from trocar.tasks.peg_transfer.task import PegTransfer;"
         "print(RunConfig(PegTransfer(), seed=4, calibration='joints', difficulty='mild').fingerprint)"

@@ -29,6 +29,7 @@ from trocar.eval import (
     pick_perception,
     stopped,
 )
+from trocar.eval.task import check_budget
 from trocar.lab import load_station
 from trocar.registry import Lazy, load_plugin
 from trocar.robots.arm_script import ArmScript
@@ -344,6 +345,13 @@ def test_by_default_the_first_arm_works_where_the_station_is_and_as_it_says():
         TrocarError, match="does not define where arm 'left' moves during calibration; add 'calibration'"
     ):
         task.calibration(load_station("raven-pair"), "left")
+
+
+def test_a_budget_is_any_time_above_none():
+    check_budget(1e-3)
+    for none in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(InvalidInput, match="give a finite time above 0 with --budget"):
+            check_budget(none)
 
 
 def test_the_last_word_on_why_a_script_was_given_up_stands():

@@ -19,7 +19,7 @@ from trocar.lab.session import draw_session
 from trocar.replay import SHAPES
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.world import World
-from trocar.tasks.peg_transfer.world.peg_world import PegWorld
+from trocar.tasks.peg_transfer.world import PegWorld
 
 EVERY_ARM = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
 T_WORLD_BASE = SE3.from_parts(SO3.exp([0.3, -0.7, 1.1]), [0.1, -0.2, 0.4])

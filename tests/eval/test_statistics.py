@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.stats import betabinom
 
 from trocar.errors import TrocarError
 from trocar.eval import statistics
@@ -41,6 +42,17 @@ def test_the_interval_counts_sessions_and_not_attempts():
     assert attempts[0] - few[0] < 0.03
     assert sessions[0] > 0.95
     assert few[0] < wilson_interval(120, 120)[0]
+
+
+@pytest.mark.parametrize("succeeded", [(3, 9, 7, 12), (6, 6)])
+def test_the_interval_is_that_of_the_beta_binomial_whatever_the_sessions_share(succeeded):
+    """Summed over a coarse grid of rates and correlations, with the prior of Jeffreys times one minus the latter."""
+    mean, icc = np.meshgrid((np.arange(400) + 0.5) / 400, (np.arange(60) + 0.5) / 60, indexing="ij")
+    a, b = mean * (1 / icc - 1), (1 - mean) * (1 / icc - 1)
+    likelihood = np.prod([betabinom.pmf(y, 12, a, b) for y in succeeded], axis=0)
+    weights = (likelihood * (1 - icc) / np.sqrt(mean * (1 - mean))).sum(axis=1)
+    expected = np.interp([0.025, 0.975], np.cumsum(weights) / weights.sum(), (np.arange(400) + 1) / 400)
+    assert session_interval(succeeded, [12] * len(succeeded)) == pytest.approx(expected, abs=1e-4)
 
 
 def test_one_session_says_little():

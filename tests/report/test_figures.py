@@ -200,7 +200,10 @@ def test_tables_show_the_run_beside_the_paper():
     for words in ("11 of 12", "91.7 %", "64.6 % to 98.5 %", "34.7 %", "12.30", "75.0 %"):
         assert words in text
     assert "2 trials in 1 session, simulated" in " ".join(text.split()) and "trocar, calibrated (play)" in text
-    assert "paper: surgeon" in text and "120 of 120" in text
+    assert text.index("paper: robot, calibrated") < text.index("paper: surgeon") and "120 of 120" in text
+    console.print(run_table(SUMMARY | {"method": "uncalibrated"}, PAPER["unilateral"][::-1]))
+    text = console.export_text()
+    assert text.rindex("paper: surgeon") > text.rindex("paper: robot, uncalibrated")
 
 
 def test_a_run_without_a_paper_and_without_a_model_has_a_table_too():

@@ -107,6 +107,8 @@ def test_figures_count_goals_and_sessions_of_all_seeds(tmp_path):
     assert low < 0.3 and high > 0.7, "four sessions say little"
     assert none["s_per_success"]["mean"] == pytest.approx(5.0) and large["s_per_success"]["mean"] == pytest.approx(10.0)
     assert large["collisions_per_trial"]["mean"] == 4.0
+    twice = {folder: [*given, *given] for folder, given in rows.items()}
+    assert figures_of(points[1], twice)["success_ci95"][1] == 1.0, "of all trials of a session"
     assert len(missing) == 2 and all("session_02" in sentence for sentence in missing)
     assert figures_of(points[0], {}) is None
     (table,) = tables_of([none, recorded, large])

@@ -1,7 +1,6 @@
 """How scripts run in a simulated laboratory, and how a run ends: in time, too late, by failure, by Ctrl-C."""
 
 import math
-import os
 import signal
 import threading
 import time
@@ -93,12 +92,6 @@ def test_the_clock_is_the_physics(lab):
     assert lab.now_s() == pytest.approx(0.37, abs=0.011)
 
 
-def test_the_clock_goes_on_with_the_next_script(lab):
-    assert lab.run(sleep, 5.0)
-    assert lab.run(sleep, 0.6)  # its budget is its own
-    assert lab.now_s() == pytest.approx(1.0, abs=0.021)
-
-
 def test_a_script_that_does_nothing_takes_no_time(lab):
     async def script(cell):
         del cell
@@ -108,12 +101,14 @@ def test_a_script_that_does_nothing_takes_no_time(lab):
 
 
 def test_the_record_has_no_gap_and_no_repeat_over_several_scripts(lab):
-    lab.run(sleep, 5.0)
+    assert lab.run(sleep, 5.0)
+    assert lab.run(sleep, 0.6), "its budget is its own"
+    assert lab.now_s() == pytest.approx(1.0, abs=0.021)
     lab.run(move_both, 0.3)
     lab.run(sleep, 5.0)
     record = lab.record()
     assert np.array_equal(record.times_s, TICK_S * np.arange(len(record.times_s)))
-    assert record.times_s[-1] == lab.now_s() > 1.3
+    assert record.times_s[-1] == lab.now_s() > 1.8
     rows = {len(rows) for rows in lab.recorder.arrays().values()} | {len(lab.truth().held)}
     assert rows == {len(record.times_s)}
 
@@ -557,13 +552,20 @@ def test_the_two_eyes_of_a_pair_see_two_pictures():
     assert (np.abs(image.left.astype(int) - image.right).max(axis=-1) > 30).mean() > 0.02
 
 
-def test_the_right_eye_sees_from_its_own_place_under_the_same_lamp():
+@pytest.fixture
+def pair():
+    """A laboratory of two eyes without flaws and with few pixels, and their camera."""
     station = load_station("raven-pair")
     camera = station.cameras["stereo"]
     rig = StereoRig(camera.model.left.binned(4), camera.model.right.binned(4), camera.model.T_left_right)
     camera = replace(camera, model=rig)
     day = ideal_session(replace(station, cameras={"stereo": camera}))
-    lab = SimLaboratory(day, rng=np.random.default_rng(0), flaws=SensorFlaws.none())
+    return SimLaboratory(day, rng=np.random.default_rng(0), flaws=SensorFlaws.none()), camera
+
+
+def test_the_right_eye_sees_from_its_own_place_under_the_same_lamp(pair):
+    lab, camera = pair
+    rig = camera.model
 
     async def script(cell):
         await cell.cameras["stereo"].capture()
@@ -580,12 +582,9 @@ def test_the_right_eye_sees_from_its_own_place_under_the_same_lamp():
         assert np.array_equal(alone.render_color(lab.world.data, np.random.default_rng(0), gain), picture)
 
 
-def test_a_window_is_read_out_and_not_kept():
-    station = load_station("raven-pair")
-    camera = station.cameras["stereo"]
-    rig = StereoRig(camera.model.left.binned(4), camera.model.right.binned(4), camera.model.T_left_right)
-    day = ideal_session(replace(station, cameras={"stereo": replace(camera, model=rig)}))
-    lab = SimLaboratory(day, rng=np.random.default_rng(0), flaws=SensorFlaws.none())
+def test_a_window_is_read_out_and_not_kept(pair):
+    lab, camera = pair
+    rig = camera.model
     window = StereoWindow(Window((60, 20), (200, 150)), Window((20, 20), (180, 150)))
     seen = {}
 
@@ -705,22 +704,6 @@ def test_arms_begin_where_their_station_parks_them(lab):
         assert lab.cell.arms[name] is ARM_MODELS[name]
         assert np.abs(lab.world.joints(name) - arm.park_q()).max() < 1e-3
         assert lab.world.jaw_rad(name) == pytest.approx(arm.park_jaw_rad, abs=1e-3)
-
-
-def test_ctrl_c_ends_an_agent_that_loops_without_waiting_and_the_arms_come_to_rest():
-    lab = SimLaboratory(ideal_session(replace(STATION, cameras={})))
-
-    async def loop(cell):
-        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
-        await cell.clock.sleep(0.05)
-        while True:
-            pass
-
-    begin = time.perf_counter()
-    with pytest.raises(KeyboardInterrupt):
-        lab.run(loop, 30.0)
-    assert time.perf_counter() - begin < 1.5
-    assert all(lab.driver.idle(name) for name in STATION.arms)
 
 
 def test_a_shielded_script_does_not_outrun_its_budget_nor_counts_as_within_it(lab):

@@ -12,7 +12,7 @@ from trocar.lab.session import draw_session
 from trocar.motion import rest_to_rest
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
-from trocar.tasks.peg_transfer.world.peg_world import PegWorld
+from trocar.tasks.peg_transfer.world import PegWorld
 
 
 def laboratory_of(session, seed: int = 0) -> SimLaboratory:

@@ -5,6 +5,7 @@ import logging
 import signal
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 import trio
@@ -68,6 +69,7 @@ def test_a_script_that_loops_is_ended_even_if_something_swallows_the_interruptio
         laboratory.run(loops, 1e6)
     assert len(swallowed) == times
     assert time.monotonic() - begin < 60
+    assert all(laboratory.driver.idle(arm) for arm in ("psm1", "psm2"))
 
 
 def test_a_script_that_lets_no_time_pass_is_named_in_a_warning(laboratory, monkeypatch, caplog):
@@ -83,6 +85,20 @@ def test_a_script_that_lets_no_time_pass_is_named_in_a_warning(laboratory, monke
         assert laboratory.run(computes, 1.0)
     (record,) = caplog.records
     assert "test_watchdog.py, line" in record.getMessage()
+
+
+def frame(file, line, back=None):
+    return SimpleNamespace(f_code=SimpleNamespace(co_filename=file), f_lineno=line, f_back=back)
+
+
+def test_the_line_named_is_the_users_own_or_else_the_innermost_of_a_task():
+    task = f"{watchdog.PACKAGE}/tasks/knots.py"
+    outer = frame(task, 7, frame(f"{watchdog.PACKAGE}/sim/laboratory.py", 9))
+    inner = frame(f"{watchdog.LIBRARIES[0]}/trio.py", 1, frame(task, 5, outer))
+    assert watchdog.line_of_script(inner) == f"{task}, line 5"
+    outer.f_back.f_back = frame("/home/me/mine.py", 3)
+    assert watchdog.line_of_script(inner) == "/home/me/mine.py, line 3"
+    assert watchdog.line_of_script(frame(f"{watchdog.LIBRARIES[0]}/trio.py", 1)) == watchdog.line_of_script(None) == ""
 
 
 def test_another_handler_of_ctrl_c_is_left_alone(laboratory):

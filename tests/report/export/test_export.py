@@ -15,7 +15,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.report.export import FORMATS, export_trials
 from trocar.report.export.export import write_parquet
-from trocar.report.export.table import COLLISIONS, EVENTS, GOALS, SPANS, TRIALS, Column, FlatTable
+from trocar.report.export.table import COLLISIONS, EVENTS, GOALS, SPANS, TRIALS, Column, FlatTable, kind_of
 
 RUN = config()
 TICKS = 50
@@ -106,6 +106,22 @@ def test_samples_are_the_trials_arrays_and_tips_follow_from_them(folder):
             assert ((turned[1:] * turned[:-1]).sum(axis=1) > 0).all(), "a quaternion jumps to its negative"
     block = np.column_stack([table[f"block0_{name}"] for name in ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")])
     np.testing.assert_allclose(block, trial.arrays["body_block0"], rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("values", "kind"),
+    [
+        ([True, None, np.bool_(False)], "truth"),
+        ([1, None, 2], "integer"),
+        ([1, 2.5, None], "number"),
+        ([1, "a"], "text"),
+        ([1, True], "text"),
+        ([None], "text"),
+        ([], "text"),
+    ],
+)
+def test_a_column_has_the_type_that_fits_all_of_its_values(values, kind):
+    assert kind_of(values) == kind
 
 
 def test_every_column_of_every_table_is_explained(folder):

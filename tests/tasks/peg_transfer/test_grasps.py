@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from trocar.arms import PSM_CLASSIC, fk, frames
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, NoGrasp, choose_grasp, grasp_candidates
+from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, choose_grasp, grasp_candidates
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 BASE = SE3.from_parts(translation_m=[0.0, 0.0, -0.17])
@@ -77,13 +77,13 @@ def test_a_neighbour_that_touches_the_wall_blocks_it():
     )
     beside = SE3.from_parts(T.rotation, T.translation_m + 13e-3 * outward)
     moved = choose_grasp(PSM_CLASSIC, BASE, T, Pegboard(), Block(), SE3(beside.matrix[None]))
-    assert isinstance(moved, NoGrasp) or moved.candidate // 2 != alone.candidate // 2
+    assert isinstance(moved, str) or moved.candidate // 2 != alone.candidate // 2
 
 
 def test_says_why_there_is_none():
     far = SE3.from_parts(translation_m=[1.0, 0.0, -0.1])
     answer = choose_grasp(PSM_CLASSIC, far, standing(0), Pegboard(), Block())
-    assert isinstance(answer, NoGrasp) and "out of reach" in answer.reason
+    assert isinstance(answer, str) and "out of reach" in answer
     with pytest.raises(TrocarError, match="one finite pose"):
         choose_grasp(PSM_CLASSIC, BASE, SE3.identity((2,)), Pegboard(), Block())
 

@@ -69,13 +69,6 @@ def test_a_plan_of_ones_own_is_driven_in_its_setup(tmp_path):
         assert (q >= box.lower).all() and (q <= box.upper).all()
 
 
-def test_the_presets_plan_given_is_the_preset(tmp_path):
-    given = CircleSutures(plan_file=kept(TASK.plan, tmp_path))
-    assert [s.direction for s in given.goals()] == [s.direction for s in TASK.goals()]
-    assert [s.theta_rad for s in given.goals()] == pytest.approx([s.theta_rad for s in TASK.goals()], abs=1e-12)
-    assert given.plan.values()["setup"] == TASK.plan.values()["setup"]
-
-
 def test_the_calibrations_motion_covers_the_plan():
     box = TASK.calibration(STATION, "psm1")
     for suture in TASK.goals():

@@ -21,10 +21,14 @@ class Transfer(NamedTuple):
     target: int
 
 
+def back(there: tuple[Transfer, ...]) -> tuple[Transfer, ...]:
+    """Return the same transfers the other way."""
+    return tuple(Transfer(target, source) for source, target in there)
+
+
 THERE = tuple(Transfer(*pegs) for pegs in ((1, 7), (0, 6), (3, 8), (2, 9), (5, 11), (4, 10)))
 """The first six transfers (facts/peg_transfer.md); the other six go back."""
-BACK = tuple(Transfer(target, source) for source, target in THERE)
-
+BACK = back(THERE)
 
 LEFT_THERE = tuple(Transfer(*pegs) for pegs in ((0, 7), (2, 6), (1, 8)))
 """The left arm's share of the paper's parallel transfers [0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10]
@@ -32,11 +36,6 @@ LEFT_THERE = tuple(Transfer(*pegs) for pegs in ((0, 7), (2, 6), (1, 8)))
 neither the sources nor the targets are neighbours, where one arm would be in the other's way."""
 RIGHT_THERE = tuple(Transfer(*pegs) for pegs in ((5, 10), (3, 11), (4, 9)))
 """What the right arm does at the same time."""
-
-
-def back(there: tuple[Transfer, ...]) -> tuple[Transfer, ...]:
-    """Return the same transfers the other way."""
-    return tuple(Transfer(target, source) for source, target in there)
 
 
 PAIRS = tuple(

@@ -70,13 +70,6 @@ class Grasp:
     candidate: int
 
 
-@dataclass(frozen=True)
-class NoGrasp:
-    """No grasp is feasible; ``reason`` is one sentence."""
-
-    reason: str
-
-
 def grasp_candidates(depth_m: float = 4.0e-3, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:
     """Return ``T_block_tip`` (6,): tip z out of the block, tip x along the outward normal of the side.
 
@@ -100,14 +93,12 @@ def choose_grasp(
     others: SE3 | None = None,
     *,
     avoid: Collection[int] = (),
-    reference: NDArray[np.float64] | None = None,
     max_roll_rad: float = np.radians(70.0),
-    margin_rad: float = np.radians(5.0),
     depth_m: float = 4.0e-3,
     jaws: Jaws | None = None,
     towards: NDArray[np.float64] | None = None,
-) -> Grasp | NoGrasp:
-    """Return the feasible grasp with the largest clearance of the fingers.
+) -> Grasp | str:
+    """Return the feasible grasp with the largest clearance of the fingers, or one sentence why there is none.
 
     The block hangs loosely on its peg, so the wall that is farthest from the peg leaves the inner finger the most room
     (the paper's choice). Each grasp is tried with both orientations of the tool.
@@ -120,9 +111,7 @@ def choose_grasp(
         block: shape of the blocks.
         others: poses (n,) of the other blocks on the board, which are obstacles too.
         avoid: candidates that have failed; chosen only if no other is feasible.
-        reference: (6,) joints that the solution should be near.
         max_roll_rad: largest |roll| (facts: 70 deg).
-        margin_rad: margin to the wrist's limits.
         depth_m: depth of the tip below the top face.
         jaws: shape of the fingers; None: the arm's.
         towards: direction (2,) in the board's plane that the outer side of the wall has to face; None: any.
@@ -147,18 +136,18 @@ def choose_grasp(
             continue
         for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):
             try:
-                q = ik(arm, T_base_board @ pose, reference)
+                q = ik(arm, T_base_board @ pose)
             except OutOfReach:
                 blocked.append(f"{candidate}: out of reach")
                 continue
-            if not _comfortable(arm, q, max_roll_rad, margin_rad):
+            if not wrist_has_room(arm, q, max_roll_rad):
                 blocked.append(f"{candidate}: roll {shown(q[3], 'rad', '.0f')} or wrist at its limit")
                 continue
             jaw = 2 * float(np.arcsin(min(opening / 2 / arm.tip_length_m, 1.0)))
             grasp = Grasp(pose, q, jaw, gap, candidate)
             if best is None or _rank(grasp, avoid) > _rank(best, avoid):
                 best = grasp
-    return best or NoGrasp(f"none of the six grasps is feasible ({'; '.join(blocked)})")
+    return best or f"none of the six grasps is feasible ({'; '.join(blocked)})"
 
 
 def _rank(grasp: Grasp, avoid: Collection[int]) -> tuple[bool, float, float]:
@@ -227,10 +216,12 @@ def _polar(T_board_block: SE3, xy_m: NDArray[np.float64]) -> tuple[NDArray[np.fl
     return np.hypot(local[..., 0], local[..., 1]), np.arctan2(local[..., 1], local[..., 0])
 
 
-def _comfortable(arm: ArmModel, q: NDArray[np.float64], max_roll_rad: float, margin_rad: float) -> bool:
-    wrist = (arm.joints[4], arm.joints[5])
-    inside = all(j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in zip(wrist, q[4:], strict=True))
-    return inside and abs(q[3]) <= max_roll_rad
+def wrist_has_room(
+    arm: ArmModel, q: NDArray[np.float64], max_roll_rad: float, margin_rad: float = np.radians(5.0)
+) -> bool:
+    """Return whether joints (6,) keep a margin to the wrist's limits, and the roll small."""
+    wrist = zip(arm.joints[4:], q[4:], strict=True)
+    return abs(q[3]) <= max_roll_rad and all(j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in wrist)
 
 
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
@@ -314,8 +305,7 @@ def choose_place(
             q = ik(arm, T_base_board @ pose)
         except OutOfReach:
             continue
-        wrist = zip(arm.joints[4:], q[4:], strict=True)
-        if abs(q[3]) > max_roll_rad or any(not j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in wrist):
+        if not wrist_has_room(arm, q, max_roll_rad, margin_rad):
             continue
         T_board_block = pose @ T_tip_block
         finger = pose.translation_m[:2] - np.sign(T_tip_block.translation_m[0]) * OUTER_FINGER_M * upright.matrix[:2, 0]

@@ -43,7 +43,7 @@ _AGENT = {
     "settings": Lazy(f"{_SETTINGS}:Settings"),
     "perception": "depth",
 }
-_WORLD = Lazy("trocar.tasks.peg_transfer.world.peg_world:PegWorld")
+_WORLD = Lazy("trocar.tasks.peg_transfer.world:PegWorld")
 
 
 @dataclass(frozen=True)

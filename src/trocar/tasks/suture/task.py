@@ -43,7 +43,7 @@ _LOOKING = {
     "stop_at_limits": True,
 }
 _BLIND = {**_LOOKING, "settings": Lazy(f"{_AGENT}:blind")}
-_WORLD = Lazy("trocar.tasks.suture.world.suture_world:SutureWorld")
+_WORLD = Lazy("trocar.tasks.suture.world:SutureWorld")
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.record import CollidingPair
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.shapes import Pegboard
-from trocar.tasks.peg_transfer.world.peg_world import PegWorld
+from trocar.tasks.peg_transfer.world import PegWorld
 
 PEG = 4
 FOOT_M = Pegboard().pegs_m[PEG]

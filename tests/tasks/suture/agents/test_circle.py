@@ -55,11 +55,13 @@ def briefed(cell, sutures=GOALS[:1], arms=("psm1",), settings=QUICK):
     )
 
 
-def drive(sutures, load=None, settings=QUICK):
-    """Return the laboratory in which these sutures were driven, and their scores."""
+def drive(sutures, load=None, settings=QUICK, refusing=()):
+    """Return the laboratory in which these sutures were driven, by a robot that may be ``Refusing``, and scores."""
     lab = laboratory()
     if load:
         lab.cell = replace(lab.cell, assistants={LOAD: load})
+    if refusing:
+        lab.cell = replace(lab.cell, robot=Refusing(lab.cell.robot, *refusing))
     agent = CircleSuturing(briefed(lab.cell, sutures, settings=settings))
     assert lab.run(lambda cell: agent.run(), TASK.budget_s)
     return lab, score_sutures(sutures, lab.truth(), lab.log.events)
@@ -143,31 +145,22 @@ class Refusing:
         return await self._robot.move(motions)
 
 
-def refused(sutures, joint, most_rad, settings=QUICK, error=None):
-    """Return the laboratory in which these sutures were driven by a robot that refuses to go further, and scores."""
-    lab = laboratory()
-    lab.cell = replace(lab.cell, robot=Refusing(lab.cell.robot, joint, most_rad, error))
-    agent = CircleSuturing(briefed(lab.cell, sutures, settings=settings))
-    assert lab.run(lambda cell: agent.run(), TASK.budget_s)
-    return lab, score_sutures(sutures, lab.truth(), lab.log.events)
-
-
 def test_the_arm_comes_down_from_as_high_as_commands_allow():
     lower = suture_segments(GOALS[3])[0].q[:, 5]
-    lab, (score,) = refused([GOALS[3]], 5, float(lower[0]) - math.radians(1.0), UNSEEN)
+    lab, (score,) = drive([GOALS[3]], settings=UNSEEN, refusing=(5, float(lower[0]) - math.radians(1.0)))
     assert outcomes(lab) == [SutureOutcome.DONE.name] and score.succeeded
 
 
 def test_an_arm_that_has_stopped_ends_the_trial_and_not_one_suture():
     with pytest.raises(ArmStopped, match="drive is off"):
-        refused(GOALS[:2], 5, -10.0, UNSEEN, ArmStopped("psm1", "its drive is off"))
+        drive(GOALS[:2], settings=UNSEEN, refusing=(5, -10.0, ArmStopped("psm1", "its drive is off")))
 
 
 @pytest.mark.slow
 def test_a_command_that_leaves_a_joints_range_costs_one_suture_only(monkeypatch):
     monkeypatch.setattr(circle, "SHORT", ())
     pushed = suture_segments(GOALS[1])[3].q[:, 4]
-    lab, scores = refused([GOALS[1], GOALS[0]], 4, float(pushed.max()) - math.radians(5.0))
+    lab, scores = drive([GOALS[1], GOALS[0]], refusing=(4, float(pushed.max()) - math.radians(5.0)))
     assert outcomes(lab) == [SutureOutcome.JOINT_LIMIT.name, SutureOutcome.DONE.name]
     assert "suture 1, rotate: joint would need the command 82.0 deg" in named(lab, "suture")[0]["reason"]
     steps = [event["step"] for event in named(lab, "step") if event["suture"] == 0]
@@ -178,7 +171,7 @@ def test_a_command_that_leaves_a_joints_range_costs_one_suture_only(monkeypatch)
 @pytest.mark.slow
 def test_a_turn_that_commands_do_not_allow_to_the_end_stops_short_of_it():
     pushed = suture_segments(GOALS[1])[3].q[:, 4]
-    lab, (score,) = refused([GOALS[1]], 4, float(pushed.max()) - math.radians(4.0))
+    lab, (score,) = drive([GOALS[1]], refusing=(4, float(pushed.max()) - math.radians(4.0)))
     assert outcomes(lab) == [SutureOutcome.DONE.name]
     assert score.entry_error_m < 0.5e-3 and score.exit_error_m < 1e-3
 

@@ -70,13 +70,10 @@ def test_every_number_of_a_setup_is_written_as_an_option_that_reads_back():
         ("--free circle --bound circle_radius_mm=30:20", "lower first"),
         ("--evaluations 3", "is 3; give at least"),
         ("--bound circle_radius_mm=-5:20", "circle radius is -5 mm"),
-        ("--bound circle_radius_m:30", "NAME=LOW:HIGH"),
-        ("--bound base_up_mm=90:80", "base_up_mm is bounded by 90 and 80"),
         ("--bound base_tilt_deg=0:nan", "base_tilt_deg is bounded by 0 and nan"),
         ("--bound center_x_mm=-600:0", "-600 mm"),
         ("--arm hand", "raven2-left"),
         ("--out /dev/null/x", "cannot be made"),
-        ("--preset paper-demo --free circle", "flat jaws cannot hold"),
         ("--seed -1", "--seed is '-1'"),
     ],
 )

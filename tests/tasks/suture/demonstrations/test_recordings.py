@@ -13,8 +13,7 @@ from synthetic_sutures import PLACES, SECOND_BASE, SEED, SETUP, synthetic_suture
 from trocar.arms import PSM_CLASSIC, fk, manipulability
 from trocar.errors import BadFile, TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.tasks.suture.demonstrations import load_demonstrations, load_manifest, synthetic_demonstrations
-from trocar.tasks.suture.demonstrations.manifest import read_recording
+from trocar.tasks.suture.demonstrations import load_demonstrations, synthetic_demonstrations
 
 ARM = PSM_CLASSIC
 THETAS_DEG = (10, 200)
@@ -159,24 +158,25 @@ ONE_ROW = ",".join(HEADER) + "\n"
     ("text", "words"),
     [
         ("arms = [", ("cannot be read as TOML",)),
-        (TWO, ("lists no sutures", "[[sutures]]")),
+        (TWO, ("demonstrations has no key 'sutures'",)),
+        ("sutures = []\n" + TWO, ("demonstrations.sutures is []",)),
         (TWO + "color = 3\n" + entry(), ("unknown key 'color'", "arms")),
-        (entry(), ("arms is None", "psm-classic")),
+        (entry(), ("no key 'arms'",)),
         ('arms = ["psm"]\n' + entry(), ("'psm'", "psm-classic")),
-        ("arms = []\n" + entry(), ("no arm",)),
-        (TWO + 'angles = "degrees"\n' + entry(), ("'degrees'", "rad, deg")),
-        (TWO + "lengths = 3\n" + entry(), ("lengths is 3", "a word")),
+        ("arms = []\n" + entry(), ("demonstrations.arms is []", "at least 1")),
+        (TWO + 'angles = "degrees"\n' + entry(), ("'degrees'", "'rad' or 'deg'")),
+        (TWO + "lengths = 3\n" + entry(), ("lengths is 3", "'m' or 'mm'")),
         (TWO + "source = 3\n" + entry(), ("source is 3",)),
         (TWO + 'columns = ["a", "b"]\n' + entry(), ("2 columns", "12")),
-        (TWO + 'columns = [0, "q"]\n' + entry(), ("columns is", "list names")),
+        (TWO + 'columns = [0, "q"]\n' + entry(), ("columns is 0", "string")),
         (TWO + f"columns = {[*HEADER[:11], 'q']}\n" + entry(), ("no column 'q'",)),
-        (TWO + "recorded_tip_wxyz = [0, 0, 0, 0]\n" + entry(), ("recorded_tip_wxyz", "4 finite numbers")),
+        (TWO + "recorded_tip_wxyz = [0, 0, 0, 0]\n" + entry(), ("a quaternion is zero",)),
         (TWO + entry() + "[[bases]]\nxyz_m = [0, 0, 1]\n", ("1 bases", "2 arm(s)")),
-        (TWO + entry() + "[[bases]]\nxyz_m = [0, 1]\n", ("xyz_m of a base", "3 finite numbers")),
-        (TWO + entry(theta="nan"), ("theta_deg of a.csv is nan",)),
-        (TWO + entry(theta='"left"'), ("theta_deg of a.csv is 'left'",)),
-        (TWO + "[[sutures]]\ntheta_deg = 0\n", ("file of a suture is None",)),
-        (TWO + entry(more="rows = [5, 2]"), ("rows of a.csv is [5, 2]",)),
+        (TWO + entry() + "[[bases]]\nxyz_m = [0, 1]\n", ("bases.xyz_m is [0, 1]", "at least 3")),
+        (TWO + entry(theta="nan"), ("sutures.theta_deg is nan",)),
+        (TWO + entry(theta='"left"'), ("theta_deg is 'left'",)),
+        (TWO + "[[sutures]]\ntheta_deg = 0\n", ("sutures has no key 'file'",)),
+        (TWO + entry(more="rows = [5, 2]"), ("rows of a.csv are [5, 2]",)),
         (TWO + entry(more="rows = [0, 900]"), ("0 to 900", "24 rows")),
         (TWO + entry(more="rows = [3, 4]"), ("1 row(s)", "2 or more")),
         (TWO + entry("b.csv"), ("b.csv", "does not exist")),
@@ -252,10 +252,12 @@ def test_broken_files(tmp_path, name, content, words):
 
 def test_the_shipped_set_is_what_the_tool_writes_two_sutures_at_each_of_eight_places_by_two_arms(tmp_path):
     write_synthetic(tmp_path, np.random.default_rng(SEED))
-    there, here = load_manifest(str(SHIPPED)), load_manifest(tmp_path)
-    assert [suture.theta_rad for suture in there.sutures] == [suture.theta_rad for suture in here.sutures]
-    for old, new in zip(there.sutures, here.sutures, strict=True):
-        assert_allclose(*(read_recording(suture, there.convention) for suture in (old, new)), atol=2e-4)
+    for file in SHIPPED.iterdir():
+        if file.name.endswith(".csv"):
+            old, new = (np.loadtxt(str(where / file.name), delimiter=",", skiprows=1) for where in (SHIPPED, tmp_path))
+            assert_allclose(old, new, atol=2e-4)
+        else:
+            assert (tmp_path / file.name).read_text().startswith(file.read_text())
     demos = synthetic_demonstrations()
     assert_allclose(np.degrees(demos.places_rad), np.arange(0, 360, 45), atol=1e-9)
     assert demos.recordings.tolist() == [2] * PLACES and demos.per_arm.shape == (2, PLACES)

@@ -10,7 +10,6 @@ from made_up_map import made_up_map
 from trocar.errors import TrocarError
 from trocar.geometry import TURN
 from trocar.tasks.suture.planning import DIRECTIONS, PRESETS, Reward, Spacing, dexterity, plan_even, plan_gaps
-from trocar.tasks.suture.planning.grid import Walks
 from trocar.tasks.suture.planning.plan import ranks
 
 CASES = 200
@@ -257,14 +256,6 @@ def test_what_cannot_be_met_is_refused_in_a_sentence(count, spacing, sentence):
     found = dexterity(PRESETS["paper-demo"].setup)
     with pytest.raises(TrocarError, match=sentence):
         plan_gaps(found, count, spacing)
-
-
-def test_walks_close_only_through_what_they_must_stand_on():
-    walks = Walks(12, 4, 2, 4, through=(0, 5))
-    assert walks.closing(np.ones(12, dtype=bool)).tolist() == [0]
-    blocked = np.ones(12, dtype=bool)
-    blocked[[2, 3]] = False  # 0 to 5 takes two steps, over 2 or 3 alone
-    assert walks.closing(blocked).size == 0
 
 
 @given(start=ANGLES, length=st.floats(0.01, 6.2), theta=ANGLES)

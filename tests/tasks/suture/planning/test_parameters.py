@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.tasks.suture.planning import PRESETS, SutureSetup, base_beside, suture_joints
+from trocar.tasks.suture.planning import PRESETS, SutureSetup, suture_joints
 from trocar.tasks.suture.planning.parameters import PARAMETERS, parameters_of, with_parameters
 
 BOUNDS = {name: found.bounds for name, found in PARAMETERS.items() if found.bounds and found.part != "center"}
@@ -37,16 +37,6 @@ def test_a_setup_in_any_pose_is_kept_by_its_own_numbers(seed, twist):
     moved = replace(setup, T_world_base=setup.T_world_base @ SE3.exp(twist))
     again = with_parameters(moved, parameters_of(moved))
     np.testing.assert_allclose(again.T_world_base.matrix, moved.T_world_base.matrix, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_the_base_of_a_preset_is_read_as_it_was_given(name):
-    setup = PRESETS[name].setup
-    found = parameters_of(setup)
-    base = base_beside(
-        *(found[f"base_{part}"] for part in ("azimuth_rad", "sideways_m", "up_m", "tilt_rad", "spin_rad"))
-    )
-    np.testing.assert_allclose(base.matrix, setup.T_world_base.matrix, atol=1e-12)
 
 
 def test_another_azimuth_rotates_the_joints_round_the_circle():

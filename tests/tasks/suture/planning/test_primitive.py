@@ -58,11 +58,6 @@ def test_the_tip_comes_out_where_the_bite_ends():
     assert steps(SETUP)[-1].needle_rad[1] > SETUP.exit_turn_rad
 
 
-def test_a_flat_turn_of_a_tiny_needle_never_comes_out():
-    deep = replace(SETUP, needle=replace(SETUP.needle, radius_m=0.002))
-    assert math.isnan(deep.exit_turn_rad)
-
-
 def test_theta_in_the_middle_centres_the_bite():
     middle = replace(SETUP, insertion=Insertion(theta_is="middle"))
     ends = [needle_tip(middle, [a], [t])[:, 0] for a, t in ((0.0, 0.0), (0.01, middle.exit_turn_rad))]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from trocar.arms import ARMS, fk, wrist_depth_m
 from trocar.errors import TrocarError
-from trocar.tasks.suture.planning import DIRECTIONS, PRESETS, Insertion, suture_joints
+from trocar.tasks.suture.planning import DIRECTIONS, PRESETS, suture_joints
 from trocar.tasks.suture.planning.primitive import SPACING_RAD, Suture, driven_steps, grasp_pose, path_samples, steps
 from trocar.tasks.suture.planning.segments import BEYOND_RAD, ROOM_RAD, ranges, retreat, suture_segments
 
@@ -103,11 +103,6 @@ def test_it_goes_in_at_theta_and_comes_out_a_bite_further_in_its_direction(theta
     assert np.linalg.norm(out - suture.entry_m) == pytest.approx(SETUP.bite_m)
     clockwise = np.cross(suture.entry_m, out - suture.entry_m)[2] < 0
     assert clockwise == (direction == 1)
-
-
-def test_a_primitive_that_ends_below_the_surface_has_no_exit():
-    short = replace(SETUP, insertion=Insertion(pushes=0))
-    assert Suture(short, 0.0, 1).exit_m is None
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
-from trocar.tasks.suture.planning import PRESETS, Circle, Insertion, Needle, NeedleGrasp, SutureSetup, base_beside
+from trocar.tasks.suture.planning import Circle, Insertion, Needle, NeedleGrasp, SutureSetup, base_beside
 
 
 def test_the_instrument_of_a_tilted_base_points_at_the_origin():
@@ -30,11 +30,6 @@ def test_the_jaws_of_a_plain_grasp_point_at_the_needles_centre():
     np.testing.assert_allclose(back, [0, -1, 0], atol=1e-15)
     np.testing.assert_allclose(axis, [1, 0, 0], atol=1e-15)
     np.testing.assert_allclose(closing, [0, 0, -1], atol=1e-15)
-
-
-def test_only_the_default_presets_needle_can_be_held():
-    assert PRESETS["default"].setup.grasp.holdable
-    assert not PRESETS["paper-demo"].setup.grasp.holdable
 
 
 @pytest.mark.parametrize(

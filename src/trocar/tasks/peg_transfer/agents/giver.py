@@ -11,7 +11,7 @@ import trio
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
 from trocar.robots import TICK_S
-from trocar.robots.concurrency import Pending, with_helpers
+from trocar.robots.concurrency import Pending
 from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.meeting import Offer, choose_offer
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
@@ -42,13 +42,10 @@ class Giver(Side):
         super().__init__(arm, other, script)
         self._offering: Pending[Offering] = Pending()
 
-    async def give(self, meeting: HandoverState, following: HandoverState | None) -> None:
+    async def give(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
         """Do this arm's part of a handover; ``following`` is its next one, if that follows immediately."""
         meeting.start_s = self.cell.clock.now_s()
         self.arm.hands_over = True
-        await with_helpers(partial(self._give, meeting, following))
-
-    async def _give(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
         source = meeting.goal.source
         grasp = await self.script.pick(source, partial(self._plan_ahead, meeting, helpers))
         if not isinstance(grasp, Grasp):

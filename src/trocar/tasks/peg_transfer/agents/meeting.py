@@ -11,7 +11,7 @@ from trocar.arms import ArmModel, capsules, ik
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
-from trocar.tasks.peg_transfer.grasps import Grasp, vertical_grasps
+from trocar.tasks.peg_transfer.grasps import Grasp, vertical_grasps, wrist_has_room
 from trocar.tasks.peg_transfer.shapes import Block
 
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
@@ -21,7 +21,6 @@ ROOM_M = 2.4e-3
 MIN_ROOM_M = 1.0e-3
 """Distance below which they block each other: three of five pairs that came closer could not separate."""
 MAX_ROLL_RAD = np.radians(110.0)
-WRIST_MARGIN_RAD = np.radians(5.0)
 SHARES = (0.0, 0.5, 1.0)
 """Shares of the receiving arm's way down, and of the giving arm's way up, at which distances are checked."""
 
@@ -152,9 +151,7 @@ def joints_at(partner: Partner, T_world_board: SE3, T_board_tip: SE3) -> NDArray
         q = ik(partner.model, partner.T_world_base.inverse() @ T_world_board @ T_board_tip)
     except OutOfReach:
         return None
-    wrist = zip(partner.model.joints[4:], q[4:], strict=True)
-    inside = all(j.lower + WRIST_MARGIN_RAD <= v <= j.upper - WRIST_MARGIN_RAD for j, v in wrist)
-    return q if inside and abs(q[3]) <= MAX_ROLL_RAD else None
+    return q if wrist_has_room(partner.model, q, MAX_ROLL_RAD) else None
 
 
 def _best_grasp(

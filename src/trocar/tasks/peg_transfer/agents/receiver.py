@@ -11,7 +11,7 @@ import trio
 
 from trocar.geometry import SE3, SO3
 from trocar.motion import TimedPath
-from trocar.robots.concurrency import Pending, with_helpers
+from trocar.robots.concurrency import Pending
 from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.meeting import choose_taking
 from trocar.tasks.peg_transfer.agents.motions import Carriage, Joints, end_of, raised, starts_at, yaw_of
@@ -56,8 +56,8 @@ class Looked:
     descent: Coming | None
 
 
-class Taker(Side):
-    """Approaches the block that the other arm offers, and takes it."""
+class Receiver(Side):
+    """Waits above, looks, takes the block, looks again, places it."""
 
     def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
         super().__init__(arm, other, script)
@@ -243,12 +243,12 @@ class Taker(Side):
         await self.rise()
         await withdraw(self.arm)
 
-
-class Receiver(Taker):
-    """Waits above, looks, takes the block, looks again, places it."""
-
     async def receive(
-        self, meeting: HandoverState, to_give: HandoverState | None, to_receive: HandoverState | None
+        self,
+        meeting: HandoverState,
+        to_give: HandoverState | None,
+        to_receive: HandoverState | None,
+        helpers: trio.Nursery,
     ) -> None:
         """Do this arm's part of a handover.
 
@@ -256,16 +256,8 @@ class Receiver(Taker):
             meeting: this one.
             to_give: the next one, if this arm gives there.
             to_receive: the next one, if it receives there too.
+            helpers: look and plan while the arm moves.
         """
-        await with_helpers(partial(self._receive, meeting, to_give, to_receive))
-
-    async def _receive(
-        self,
-        meeting: HandoverState,
-        to_give: HandoverState | None,
-        to_receive: HandoverState | None,
-        helpers: trio.Nursery,
-    ) -> None:
         await self.come_near(meeting, helpers)
         if meeting.outcome is not None:
             return

@@ -146,7 +146,7 @@ class Eyes:
             )
             if isinstance(grasp, Grasp):
                 return grasp
-            refusal = grasp.reason
+            refusal = grasp
         return refusal, TransferOutcome.OUT_OF_REACH
 
     async def see_held(self, T_board_expected: SE3) -> SE3 | None:

@@ -8,9 +8,11 @@ from dataclasses import replace
 from functools import partial
 from math import inf
 
+import trio
+
 from trocar.errors import ArmStopped, InvalidInput
 from trocar.eval import AgentContext
-from trocar.robots.concurrency import together
+from trocar.robots.concurrency import together, with_helpers
 from trocar.robots.coordinator import Blocked, Coordinator
 from trocar.tasks.peg_transfer.agents.giver import Giver
 from trocar.tasks.peg_transfer.agents.learner import learning
@@ -147,10 +149,10 @@ class Handover(TwoArms):
                 script.note(ended.goal, rounds[0].start_s, outcome, ended.reason, until_now)
         await self.leave(arm)
 
-    async def _done(self, arm: PegArm, job: Callable[[], Awaitable[None]], meeting: HandoverState) -> bool:
+    async def _done(self, arm: PegArm, job: Callable[[trio.Nursery], Awaitable[None]], meeting: HandoverState) -> bool:
         """Do an arm's part of a meeting; return whether both arms can go on."""
         try:
-            await job()
+            await with_helpers(job)
         except Blocked:
             meeting.fail(TransferOutcome.BLOCKED)
         except ArmStopped as error:

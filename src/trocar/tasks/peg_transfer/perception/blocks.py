@@ -87,26 +87,8 @@ def find_block(image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Bl
     if not 0 <= peg < len(pegs):
         raise InvalidValue("the peg's number", peg, f"the board has pegs 0 to {len(pegs) - 1}")
     foot = pegs[peg]
-    T_camera_top = T_camera_board @ SE3.from_parts(translation_m=foot + [0, 0, block.height_m])
-    half = np.array([WINDOW_M, WINDOW_M, 1e-3])
-    patch = patch_around(image, T_camera_top, -half, half)
-    if patch is None:
-        return BlockFit(False, f"peg {peg} lies outside the image")
     others = np.delete(pegs, peg, 0)[:, :2] - foot[:2]
-    fit = _fit_in_window(patch, T_camera_top, block, others)
-    if fit.T_board_block is None:
-        return fit
-    T_board_top = SE3.from_parts(translation_m=foot + [0, 0, block.height_m])
-    return BlockFit(
-        fit.found,
-        fit.reason,
-        T_board_top @ fit.T_board_block if fit.found else None,
-        fit.rms_m,
-        fit.inliers,
-        fit.visible,
-        fit.mismatch,
-        fit.tilt_rad,
-    )
+    return _fit_around(image, T_camera_board, foot + [0, 0, block.height_m], block, others, f"peg {peg}")
 
 
 def find_blocks(image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Block) -> list[BlockFit]:
@@ -125,12 +107,20 @@ def find_held_block(image: RgbdImage, T_camera_board: SE3, block: Block, T_board
         block: gives height and outline.
         T_board_expected: where the arm's joints have it; to be found, it must be there within some millimetres.
     """
-    T_board_top = SE3.from_parts(translation_m=T_board_expected.translation_m)
+    at = T_board_expected.translation_m
+    return _fit_around(image, T_camera_board, at, block, np.zeros((0, 2)), "the block in the jaws")
+
+
+def _fit_around(
+    image: RgbdImage, T_camera_board: SE3, top_m: NDArray[np.float64], block: Block, others_m: NDArray, what: str
+) -> BlockFit:
+    """Return the fit in the board's frame of the block whose top face is near a point (3,) of it."""
+    T_board_top = SE3.from_parts(translation_m=top_m)
     half = np.array([WINDOW_M, WINDOW_M, 1e-3])
     patch = patch_around(image, T_camera_board @ T_board_top, -half, half)
     if patch is None:
-        return BlockFit(False, "the block in the jaws is outside the image")
-    fit = _fit_in_window(patch, T_camera_board @ T_board_top, block, np.zeros((0, 2)))
+        return BlockFit(False, f"{what} lies outside the image")
+    fit = _fit_in_window(patch, T_camera_board @ T_board_top, block, others_m)
     found = fit.T_board_block
     return fit if found is None else replace(fit, T_board_block=T_board_top @ found if fit.found else None)
 

@@ -16,10 +16,11 @@ from trocar.eval.study import Results, TableData, TaskStudy
 from trocar.report.tables import figure
 from trocar.tasks.peg_transfer.report.hypotheses import NOTES, findings
 from trocar.tasks.peg_transfer.report.peg_report import PAPER
-from trocar.tasks.peg_transfer.report.published import COLLISIONS, TABLES
-from trocar.tasks.peg_transfer.report.study_figures import draw_motion, draw_paths, draw_performance
+from trocar.tasks.peg_transfer.report.study_figures import COLLISIONS, draw_motion, draw_paths, draw_performance
 from trocar.tasks.peg_transfer.report.trial_row import KIND, Row, successes, transfer_time_s
 from trocar.tasks.peg_transfer.task import VARIANTS
+
+TABLES = {"unilateral": "Table II", "bilateral": "Table III", "handover": "Table IV"}
 
 HEAD = ("method", "transfers", "success %", "of available", "transfer s", "path m", "collisions")
 

@@ -1,17 +1,23 @@
-"""Manipulability round the circle, from recorded sutures."""
+"""Manipulability round the circle, from recorded sutures.
+
+A set of demonstrations is a folder with a ``demonstrations.toml`` (``manifest``) and recordings: tables of joint
+states (.csv) or JIGSAWS texts (.txt).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.resources import as_file, files
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, manipulability
-from trocar.errors import InvalidInput
-from trocar.geometry import TURN
+from trocar.errors import BadFile, InvalidInput
+from trocar.geometry import SE3, TURN
 
 SAME_PLACE_RAD = 1e-9
 
@@ -86,3 +92,50 @@ def demonstrations_from_joints(
         tuple(arm.name for arm in arms),
         source,
     )
+
+
+def load_demonstrations(path: str | Path) -> Demonstrations:
+    """Return the demonstrations of a ``demonstrations.toml``, given as that file or its folder.
+
+    Raises:
+        BadFile: the manifest or a recording is missing or broken, or a recording contradicts the manifest.
+    """
+    from trocar.tasks.suture.demonstrations.manifest import NAME, load_manifest  # pydantic is slow to import
+    from trocar.tasks.suture.demonstrations.recordings import joints_from_poses, read_jigsaws, read_joints
+
+    path = Path(path) / NAME if Path(path).is_dir() else Path(path)
+    manifest = load_manifest(path)
+    source = manifest.source or f"demonstrations in {path.parent.name}"
+    joints: dict[int, NDArray[np.float64]] = {}
+    poses: dict[int, tuple[Path, SE3]] = {}
+    for index, suture in enumerate(manifest.sutures):
+        file, rows = path.parent / suture.file, slice(*(suture.rows or (None,)))
+        if file.suffix not in (".csv", ".txt"):
+            raise BadFile(file, f"ends in {file.suffix!r}", "recordings end in .csv or .txt")
+        if not file.is_file() or file.stat().st_size == 0:
+            problem = "is empty" if file.is_file() else "does not exist"
+            raise BadFile(file, problem, "correct its name in the manifest, or copy it again", kind="recording")
+        if file.suffix == ".csv":
+            joints[index] = read_joints(file, rows, manifest)
+            found = len(joints[index])
+        else:
+            poses[index] = file, read_jigsaws(file, rows, manifest)
+            found = len(poses[index][1].matrix)
+        if suture.rows and found < suture.rows[1] - suture.rows[0]:
+            first, last = suture.rows
+            raise BadFile(file, f"has {first + found} rows", f"the manifest asks for {first} to {last}")
+    if poses:
+        solved, assumed = joints_from_poses(list(poses.values()), manifest)
+        joints |= dict(zip(poses, solved, strict=True))
+        source = f"{source}; {assumed}"
+    thetas = np.radians([suture.theta_deg for suture in manifest.sutures])
+    return demonstrations_from_joints(thetas, [joints[index] for index in range(len(thetas))], manifest.models, source)
+
+
+def synthetic_demonstrations() -> Demonstrations:
+    """Return the small synthetic set that ships with the package; its ``source`` says that it is synthetic.
+
+    ``tools/synthetic_sutures.py`` made it from the needle primitive with wandering hands.
+    """
+    with as_file(files("trocar.tasks.suture.demonstrations") / "synthetic_set") as folder:
+        return load_demonstrations(folder)

@@ -1,21 +1,23 @@
-"""Recorded joint states in tables, and what their numbers mean: arms, columns and units."""
+"""Recordings of sutures: tables of joint states (.csv), and JIGSAWS texts of Cartesian poses (.txt).
+
+A JIGSAWS text has 76 columns at 30 Hz and no header; joints are solved from its poses.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel
-from trocar.errors import BadFile, InvalidInput, UnknownName
+from trocar.arms import ArmModel, fk, ik_unbounded
+from trocar.errors import BadFile
 from trocar.files.csv_file import read_csv
 from trocar.geometry import SE3, SO3, shown
-
-ANGLES = {"rad": 1.0, "deg": math.pi / 180}
-LENGTHS = {"m": 1.0, "mm": 1e-3}
+from trocar.tasks.suture.demonstrations.manifest import Manifest
 
 BEYOND = 0.1
 """Share of its range by which a recorded joint may leave it: encoders drift, but wrong units exceed it by far."""
@@ -27,62 +29,43 @@ MIN_TURN_RAD, MIN_DEPTH_M = math.radians(7.0), 0.5e-3
 INSERTION = 2
 UNITS = "the units (angles and lengths in its manifest)"
 
+COLUMNS = 76
+SLAVES = (38, 57)
+"""First column of the left slave, then of the right: position m (3), rotation row by row (9), velocity (3), angular
+velocity (3, unreliable), gripper (1); the masters come before (``facts/suture.md``)."""
 
-@dataclass(frozen=True)
-class Convention:
-    """The meaning of the numbers in a set of recordings.
+MIN_SPREAD_M = 0.3e-3
+"""A suture's poses spread over more than this; metres read as mm spread over less."""
 
-    Attributes:
-        arms: the recorded arms, in the order of the columns; the paper recorded two.
-        angles: unit of rotary joints, a key of ``ANGLES``.
-        lengths: unit of the prismatic joint, or of recorded positions; a key of ``LENGTHS``.
-        columns: names of six columns per arm; None: as the arm's joints are called.
-        T_frame_base: pose of each arm's base (remote centre) in the frame of recorded poses, for recordings without
-            joints; None: see ``jigsaws.assumed_bases``.
-        R_recorded_tip: rotation of the model's tip frame (z back along the jaws, y the jaw axis) in the recorded one.
+SKEWED = 0.2
+"""A matrix that differs by more than this from the nearest rotation, in the largest entry, is not a rotation."""
+
+MIN_REAL_SHARE = 0.5
+"""Share of a recording's poses for which the arm must have a solution; with fewer the bases are wrong."""
+
+
+def read_joints(path: Path, rows: slice, manifest: Manifest) -> NDArray[np.float64]:
+    """Return rows of the joint states (n, arms, 6) of a CSV file, in rad and m.
+
+    Raises:
+        InvalidInput: the file is not such a table, there are too few rows, a value is missing, or values are so far
+            outside their joint's range, or change so little, that unit, order or arm must be wrong.
     """
-
-    arms: tuple[ArmModel, ...]
-    angles: str = "rad"
-    lengths: str = "m"
-    columns: tuple[str, ...] | None = None
-    T_frame_base: tuple[SE3, ...] | None = None
-    R_recorded_tip: SO3 = field(default_factory=SO3.identity)
-
-    def __post_init__(self) -> None:
-        if not self.arms:
-            raise InvalidInput("the demonstrations", "name no arm", "give one or more, such as psm-classic twice")
-        for what, value, choices in (("angles", self.angles, ANGLES), ("lengths", self.lengths, LENGTHS)):
-            if value not in choices:
-                raise UnknownName(f"the unit of {what}", value, choices)
-        for what, given, each in (("columns", self.columns, 6), ("bases", self.T_frame_base, 1)):
-            needed = each * len(self.arms)
-            if given is not None and len(given) != needed:
-                raise InvalidInput(f"{len(given)} {what}", f"are given for {len(self.arms)} arm(s)", f"give {needed}")
-
-    def joints(self, values: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
-        """Return recorded joint values (n, 6 arms) as (n, arms, 6) in rad and m.
-
-        Raises:
-            BadFile: there are too few rows, a value is missing, or values are so far outside their joint's range, or
-                change so little, that unit, order or arm must be wrong.
-        """
-        if len(values) < 2:
-            raise BadFile(path, f"has {len(values)} row(s) of joint states", "a recorded suture needs 2 or more")
-        recorded = values.reshape(len(values), len(self.arms), 6)
-        turn, slide = ANGLES[self.angles], LENGTHS[self.lengths]
-        q = recorded * np.array([turn, turn, slide, turn, turn, turn])
-        for number, (arm, of_arm) in enumerate(zip(self.arms, q.swapaxes(0, 1), strict=True), start=1):
-            _check_ranges(arm, of_arm, number, path)
-        turned_rad = float(np.ptp(np.delete(q, INSERTION, axis=-1), 0).max())
-        deepest_m = float(np.abs(q[..., INSERTION]).max())
-        for little, found in (
-            (turned_rad < MIN_TURN_RAD, f"no angle that changes by more than {shown(turned_rad, 'rad', '.2g')}"),
-            (deepest_m < MIN_DEPTH_M, f"no insertion that exceeds {shown(deepest_m, 'm', '.2g')}"),
-        ):
-            if little:
-                raise BadFile(path, f"has {found}, too little for a suture", f"check {UNITS}")
-        return q
+    values = _columns(path, manifest)[rows]
+    if len(values) < 2:
+        raise BadFile(path, f"has {len(values)} row(s) of joint states", "a recorded suture needs 2 or more")
+    q = values.reshape(len(values), len(manifest.arms), 6) * manifest.units
+    for number, (arm, of_arm) in enumerate(zip(manifest.models, q.swapaxes(0, 1), strict=True), start=1):
+        _check_ranges(arm, of_arm, number, path)
+    turned_rad = float(np.ptp(np.delete(q, INSERTION, axis=-1), 0).max())
+    deepest_m = float(np.abs(q[..., INSERTION]).max())
+    for little, found in (
+        (turned_rad < MIN_TURN_RAD, f"no angle that changes by more than {shown(turned_rad, 'rad', '.2g')}"),
+        (deepest_m < MIN_DEPTH_M, f"no insertion that exceeds {shown(deepest_m, 'm', '.2g')}"),
+    ):
+        if little:
+            raise BadFile(path, f"has {found}, too little for a suture", f"check {UNITS}")
+    return q
 
 
 def _check_ranges(arm: ArmModel, q: NDArray[np.float64], number: int, path: Path) -> None:
@@ -100,31 +83,138 @@ def _check_ranges(arm: ArmModel, q: NDArray[np.float64], number: int, path: Path
         )
 
 
-def read_table(path: Path, convention: Convention) -> NDArray[np.float64]:
-    """Return the joint values (n, 6 arms) of a CSV file, as recorded.
+def _columns(path: Path, manifest: Manifest) -> NDArray[np.float64]:
+    """Return the joints' columns (n, 6 arms) of a CSV file, as recorded.
 
     Its header calls them ``q1`` to ``q6`` or by the arm's joint names (``yaw``, ...), with a prefix per arm if there
     are several (``psm1_yaw``), unless the manifest names them; other columns, such as times, are ignored.
-
-    Raises:
-        TrocarError: the file is not such a table.
     """
-    joint_names = [joint.name for joint in convention.arms[0].joints]
-    prefix = "" if len(convention.arms) == 1 else "psm1_"
+    arms = manifest.models
+    joint_names = [joint.name for joint in arms[0].joints]
+    prefix = "" if len(arms) == 1 else "psm1_"
     header, values = read_csv(path, ",".join(prefix + name for name in joint_names))
-    if convention.columns is not None:
-        for column in convention.columns:
+    if manifest.columns is not None:
+        for column in manifest.columns:
             if column not in header:
                 raise BadFile(path, f"has no column {column!r}", f"it has {', '.join(header)}")
-        return values[:, [header.index(column) for column in convention.columns]]
+        return values[:, [header.index(column) for column in manifest.columns]]
     for names in (joint_names, [f"q{i}" for i in range(1, 7)]):
         prefixes = [name.removesuffix(names[0]) for name in header if name.endswith(names[0])]
         prefixes = [each for each in prefixes if all(each + name in header for name in names)]
-        if len(prefixes) == len(convention.arms):
+        if len(prefixes) == len(arms):
             return values[:, [header.index(each + name) for each in prefixes for name in names]]
     raise BadFile(
         path,
         f"has the columns {', '.join(header[:14])}",
-        f"{len(convention.arms)} arm(s) need six each, called {prefix}{joint_names[0]}, {prefix}{joint_names[1]}, ... "
+        f"{len(arms)} arm(s) need six each, called {prefix}{joint_names[0]}, {prefix}{joint_names[1]}, ... "
         f"or {prefix}q1 to {prefix}q6, or named in the manifest",
     )
+
+
+def read_jigsaws(path: Path, rows: slice, manifest: Manifest) -> SE3:
+    """Return rows of the poses (n, 2) of the slaves' tips, left and right, in the frame of the recording.
+
+    Recorded rotations are rounded; each is replaced by the nearest rotation.
+
+    Raises:
+        BadFile: the file is not such a text, its lengths are in another unit than the manifest says, or the manifest
+            does not have two arms.
+    """
+    if len(manifest.arms) != len(SLAVES):
+        raise BadFile(
+            path, f"records two slaves, but the manifest has {len(manifest.arms)} arm(s)", "name two, left and right"
+        )
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # an empty file is reported below
+            values = np.loadtxt(path, ndmin=2)
+    except (OSError, ValueError, UnicodeDecodeError):
+        raise BadFile(
+            path, f"is not a text of {COLUMNS} numbers per row, as JIGSAWS writes it", "copy it again"
+        ) from None
+    if values.shape[1] != COLUMNS or len(values) < 2:
+        raise BadFile(path, f"has {values.shape[0]} row(s) of {values.shape[1]} columns", f"it needs 2 of {COLUMNS}")
+    used = np.stack([values[:, start : start + 12] for start in SLAVES], 1)
+    bad = np.flatnonzero(~np.isfinite(used).all((1, 2)))
+    if len(bad):
+        raise BadFile(path, f"holds NaN or infinity for a slave's pose in row {bad[0]}", "leave the row out")
+    rotations, off = nearest_rotations(used[..., 3:].reshape(*used.shape[:2], 3, 3))
+    if off.max() > SKEWED:
+        row = int(np.argmax(off.max(1)))
+        raise BadFile(path, f"has a rotation in row {row} that is {off.max():.2g} away from any: not JIGSAWS' columns")
+    places_m = used[..., :3] * manifest.length_m
+    spread_m = np.linalg.norm(np.ptp(places_m, axis=0), axis=-1)
+    reach_m = 2 * np.array([arm.upper[INSERTION] + arm.tip_length_m for arm in manifest.models])
+    if (spread_m > reach_m).any() or spread_m.max() < MIN_SPREAD_M:
+        found = f"has poses whose positions spread over {' and '.join(shown(each, 'm', '.3g') for each in spread_m)}"
+        raise BadFile(
+            path, f"{found}; a suture takes {shown(MIN_SPREAD_M, 'm')} to {shown(reach_m.min(), 'm')}", f"check {UNITS}"
+        )
+    return SE3.from_parts(rotations, places_m)[rows]
+
+
+def nearest_rotations(matrices: NDArray[np.float64]) -> tuple[SO3, NDArray[np.float64]]:
+    """Return the rotations nearest to matrices (..., 3, 3), and how far (...,) their largest entry moved."""
+    U, _, Vt = np.linalg.svd(matrices)
+    sign = np.ones((*matrices.shape[:-2], 1, 3))
+    sign[..., 0, 2] = np.linalg.det(U @ Vt)
+    R = (U * sign) @ Vt
+    return SO3(R), np.abs(R - matrices).max((-1, -2))
+
+
+def joints_from_poses(
+    recordings: Sequence[tuple[Path, SE3]], manifest: Manifest
+) -> tuple[list[NDArray[np.float64]], str]:
+    """Return joints (n, arms, 6) of recorded poses (n, arms), and what was assumed, in words.
+
+    Poses without a solution are left out.
+
+    Args:
+        recordings: file and poses as recorded of all sutures of a set, which share the bases.
+        manifest: the recorded arms, and the poses of their bases if known.
+
+    Raises:
+        BadFile: most poses of a recording cannot be reached from the bases.
+    """
+    arms = manifest.models
+    turn = SE3.from_parts(SO3.from_quaternion(manifest.recorded_tip_wxyz))
+    tips = [(path, recording @ turn) for path, recording in recordings]
+    bases = manifest.T_frame_base or assumed_bases([tip for _, tip in tips], arms)
+    lower, upper = (np.stack([getattr(arm, end) for arm in arms]) for end in ("lower", "upper"))
+    joints, outside, lost, total = [], 0, 0, 0
+    for path, tip in tips:
+        q = np.stack([ik_unbounded(arm, bases[a].inverse() @ tip[:, a]) for a, arm in enumerate(arms)], 1)
+        real = np.asarray(np.isfinite(q).all((1, 2)))
+        if real.mean() < MIN_REAL_SHARE or real.sum() < 2:
+            raise BadFile(
+                path,
+                f"has poses of which {100 * (1 - real.mean()):.0f} % cannot be reached from the arms' bases",
+                "correct the bases, or the frame of the recorded tip, in the manifest",
+            )
+        outside += int(((q[real] < lower) | (q[real] > upper)).any((1, 2)).sum())
+        lost, total = lost + int((~real).sum()), total + real.size
+        joints.append(q[real])
+    given = (
+        "bases as given in the manifest"
+        if manifest.bases
+        else "assumed bases, from which each arm's mean recorded pose is that at the middle of its joints' ranges"
+    )
+    return joints, (
+        f"joints by inverse kinematics from Cartesian poses, {given}; {100 * outside / total:.0f} % of the poses then "
+        f"lie outside the joints' limits, {100 * lost / total:.0f} % have no solution"
+    )
+
+
+def assumed_bases(tips: list[SE3], arms: Sequence[ArmModel]) -> tuple[SE3, ...]:
+    """Return a plausible base for each arm: one from which it works in the middle of its joints' ranges.
+
+    Poses of the tip do not determine the remote centre (the inverse kinematics has solutions for any), so it is assumed
+    such that the mean pose of the tip over all recordings (n, arms) is that at the middle of the joints' ranges.
+    """
+    bases = []
+    for a, arm in enumerate(arms):
+        matrices = np.concatenate([tip.matrix[:, a] for tip in tips])
+        rotation, _ = nearest_rotations(matrices[:, :3, :3].mean(0))
+        mean = SE3.from_parts(rotation, matrices[:, :3, 3].mean(0))
+        bases.append(mean @ fk(arm, arm.middle).inverse())
+    return tuple(bases)

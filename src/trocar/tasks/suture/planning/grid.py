@@ -1,14 +1,14 @@
 """The best plans on a grid: evenly spaced sutures (the paper's problem), or bounded gaps, arcs, fixed places, tension.
 
 A plan is a closed walk round the circle whose steps are the gaps. Its worst suture counts, so this is a bottleneck
-problem: the best plan uses only positions of some minimum rank. Bisection finds this rank: each time it asks whether a
-walk over the positions of at least a given rank closes. All starts are tested at once.
+problem, solved by dynamic programming over the steps, from all starts at once.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,98 +80,69 @@ class Walks:
         inner, outer = math.floor(longer_than + ON_GRID) + 1, math.ceil(shorter_than - ON_GRID) - 1
         return replace(self, min_step=max(self.min_step, inner), max_step=min(self.max_step, outer))
 
-    def starts(self, allowed: NDArray[np.bool_]) -> NDArray[np.intp]:
+    @property
+    def starts(self) -> NDArray[np.intp]:
         """Return positions (s,) of which every closed walk visits at least one.
 
-        These are the first fixed position or, without one, the allowed positions on any arc as long as the longest
-        step, which no walk can jump over: the arc with the fewest of them.
+        These are the first fixed position or, without one, an arc that no step passes over.
         """
-        if self.through:
-            return np.array(self.through[:1])
-        width = min(self.max_step, self.positions)
-        held = np.concatenate([[0], np.cumsum(np.concatenate([allowed, allowed[: width - 1]]))])
-        arc = np.argmin(held[width:] - held[:-width]) + np.arange(width)
-        arc %= self.positions
-        return np.sort(arc[allowed[arc]])
+        return np.array(self.through[:1]) if self.through else np.arange(min(self.max_step, self.positions))
 
-    def closing(self, allowed: NDArray[np.bool_]) -> NDArray[np.intp]:
-        """Return the ``starts`` (c,) from which a walk over allowed positions closes."""
-        starts = self.starts(allowed)
-        if not len(starts) or not self.steps * self.min_step <= self.positions <= self.steps * self.max_step:
-            return starts[:0]
-        n, p = self.steps, self.positions
-        ahead = self._ahead(allowed, starts)
-        first, past = self.sources()
-        # ``before`` counts the reached positions before each position: a difference of two counts tells whether any
-        # position of a range is reached, however long the range.
-        before = np.zeros((len(starts), p + 2), dtype=np.int32)
-        before[:, 1:] = 1
-        for k in range(1, n + 1):
-            # after k steps a walk that can still close lies between these positions
-            low = max(k * self.min_step, p - (n - k) * self.max_step)
-            high = min(k * self.max_step, p - (n - k) * self.min_step) + 1
-            reached = ahead[:, low:high] & (before[:, past[low:high]] > before[:, first[low:high]])
-            before[:, : low + 1] = 0
-            np.cumsum(reached, axis=1, out=before[:, low + 1 : high + 1])
-            before[:, high + 1 :] = before[:, high, None]
-        return starts[before[:, p + 1] > before[:, p]]
+    @property
+    def _stops(self) -> list[int]:
+        """Return the positions, ahead of the start, that no step passes over, with the start at both ends."""
+        return [0, *(k - self.through[0] for k in self.through[1:]), self.positions]
 
-    def _ahead(self, around: NDArray, starts: NDArray[np.intp]) -> NDArray:
-        """Return values round the circle (p,) as seen from each start, up to the start again (s, p + 1)."""
-        twice = np.concatenate([around, around, around[:1]])
-        return np.lib.stride_tricks.sliding_window_view(twice, self.positions + 1)[starts]
+    def layers(self, around: NDArray, starts: NDArray[np.intp], add: np.ufunc) -> list[NDArray[np.float64]]:
+        """Return what the best walks from these starts have gathered (s, p + 1) after no, one, ... all steps.
 
-    def sources(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the range from which one step leads to each position (p + 1,) after the start: first, one past last.
-
-        No step passes over a position that a walk must visit.
+        Args:
+            around: value of each position (p,), minus infinity where no walk may go.
+            starts: (s,) positions; columns are the places ahead of them, the last is the start again.
+            add: adds a place to a walk: ``np.add`` for sums, ``np.minimum`` for the worst place.
         """
-        here = np.arange(self.positions + 1)
-        first, past = np.maximum(here - self.max_step, 0), np.maximum(here - self.min_step + 1, 0)
-        if self.through:
-            stops = np.array(self.through) - self.through[0]
-            first = np.maximum(first, stops[np.maximum(np.searchsorted(stops, here) - 1, 0)])
-        return first, np.maximum(first, past)
+        from scipy.ndimage import maximum_filter1d  # slow to import
 
-    def best_sum(self, allowed: NDArray[np.bool_], values: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Return the closed walk (steps,) over allowed positions with the largest sum of values.
-
-        Found by dynamic programming over the steps; at least one walk must close. Ties go to the first start, then to
-        the shortest last steps.
-        """
-        starts = self.closing(allowed)
-        gain = self._ahead(np.where(allowed, values, -np.inf), starts).T
-        first, past = self.sources()
-        sums = [np.full(gain.shape, -np.inf)]
-        sums[0][0] = gain[0]
+        gain = around[(starts[:, None] + np.arange(self.positions + 1)) % self.positions].astype(np.float64)
+        found = [np.full(gain.shape, -np.inf)]
+        found[0][:, 0] = gain[:, 0]
         for _ in range(self.steps):
-            sums.append(largest_in(sums[-1], first, past) + gain)
-        start = int(np.argmax(sums[-1][-1]))
-        place, walk = self.positions, []
+            best = np.full(gain.shape, -np.inf)
+            for stop, following in pairwise(self._stops):
+                first = stop + self.min_step
+                width = min(self.max_step, following - stop) - self.min_step + 1
+                if width > 0:  # a window of this width, up to one shortest step before each place
+                    sources = found[-1][:, stop : following + 1 - self.min_step]
+                    best[:, first : following + 1] = maximum_filter1d(
+                        sources, width, axis=1, mode="constant", cval=-np.inf, origin=(width - 1) // 2
+                    )
+            found.append(add(best, gain))
+        return found
+
+    def best(self, rank: NDArray[np.intp], values: NDArray[np.float64]) -> NDArray[np.intp] | None:
+        """Return the closed walk (steps,) whose lowest rank is highest; None if none closes.
+
+        Of several, it is the one with the largest sum of values; ties go to the first start, then to the shortest last
+        steps.
+
+        Args:
+            rank: of each position (p,); no walk goes where it is negative.
+            values: of each position (p,).
+        """
+        starts = self.starts
+        lowest = self.layers(np.where(rank >= 0, rank, -np.inf), starts, np.minimum)[-1][:, -1]
+        level = lowest.max()
+        if level < 0:
+            return None
+        starts = starts[lowest == level]
+        sums = self.layers(np.where(rank >= level, values, -np.inf), starts, np.add)
+        start, place, walk = int(np.argmax(sums[-1][:, -1])), self.positions, []
         for layer in reversed(sums[:-1]):
-            came_from = np.arange(past[place] - 1, first[place] - 1, -1)
-            place = int(came_from[np.argmax(layer[came_from, start])])
+            first = max(place - self.max_step, *(stop for stop in self._stops if stop < place))
+            came_from = np.arange(place - self.min_step, first - 1, -1)
+            place = int(came_from[np.argmax(layer[start, came_from])])
             walk.append((starts[start] + place) % self.positions)
         return np.sort(np.array(walk))
-
-
-def largest_in(values: NDArray[np.float64], first: NDArray[np.intp], past: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the maximum over rows ``first[i]`` to ``past[i]`` (exclusive) of values (m, s), for each i; (i, s).
-
-    A sparse table: any window is covered by two windows whose length is a power of two, so that no window is scanned.
-    The maximum of an empty window is minus infinity.
-    """
-    length = np.maximum(past - first, 1)
-    power = np.log2(length).astype(np.intp)
-    table = [values]
-    for half in 2 ** np.arange(power.max()):
-        longer = table[-1].copy()
-        np.maximum(longer[:-half], table[-1][half:], out=longer[:-half])
-        table.append(longer)
-    every = np.stack(table)
-    found = np.maximum(every[power, first], every[power, np.maximum(past - 2**power, 0)])
-    found[past <= first] = -np.inf
-    return found
 
 
 def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
@@ -229,24 +200,12 @@ def _best(
     map: DexterityMap, walks: Walks, rank: NDArray[np.intp], choice: NDArray[np.intp], tension: float
 ) -> SuturePlan | None:
     """Return the plan with the best worst suture; tension is charged to its value, but does not affect the choice."""
-    level = highest_closing(walks, rank)
-    if level < 0:
+    where = walks.best(rank, np.take_along_axis(map.values, choice[None], 0)[0])
+    if where is None:
         return None
-    values = np.take_along_axis(map.values, choice[None], 0)[0]
-    where = walks.best_sum(rank >= level, values)
     even = len(rank) / len(where)
     uneven = np.abs(np.diff(where, append=where[0] + len(rank)) - even).max() / even
     return plan_on_grid(map, where, choice[where], tension * float(uneven))
-
-
-def highest_closing(walks: Walks, rank: NDArray[np.intp]) -> int:
-    """Return the highest rank such that a walk over the positions of at least that rank closes; -1 if none does."""
-    levels = np.unique(rank[rank >= 0])
-    low, high = -1, len(levels)  # level ``low`` closes, if there is one; level ``high`` does not
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if len(walks.closing(rank >= levels[middle])) else (low, middle)
-    return int(levels[low]) if low >= 0 else -1
 
 
 def walks_on_grid(positions: int, count: int, spacing: Spacing) -> Walks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -102,9 +102,10 @@ def with_parameters(setup: SutureSetup, values: Mapping[str, float], **changes: 
     Raises:
         InvalidInput: a name is unknown, or no setup has these values.
     """
-    check_names(values)
     parts: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
+        if name not in PARAMETERS:
+            raise UnknownName("the parameter of a setup", name, PARAMETERS)
         parts.setdefault(PARAMETERS[name].part, {})[PARAMETERS[name].field] = value
     base, center = parts.pop("base", {}), parts.pop("center", {})
     changes |= {part: replace(changes.get(part, getattr(setup, part)), **fields) for part, fields in parts.items()}
@@ -133,13 +134,6 @@ def _base_numbers(T_world_base: SE3) -> dict[str, float]:
         "tilt_rad": math.atan2(leaning[0, 2], leaning[2, 2]),
         "spin_rad": math.atan2(leaning[1, 0], leaning[1, 1]),
     }
-
-
-def check_names(names: Iterable[str]) -> None:
-    """Raise UnknownName if a name is none of a parameter."""
-    for name in names:
-        if name not in PARAMETERS:
-            raise UnknownName("the parameter of a setup", name, PARAMETERS)
 
 
 def shown_parameter(name: str) -> tuple[float, str]:

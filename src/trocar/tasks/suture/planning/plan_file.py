@@ -101,9 +101,15 @@ def load_plan(path: str | Path) -> PlannedSutures:
         raise BadFile(path, f"holds no plan: {error}", kind="plan") from None
 
 
-def setup_values(setup: SutureSetup) -> dict[str, Any]:
-    """Return a setup as JSON values: its arm by name, the rest in SI units."""
-    return _plain(setup)
+def setup_values(value: Any) -> Any:
+    """Return a setup, or a part of one, as JSON values: its arm by name, the rest in SI units."""
+    if isinstance(value, ArmModel):
+        return value.name
+    if isinstance(value, SE3):
+        return value.matrix.tolist()
+    if is_dataclass(value):
+        return {field.name: setup_values(getattr(value, field.name)) for field in fields(value)}
+    return value
 
 
 def setup_from(values: object) -> SutureSetup:
@@ -113,17 +119,6 @@ def setup_from(values: object) -> SutureSetup:
         InvalidInput: a key is missing or unknown, or no setup can have one of the values.
     """
     return _made(values, SutureSetup(), "setup")
-
-
-def _plain(value: Any) -> Any:
-    """Return a part of a setup as JSON values."""
-    if isinstance(value, ArmModel):
-        return value.name
-    if isinstance(value, SE3):
-        return value.matrix.tolist()
-    if is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
-    return value
 
 
 def _made(value: object, like: Any, where: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +16,6 @@ from trocar.eval.trial import Trial
 from trocar.geometry import SE3, TURN
 from trocar.replay import Viewpoint
 from trocar.report import style
-from trocar.report.tables import figure
 from trocar.report.tables import figure as figures
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import PRESETS, Suture, SutureSetup
@@ -190,9 +189,6 @@ def draw_needle(trial: Trial, path: Path, title: str) -> Path:
     return path
 
 
-if TYPE_CHECKING:
-    from trocar.eval.trial import Trial
-
 UNSHOWN = ("lower", "withdraw", "rise")
 """Steps of a suture without a picture."""
 
@@ -288,7 +284,7 @@ class SutureReport(TaskReport):
             "slip in the jaws, mm": summary["slip_mm"],
         }
         for what, error in rows.items():
-            table.add_row(what, figure(error["rms"]) if "rms" in error else "", figure(error["max"]))
+            table.add_row(what, figures(error["rms"]) if "rms" in error else "", figures(error["max"]))
         return [table]
 
     def notes(self, trials: Sequence[Trial]) -> list[str]:

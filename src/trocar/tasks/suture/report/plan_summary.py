@@ -148,21 +148,20 @@ def plan_table(summary: Mapping[str, Any]) -> Table:
     Args:
         summary: as ``plan_summary`` returns it.
     """
-    table = Table(title=f"{len(summary['positions_deg'])} sutures by {summary['arm']}")
-    table.add_column("theta deg", justify="right", no_wrap=True)
-    table.add_column("direction", no_wrap=True)
     names = list(summary["joint_room"][0])
     shown = names if summary["joints"] == "all" else names[3:]
-    for name in shown:
-        joint, _, unit = name.rpartition("_")
-        table.add_column(f"{joint.replace('_', ' ')} left, {unit}", justify="right")
-    table.add_column("reward", justify="right", no_wrap=True)
+    parts = [name.rpartition("_") for name in shown]
+    left = [f"{joint.replace('_', ' ')} left, {unit}" for joint, _, unit in parts]
+    table = Table(title=f"{len(summary['positions_deg'])} sutures by {summary['arm']}")
+    for column in ("theta deg", "direction", *left, "reward"):
+        justify = "left" if column == "direction" else "right"
+        table.add_column(column, justify=justify, no_wrap=column not in left)
     columns = (summary[key] for key in ("positions_deg", "direction_names", "joint_room", "rewards"))
-    for theta, direction, left, value in zip(*columns, strict=True):
+    for theta, direction, room, value in zip(*columns, strict=True):
         table.add_row(
             f"{theta:.4g}",
             direction.replace("counterclockwise", "counterclockw."),
-            *("-" if left[name] is None else f"{left[name]:.1f}" for name in shown),
+            *("-" if room[name] is None else f"{room[name]:.1f}" for name in shown),
             f"{value:.4f}",
             style="bold" if value == min(summary["rewards"]) else None,
         )

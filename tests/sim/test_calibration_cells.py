@@ -1,15 +1,23 @@
+"""Cells in which a person or an arm holds what cameras and cables are calibrated by."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
+from simulated import ideal_session
+from trocar.arms import ARMS
 from trocar.errors import TrocarError
-from trocar.lab import load_station
+from trocar.geometry import SE3
+from trocar.lab import SensorFlaws, load_station
 from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
+from trocar.perception.fiducials import COLORS, SIX_SPHERES
 from trocar.perception.image import StereoRig
 from trocar.perception.stereo_calibration import find_corners
-from trocar.sim.calibration_cells import CheckerboardCell
+from trocar.sim.calibration_cells import CheckerboardCell, EmptyTable, FiducialCell, printed
+from trocar.sim.world import World
 
 BOARD = Checkerboard()
 SMALL = Checkerboard(square_m=0.003)
@@ -53,18 +61,6 @@ def test_the_board_moves_and_the_same_seed_gives_the_same_picture(cell):
     assert (one.left != other.left).any()
 
 
-def test_a_hand_holds_the_whole_board_before_both_eyes_above_the_table(station, cell):
-    camera, rng = station.cameras["stereo"], np.random.default_rng(3)
-    for _ in range(5):
-        T_world_board = cell.hand_pose(rng, DISTANCE_M)
-        assert T_world_board.apply(BOARD.corners_m)[:, 2].min() > TABLE_Z_M
-        p_left = (camera.T_world_camera.inverse() @ T_world_board).apply(BOARD.corners_m)
-        p_right = camera.model.T_left_right.inverse().apply(p_left)
-        for lens, p in ((camera.model.left, p_left), (camera.model.right, p_right)):
-            pixels = project(lens, p)
-            assert (pixels > 0).all() and (pixels < (lens.width, lens.height)).all()
-
-
 def test_a_board_too_large_and_a_camera_with_one_eye_are_refused(station, monkeypatch):
     monkeypatch.setattr("trocar.sim.calibration_cells.TRIES", 50)
     large = CheckerboardCell(station, "stereo", Checkerboard(square_m=0.03), TABLE_Z_M)
@@ -74,14 +70,17 @@ def test_a_board_too_large_and_a_camera_with_one_eye_are_refused(station, monkey
         CheckerboardCell(load_station("peg-transfer"), "overhead", BOARD, TABLE_Z_M)
 
 
+def rim_of(board):
+    """Return the corners of a board's plate."""
+    width, height = np.array(board.size_m) / 2 + board.square_m
+    return np.array([[x * width, y * height, 0.0] for x in (-1, 1) for y in (-1, 1)])
+
+
 @pytest.fixture(scope="module")
 def held(station):
     """Poses of the small board before the left eye, its corners with their rim in the world, and both eyes' pixels."""
     small, camera = CheckerboardCell(station, "stereo", SMALL, TABLE_Z_M), station.cameras["stereo"]
-    rng = np.random.default_rng(5)
-    (width, height), rim = SMALL.size_m, SMALL.square_m
-    corners = np.array([[x * (width / 2 + rim), y * (height / 2 + rim), 0.0] for x in (-1, 1) for y in (-1, 1)])
-    found = []
+    rng, corners, found = np.random.default_rng(5), rim_of(SMALL), []
     for _ in range(150):
         T_world_board = small.hand_pose(rng, DISTANCE_M)
         T_left_board = camera.T_world_camera.inverse() @ T_world_board
@@ -115,10 +114,8 @@ def test_low_over_the_table_no_board_is_held_through_it(station, held):
     heights = [p[:, 2].min() for _, p, _ in held]
     table_z_m = float(np.median(heights)) - 2e-3
     low = CheckerboardCell(station, "stereo", SMALL, table_z_m)
-    (width, height), rim = SMALL.size_m, SMALL.square_m
-    corners = np.array([[x * (width / 2 + rim), y * (height / 2 + rim), 0.0] for x in (-1, 1) for y in (-1, 1)])
     rng = np.random.default_rng(0)
-    lowest = [low.hand_pose(rng, DISTANCE_M).apply(corners)[:, 2].min() for _ in range(60)]
+    lowest = [low.hand_pose(rng, DISTANCE_M).apply(rim_of(SMALL))[:, 2].min() for _ in range(60)]
     assert min(lowest) > table_z_m + 2e-3, "the board is as thick as that"
     assert min(lowest) < table_z_m + 5e-3
 
@@ -128,20 +125,86 @@ def test_the_board_is_a_white_plate_with_a_rim_and_its_black_squares_lie_on_it(c
     body = model.body("checkerboard").id
     plate, *black = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body]
     (width, height), square = BOARD.size_m, BOARD.square_m
-    np.testing.assert_allclose(2 * model.geom_size[plate], [width + 2 * square, height + 2 * square, 2e-3])
+    assert_allclose(2 * model.geom_size[plate], [width + 2 * square, height + 2 * square, 2e-3])
     front = model.geom_pos[plate, 2] - model.geom_size[plate, 2]  # the camera looks along z
     middles, is_black = BOARD.squares_m
-    np.testing.assert_allclose(model.geom_pos[black, :2], middles[is_black, :2], atol=1e-12)
-    np.testing.assert_allclose(2 * model.geom_size[black, :2], square)
-    np.testing.assert_allclose(
-        model.geom_pos[black, 2] + model.geom_size[black, 2], front
-    )  # the print ends on the plate
-    np.testing.assert_allclose(model.geom_pos[black, 2] - model.geom_size[black, 2], 0.0, atol=1e-12)
+    assert_allclose(model.geom_pos[black, :2], middles[is_black, :2], atol=1e-12)
+    assert_allclose(2 * model.geom_size[black, :2], square)
+    assert_allclose(model.geom_pos[black, 2] + model.geom_size[black, 2], front)  # the print ends on the plate
+    assert_allclose(model.geom_pos[black, 2] - model.geom_size[black, 2], 0.0, atol=1e-12)
     assert 0 < front < 5e-6, "so thin that no edge moves"
     white, dark = model.geom_rgba[plate], model.geom_rgba[black]
     assert np.ptp(white[:3]) == 0.0 and np.ptp(dark[:, :3]) == 0.0 and (model.geom_rgba[:, 3] == 1.0).all()
     assert white[0] < 0.4, "too dull to mirror the lamp"
     assert (white[0] > 6 * dark[:, 0]).all()
     table = model.geom("table")
-    np.testing.assert_allclose(table.pos, [0, 0, TABLE_Z_M])
+    assert_allclose(table.pos, [0, 0, TABLE_Z_M])
     assert np.ptp(table.rgba[:3]) == 0.0 and dark[0, 0] < table.rgba[0] < white[0]
+
+
+@pytest.fixture
+def day():
+    """A session whose camera has few pixels."""
+    day = ideal_session()
+    camera = day.station.cameras["overhead"]
+    cameras = {"overhead": replace(camera, model=camera.model.binned(8))}
+    return replace(day, station=replace(day.station, cameras=cameras))
+
+
+def test_the_table_is_black_and_below_the_work_and_stops_nothing():
+    table = World({}, {}, EmptyTable()).model.geom("table")
+    assert table.pos[:2].tolist() == [0.0, 0.0] and -0.12 < table.pos[2] < -0.04
+    assert table.rgba[3] == 1.0 and table.rgba[:3].min() > 0.0 and table.rgba[:3].max() < 0.08
+    assert table.contype[0] == table.conaffinity[0] == 0
+
+
+@pytest.mark.parametrize("flaws", [None, SensorFlaws.none()])
+def test_its_camera_has_the_stations_flaws_or_others(day, flaws):
+    rng = np.random.default_rng(0)
+    cell = FiducialCell(day, "psm1", "overhead", SIX_SPHERES, rng, flaws)
+    assert cell._camera.lenses[0].flaws == (flaws or day.station.cameras["overhead"].flaws)
+    assert cell.fixture != SIX_SPHERES, "what was printed"
+    q = day.station.arms["psm1"].park_q()
+    image = cell.image(q, (5, 7), (20, 30), rng)
+    assert image.depth_m.shape == (30, 20)
+
+
+def test_a_camera_without_depth_is_refused(day):
+    lens = day.station.cameras["overhead"].model
+    rig = StereoRig(lens, lens, SE3.identity())
+    pair = replace(day.station, cameras={"overhead": replace(day.station.cameras["overhead"], model=rig)})
+    with pytest.raises(TrocarError, match="has no depth"):
+        FiducialCell(replace(day, station=pair), "psm1", "overhead", SIX_SPHERES, np.random.default_rng(0))
+
+
+def test_a_printed_sphere_lies_beside_its_place_by_the_printers_scatter():
+    rough = replace(SIX_SPHERES, print_sd_m=0.3e-3)
+    rng = np.random.default_rng(0)
+    off = np.array([printed(rough, rng).centers_m - rough.centers_m for _ in range(200)])
+    assert_allclose(off.std(axis=(0, 1)), 0.3e-3, rtol=0.06)
+    assert np.abs(off.mean(axis=0)).max() < 0.1e-3
+    assert_allclose(printed(rough, rng).radii_m, rough.radii_m)
+
+
+@pytest.mark.parametrize("name", ["psm-classic", "raven2-left"])
+def test_spheres_hang_on_shaft_and_jaws_and_rods_lead_to_those_of_the_jaws(name):
+    arm, fixture = ARMS[name], SIX_SPHERES
+    world = World({"x": arm}, {"x": SE3.identity()}, fixtures={"x": fixture})
+    model = world.model
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper)
+    world.place_arm("x", q, 0.0)
+    assert_allclose(world.data.geom_xpos[world.geoms("x_sphere")], fixture.base_centers_m(arm, q), atol=1e-9)
+    for number, sphere in enumerate(fixture.spheres):
+        geom = model.geom(f"x_sphere{number}")
+        assert geom.size[0] == sphere.radius_m
+        assert_allclose(geom.rgba, [*COLORS[sphere.color], 1], rtol=1e-6)
+    rods = world.geoms("x_rod")
+    assert len(rods) == 4
+    for rod, center in zip(rods, fixture.frame_centers_m(arm)[~fixture.on_shaft], strict=True):
+        assert model.body(model.geom_bodyid[rod]).name == "x_link6"
+        radius, half = model.geom_size[rod, :2]
+        assert radius == fixture.arm_radius_m
+        assert 2 * half == pytest.approx(np.linalg.norm(center - np.array(fixture.hub_m)))
+        assert_allclose(model.geom_pos[rod], (center + fixture.hub_m) / 2, atol=1e-12)
+        assert model.geom_rgba[rod][:3].max() < 0.05 and model.geom_rgba[rod][3] == 1, "black"
+    assert (model.geom_contype[rods] > 0).all(), "rays miss what nothing collides with"

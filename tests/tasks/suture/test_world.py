@@ -15,8 +15,7 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.world import World
 from trocar.tasks.suture.agents.circle import LOAD
 from trocar.tasks.suture.task import CircleSutures
-from trocar.tasks.suture.world.needle import Tissue
-from trocar.tasks.suture.world.suture_world import LOADING_S, SutureWorld
+from trocar.tasks.suture.world import LOADING_S, SutureWorld, Tissue
 
 TASK = CircleSutures(sutures=1)
 STATION = TASK.at(mild("suture"))

@@ -1,1 +1,0 @@
-"""The simulator's side of the peg transfer: bodies and referee. No agent may import this."""

@@ -1,1 +1,0 @@
-"""The simulator's side of the sutures: phantom, needle, referee. No agent may import this."""
