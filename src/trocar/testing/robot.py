@@ -44,6 +44,10 @@ async def check_robot(
     await check.drives_its_jaws()
 
 
+class HeldByCheck(TrocarError):
+    """The reason with which the check holds an arm."""
+
+
 class _RobotCheck:
     def __init__(self, cell: Cell, arm: str, span: float, tolerance: float, limits: MotionLimits):
         self.cell, self.robot, self.arm, self.limits = cell, cell.robot, arm, limits
@@ -77,7 +81,7 @@ class _RobotCheck:
     async def is_held(self) -> None:
         """A running motion refuses another one, brakes when it is told to hold, and says so."""
         results: dict[str, MotionResult] = {}
-        motion = self._motion_to(self.away)
+        motion, why = self._motion_to(self.away), HeldByCheck("check_robot holds the arm")
 
         async def run() -> None:
             results.update(await self.robot.move({self.arm: motion}))
@@ -87,11 +91,11 @@ class _RobotCheck:
             await self.cell.clock.sleep(motion.duration_s / 2)
             require(self.robot.setpoint(self.arm).moving, self.subject, "say that it moves while a motion runs")
             await self._refused({self.arm: motion}, "refuse a motion while another one runs")
-            self.robot.hold(self.arm, reason="check_robot holds it")
+            self.robot.hold(self.arm, reason=why)
             await self.robot.rest(self.arm)
             self._check_rest()
         result = results[self.arm]
-        said = result.ended is MotionEnd.HELD and "check_robot holds it" in result.reason
+        said = result.ended is MotionEnd.HELD and isinstance(result.cause, HeldByCheck)
         require(said, self.subject, f"end a held motion as HELD with the reason given, not {result.ended}")
         self._check_result(result)
         await self._home()
