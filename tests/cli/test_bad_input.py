@@ -202,7 +202,7 @@ BAD = [
     f"{EXPORT} --urdf theirs.xml -> is a file where a folder is to be",
     "station export kitchen --urdf urdf -> station 'kitchen' is unknown",
     "station export suture --mjcf a.xml --task peg-transfer -> no fixture 'board'",
-    "view missing -> holds no trial; give the folder of a run",
+    "view missing -> holds no trial; make some with",
     "view file -> 'file' is a file; give the folder of a run",
     "view folder",
     "view badtrial -> is not a readable trocar trial",

@@ -227,6 +227,16 @@ def test_without_the_record_the_first_trial_says_whose_they_are(tmp_path):
         (tmp_path / "run.json").touch()
 
 
+def test_a_folder_in_or_around_runs_is_answered_with_theirs(tmp_path):
+    for name in ("b", "a"):
+        open_folder(config(sessions=2, trials=3), tmp_path / name)
+        (tmp_path / name / "session_000").mkdir()
+    for given, named in ((tmp_path, ("a", "b")), (tmp_path / "a" / "session_000", ("a",))):
+        with pytest.raises(TrocarError, match="give the folder of a run: ") as caught:
+            load_trials(given)
+        assert str(caught.value).endswith("a run: " + ", ".join(str(tmp_path / name) for name in named))
+
+
 def test_a_trial_that_was_copied_is_not_counted_twice(tmp_path):
     run = config(sessions=2, trials=2)
     played(run, tmp_path, (0, 0))

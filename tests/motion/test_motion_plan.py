@@ -4,10 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from trocar.arms import ARMS, MotionLimits, fk
+from trocar.arms import MotionLimits, fk
 from trocar.errors import ArmMoving, MotionRefused, NoPlan, TrocarError
 from trocar.geometry import SE3
 from trocar.motion import (
@@ -59,35 +57,6 @@ def moved(change):
         }
 
     return planner
-
-
-@pytest.mark.parametrize("planner", PLANNERS)
-@pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
-@settings(max_examples=10, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), moving=st.booleans(), count=st.integers(2, 4))
-def test_what_a_planner_answers_keeps_what_was_asked_or_says_why_not(planner, arm, seed, moving, count):
-    """The check is asked, and beside it the trajectory is sampled here, by other means."""
-    rng = np.random.default_rng(seed)
-    points = arm.middle + rng.uniform(-0.15, 0.15, (count, 6)) * (arm.upper - arm.lower)
-    velocity = moving * rng.uniform(-0.3, 0.3, 6) * arm.motion_limits.velocity
-    asked = ArmMotion(arm, points, arm.motion_limits, start_velocity=velocity)
-    plan = plan_motion(MotionProblem({"it": asked}), planner)
-    if not plan.found:
-        assert plan.reason and (plan.violations or not plan.paths)
-        with pytest.raises(TrocarError, match="planner"):
-            plan.trajectory  # noqa: B018
-        return
-    motion, times = plan.trajectory, np.linspace(0, plan.duration_s, 3001)
-    np.testing.assert_allclose(motion(plan.waypoint_times_s["it"]), points, atol=1e-6)
-    np.testing.assert_allclose(motion(0.0, 1), velocity, atol=1e-6)
-    np.testing.assert_allclose(motion(times[-1] - 1e-9, 1), 0, atol=1e-6)
-    q = motion(times)
-    assert np.all(q >= arm.lower) and np.all(q <= arm.upper)
-    steps = np.diff(q, axis=0) / np.diff(times)[:, None]
-    assert np.all(np.abs(steps) <= asked.limits.velocity * (1 + 1e-6))
-    pushes = np.diff(steps, axis=0) / times[1]
-    assert np.all(np.abs(pushes) <= asked.limits.acceleration * (1 + 1e-6) + 1e-5)
-    assert plan.bound_s <= plan.duration_s * (1 + 1e-9)
 
 
 def test_a_sound_answer_is_found():

@@ -9,7 +9,7 @@ from synthetic import config, synthetic_trial, unmarked
 from trocar.eval.folder import load_trials, open_folder
 from trocar.eval.trial import trial_file
 from trocar.report import files
-from trocar.report.files import write_report
+from trocar.report.files import kept_pictures, write_report
 
 RUN = config(seed=3, sessions=2)
 
@@ -107,3 +107,25 @@ def test_without_a_simulator_or_failures_the_page_is_still_whole(tmp_path, monke
     page = assert_fit_to_show(tmp_path / "report.html")
     assert "every transfer that was attempted succeeded" in page.text and "left aside: <b> is of" in page.text
     assert not page.images and "Replay" not in [text for _, text in page.headings]
+
+
+def test_pictures_that_cannot_be_drawn_again_are_kept_shown_and_told(tmp_path, monkeypatch):
+    trial = synthetic_trial(RUN, failures={1: "DROPPED"})
+    monkeypatch.setattr(files, "MOST", 1)
+    write_report(tmp_path, [trial])
+    fuller = assert_fit_to_show(tmp_path / "report.html")
+    drawn = {path: path.read_bytes() for path in [*tmp_path.rglob("*.png"), tmp_path / "replay.html"]}
+    assert len(drawn) >= 3 and kept_pictures(tmp_path) == []
+
+    monkeypatch.setattr(files, "can_photograph", lambda: False)
+    monkeypatch.setattr(files, "find_spec", lambda module: None)
+    (kept,) = kept_pictures(tmp_path)
+    assert kept.startswith(
+        "kept from an earlier report: storyboard.png, failed, replay.html; to draw them again, install"
+    )
+    write_report(tmp_path, [trial], [kept])
+    page = assert_fit_to_show(tmp_path / "report.html")
+    assert kept in page.text
+    assert [image["title"] for image in page.images] == [image["title"] for image in fuller.images]
+    assert all(path.read_bytes() == before for path, before in drawn.items() if path.name != "timechart.png")
+    assert kept_pictures(tmp_path / "failed" / "none") == []

@@ -77,7 +77,7 @@ def finish(folder: Path, as_json: bool, interrupted: bool, place: tuple[int, int
     from trocar.eval import TASKS
     from trocar.eval.folder import load_trials, still_to_do
     from trocar.eval.trial import trial_files
-    from trocar.report.files import write_report  # SciPy only when needed
+    from trocar.report.files import kept_pictures, write_report  # SciPy only when needed
 
     if interrupted and not trial_files(folder):
         beside().print("stopped before the first trial was finished; the same command starts again")
@@ -94,6 +94,7 @@ def finish(folder: Path, as_json: bool, interrupted: bool, place: tuple[int, int
         strange.append(
             f"task {task!r} is unknown here, so its own pictures and figures are left out; add --plugin FILE"
         )
+    strange += kept_pictures(into)
     summary, files = write_report(folder, trials, strange, into)
     if as_json:
         typer.echo(json.dumps(summary))
@@ -188,6 +189,7 @@ def trial_in(folder: Path, session: int, number: int) -> Path:
     Raises:
         BadFile: the folder holds no trials, or not this one.
     """
+    from trocar.eval.folder import where_runs_are
     from trocar.eval.trial import trial_file, trial_files
 
     wanted = trial_file(folder, session, number)
@@ -195,8 +197,9 @@ def trial_in(folder: Path, session: int, number: int) -> Path:
         return wanted
     found = [f"--session {int(p.parent.name[8:])} --trial {int(p.stem[6:])}" for p in trial_files(folder)]
     if not found:
-        what = "is a file" if folder.is_file() else "holds no trial"
-        raise BadFile(folder, what, "give the folder of a run")
+        if folder.is_file():
+            raise BadFile(folder, "is a file", "give the folder of a run")
+        raise BadFile(folder, "holds no trial", where_runs_are(folder), kind="folder")
     shown = ", ".join(found[:8]) + (" ..." if len(found) > 8 else "")
     raise BadFile(folder, f"has no trial {number} of session {session}", f"choose one of {shown}")
 

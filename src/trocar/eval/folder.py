@@ -15,6 +15,8 @@ from trocar.files.reading import read_json
 from trocar.lab import require_reach
 
 RECORD = "run.json"
+MAX_SHOWN = 4
+"""Folders of runs that are named to somebody who gave another one."""
 
 
 def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
@@ -78,8 +80,19 @@ def load_trials(folder: str | Path) -> tuple[Trials, list[str]]:
             usable.append(path)
     if not usable:
         more = f" ({strange[0]})" if strange else ""
-        raise BadFile(folder, f"holds no trial that can be read{more}", "make some with `trocar run`", kind="folder")
+        raise BadFile(folder, f"holds no trial that can be read{more}", where_runs_are(folder), kind="folder")
     return Trials(usable), strange
+
+
+def where_runs_are(folder: str | Path) -> str:
+    """Return in words which folders of runs lie in or around a folder that is none; what to do if there are none."""
+    folder = Path(folder).absolute()
+    found = [place for place in folder.parents if (place / RECORD).is_file()][:1]
+    found = found or sorted(path.parent for path in folder.glob(f"*/{RECORD}"))
+    if not found:
+        return "make some with `trocar run`"
+    more = " ..." if len(found) > MAX_SHOWN else ""
+    return f"give the folder of a run: {', '.join(str(path) for path in found[:MAX_SHOWN])}{more}"
 
 
 def load_trial(path: str | Path) -> Trial:

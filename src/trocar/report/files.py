@@ -10,6 +10,7 @@ from pathlib import Path
 from trocar.eval import TASKS, TaskReport
 from trocar.eval.folder import requested
 from trocar.eval.trial import Trial
+from trocar.extras import how_to_install
 from trocar.files.output import make_folder, write_json
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
@@ -52,9 +53,7 @@ def write_report(
     storyboard, timechart = _pictures(folder, first, trials, report)
     noted = [trial.noted() for trial in trials]
     failed = failed_goals(noted, report)
-    failed_pictures = []
-    if can_photograph():
-        failed_pictures = draw_failed(folder / "failed", trials, picked(failed, MOST), report)
+    failed_pictures = draw_failed(folder / "failed", trials, picked(failed, MOST), report, can_photograph())
     if find_spec("viser") is not None:
         from trocar.view.replay import write_replay  # an extra
 
@@ -78,6 +77,18 @@ def write_report(
     return summary, [*files, *drawn, write_page(folder / "report.html", page)]
 
 
+def kept_pictures(folder: str | Path) -> list[str]:
+    """Return a sentence if the folder holds pictures of an earlier report that cannot be drawn again here."""
+    folder, kept = Path(folder), []
+    if not can_photograph():
+        kept += [name for name in ("storyboard.png", "failed") if (folder / name).exists()]
+    if find_spec("viser") is None and (folder / "replay.html").is_file():
+        kept.append("replay.html")
+    if not kept:
+        return []
+    return [f"kept from an earlier report: {', '.join(kept)}; to draw them again, {how_to_install('sim')}"]
+
+
 def _for_people(replay: Replay, report: TaskReport) -> Replay:
     """Return a replay whose bodies have the colours used in pictures for people."""
 
@@ -95,10 +106,10 @@ def _pictures(
     about = first.about
     what = ", ".join(str(about[key]) for key in ("task", "variant", "method") if about[key])
     place, found = _place(first), []
+    path = folder / "storyboard.png"
     if can_photograph():
-        path = draw_trial(
-            first, folder / "storyboard.png", f"{what}, {place} of seed {about['seed']} (simulated)", report
-        )
+        draw_trial(first, path, f"{what}, {place} of seed {about['seed']} (simulated)", report)
+    if path.is_file():  # drawn now, or kept
         moments = "; ".join(caption for caption, _ in report.moments(first))
         found.append(Picture(path, f"Pictures of {place}: {moments}", f"{place.capitalize()} step by step"))
     if not first.spans:

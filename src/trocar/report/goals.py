@@ -196,7 +196,7 @@ def picked(failed: Sequence[Failed], most: int) -> list[Failed]:
 
 
 def draw_failed(
-    folder: str | Path, trials: Sequence[Trial], failed: Sequence[Failed], report: TaskReport
+    folder: str | Path, trials: Sequence[Trial], failed: Sequence[Failed], report: TaskReport, draw: bool = True
 ) -> list[Picture]:
     """Draw a picture of each failed goal at the moment that shows its failure, and return them.
 
@@ -205,14 +205,18 @@ def draw_failed(
         trials: of the run.
         failed: of these, in order; each trial is read once.
         report: of the task.
+        draw: False: return those that were drawn before; the simulator, which draws, is not installed.
     """
     found = []
     for place, of_trial in groupby(failed, key=lambda one: one.place):
         trial = trials[place]
-        photographer = photographer_of(trial, report, SCALE)
+        photographer = photographer_of(trial, report, SCALE) if draw else None
         for one in of_trial:
-            time_s = report.failed_s(trial, trial.scores[one.number])
-            path = write_png(Path(folder) / f"{one.stem}.png", photographer.picture(time_s))
+            time_s, path = report.failed_s(trial, trial.scores[one.number]), Path(folder) / f"{one.stem}.png"
+            if photographer is not None:
+                write_png(path, photographer.picture(time_s))
+            elif not path.is_file():
+                continue
             where = f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
             why = f". {one.reason[:1].upper()}{one.reason[1:]}" if one.reason else ""
             found.append(Picture(path, f"The cell at {time_s:.1f} s: {where}", f"{where}, at {time_s:.1f} s{why}"))

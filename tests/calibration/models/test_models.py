@@ -2,42 +2,20 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 from trocar.calibration.fitting import refit_ends, refit_offset
-from trocar.calibration.models import MODELS, load_model, save_model
+from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording, load_recording
 from trocar.calibration.study import LIMITS_RAD
 from trocar.errors import TrocarError
-from walks import stepped, walk
+from trocar.testing import check_cable_model
+from walks import walk
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_steps_equal_the_whole_history(name, fitted):
-    model, q = fitted[name], walk(3, 60)
-    assert_allclose(stepped(model, q), model.predict(q), atol=1e-6 if name == "lstm" else 1e-9)
-    state = model.start(q[0])
-    assert_allclose(model.step(state, q[5])[0], model.step(state, q[5])[0])  # a state is not changed
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_a_model_says_whether_it_matters_how_densely_a_path_is_sampled(name, fitted):
-    q = walk(3, 30)
-    dense = np.column_stack([np.interp(np.arange(0, 29.5, 0.5), np.arange(30), joint) for joint in q.T])
-    off = np.abs(fitted[name].predict(dense)[::2] - fitted[name].predict(q)).max()
-    assert (off < 1e-9) == fitted[name].rate_independent
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_a_file_keeps_the_model(name, fitted, tmp_path):
-    path = save_model(fitted[name], tmp_path / "model.npz")
-    loaded, q = load_model(path), walk(4, 60)
-    assert loaded.name == name
-    assert_allclose(loaded.predict(q), fitted[name].predict(q), atol=1e-12)
-    for key in ("interval", "lower", "upper", "rows"):
-        assert_allclose(getattr(loaded.training, key), getattr(fitted[name].training, key))
-    assert [file.name for file in tmp_path.iterdir()] == ["model.npz"]
+def test_a_model_does_what_outsiders_are_told_that_a_cable_model_does(name, fitted):
+    check_cable_model(name, fitted[name], tolerance=1e-6 if name == "lstm" else 1e-9)
 
 
 @pytest.mark.parametrize("name", ["offset", "ridge", "play"])
@@ -46,25 +24,6 @@ def test_every_model_beats_no_model(name, fitted):
     error = PSM1_GREY.run(q) - fitted[name].predict(q)
     assert np.all(error[:, 3:].std(axis=0) < 0.2)
     assert np.sqrt(np.mean(error**2)) < np.sqrt(np.mean((PSM1_GREY.run(q) - q) ** 2))
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_a_shift_is_added_to_all_predictions(name, fitted):
-    q, shift = walk(0, 50), np.linspace(-0.1, 0.1, 6)
-    moved = fitted[name].shifted(shift).predict(q) - fitted[name].predict(q)
-    assert_allclose(moved, np.broadcast_to(shift, q.shape), atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["offset", "ridge", "play"])
-def test_bad_rows_say_nothing_to_a_fit(name, recording, fitted):
-    q_phy, valid = recording.q_phy.copy(), recording.valid.copy()
-    valid[50:60] = False
-    masked = Recording(recording.q_cmd, q_phy, valid, recording.t_s)
-    q_phy[50:60] = 7.0
-    spoiled = Recording(recording.q_cmd, q_phy, valid, recording.t_s)
-    one, other = (MODELS[name].fit(each, np.random.default_rng(1)).predict(walk(4, 20)) for each in (masked, spoiled))
-    assert np.array_equal(one, other)
-    assert np.abs(one - fitted[name].predict(walk(4, 20))).max() > 1e-5
 
 
 @pytest.mark.parametrize("name", MODELS)
