@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import ARMS, frames
-from trocar.arms.parts import CARBON, HOUSING, STEEL, parts_of
+from trocar.arms.solids import CARBON, HOUSING, STEEL, parts_of
 
 MM = 1e-3
 

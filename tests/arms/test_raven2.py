@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import RAVEN2_LEFT, RAVEN2_RIGHT
-from trocar.arms.parts import STEEL
+from trocar.arms.solids import STEEL
 
 BOTH = pytest.mark.parametrize("arm", [RAVEN2_LEFT, RAVEN2_RIGHT], ids=lambda arm: arm.name)
 UNITS = np.array([np.pi / 180, np.pi / 180, 1e-3, np.pi / 180, np.pi / 180, np.pi / 180])

@@ -297,10 +297,7 @@ def test_arms_of_one_call_keep_one_clock(play):
     stretch = together["hurried"].stretch
     assert stretch > 1.05
     assert together["easy"].stretch == stretch
-    for name, motion, request in (
-        ("hurried", short, hurried.request(short)),
-        ("easy", long, easy.request(long)),
-    ):
+    for name, motion, request in (("hurried", short, hurried.request(short)), ("easy", long, easy.request(long))):
         assert_within_limits(together[name], request)
         at = np.linspace(0.0, motion.duration_s, 50)
         assert_allclose(together[name].desired(stretch * at), motion(at), atol=1e-9)

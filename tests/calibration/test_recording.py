@@ -3,11 +3,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from trocar.calibration.models.base import TrainingMotion, sampling_interval
-from trocar.calibration.recording import (
-    Recording,
-    load_recording,
-    looks_like_recording,
-)
+from trocar.calibration.recording import Recording, load_recording, looks_like_recording
 from trocar.errors import TrocarError
 
 N = 50
@@ -63,12 +59,7 @@ def test_pauses_do_not_count_in_the_sampling_interval():
         {"q_cmd": np.zeros(N)},
         {"q_phy": np.zeros((N - 1, 6))},
         {"q_cmd": np.full((N, 6), np.nan)},
-        {
-            "q_cmd": np.empty((0, 6)),
-            "q_phy": np.empty((0, 6)),
-            "valid": np.empty(0, bool),
-            "t_s": np.empty(0),
-        },
+        {"q_cmd": np.empty((0, 6)), "q_phy": np.empty((0, 6)), "valid": np.empty(0, bool), "t_s": np.empty(0)},
         {"q_cmd": np.array([["a"] * 6] * N)},
         {"valid": np.ones(N - 1, bool)},
         {"valid": np.full(N, 2)},

@@ -50,10 +50,7 @@ def test_times_and_valid_may_be_left_out_and_an_empty_cell_is_no_measurement(tmp
     ("change", "said"),
     [
         (lambda h: [n for n in h if n != "q6_measured_rad"], "lacks column q6_measured_rad, it has time_s, q1_comm"),
-        (
-            lambda h: [n.replace("q4_commanded_rad", "q4_commanded_deg") for n in h],
-            "in 'deg'; give it in rad and call",
-        ),
+        (lambda h: [n.replace("q4_commanded_rad", "q4_commanded_deg") for n in h], "in 'deg'; give it in rad and call"),
         (lambda h: [n.replace("q3_measured_m", "q3_measured_mm") for n in h], "in 'mm'; give it in m and call"),
         (
             lambda h: [n.replace("q2_measured_rad", "q2_measured") for n in h],

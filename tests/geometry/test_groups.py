@@ -12,21 +12,7 @@ from trocar.geometry import SE3, SO3
 from trocar.geometry.so3 import skew
 
 BATCHES = [(), (1,), (7,), (2, 3)]
-ANGLES = [
-    0.0,
-    1e-300,
-    1e-160,
-    1e-12,
-    1e-8,
-    0.99e-4,
-    1.01e-4,
-    1e-2,
-    1.0,
-    3.0,
-    np.pi - 1e-3,
-    np.pi - 1e-8,
-    np.pi,
-]
+ANGLES = [0.0, 1e-300, 1e-160, 1e-12, 1e-8, 0.99e-4, 1.01e-4, 1e-2, 1.0, 3.0, np.pi - 1e-3, np.pi - 1e-8, np.pi]
 seeds = st.integers(0, 2**32 - 1)
 
 

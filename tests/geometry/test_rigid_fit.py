@@ -70,7 +70,7 @@ def test_wrong_pairs_are_left_out():
         (np.zeros((5, 3)), np.zeros((4, 3)), {}, "equal shapes"),
         (np.zeros((5, 2)), np.zeros((5, 2)), {}, "shape"),
         (np.zeros((5, 3)), np.zeros((5, 3)), {}, "one line"),
-        (np.eye(3), np.full((3, 3), np.inf), {}, "row 0"),
+        (np.eye(3), np.full((3, 3), np.inf), {}, r"the target points must be finite, got inf at \[0, 0\]"),
         (np.eye(3), np.eye(3), {"weights": [1, 1, -1]}, "weights"),
         (np.eye(3), np.eye(3), {"weights": [1, 1, 0]}, "at least 3"),
         (np.eye(3), np.eye(3), {"inlier_distance_m": 0.1}, "rng"),

@@ -95,16 +95,11 @@ class Instrument:
         finite(f"instrument {self.name!r}", list(sizes.values()), len(sizes))
         small = [name for name, size in sizes.items() if not size > 0]
         if small:
-            raise InvalidInput(
-                f"{small[0]}", f"of instrument {self.name!r} is {sizes[small[0]]}", "give a length above 0"
-            )
+            problem = f"of instrument {self.name!r} is {sizes[small[0]]}"
+            raise InvalidInput(small[0], problem, "give a length above 0")
         if not self.tip_chamfer_m < self.finger_length_m:
-            raise InvalidInput(
-                "the fingers",
-                f"of instrument {self.name!r} are {self.finger_length_m} m long, "
-                f"and the chamfer at their end {self.tip_chamfer_m} m",
-                "give a shorter one",
-            )
+            long = f"are {self.finger_length_m} m long, and the chamfer at their end {self.tip_chamfer_m} m"
+            raise InvalidInput("the fingers", f"of instrument {self.name!r} {long}", "give a shorter one")
 
     def __repr__(self) -> str:
         shaft, fingers = shown(2 * self.shaft_radius_m, "m", "g"), shown(self.finger_length_m, "m", "g")

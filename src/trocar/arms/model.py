@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms.branch import Branch, SolverConstants
 from trocar.arms.instrument import Instrument
 from trocar.errors import InvalidInput
 from trocar.geometry import TURN, shown, shown_scale
@@ -40,15 +40,11 @@ class Joint:
     def __post_init__(self) -> None:
         finite(f"joint '{self.name}'", (self.lower, self.upper, self.max_speed, self.max_acceleration), 4)
         if not self.lower < self.upper:
-            raise InvalidInput(
-                f"joint '{self.name}'", f"has limits {self.lower} to {self.upper} {self.unit}", "give lower < upper"
-            )
+            problem = f"has limits {self.lower} to {self.upper} {self.unit}"
+            raise InvalidInput(f"joint '{self.name}'", problem, "give lower < upper")
         if not (self.max_speed > 0 and self.max_acceleration > 0):
-            raise InvalidInput(
-                f"joint '{self.name}'",
-                f"has speed {self.max_speed} and acceleration {self.max_acceleration}",
-                "both must be above 0",
-            )
+            problem = f"has speed {self.max_speed} and acceleration {self.max_acceleration}"
+            raise InvalidInput(f"joint '{self.name}'", problem, "both must be above 0")
 
     @property
     def unit(self) -> str:
@@ -96,6 +92,39 @@ class MotionLimits:
             object.__setattr__(self, name, value)
 
 
+class Branch(NamedTuple):
+    """One of the eight solutions of the inverse kinematics, by the signs of cos q6, cos q5 and sin(q2 + offset)."""
+
+    yaw: int
+    wrist: int
+    pitch: int
+
+
+BRANCHES = tuple(Branch(u6, u5, u2) for u6 in (1, -1) for u5 in (1, -1) for u2 in (1, -1))
+"""All branches, in the order of ``ik_branches``."""
+
+
+class SolverConstants(NamedTuple):
+    """Constants of one branch of one arm; c0 to s2 are cosines and sines of the twists, u the sign of sin(q2 + offset).
+
+    The ``offsets`` are subtracted from the angles.
+    """
+
+    branch: Branch
+    wrist_sign: int
+    wrist_length_m: float
+    tip_length_m: float
+    c0: float
+    s0: float
+    c1c2: float
+    s1s2: float
+    s1c2: float
+    c1s2: float
+    u_s1: float
+    u_s2: float
+    offsets: tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class ArmModel:
     """An arm with a remote centre: yaw, pitch, insertion, roll, wrist pitch, wrist yaw, and jaws at the tip.
@@ -125,7 +154,6 @@ class ArmModel:
         jaw: the opening of the jaws, as a joint.
         instrument: the solid shapes of what is mounted on the arm.
         safe_depth_m: minimum depth of the wrist beyond the remote centre for Cartesian motion.
-        coupling: (4, 4) joints from actuators, for roll, wrist pitch, wrist yaw, jaw; None if unknown.
     """
 
     name: str
@@ -138,44 +166,32 @@ class ArmModel:
     jaw: Joint
     instrument: Instrument
     safe_depth_m: float
-    coupling: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
+        item = f"arm '{self.name}'"
         if len(self.joints) != 6 or len(self.offsets) != 6:
-            raise InvalidInput(
-                f"arm '{self.name}'", f"needs 6 joints and offsets, got {len(self.joints)} and {len(self.offsets)}"
-            )
-        finite(f"twists_rad of arm '{self.name}'", self.twists_rad, 3)
-        finite(f"offsets of arm '{self.name}'", self.offsets, 6)
-        lengths = finite(f"arm '{self.name}'", (self.wrist_length_m, self.tip_length_m, self.safe_depth_m), 3)
+            raise InvalidInput(item, f"needs 6 joints and offsets, got {len(self.joints)} and {len(self.offsets)}")
+        finite(f"twists_rad of {item}", self.twists_rad, 3)
+        finite(f"offsets of {item}", self.offsets, 6)
+        lengths = finite(item, (self.wrist_length_m, self.tip_length_m, self.safe_depth_m), 3)
         if lengths.min() < 0:
-            raise InvalidInput(
-                f"arm '{self.name}'", f"has wrist, tip and safe depth {lengths.tolist()} m", "none may be below 0"
-            )
-        if self.coupling is not None:
-            finite(f"the coupling of arm '{self.name}'", self.coupling, 4, 4)
+            raise InvalidInput(item, f"has wrist, tip and safe depth {lengths.tolist()} m", "none may be below 0")
         if [joint.prismatic for joint in self.joints] != [False, False, True, False, False, False]:
-            raise InvalidInput(f"arm '{self.name}'", "needs exactly its third joint to be prismatic")
+            raise InvalidInput(item, "needs exactly its third joint to be prismatic")
         if self.wrist_sign not in (-1, 1):
-            raise InvalidInput(f"arm '{self.name}'", f"has wrist_sign {self.wrist_sign}", "choose -1 or 1")
+            raise InvalidInput(item, f"has wrist_sign {self.wrist_sign}", "choose -1 or 1")
         if abs(math.sin(self.twists_rad[1]) * math.sin(self.twists_rad[2])) < 1e-6:
-            raise InvalidInput(f"arm '{self.name}'", f"has parallel axes: twists {self.twists_rad} rad")
+            raise InvalidInput(item, f"has parallel axes: twists {self.twists_rad} rad")
 
     def __repr__(self) -> str:
         names = ", ".join(joint.name for joint in self.joints)
         return f"<ArmModel {self.name!r}: joints {names}; tip {shown(self.tip_length_m, 'm')} beyond the jaws' axis>"
 
     def _repr_html_(self) -> str:
-        rows = (
-            (
-                j.name,
-                j.shown(j.lower),
-                j.shown(j.upper),
-                f"{j.shown(j.max_speed)}/s",
-                f"{j.shown(j.max_acceleration)}/s²",
-            )
-            for j in (*self.joints, self.jaw)
-        )
+        rows = []
+        for j in (*self.joints, self.jaw):
+            paces = f"{j.shown(j.max_speed)}/s", f"{j.shown(j.max_acceleration)}/s²"
+            rows.append((j.name, j.shown(j.lower), j.shown(j.upper), *paces))
         return table(self, ("joint", "from", "to", "speed up to", "acceleration up to"), rows)
 
     def widened(self, rad: float, m: float) -> ArmModel:
@@ -258,21 +274,9 @@ class ArmModel:
         """Return the constants of the inverse kinematics on any branch, with offsets known up to whole turns."""
         (c0, s0), (c1, s1), (c2, s2) = self.twist_cosines
         u = branch.pitch
-        return SolverConstants(
-            branch,
-            self.wrist_sign,
-            self.wrist_length_m,
-            self.tip_length_m,
-            c0,
-            s0,
-            c1 * c2,
-            s1 * s2,
-            s1 * c2,
-            c1 * s2,
-            u * s1,
-            u * s2,
-            offsets,
-        )
+        lengths = self.wrist_length_m, self.tip_length_m
+        products = c1 * c2, s1 * s2, s1 * c2, c1 * s2, u * s1, u * s2
+        return SolverConstants(branch, self.wrist_sign, *lengths, c0, s0, *products, offsets)
 
     @cached_property
     def _branch_center(self) -> NDArray[np.float64]:
@@ -283,7 +287,8 @@ class ArmModel:
     @cached_property
     def twist_cosines(self) -> tuple[tuple[float, float], ...]:
         """Return cosine and sine of each twist, with exact zeros at right angles."""
-        return tuple((_clean(math.cos(twist)), _clean(math.sin(twist))) for twist in self.twists_rad)
+        pairs = ((math.cos(twist), math.sin(twist)) for twist in self.twists_rad)
+        return tuple(tuple(0.0 if abs(x) < 1e-15 else x for x in pair) for pair in pairs)  # type: ignore[return-value]
 
     @cached_property
     def motion_limits(self) -> MotionLimits:
@@ -292,12 +297,6 @@ class ArmModel:
             np.array([joint.max_speed for joint in self.joints]),
             np.array([joint.max_acceleration for joint in self.joints]),
         )
-
-    def with_tip(self, length_m: float) -> ArmModel:
-        """Return this arm with its controlled point ``length_m`` beyond the jaw axis (0: on the axis)."""
-        if not (math.isfinite(length_m) and length_m >= 0):
-            raise InvalidInput("the tip length", f"is {length_m} m", "give a finite length of at least 0")
-        return replace(self, tip_length_m=float(length_m))
 
     def configurations(self, q: ArrayLike) -> NDArray[np.float64]:
         """Return ``q`` as (..., 6) floats.
@@ -312,7 +311,3 @@ def _frozen(values: list[float]) -> NDArray[np.float64]:
     array = np.array(values)
     array.flags.writeable = False
     return array
-
-
-def _clean(value: float) -> float:
-    return 0.0 if abs(value) < 1e-15 else value

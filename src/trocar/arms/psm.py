@@ -40,13 +40,6 @@ PSM_CLASSIC = ArmModel(
     jaw=Joint("jaw", radians(-40), radians(80), max_speed=6.0, max_acceleration=radians(720)),
     instrument=LARGE_NEEDLE_DRIVER,
     safe_depth_m=0.045,  # sawIntuitiveResearchKit, SafeDistanceFromRCM (Cartesian control)
-    # 8 mm instruments, joint from actuator: roll, wrist pitch, wrist yaw, jaw (facts/peg_transfer.md)
-    coupling=(
-        (-1.5632, 0.0, 0.0, 0.0),
-        (0.0, 1.0186, 0.0, 0.0),
-        (0.0, -0.8306, 0.6089, 0.6089),
-        (0.0, 0.0, -1.2177, 1.2177),
-    ),
 )
 
 PSM_SI = replace(
@@ -63,8 +56,7 @@ PSM_SI = replace(
 MOTION_LIMITS: dict[str, MotionLimits] = {
     # Hwang et al. 2022, the runs of the study: 2 [pi pi .2 6pi 6pi 6pi] and 2 [pi pi .2 4pi 4pi 4pi]
     "paper": MotionLimits(
-        2 * np.array([pi, pi, 0.2, 6 * pi, 6 * pi, 6 * pi]),
-        2 * np.array([pi, pi, 0.2, 4 * pi, 4 * pi, 4 * pi]),
+        2 * np.array([pi, pi, 0.2, 6 * pi, 6 * pi, 6 * pi]), 2 * np.array([pi, pi, 0.2, 4 * pi, 4 * pi, 4 * pi])
     ),
     "dvrk": PSM_CLASSIC.motion_limits,
 }

@@ -108,11 +108,7 @@ class Invertible(Protocol):
 
 
 def algorithm1(
-    model: CableModel,
-    state: Any,
-    q_desired: NDArray[np.float64],
-    iterations: int = ITERATIONS,
-    alpha: float = ALPHA,
+    model: CableModel, state: Any, q_desired: NDArray[np.float64], iterations: int = ITERATIONS, alpha: float = ALPHA
 ) -> NDArray[np.float64]:
     """Return the command (6,) by the paper's Algorithm 1: M times ``q_c += alpha (q_d - f(q_c; state))``."""
     q_cmd = q_desired
@@ -166,11 +162,7 @@ def inverse(
 
 
 def _newton(
-    model: Invertible,
-    state: Any,
-    q_desired: NDArray[np.float64],
-    guess: NDArray[np.float64],
-    tolerance_rad: float,
+    model: Invertible, state: Any, q_desired: NDArray[np.float64], guess: NDArray[np.float64], tolerance_rad: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the command (6,) that damped Newton steps reach from ``guess``, its prediction and its Jacobian."""
     q_cmd = guess.copy()
@@ -227,13 +219,7 @@ class Compensator:
         (5, 6)
     """
 
-    def __init__(
-        self,
-        model: CableModel,
-        method: str = "auto",
-        iterations: int = ITERATIONS,
-        alpha: float = ALPHA,
-    ):
+    def __init__(self, model: CableModel, method: str = "auto", iterations: int = ITERATIONS, alpha: float = ALPHA):
         if method not in METHODS:
             raise InvalidInput(f"compensation method {method!r}", "is unknown", f"choose one of {', '.join(METHODS)}")
         if iterations < 1 or not 0.0 < alpha <= 1.0:

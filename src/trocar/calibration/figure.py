@@ -59,14 +59,7 @@ def wrist(figure: Figure, recording: Recording, evaluation: Evaluation | None = 
             over_time.plot(t_s, values[rows], style, color=COLOURS[label], lw=1.3, label=label)
             if label != "commanded":
                 error = values - recording.q_cmd[:, joint]
-                loops.plot(
-                    recording.q_cmd[loop, joint],
-                    error[loop],
-                    style,
-                    color=COLOURS[label],
-                    lw=1.0,
-                    label=label,
-                )
+                loops.plot(recording.q_cmd[loop, joint], error[loop], style, color=COLOURS[label], lw=1.0, label=label)
         over_time.set_title(f"{JOINT_TITLES[joint]}: {_errors(recording, evaluation, joint)}")
         over_time.set_ylabel(f"{JOINT_NAMES[joint]} [rad]")
         loops.set_ylabel(f"{JOINT_NAMES[joint]} - command [rad]")

@@ -148,12 +148,7 @@ def in_view(arm: ArmModel, fixture: Fixture, view: View, q: NDArray[np.float64])
 
 
 def bounds_px(
-    arm: ArmModel,
-    fixture: Fixture,
-    view: View,
-    q: NDArray[np.float64],
-    margin_px: float,
-    slack_m: NDArray[np.float64],
+    arm: ArmModel, fixture: Fixture, view: View, q: NDArray[np.float64], margin_px: float, slack_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the corners (..., 2) u, v of the rectangles that hold all spheres at joints (..., 6); NaN: not in front.
 

@@ -1,7 +1,8 @@
-"""Arrays from users: finite numbers of the requested shape, or one sentence on what is wrong."""
+"""Numbers: arrays from users, checked; directions; and how lengths and angles are shown to people."""
 
 from __future__ import annotations
 
+import math
 from types import EllipsisType
 
 import numpy as np
@@ -9,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput
 
+TURN = 2 * math.pi
+"""One whole turn, in rad."""
 NUMBERS = "biuf"
 """Kinds of arrays that hold real numbers."""
 
@@ -62,3 +65,37 @@ def _where(array: NDArray[np.float64]) -> str:
 def _shown(shape: tuple[int | str | EllipsisType, ...]) -> str:
     parts = ["..." if n is ... else str(n) for n in shape]
     return f"({', '.join(parts)}{',' * (len(parts) == 1 and shape != (...,))})"
+
+
+def direction(vector: ArrayLike, what: str) -> NDArray[np.float64]:
+    """Return a vector (3,) of any length, however small or large, as a unit vector.
+
+    >>> direction([3e307, 4e307, 0.0], "the upward direction").round(3).tolist()
+    [0.6, 0.8, 0.0]
+
+    Args:
+        vector: three numbers.
+        what: its name in the error message.
+
+    Raises:
+        TrocarError: they are not three, not finite, or all zero.
+    """
+    try:
+        given = np.asarray(vector, dtype=np.float64)
+    except (TypeError, ValueError):
+        given = np.empty(0)
+    if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
+        raise InvalidInput(what, f"is {vector}", "give three finite numbers that are not all 0, such as 0 0 1")
+    scaled = given / np.abs(given).max()  # squares of the largest and smallest floats overflow or underflow
+    return scaled / np.linalg.norm(scaled)
+
+
+def shown_scale(unit: str) -> tuple[float, str]:
+    """Return the factor and the unit that show a value in ``'m'`` or ``'rad'``: mm or deg."""
+    return {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg")}[unit]
+
+
+def shown(value: float, unit: str, spec: str = ".1f") -> str:
+    """Return a value in ``'m'`` or ``'rad'`` as text in mm or deg, such as ``'12.3 mm'``."""
+    scale, name = shown_scale(unit)
+    return f"{scale * value:{spec}} {name}"

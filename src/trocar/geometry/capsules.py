@@ -42,12 +42,7 @@ def capsule_distances_m(a: Capsules, b: Capsules) -> NDArray[np.float64]:
 
 def segment_distances_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> NDArray[np.float64]:
     """Return the least distance (...,) between the segments p0 p1 and q0 q1, each end (..., 3)."""
-    return np.linalg.norm(segment_gaps_m(p0, p1, q0, q1), axis=-1)
-
-
-def segment_gaps_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> NDArray[np.float64]:
-    """Return the shortest vector (..., 3) that leads from the segment q0 q1 to p0 p1, each end (..., 3)."""
-    return nearest_m(p0, p1, q0, q1)[0]
+    return np.linalg.norm(nearest_m(p0, p1, q0, q1)[0], axis=-1)
 
 
 def nearest_m(

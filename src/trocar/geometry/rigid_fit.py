@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput, TrocarError
+from trocar.geometry.arrays import finite
 from trocar.geometry.se3 import SE3
 from trocar.geometry.so3 import SO3
 
@@ -67,7 +68,7 @@ def fit_rigid(
         >>> bool(np.allclose(fit.T_target_source.matrix, T_robot_camera.matrix)), fit.rms_m < 1e-12
         (True, True)
     """
-    source, target = _points(source_m, "source"), _points(target_m, "target")
+    source, target = finite("the source points", source_m, "n", 3), finite("the target points", target_m, "n", 3)
     if source.shape != target.shape:
         raise InvalidInput("paired points", f"need equal shapes, got source {source.shape} and target {target.shape}")
     weight = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)
@@ -82,19 +83,6 @@ def fit_rigid(
     return RigidFit(T, rms, inliers)
 
 
-def _points(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    try:
-        points = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"the {what} points", "are not an array of numbers of shape (n, 3)") from None
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InvalidInput(f"the {what} points", f"need shape (n, 3), got {points.shape}")
-    if not np.isfinite(points).all():
-        row = int(np.flatnonzero(~np.isfinite(points).all(1))[0])
-        raise InvalidInput(f"the {what} points", f"hold NaN or infinity, first in row {row}", "remove such pairs")
-    return points
-
-
 def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
     if len(source) < 3:
         raise InvalidInput("a rigid fit", f"needs at least 3 pairs of points, got {len(source)}")
@@ -103,9 +91,8 @@ def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
     for points, what in ((from_s, "source"), (from_t, "target")):
         extent = np.linalg.svd(np.sqrt(weight)[:, None] * points, compute_uv=False)
         if extent[1] <= COLLINEAR_RATIO * extent[0]:
-            raise InvalidInput(
-                f"the {what} points", "lie on one line, so the rotation about it is unknown", "add points off it"
-            )
+            problem = "lie on one line, so the rotation about it is unknown"
+            raise InvalidInput(f"the {what} points", problem, "add points off it")
     u, _, vt = np.linalg.svd(from_t.T @ (weight[:, None] * from_s))
     R = SO3.unchecked(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
     return SE3.from_parts(R, center_t - R.apply(center_s))

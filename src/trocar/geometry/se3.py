@@ -42,9 +42,8 @@ class SE3:
         matrix = finite("a pose", self.matrix, ..., 4, 4)
         require_rotation("the rotation of a pose", matrix[..., :3, :3])
         if np.abs(matrix[..., 3, :] - LAST_ROW).max(initial=0.0) > RIGID:
-            raise InvalidInput(
-                "the last row", "of a pose is not 0, 0, 0, 1", "give T[:3, :3] a rotation, T[:3, 3] metres"
-            )
+            remedy = "give T[:3, :3] a rotation, T[:3, 3] metres"
+            raise InvalidInput("the last row", "of a pose is not 0, 0, 0, 1", remedy)
         object.__setattr__(self, "matrix", matrix)
 
     @staticmethod

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import finite
-from trocar.geometry.direction import direction
+from trocar.geometry.arrays import direction, finite
 
 RIGID = 1e-6
 """Columns of a rotation may miss unit length and right angles by this much: rounding, even of float32."""
@@ -166,9 +165,11 @@ class SO3:
         return SO3.unchecked(picked("rotations", self.matrix, index))
 
     def __repr__(self) -> str:
-        if self.matrix.ndim > 2:
-            return f"<SO3 {self.matrix.shape[:-2]}: {_most(np.degrees(self.angle()))}>"
-        return f"<SO3 {self.about()}>"
+        if self.matrix.ndim == 2:
+            return f"<SO3 {self.about()}>"
+        degrees = np.degrees(self.angle())
+        turned = f"turned by up to {degrees.max():.1f} deg" if degrees.size else "none"
+        return f"<SO3 {self.matrix.shape[:-2]}: {turned}>"
 
     def about(self) -> str:
         """Return one rotation in words: angle and axis, such as ``90.0 deg about (0.00, 0.00, 1.00)``."""
@@ -179,31 +180,19 @@ class SO3:
         return f"{math.degrees(angle):.1f} deg about ({', '.join(f'{x:.2f}' for x in rotvec / angle)})"
 
 
-def _most(degrees: NDArray[np.float64]) -> str:
-    """Return the angles of a batch in words."""
-    return f"turned by up to {degrees.max():.1f} deg" if degrees.size else "none"
-
-
 def require_rotation(what: str, matrix: NDArray[np.float64]) -> None:
     """Raise TrocarError unless all of finite matrices (..., 3, 3) are rotations, to :data:`RIGID`."""
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers
-        off = np.nan_to_num(np.abs(np.swapaxes(matrix, -1, -2) @ matrix - np.eye(3)), nan=np.inf, posinf=np.inf).max(
-            (-2, -1)
-        )
+        off = np.abs(np.swapaxes(matrix, -1, -2) @ matrix - np.eye(3))
+    off = np.nan_to_num(off, nan=np.inf, posinf=np.inf).max((-2, -1))
     if np.any(off > RIGID):
-        raise InvalidInput(
-            what,
-            f"needs columns of length 1 at right angles to each other, "
-            f"but these are off by {off.max():.2g}{_which(off > RIGID)}",
-            "repair rounding with SO3.nearest(R), and remove any scale",
-        )
+        far = f"but these are off by {off.max():.2g}{_which(off > RIGID)}"
+        problem = f"needs columns of length 1 at right angles to each other, {far}"
+        raise InvalidInput(what, problem, "repair rounding with SO3.nearest(R), and remove any scale")
     mirrored = np.linalg.det(matrix) < 0
     if np.any(mirrored):
-        raise InvalidInput(
-            what,
-            f"has determinant -1{_which(mirrored)}: it is a reflection",
-            "one axis has the wrong sign, or two are swapped",
-        )
+        problem = f"has determinant -1{_which(mirrored)}: it is a reflection"
+        raise InvalidInput(what, problem, "one axis has the wrong sign, or two are swapped")
 
 
 def _which(wrong: NDArray[np.bool_]) -> str:
@@ -216,9 +205,8 @@ def picked(what: str, matrix: NDArray[np.float64], index: Any) -> NDArray[np.flo
     batch = matrix.shape[:-2]
     chosen = matrix[index]
     if chosen.shape[-2:] != matrix.shape[-2:]:
-        raise InvalidInput(
-            f"index {index!r:.60}", f"cuts {what} apart", f"a batch of shape {batch} has {len(batch)} axes"
-        )
+        remedy = f"a batch of shape {batch} has {len(batch)} axes"
+        raise InvalidInput(f"index {index!r:.60}", f"cuts {what} apart", remedy)
     return chosen
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput
-from trocar.geometry.capsules import segment_gaps_m
+from trocar.geometry.capsules import nearest_m
 from trocar.motion.bodies import Bodies
 from trocar.motion.moving_arm import MovingArm
 from trocar.motion.obstacles import Obstacle
@@ -193,7 +193,7 @@ def _measured(
     """
     p, q, (a, b) = ends[:, :, 0], ends[:, :, 1], bodies.pairs[pair].T[..., None]
     radii = bodies.radii_m[a] + bodies.radii_m[b]
-    gaps = segment_gaps_m(p[..., 0, :], p[..., 1, :], q[..., 0, :], q[..., 1, :])
+    gaps, _, _ = nearest_m(p[..., 0, :], p[..., 1, :], q[..., 0, :], q[..., 1, :])
     lengths = np.sqrt(np.einsum("...i,...i->...", gaps, gaps))
     ways = gaps / np.where(lengths > 0, lengths, 1.0)[..., None]
     between = p[..., :, None, :] - q[..., None, :, :]  # (rows, samples, 2 ends of one, 2 of the other, 3)

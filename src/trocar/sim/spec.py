@@ -12,7 +12,7 @@ from mujoco import mjtGeom, mjtJoint
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, frames
-from trocar.arms.parts import STEEL, Part, parts_of
+from trocar.arms.solids import STEEL, Part, parts_of
 from trocar.geometry import SE3, SO3
 from trocar.perception.fiducials import COLORS, Fixture
 

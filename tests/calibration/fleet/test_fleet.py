@@ -144,10 +144,7 @@ def test_instruments_that_the_prior_never_saw(name, rows, recordings):
 
 @pytest.mark.parametrize(
     ("name", "rows", "limits"),
-    [
-        ("psm1_grey_pick_place", 75, (0.021, 0.024, 0.020)),
-        ("psm1_grey_user_random", 300, (0.019, 0.055, 0.056)),
-    ],
+    [("psm1_grey_pick_place", 75, (0.021, 0.024, 0.020)), ("psm1_grey_user_random", 300, (0.019, 0.055, 0.056))],
 )
 def test_another_session_of_an_instrument(name, rows, limits, recordings):
     """A constant alone leaves .017 .051 .036 of the first one."""

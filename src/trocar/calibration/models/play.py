@@ -173,12 +173,7 @@ class PlayModel:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays for the file."""
-        own = {
-            "coupling": np.array([self.a, self.b]),
-            "radii": self.radii,
-            "offset": self.offset,
-            "outer": self.outer,
-        }
+        own = {"coupling": np.array([self.a, self.b]), "radii": self.radii, "offset": self.offset, "outer": self.outer}
         return own | self.map.arrays()
 
     @classmethod

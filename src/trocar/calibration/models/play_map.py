@@ -193,10 +193,7 @@ def fit_map(
     bumps = np.array([fitted.bumps[j] for j, (fitted, _) in enumerate(best)])
     constant = np.array([constant[j] for j, (_, constant) in enumerate(best)])
     used = slice(None) if bumps.any() else slice(0)
-    return (
-        PlayMap(linear, first.inputs, first.mean, first.scale, first.centres[used], bumps[:, used]),
-        constant,
-    )
+    return (PlayMap(linear, first.inputs, first.mean, first.scale, first.centres[used], bumps[:, used]), constant)
 
 
 def _fits(

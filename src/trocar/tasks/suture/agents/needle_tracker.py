@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import fk, ik_unbounded, ik_with_fixed_wrist
-from trocar.arms.fixed_wrist import OUTER
+from trocar.arms.inverse import OUTER
 from trocar.cell import Cell
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3, SO3
