@@ -37,7 +37,6 @@ WORK = (
     "trocar.calibration.models.lstm.LstmModel.fit",
     "trocar.calibration.fleet.fit_from_prior",
     "trocar.calibration.fleet.learn_prior",
-    "trocar.calibration.fleet.curve.curve",
     "trocar.calibration.study.run_models",
     "trocar.tasks.suture.planning.setup_search.search_setup",
     "trocar.tasks.suture.view.PlanView",

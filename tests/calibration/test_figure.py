@@ -3,9 +3,8 @@ import pytest
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
-from trocar.calibration import figure as module
-from trocar.calibration.evaluation import Evaluation
-from trocar.calibration.figure import draw_evaluation, wrist
+from trocar.calibration import evaluation as module
+from trocar.calibration.evaluation import Evaluation, draw_evaluation, wrist
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 from walks import walk

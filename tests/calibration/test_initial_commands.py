@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 
 from plant_models import TRAINING, plant_model
 from trocar.arms import MOTION_LIMITS, MotionLimits
-from trocar.calibration import command_fit
-from trocar.calibration.command_fit import CommandRequest, knots_of, sketched
+from trocar.calibration import command_path
+from trocar.calibration.command_path import CommandRequest, knots_of, sketched
 from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.models import OffsetModel, RidgeModel
 from trocar.calibration.plant import PSM1_GREY
@@ -114,7 +114,7 @@ def test_the_last_error_is_the_first_guess(monkeypatch):
         guesses.append(guess - (q - OFF))
         return q - OFF
 
-    monkeypatch.setattr(command_fit, "inverse", inverse)
+    monkeypatch.setattr(command_path, "inverse", inverse)
     sketched(request(rest_to_rest(HOME, FAR, PAPER), OFFSET, HOME - OFF))
     assert len(guesses) > 4
     assert_allclose(guesses, 0.0, atol=1e-12)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from trocar.calibration.fleet import load_prior
-from trocar.calibration.fleet.loops import LoopShape
+from trocar.calibration.fleet.prior import LoopShape
 from trocar.calibration.plant import (
     PLANTS,
     PSM1_GREY,

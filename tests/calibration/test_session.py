@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from trocar.calibration.fitting import refit_ends, refit_offset
+from trocar.calibration.evaluation import refit_ends, refit_offset
 from trocar.calibration.models import OffsetModel, TrainingMotion
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError

@@ -25,20 +25,14 @@ class FingerMarks:
     """Two marks of one colour on each finger, by which a camera finds the jaws (Kehoe 2014, V-A.2).
 
     A mark is a disc through the finger and a little more, so that it shows on both sides; it stands out from the back.
-
-    Attributes:
-        colors: linear RGB in [0, 1] of the left finger's marks and of the right one's.
-        along_m: of the two marks' middles from the yaw axis, along the finger.
-        behind_m: of their middles, behind the plane in which closed jaws meet.
-        radius_m: of a mark.
-        proud_m: how far it stands out on both sides of the finger, along the yaw axis.
     """
 
+    # linear RGB in [0, 1] of the left finger's marks and of the right one's
     colors: tuple[tuple[float, float, float], tuple[float, float, float]]
-    along_m: tuple[float, float] = (7.0e-3, 14.5e-3)
-    behind_m: float = 1.7e-3
-    radius_m: float = 1.6e-3
-    proud_m: float = 0.3e-3
+    along_m: tuple[float, float] = (7.0e-3, 14.5e-3)  # of the two marks' middles from the yaw axis, along the finger
+    behind_m: float = 1.7e-3  # of their middles, behind the plane in which closed jaws meet
+    radius_m: float = 1.6e-3  # of a mark
+    proud_m: float = 0.3e-3  # how far it stands out on both sides of the finger, along the yaw axis
 
     def __post_init__(self) -> None:
         require_numbers(self)

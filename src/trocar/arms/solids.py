@@ -116,23 +116,15 @@ DRIVE_M = (0.06, 0.09, 0.08)
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One solid, in the frame of the link that carries it.
+    """One solid, in the frame of the link that carries it."""
 
-    Attributes:
-        name: what it is.
-        link: number of that frame, 1 to 6 (modified DH).
-        shape: a capsule's caps go beyond its ends.
-        at_m: (2, 3) ends of the axis of a cylinder or capsule; (1, 3) middle of a box, whose sides are along x, y, z.
-        size_m: radius of a cylinder or capsule; three sides of a box.
-        rgb: colour, each in [0, 1].
-    """
-
-    name: str
-    link: int
-    shape: Literal["cylinder", "capsule", "box"]
+    name: str  # what it is
+    link: int  # number of that frame, 1 to 6 (modified DH)
+    shape: Literal["cylinder", "capsule", "box"]  # a capsule's caps go beyond its ends
+    # (2, 3) ends of the axis of a cylinder or capsule; (1, 3) middle of a box, whose sides are along x, y, z
     at_m: NDArray[np.float64]
-    size_m: tuple[float, ...]
-    rgb: tuple[float, float, float]
+    size_m: tuple[float, ...]  # radius of a cylinder or capsule; three sides of a box
+    rgb: tuple[float, float, float]  # colour, each in [0, 1]
 
 
 def parts_of(arm: ArmModel) -> tuple[Part, ...]:

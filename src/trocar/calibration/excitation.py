@@ -42,17 +42,11 @@ EXERCISE_RAD = (0.35, 0.30, 0.30)
 
 @dataclass(frozen=True, eq=False)
 class MotionBox:
-    """Range and speed of a random motion.
+    """Range and speed of a random motion."""
 
-    Attributes:
-        lower: (6,) smallest command, rad and m (q3).
-        upper: (6,) largest command.
-        step: (6,) mean |dq| from sample to sample.
-    """
-
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    step: NDArray[np.float64]
+    lower: NDArray[np.float64]  # (6,) smallest command, rad and m (q3)
+    upper: NDArray[np.float64]  # (6,) largest command
+    step: NDArray[np.float64]  # (6,) mean |dq| from sample to sample
 
     def __post_init__(self) -> None:
         for name in ("lower", "upper", "step"):

@@ -24,12 +24,9 @@ class QuadraticSpline:
     and k + 2; weights (..., 3) of these give a position, a velocity or an acceleration. Bounds on velocities at the
     knots and on accelerations hold for the whole path, because velocity is linear in between; and the path stays
     between the least and the greatest of its control points.
-
-    Attributes:
-        times_s: (n + 1,) increasing knots, n of 2 or more.
     """
 
-    times_s: Array
+    times_s: Array  # (n + 1,) increasing knots, n of 2 or more
 
     @cached_property
     def steps_s(self) -> Array:
@@ -101,8 +98,6 @@ class QuadraticSpline:
         return Trajectory(self.times_s, np.stack([self.at(self.acceleration, within, points) / 2, v, q]))
 
 
-Array = NDArray[np.float64]
-
 HEADROOM = 1e-7
 """Share of the limits that stays unused, to allow for rounding by the solver and the checks."""
 PRECISION = 1e-8
@@ -117,24 +112,15 @@ class LimitedPaths:
 
     A path is defined by its free control points x (m, 6): all but the first two, which the start fixes, and the last,
     which is the same as the one before it because the path ends at rest.
-
-    Attributes:
-        spline: over n intervals; m = n - 1.
-        q_start: (6,) where the path starts, rad and m.
-        velocity_start: (6,) and how fast, per s.
-        limits: of velocity and acceleration.
-        lower: (6,) least position.
-        upper: (6,) greatest position.
-        weights_s: (n + 1,) weight of an error at each knot, about the time that the knot represents.
     """
 
-    spline: QuadraticSpline
-    q_start: Array
-    velocity_start: Array
-    limits: MotionLimits
-    lower: Array
-    upper: Array
-    weights_s: Array
+    spline: QuadraticSpline  # over n intervals; m = n - 1
+    q_start: Array  # (6,) where the path starts, rad and m
+    velocity_start: Array  # (6,) and how fast, per s
+    limits: MotionLimits  # of velocity and acceleration
+    lower: Array  # (6,) least position
+    upper: Array  # (6,) greatest position
+    weights_s: Array  # (n + 1,) weight of an error at each knot, about the time that the knot represents
 
     def points(self, x: Array) -> Array:
         """Return all control points (n + 2, 6)."""

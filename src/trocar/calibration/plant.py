@@ -76,26 +76,17 @@ class CablePlant:
 
     ``q_joint = q_cmd + [0, e]`` with ``e = offset + K [q4 q5 q6] + C s``, where s are the slacks ``u - P(u)`` of play
     operators on ``u = [q4, q5 + a q6, q6 + b q5]``. The outer joints q1 q2 q3 are assumed to be exact.
-
-    Attributes:
-        radii: (3,) half-width of the backlash of roll, pitch, yaw in rad.
-        a: share of yaw in the motion of the pitch cable.
-        b: share of pitch in the motion of the yaw cable.
-        offset: (3,) constant error of q4 q5 q6 in rad; it changes from session to session.
-        K: (3, 3) error per rad of command (elastic coupling); rows are the joints in error.
-        C: (3, 3) error per rad of slack.
-        noise_sd: (6,) SD of fiducial measurements of the six joints (rad, q3 in m); see :meth:`measure`.
-        source: origin of the values.
     """
 
-    radii: NDArray[np.float64]
-    a: float
-    b: float
-    offset: NDArray[np.float64]
-    K: NDArray[np.float64]
-    C: NDArray[np.float64]
+    radii: NDArray[np.float64]  # (3,) half-width of the backlash of roll, pitch, yaw in rad
+    a: float  # share of yaw in the motion of the pitch cable
+    b: float  # share of pitch in the motion of the yaw cable
+    offset: NDArray[np.float64]  # (3,) constant error of q4 q5 q6 in rad; it changes from session to session
+    K: NDArray[np.float64]  # (3, 3) error per rad of command (elastic coupling); rows are the joints in error
+    C: NDArray[np.float64]  # (3, 3) error per rad of slack
+    # (6,) SD of fiducial measurements of the six joints (rad, q3 in m); see :meth:`measure`
     noise_sd: NDArray[np.float64]
-    source: str
+    source: str  # origin of the values
 
     def __post_init__(self) -> None:
         for name, shape in _SHAPES.items():

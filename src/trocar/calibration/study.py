@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.evaluation import Evaluation, evaluate
-from trocar.calibration.fitting import REFIT_ROWS, refit_ends, refit_offset
+from trocar.calibration.evaluation import REFIT_ROWS, Evaluation, evaluate, refit_ends, refit_offset
 from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import CableModel
 from trocar.calibration.recording import Recording, load_recording
@@ -116,12 +115,9 @@ def load_study_recordings(data: str | Path, names: Sequence[str]) -> dict[str, R
     files = {name: [path for path in (data / f"{name}.npz", data / f"{name}.csv") if path.is_file()] for name in names}
     missing = [name for name, found in files.items() if not found]
     if missing:
-        raise InvalidInput(
-            f"folder {str(data)!r}",
-            f"lacks the recordings {', '.join(missing)} (.npz or .csv)",
-            "give their folder with --data or TROCAR_DATA (docs/calibration.md, 'Public recordings': where they are "
-            "and how to convert them)",
-        )
+        where = "(docs/calibration.md, 'Public recordings': where they are and how to convert them)"
+        problem = f"lacks the recordings {', '.join(missing)} (.npz or .csv)"
+        raise InvalidInput(f"folder {str(data)!r}", problem, f"give their folder with --data or TROCAR_DATA {where}")
     return {name: load_recording(found[0]) for name, found in files.items()}
 
 

@@ -109,7 +109,7 @@ def _chain(
     seed: int,
 ) -> tuple[dict[str, Any], list[Path]]:
     """Run the whole chain for each arm; return the figures and the files."""
-    from trocar.calibration.figure import draw_evaluation  # slow to import
+    from trocar.calibration.evaluation import draw_evaluation  # slow to import
     from trocar.collect.chain import calibrate
     from trocar.collect.report import draw_calibration
     from trocar.lab import station_text

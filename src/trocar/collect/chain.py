@@ -19,21 +19,14 @@ from trocar.perception.fiducial_joints import Measured, distance_errors_m
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """One arm, calibrated from images.
+    """One arm, calibrated from images."""
 
-    Attributes:
-        collection: what was collected.
-        measured: base and joints found in its images.
-        recording: commands and measured joints.
-        evaluation: of the cable model on the part of the recording that it was not fitted on; None: none was fitted.
-        fitted_rows: rows at the beginning that the model was fitted on.
-    """
-
-    collection: Collection
-    measured: Measured
-    recording: Recording
+    collection: Collection  # what was collected
+    measured: Measured  # base and joints found in its images
+    recording: Recording  # commands and measured joints
+    # of the cable model on the part of the recording that it was not fitted on; None: none was fitted
     evaluation: Evaluation | None
-    fitted_rows: int
+    fitted_rows: int  # rows at the beginning that the model was fitted on
 
     @property
     def joint_error(self) -> NDArray[np.float64]:

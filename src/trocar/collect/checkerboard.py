@@ -41,44 +41,26 @@ Listener = Callable[[int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """What both eyes saw of a board.
+    """What both eyes saw of a board."""
 
-    Attributes:
-        image: of both eyes.
-        left_px: (n, 2) corners in the left image, in the board's order.
-        right_px: (n, 2) likewise.
-    """
-
-    image: StereoImage
-    left_px: NDArray[np.float64]
-    right_px: NDArray[np.float64]
+    image: StereoImage  # of both eyes
+    left_px: NDArray[np.float64]  # (n, 2) corners in the left image, in the board's order
+    right_px: NDArray[np.float64]  # (n, 2) likewise
 
 
 @dataclass(frozen=True, eq=False)
 class CellRegistration:
-    """The result of registering a cell with a checkerboard.
+    """The result of registering a cell with a checkerboard."""
 
-    Attributes:
-        station: the cell; its true poses and lenses are used only to compute errors.
-        camera: name of the camera.
-        calibration: of its lenses.
-        shown: views that a person held before the camera.
-        hand_px: (m, 2, n, 2) corners of the views in which both eyes found them, left and right.
-        views: the view of the board on each arm's bracket.
-        poses: of these boards.
-        T_world_camera: pose of the camera as found.
-        T_world_base: bases as found; that of the first arm is the world's reference.
-    """
-
-    station: Station
-    camera: str
-    calibration: StereoCalibration
-    shown: int
-    hand_px: NDArray[np.float64]
-    views: Mapping[str, BoardView]
-    poses: Mapping[str, BoardPose]
-    T_world_camera: SE3
-    T_world_base: Mapping[str, SE3]
+    station: Station  # the cell; its true poses and lenses are used only to compute errors
+    camera: str  # name of the camera
+    calibration: StereoCalibration  # of its lenses
+    shown: int  # views that a person held before the camera
+    hand_px: NDArray[np.float64]  # (m, 2, n, 2) corners of the views in which both eyes found them, left and right
+    views: Mapping[str, BoardView]  # the view of the board on each arm's bracket
+    poses: Mapping[str, BoardPose]  # of these boards
+    T_world_camera: SE3  # pose of the camera as found
+    T_world_base: Mapping[str, SE3]  # bases as found; that of the first arm is the world's reference
 
     @property
     def duration_s(self) -> float:

@@ -32,15 +32,10 @@ SMOOTH_ROWS = 41
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What determines which points an RGBD camera sees.
+    """What determines which points an RGBD camera sees."""
 
-    Attributes:
-        lens: of the camera.
-        T_camera_base: the arm's base in the camera, as registered so far.
-    """
-
-    lens: Intrinsics
-    T_camera_base: SE3
+    lens: Intrinsics  # of the camera
+    T_camera_base: SE3  # the arm's base in the camera, as registered so far
 
 
 def commands_in_view(

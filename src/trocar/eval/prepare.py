@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 import trocar
+from trocar.calibration.evaluation import refit_offset
 from trocar.calibration.excitation import SAMPLES, WIDE_ROWS
-from trocar.calibration.fitting import refit_offset
 from trocar.calibration.fleet import FleetPrior, expected, fit_from_prior, load_prior
 from trocar.calibration.models import MODELS, CableModel, load_model, save_model
 from trocar.calibration.recording import Recording

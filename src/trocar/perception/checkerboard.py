@@ -22,16 +22,11 @@ class Checkerboard:
 
     Held upright before a camera, its frame is parallel to the camera's. The square at the least x and y is black. One
     of the two numbers of corners is odd and the other even, so that the board looks different after half a turn.
-
-    Attributes:
-        columns: inner corners along x.
-        rows: inner corners along y.
-        square_m: side of a square.
     """
 
-    columns: int = 10
-    rows: int = 7
-    square_m: float = 8e-3
+    columns: int = 10  # inner corners along x
+    rows: int = 7  # inner corners along y
+    square_m: float = 8e-3  # side of a square
 
     def __post_init__(self) -> None:
         for name, count in (("columns", self.columns), ("rows", self.rows)):

@@ -68,17 +68,11 @@ def project(intrinsics: Intrinsics, points_m: ArrayLike) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A rectangle of an image, with the rays of its pixels.
+    """A rectangle of an image, with the rays of its pixels."""
 
-    Attributes:
-        rays: (m, n, 3) directions in the camera frame, z = 1.
-        depth_m: (m, n) along the optical axis, NaN where it is unknown.
-        color: (m, n, 3) uint8 RGB.
-    """
-
-    rays: NDArray[np.float64]
-    depth_m: NDArray[np.float64]
-    color: NDArray[np.uint8]
+    rays: NDArray[np.float64]  # (m, n, 3) directions in the camera frame, z = 1
+    depth_m: NDArray[np.float64]  # (m, n) along the optical axis, NaN where it is unknown
+    color: NDArray[np.uint8]  # (m, n, 3) uint8 RGB
 
     @property
     def points_m(self) -> NDArray[np.float64]:

@@ -29,38 +29,23 @@ GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft",
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """The pose of an arm's base in a camera.
+    """The pose of an arm's base in a camera."""
 
-    Attributes:
-        T_camera_base: pose.
-        rms_m: residual of the centres.
-        used: number of centres.
-        rejected: number of centres that do not agree.
-    """
-
-    T_camera_base: SE3
-    rms_m: float
-    used: int
-    rejected: int
+    T_camera_base: SE3  # pose
+    rms_m: float  # residual of the centres
+    used: int  # number of centres
+    rejected: int  # number of centres that do not agree
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The result of a collection of images.
+    """The result of a collection of images."""
 
-    Attributes:
-        hand_eye: the base in the camera.
-        q: (n, 6) joints, NaN where they could not be found.
-        flags: (n,) of each row: 'good' or what is wrong.
-        distance_rms_m: error of the distances between spheres of one part against those printed.
-        p_camera_m: (n, k, 3) the accepted centres; else NaN.
-    """
-
-    hand_eye: HandEye
-    q: NDArray[np.float64]
-    flags: tuple[str, ...]
-    distance_rms_m: float
-    p_camera_m: NDArray[np.float64]
+    hand_eye: HandEye  # the base in the camera
+    q: NDArray[np.float64]  # (n, 6) joints, NaN where they could not be found
+    flags: tuple[str, ...]  # (n,) of each row: 'good' or what is wrong
+    distance_rms_m: float  # error of the distances between spheres of one part against those printed
+    p_camera_m: NDArray[np.float64]  # (n, k, 3) the accepted centres; else NaN
 
     @property
     def valid(self) -> NDArray[np.bool_]:

@@ -28,37 +28,26 @@ axis."""
 
 @dataclass(frozen=True)
 class Sphere:
-    """One painted sphere.
+    """One painted sphere."""
 
-    Attributes:
-        part: the part that carries it, 'shaft' or 'jaw'.
-        color: name in :data:`COLORS`.
-        radius_m: of the sphere.
-        center_m: on the shaft: (0, 0, distance up the shaft from the pitch axis); on the jaw: in frame 6, whose z is
-            the yaw axis and along whose y the jaws point.
-    """
-
-    part: str
-    color: str
-    radius_m: float
+    part: str  # the part that carries it, 'shaft' or 'jaw'
+    color: str  # name in :data:`COLORS`
+    radius_m: float  # of the sphere
+    # on the shaft: (0, 0, distance up the shaft from the pitch axis); on the jaw: in frame 6, whose z is the yaw axis
+    # and along whose y the jaws point
     center_m: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Fixture:
-    """The spheres that an instrument wears. Two spheres of the same colour on one part must differ in size.
+    """The spheres that an instrument wears. Two spheres of the same colour on one part must differ in size."""
 
-    Attributes:
-        spheres: one or more on the shaft, three or more on the jaw.
-        hub_m: (3,) middle of the cross in frame 6; thin dark arms lead from it to the jaw's spheres.
-        arm_radius_m: of these arms.
-        print_sd_m: SD of a sphere's position error on each axis after printing and gluing (assumed; the printer's
-            tolerance). Only the simulator draws it.
-    """
-
-    spheres: tuple[Sphere, ...]
+    spheres: tuple[Sphere, ...]  # one or more on the shaft, three or more on the jaw
+    # (3,) middle of the cross in frame 6; thin dark arms lead from it to the jaw's spheres
     hub_m: tuple[float, float, float]
-    arm_radius_m: float = 1.5e-3
+    arm_radius_m: float = 1.5e-3  # of these arms
+    # SD of a sphere's position error on each axis after printing and gluing (assumed; the printer's tolerance). Only
+    # the simulator draws it
     print_sd_m: float = 0.1e-3
 
     def __post_init__(self) -> None:

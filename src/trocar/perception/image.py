@@ -14,25 +14,15 @@ from trocar.geometry import SE3
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """Pinhole camera with Brown's distortion, as in OpenCV: x right, y down, z forward.
+    """Pinhole camera with Brown's distortion, as in OpenCV: x right, y down, z forward."""
 
-    Attributes:
-        width: width in pixels.
-        height: height in pixels.
-        fx: focal length in pixels, horizontally.
-        fy: likewise, vertically.
-        cx: principal point in pixels, horizontally.
-        cy: likewise, vertically.
-        distortion: k1 k2 p1 p2 k3.
-    """
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    width: int  # width in pixels
+    height: int  # height in pixels
+    fx: float  # focal length in pixels, horizontally
+    fy: float  # likewise, vertically
+    cx: float  # principal point in pixels, horizontally
+    cy: float  # likewise, vertically
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
 
     def __post_init__(self) -> None:
         require_numbers(self)
@@ -74,19 +64,12 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage:
-    """A colour and a depth image with common pixels; its arrays have to match its camera.
+    """A colour and a depth image with common pixels; its arrays have to match its camera."""
 
-    Attributes:
-        color: (height, width, 3) uint8, RGB.
-        depth_m: (height, width) float32 along the optical axis; NaN where the sensor has no value.
-        intrinsics: the camera that took it.
-        time_s: time of the image on the cell's clock.
-    """
-
-    color: NDArray[np.uint8]
-    depth_m: NDArray[np.float32]
-    intrinsics: Intrinsics
-    time_s: float = 0.0
+    color: NDArray[np.uint8]  # (height, width, 3) uint8, RGB
+    depth_m: NDArray[np.float32]  # (height, width) float32 along the optical axis; NaN where the sensor has no value
+    intrinsics: Intrinsics  # the camera that took it
+    time_s: float = 0.0  # time of the image on the cell's clock
 
     def __post_init__(self) -> None:
         _require_colors("an RGBD image", self.color, self.intrinsics)
@@ -97,34 +80,21 @@ class RgbdImage:
 
 @dataclass(frozen=True)
 class StereoRig:
-    """Two cameras side by side that expose together.
+    """Two cameras side by side that expose together."""
 
-    Attributes:
-        left: the camera that poses refer to.
-        right: the other one.
-        T_left_right: pose of the right camera in the left one; for a rectified pair a shift along x alone.
-    """
-
-    left: Intrinsics
-    right: Intrinsics
-    T_left_right: SE3
+    left: Intrinsics  # the camera that poses refer to
+    right: Intrinsics  # the other one
+    T_left_right: SE3  # pose of the right camera in the left one; for a rectified pair a shift along x alone
 
 
 @dataclass(frozen=True, eq=False)
 class StereoImage:
-    """Two colour images of one moment; they have to match their cameras.
+    """Two colour images of one moment; they have to match their cameras."""
 
-    Attributes:
-        left: (height, width, 3) uint8, RGB.
-        right: likewise.
-        rig: the cameras that took them.
-        time_s: when, on the cell's clock.
-    """
-
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8]
-    rig: StereoRig
-    time_s: float = 0.0
+    left: NDArray[np.uint8]  # (height, width, 3) uint8, RGB
+    right: NDArray[np.uint8]  # likewise
+    rig: StereoRig  # the cameras that took them
+    time_s: float = 0.0  # when, on the cell's clock
 
     def __post_init__(self) -> None:
         _require_colors("the left image of a pair", self.left, self.rig.left)
@@ -133,30 +103,19 @@ class StereoImage:
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of a camera's pixels.
+    """A rectangle of a camera's pixels."""
 
-    Attributes:
-        corner_px: (u, v) of its first pixel.
-        size_px: (width, height).
-    """
-
-    corner_px: tuple[int, int]
-    size_px: tuple[int, int]
+    corner_px: tuple[int, int]  # (u, v) of its first pixel
+    size_px: tuple[int, int]  # (width, height)
 
 
 @dataclass(frozen=True)
 class StereoWindow:
-    """A rectangle of each eye's pixels; both begin in the same row if the pair is to stay rectified.
+    """A rectangle of each eye's pixels; both begin in the same row if the pair is to stay rectified."""
 
-    Attributes:
-        left: of the left eye.
-        right: of the right eye.
-        binning: the sensors combine this many by this many pixels; corners and sizes are multiples of it.
-    """
-
-    left: Window
-    right: Window
-    binning: int = 1
+    left: Window  # of the left eye
+    right: Window  # of the right eye
+    binning: int = 1  # the sensors combine this many by this many pixels; corners and sizes are multiples of it
 
     def __post_init__(self) -> None:
         for window in (self.left, self.right):

@@ -50,23 +50,15 @@ FEWEST = 60
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A normal likelihood of the wrist joints and the shift.
+    """A normal likelihood of the wrist joints and the shift."""
 
-    Attributes:
-        q: (6,) joints about which it was fitted, rad and m; for the wrist, the best fit.
-        shift_m: (3,) best-fitting shift of the instrument in its base.
-        information: (6, 6) of q4 q5 q6 and the shift, 1/rad and 1/m.
-        pull: (6,) gradient of the log likelihood there; 0 except for the effect of the search's prior.
-        points: number of points on the instrument.
-        left_m: robust SD of their distances to its solids.
-    """
-
-    q: NDArray[np.float64]
-    shift_m: NDArray[np.float64]
-    information: NDArray[np.float64]
+    q: NDArray[np.float64]  # (6,) joints about which it was fitted, rad and m; for the wrist, the best fit
+    shift_m: NDArray[np.float64]  # (3,) best-fitting shift of the instrument in its base
+    information: NDArray[np.float64]  # (6, 6) of q4 q5 q6 and the shift, 1/rad and 1/m
+    # (6,) gradient of the log likelihood there; 0 except for the effect of the search's prior
     pull: NDArray[np.float64]
-    points: int
-    left_m: float
+    points: int  # number of points on the instrument
+    left_m: float  # robust SD of their distances to its solids
 
 
 def sight(

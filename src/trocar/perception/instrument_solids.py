@@ -92,17 +92,11 @@ Solid = Cylinder | Capsule | Hull
 
 @dataclass(frozen=True, eq=False)
 class InstrumentSolids:
-    """An instrument in one configuration.
+    """An instrument in one configuration."""
 
-    Attributes:
-        R: (3, 3, 3) of frames 4, 5, 6 in the arm's base.
-        p: (3, 3) their origins, m.
-        solids: shaft, sleeve, clevis, knuckle, left and right finger, in their frames.
-    """
-
-    R: NDArray[np.float64]
-    p: NDArray[np.float64]
-    solids: Sequence[Solid]
+    R: NDArray[np.float64]  # (3, 3, 3) of frames 4, 5, 6 in the arm's base
+    p: NDArray[np.float64]  # (3, 3) their origins, m
+    solids: Sequence[Solid]  # shaft, sleeve, clevis, knuckle, left and right finger, in their frames
 
     @staticmethod
     def of(arm: ArmModel, q: NDArray[np.float64], jaw_rad: float) -> InstrumentSolids:

@@ -41,19 +41,12 @@ Pixels at the rim, between the sphere and what is behind it, are rejected this w
 
 @dataclass(frozen=True, eq=False)
 class SphereFit:
-    """A sphere through points.
+    """A sphere through points."""
 
-    Attributes:
-        center_m: (3,) in the frame of the points.
-        radius_m: found, or as given.
-        rms_m: RMS distance of the points that count.
-        share: share of the points that count.
-    """
-
-    center_m: NDArray[np.float64]
-    radius_m: float
-    rms_m: float
-    share: float
+    center_m: NDArray[np.float64]  # (3,) in the frame of the points
+    radius_m: float  # found, or as given
+    rms_m: float  # RMS distance of the points that count
+    share: float  # share of the points that count
 
     @property
     def good(self) -> bool:

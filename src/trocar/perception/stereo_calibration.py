@@ -34,30 +34,19 @@ LENGTH_M = 0.1
 
 @dataclass(frozen=True, eq=False)
 class StereoCalibration:
-    """A calibrated pair.
+    """A calibrated pair."""
 
-    Attributes:
-        rig: its lenses, and the pose of the right eye in the left.
-        rms_px: distance between corners and their projections over all views and both eyes.
-        views: how many it was calibrated from.
-    """
-
-    rig: StereoRig
-    rms_px: float
-    views: int
+    rig: StereoRig  # its lenses, and the pose of the right eye in the left
+    rms_px: float  # distance between corners and their projections over all views and both eyes
+    views: int  # how many it was calibrated from
 
 
 @dataclass(frozen=True, eq=False)
 class BoardPose:
-    """The pose of a board.
+    """The pose of a board."""
 
-    Attributes:
-        T_left_board: pose of the board in the left eye's camera.
-        rms_px: distance between corners and their projections over both eyes.
-    """
-
-    T_left_board: SE3
-    rms_px: float
+    T_left_board: SE3  # pose of the board in the left eye's camera
+    rms_px: float  # distance between corners and their projections over both eyes
 
 
 def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> NDArray[np.float64] | None:

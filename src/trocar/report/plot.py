@@ -12,8 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from trocar.calibration.evaluation import Evaluation
-from trocar.calibration.figure import wrist
+from trocar.calibration.evaluation import Evaluation, wrist
 from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial

@@ -8,8 +8,7 @@ from trocar.arms import PSM_CLASSIC
 from trocar.calibration.excitation import random_smooth_path, wide_path
 from trocar.calibration.fleet import fit_from_prior, learn_prior, load_prior
 from trocar.calibration.fleet.fit import ENOUGH_ROWS, OWN_ROWS
-from trocar.calibration.fleet.loops import fit_loops
-from trocar.calibration.fleet.prior import FleetPrior
+from trocar.calibration.fleet.prior import FleetPrior, fit_loops
 from trocar.calibration.models import load_model, save_model
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.plant import PLANTS, PSM2_GREY

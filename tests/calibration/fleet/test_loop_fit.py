@@ -3,8 +3,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fleets import SHAPE
-from trocar.calibration.fleet import loops
-from trocar.calibration.fleet.loops import fit_loops
+from trocar.calibration.fleet import prior as module
+from trocar.calibration.fleet.prior import fit_loops
 from trocar.calibration.models.play_map import DRIFT_RATIOS, DRIFT_ROWS
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording
@@ -26,7 +26,7 @@ def shaped(monkeypatch):
     """Make the search for radii and coupling find ``SHAPE``."""
     values = {key: getattr(PSM1_GREY, key) for key in PSM1_GREY.__dataclass_fields__}
     plant = type(PSM1_GREY)(**(values | {"radii": SHAPE.radii, "a": SHAPE.a, "b": SHAPE.b}))
-    monkeypatch.setattr(loops, "fit_plant", lambda recording: plant)
+    monkeypatch.setattr(module, "fit_plant", lambda recording: plant)
 
 
 def generalised(x, y, penalty, rows):

@@ -1,7 +1,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from trocar.calibration.fleet.loops import FEATURES, LoopShape
+from trocar.calibration.fleet.prior import FEATURES, LoopShape
 from trocar.calibration.plant import play_operator
 
 SHAPE = LoopShape(np.array([0.03, 0.1, 0.12]), 0.1, 0.2)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trocar.calibration.fitting import refit_ends, refit_offset
+from trocar.calibration.evaluation import refit_ends, refit_offset
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import Recording, load_recording

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.calibration.excitation import MotionBox
-from trocar.calibration.fleet.loops import DRIFT, FEATURES, MULTIPLES, LoopShape, outer_features
-from trocar.calibration.fleet.prior import FleetPrior
+from trocar.calibration.fleet.prior import DRIFT, FEATURES, MULTIPLES, FleetPrior, LoopShape, outer_features
 from trocar.calibration.models.base import TrainingMotion
 from trocar.calibration.models.play import RADII_RAD, PlayBank, PlayModel, fit_wrist, with_spectrum, wrist_features
 from trocar.calibration.models.play_map import DriftWhitener, PlayMap
@@ -50,17 +49,11 @@ counts 16 times as much."""
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """A play model and its uncertainty.
+    """A play model and its uncertainty."""
 
-    Attributes:
-        model: the expected one.
-        covariance: (3, FEATURES, FEATURES) of the weights of each joint's error.
-        left_sd: (3,) SD of the errors that such a map leaves, rad.
-    """
-
-    model: PlayModel
-    covariance: NDArray[np.float64]
-    left_sd: NDArray[np.float64]
+    model: PlayModel  # the expected one
+    covariance: NDArray[np.float64]  # (3, FEATURES, FEATURES) of the weights of each joint's error
+    left_sd: NDArray[np.float64]  # (3,) SD of the errors that such a map leaves, rad
 
     def spread(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the SDs (3,) of the wrist's joints about the model's prediction at a command (6,), rad."""
@@ -153,16 +146,11 @@ def _shape(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] 
 
 @dataclass(frozen=True, eq=False)
 class _Explained:
-    """How well each initial state of the cables explains the measurements.
+    """How well each initial state of the cables explains the measurements."""
 
-    Attributes:
-        likely: (s,) log likelihood.
-        weights: (s, 3, FEATURES) expected.
-        normal: (s, 3, FEATURES, FEATURES) inverse covariance of the weights where the prior's is the identity.
-    """
-
-    likely: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    likely: NDArray[np.float64]  # (s,) log likelihood
+    weights: NDArray[np.float64]  # (s, 3, FEATURES) expected
+    # (s, 3, FEATURES, FEATURES) inverse covariance of the weights where the prior's is the identity
     normal: NDArray[np.float64]
 
     @property

@@ -25,19 +25,13 @@ Arrays = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class TrainingMotion:
-    """Statistics of the motion that a model was fitted on, in joint space.
+    """Statistics of the motion that a model was fitted on, in joint space."""
 
-    Attributes:
-        interval: (6,) mean step |dq| between samples, rad and m (q3); paths of tasks are resampled to it.
-        lower: (6,) smallest command.
-        upper: (6,) largest command.
-        rows: number of valid rows used.
-    """
-
+    # (6,) mean step |dq| between samples, rad and m (q3); paths of tasks are resampled to it
     interval: NDArray[np.float64]
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    rows: int
+    lower: NDArray[np.float64]  # (6,) smallest command
+    upper: NDArray[np.float64]  # (6,) largest command
+    rows: int  # number of valid rows used
 
     def __post_init__(self) -> None:
         require_numbers(self)

@@ -33,17 +33,12 @@ def advance(prior: NDArray[np.float64], q_cmd: NDArray[np.float64]) -> NDArray[n
 
 @dataclass(frozen=True, eq=False)
 class OffsetModel:
-    """``q_joint = q_cmd + offset``: no memory, no coupling.
-
-    Attributes:
-        offset: (6,) rad and m (q3).
-        training: the motion it was fitted on.
-    """
+    """``q_joint = q_cmd + offset``: no memory, no coupling."""
 
     name: ClassVar[str] = "offset"
     rate_independent: ClassVar[bool] = True
-    offset: NDArray[np.float64]
-    training: TrainingMotion
+    offset: NDArray[np.float64]  # (6,) rad and m (q3)
+    training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
         offsets = ", ".join(f"{x:.2f}" for x in np.degrees(self.offset[3:]))
@@ -86,19 +81,13 @@ PENALTY = 1.0
 
 @dataclass(frozen=True, eq=False)
 class RidgeModel:
-    """``q_joint = q_cmd + offset + W vec(window)``; the window is the command and five prior ones.
-
-    Attributes:
-        weights: (36, 6) from window (oldest command first, joints contiguous) to errors.
-        offset: (6,) rad and m (q3).
-        training: the motion it was fitted on.
-    """
+    """``q_joint = q_cmd + offset + W vec(window)``; the window is the command and five prior ones."""
 
     name: ClassVar[str] = "ridge"
     rate_independent: ClassVar[bool] = False
-    weights: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    training: TrainingMotion
+    weights: NDArray[np.float64]  # (36, 6) from window (oldest command first, joints contiguous) to errors
+    offset: NDArray[np.float64]  # (6,) rad and m (q3)
+    training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
         return in_words(self)

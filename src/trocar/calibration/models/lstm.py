@@ -40,27 +40,19 @@ Memory = tuple[NDArray[np.floating], NDArray[np.floating]]
 
 @dataclass(frozen=True, eq=False)
 class LstmModel:
-    """``q_joint = q_cmd + scale * network(window) + offset``; the window is the command and five prior ones.
-
-    Attributes:
-        weights: by name (:data:`SHAPES`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,), the
-            gates in the order i f g o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases.
-            Single precision, as in training: predictions are accurate to 1e-6 of the error's SD.
-        input_mean: (6,) mean of the training commands.
-        input_scale: (6,) SD of the training commands.
-        error_scale: (6,) SD of the training errors.
-        offset: (6,) mean of the training errors.
-        training: the motion it was fitted on.
-    """
+    """``q_joint = q_cmd + scale * network(window) + offset``; the window is the command and five prior ones."""
 
     name: ClassVar[str] = "lstm"
     rate_independent: ClassVar[bool] = False
+    # by name (:data:`SHAPES`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,), the gates in the order i f g
+    # o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases. Single precision, as in training: predictions
+    # are accurate to 1e-6 of the error's SD
     weights: Weights
-    input_mean: NDArray[np.float64]
-    input_scale: NDArray[np.float64]
-    error_scale: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    training: TrainingMotion
+    input_mean: NDArray[np.float64]  # (6,) mean of the training commands
+    input_scale: NDArray[np.float64]  # (6,) SD of the training commands
+    error_scale: NDArray[np.float64]  # (6,) SD of the training errors
+    offset: NDArray[np.float64]  # (6,) mean of the training errors
+    training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
         return in_words(self)

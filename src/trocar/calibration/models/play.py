@@ -28,23 +28,16 @@ PlayBank = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PlayResponse:
-    """The joints along a path of commands, and their derivatives.
+    """The joints along a path of commands, and their derivatives."""
 
-    Attributes:
-        joints: (n, 6) after each command.
-        state: (3, k) operators after the last.
-        by_command: (n, 3, 3) d wrist's joints / d wrist's command of the same row.
-        taut: (n, 3, 3) the same if no operator were in its slack.
-        by_operator: (n, 3, 3, k) d wrist's joints / d operator, of those that the row's own command does not drive.
-        moved: (n, 3, k) where in the path each operator was driven last: 2 i by command i, 2 i + 1 by the turn
-            after it; 0 if never.
-    """
-
-    joints: NDArray[np.float64]
-    state: PlayBank
-    by_command: NDArray[np.float64]
-    taut: NDArray[np.float64]
+    joints: NDArray[np.float64]  # (n, 6) after each command
+    state: PlayBank  # (3, k) operators after the last
+    by_command: NDArray[np.float64]  # (n, 3, 3) d wrist's joints / d wrist's command of the same row
+    taut: NDArray[np.float64]  # (n, 3, 3) the same if no operator were in its slack
+    # (n, 3, 3, k) d wrist's joints / d operator, of those that the row's own command does not drive
     by_operator: NDArray[np.float64]
+    # (n, 3, k) where in the path each operator was driven last: 2 i by command i, 2 i + 1 by the turn after it; 0 if
+    # never
     moved: NDArray[np.int64]
 
 
@@ -55,26 +48,17 @@ class PlayModel:
     The operators run on ``u = [q4, q5 + a q6, q6 + b q5]``, since the cables of pitch and yaw are coupled. The
     map is linear plus smooth bumps that vanish away from the training data, where only the linear part extrapolates.
     The small errors of the outer joints q1 q2 q3 are linear in the command.
-
-    Attributes:
-        a: share of yaw in the motion of the pitch cable.
-        b: share of pitch in the motion of the yaw cable.
-        radii: (3, k) rad.
-        offset: (6,) rad and m (q3).
-        outer: (3, 6) errors of q1 q2 q3 per unit of command.
-        map: from [q4 q5 q6, slacks] to the errors of q4 q5 q6.
-        training: the motion it was fitted on.
     """
 
     name: ClassVar[str] = "play"
     rate_independent: ClassVar[bool] = True
-    a: float
-    b: float
-    radii: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    outer: NDArray[np.float64]
-    map: PlayMap
-    training: TrainingMotion
+    a: float  # share of yaw in the motion of the pitch cable
+    b: float  # share of pitch in the motion of the yaw cable
+    radii: NDArray[np.float64]  # (3, k) rad
+    offset: NDArray[np.float64]  # (6,) rad and m (q3)
+    outer: NDArray[np.float64]  # (3, 6) errors of q1 q2 q3 per unit of command
+    map: PlayMap  # from [q4 q5 q6, slacks] to the errors of q4 q5 q6
+    training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
         widths = ", ".join(f"{2 * radius:.1f}" for radius in np.degrees(self.radii[:, 0]))

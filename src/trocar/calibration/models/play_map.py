@@ -28,16 +28,11 @@ class DriftWhitener:
 
     ``white(a) = inverse(L) @ a`` with ``L L^T = I + ratio exp(-|i - j| / DRIFT_ROWS)`` over the rows i, j, in linear
     time: the innovations of a Kalman filter, each divided by its standard deviation.
-
-    Attributes:
-        carry: (n,) weight of the last prediction in the next one.
-        gain: (n,) weight of the last row in the next prediction.
-        sd: (n,) SD of a row about its prediction.
     """
 
-    carry: NDArray[np.float64]
-    gain: NDArray[np.float64]
-    sd: NDArray[np.float64]
+    carry: NDArray[np.float64]  # (n,) weight of the last prediction in the next one
+    gain: NDArray[np.float64]  # (n,) weight of the last row in the next prediction
+    sd: NDArray[np.float64]  # (n,) SD of a row about its prediction
 
     @classmethod
     def of(cls, rows: NDArray[np.int64], ratio: float) -> Self:
@@ -87,23 +82,14 @@ variance of the bumps (inf: no bumps)."""
 
 @dataclass(frozen=True, eq=False)
 class PlayMap:
-    """``linear @ x + bumps @ exp(-|z - c|^2 / 2)``, ``z = (x[inputs] - mean) / scale``.
+    """``linear @ x + bumps @ exp(-|z - c|^2 / 2)``, ``z = (x[inputs] - mean) / scale``."""
 
-    Attributes:
-        linear: (3, d) weights of all features x = [q4 q5 q6, slacks].
-        inputs: (p,) indices of the bumps' inputs: the commands and the slacks of the identified radii.
-        mean: (p,) means of the inputs.
-        scale: (p,) SDs of the inputs times the bumps' width.
-        centres: (m, p) centres of the bumps in z.
-        bumps: (3, m) weights of the bumps.
-    """
-
-    linear: NDArray[np.float64]
-    inputs: NDArray[np.int64]
-    mean: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    centres: NDArray[np.float64]
-    bumps: NDArray[np.float64]
+    linear: NDArray[np.float64]  # (3, d) weights of all features x = [q4 q5 q6, slacks]
+    inputs: NDArray[np.int64]  # (p,) indices of the bumps' inputs: the commands and the slacks of the identified radii
+    mean: NDArray[np.float64]  # (p,) means of the inputs
+    scale: NDArray[np.float64]  # (p,) SDs of the inputs times the bumps' width
+    centres: NDArray[np.float64]  # (m, p) centres of the bumps in z
+    bumps: NDArray[np.float64]  # (3, m) weights of the bumps
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the errors of q4 q5 q6; (..., d) -> (..., 3)."""
