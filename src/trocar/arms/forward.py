@@ -7,10 +7,11 @@ from math import cos, pi, sin
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms.model import ArmModel
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 
 
 def fk(arm: ArmModel, q: ArrayLike) -> SE3:
@@ -48,7 +49,7 @@ def frames(arm: ArmModel, q: ArrayLike) -> SE3:
     return SE3.unchecked(np.stack([*poses, poses[-1] @ tip], -3))
 
 
-def jacobian(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
+def jacobian(arm: ArmModel, q: ArrayLike) -> Array:
     """Return the geometric Jacobian(s) (..., 6, 6), from joint velocities to the tip's velocity in the base frame.
 
     Rows are the tip's linear velocity (m/s), then its angular velocity (rad/s). For the PSM exactly
@@ -70,7 +71,7 @@ def jacobian(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
     return J
 
 
-def manipulability(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
+def manipulability(arm: ArmModel, q: ArrayLike) -> Array:
     """Return Yoshikawa's measure ``|det J|`` (...,) in m^2; it is zero where the tip loses a degree of freedom.
 
     The unit follows from three rows in m/s and three in rad/s, five columns per rad/s and one (the insertion) per m/s:
@@ -94,7 +95,7 @@ def manipulability(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
     return np.abs(arm_part * wrist_part)
 
 
-def wrist_depth_m(arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
+def wrist_depth_m(arm: ArmModel, q: ArrayLike) -> Array:
     """Return the depth (...,) in m of the wrist's pitch axis beyond the remote centre; compare ``safe_depth_m``."""
     return -arm.wrist_sign * (np.asarray(q, dtype=np.float64)[..., 2] + arm.offsets[2])
 
@@ -116,7 +117,7 @@ def limit_violations(arm: ArmModel, q: ArrayLike) -> list[str]:
     ]
 
 
-def _steps(arm: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
+def _steps(arm: ArmModel, q: Array) -> Array:
     """Return the pose of each frame in the one before it (..., 6, 4, 4): modified DH, all joints at once."""
     wrist = arm.wrist_sign * pi / 2
     slides = np.array([joint.prismatic for joint in arm.joints])

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput
 from trocar.geometry import shown
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 
 SLEEVE_M, SLEEVE_SHARE = (3e-3, 18e-3), 0.95
 """The end of the shaft, from the wrist pitch axis back, is a steel sleeve; its radius as a share of the shaft's."""
@@ -37,7 +36,7 @@ class FingerMarks:
     def __post_init__(self) -> None:
         require_numbers(self)
 
-    def centers_m(self, side: int, jaw_rad: float) -> NDArray[np.float64]:
+    def centers_m(self, side: int, jaw_rad: float) -> Array:
         """Return the middles (2, 3) of a finger's marks at a jaw opening, in the frame of :meth:`Instrument.finger_m`.
 
         Args:
@@ -99,7 +98,7 @@ class Instrument:
         shaft, fingers = shown(2 * self.shaft_radius_m, "m", "g"), shown(self.finger_length_m, "m", "g")
         return f"<Instrument {self.name!r}: shaft {shaft} thick, fingers {fingers} long>"
 
-    def finger_m(self, side: int) -> NDArray[np.float64]:
+    def finger_m(self, side: int) -> Array:
         """Return the corner points (10, 3) of one finger, closed jaws, in its joint's frame.
 
         x points to the end of the jaws, y (times ``side``, +1 or -1) out of the closing plane, z along the yaw axis.

@@ -22,7 +22,7 @@ from trocar.arms.forward import fk, jacobian, limit_violations
 from trocar.arms.model import BRANCHES, ArmModel, SolverConstants
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3, TURN
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 
 LIMIT_TOLERANCE = 1e-9
 """Joint values this far outside their range (rad or m) are rounding errors and are clipped to the limit."""
@@ -47,7 +47,7 @@ def ik(
     reference: ArrayLike | None = None,
     *,
     unreachable: Literal["raise", "nan"] = "raise",
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the configuration(s) (..., 6) within the limits whose tip is at ``T_base_tip``.
 
     Of several solutions, the one nearest to ``reference`` (..., 6) is returned; all joints have equal weight, in rad
@@ -125,7 +125,7 @@ def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) 
     return _search(arm, np.ravel(matrix), np.array(near)).tolist()
 
 
-def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: Array | None = None) -> Array:
     """Return the configurations (..., 6) on the arm's own branch, within the limits or not; NaN where none is real.
 
     Angles are in the turns nearest to ``near`` (..., 6), if it is given; else yaw and roll are in those nearest to the
@@ -140,7 +140,7 @@ def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64] | Non
     return q if near is None else q - arm.turns * np.rint((q - near) / TURN)
 
 
-def ik_near(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64]) -> NDArray[np.float64]:
+def ik_near(arm: ArmModel, T_base_tip: SE3, near: Array) -> Array:
     """Return the same for poses that all have joints.
 
     Raises:
@@ -153,7 +153,7 @@ def ik_near(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64]) -> NDArra
     return q
 
 
-def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[Array, NDArray[np.bool_]]:
     """Return all solutions, within the limits or not: q (..., 8, 6), and which of them are real (..., 8).
 
     The order is that of ``BRANCHES``. Angles lie within half a turn of the middle of their range. Branches that are not
@@ -174,7 +174,7 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
 
 def ik_with_fixed_wrist(
     arm: ArmModel, q: ArrayLike, p_base_m: ArrayLike, p_tip_m: ArrayLike = (0.0, 0.0, 0.0)
-) -> NDArray[np.float64]:
+) -> Array:
     """Return joints (6,) near ``q`` (6,), with the same wrist, that bring a point of the tip to ``p_base_m`` (3,).
 
     The point, ``p_tip_m`` (3,) in the tip's frame, is the tip itself, or lies on something that the jaws hold.
@@ -246,7 +246,7 @@ def _solve_chunks(
         q[part] = inside.T
 
 
-def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose") -> NDArray[np.float64]:
+def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose") -> Array:
     """Return the solution of one pose (16,), on any branch within the limits, that is nearest to ``near``."""
     if not np.isfinite(pose).all():
         raise InvalidInput(f"{name} for arm '{arm.name}'", "holds NaN or infinity", "check what it was computed from")
@@ -282,7 +282,7 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     )
 
 
-def _excess(arm: ArmModel, q: NDArray) -> NDArray[np.float64]:
+def _excess(arm: ArmModel, q: NDArray) -> Array:
     """Return how far each joint is outside its range; negative inside."""
     return np.maximum(arm.lower - q, q - arm.upper)
 

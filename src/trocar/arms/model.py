@@ -8,12 +8,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms.instrument import Instrument
 from trocar.errors import InvalidInput
 from trocar.geometry import TURN, shown, shown_scale
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 from trocar.notebook import table
 
 
@@ -76,9 +76,9 @@ class MotionLimits:
         jerk: (joints,) rad/s^3 or m/s^3; None: unlimited. A jerk limit also forbids jumps of the acceleration.
     """
 
-    velocity: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    jerk: NDArray[np.float64] | None = None
+    velocity: Array
+    acceleration: Array
+    jerk: Array | None = None
 
     def __post_init__(self) -> None:
         given = {"velocity": self.velocity, "acceleration": self.acceleration, "jerk": self.jerk}
@@ -200,17 +200,17 @@ class ArmModel:
         return replace(self, joints=tuple(replace(j, lower=j.lower - by, upper=j.upper + by) for j, by in more))
 
     @cached_property
-    def lower(self) -> NDArray[np.float64]:
+    def lower(self) -> Array:
         """Return the lower limits (6,)."""
         return _frozen([joint.lower for joint in self.joints])
 
     @cached_property
-    def upper(self) -> NDArray[np.float64]:
+    def upper(self) -> Array:
         """Return the upper limits (6,)."""
         return _frozen([joint.upper for joint in self.joints])
 
     @cached_property
-    def middle(self) -> NDArray[np.float64]:
+    def middle(self) -> Array:
         """Return the middle of every range (6,)."""
         return _frozen([joint.middle for joint in self.joints])
 
@@ -225,7 +225,7 @@ class ArmModel:
         return tuple((joint.lower, joint.upper) for joint in self.joints)
 
     @cached_property
-    def turns(self) -> NDArray[np.float64]:
+    def turns(self) -> Array:
         """Return the period (6,) of each joint: a whole turn for rotary joints, 0 for prismatic ones."""
         return _frozen([0.0 if joint.prismatic else TURN for joint in self.joints])
 
@@ -279,7 +279,7 @@ class ArmModel:
         return SolverConstants(branch, self.wrist_sign, *lengths, c0, s0, *products, offsets)
 
     @cached_property
-    def _branch_center(self) -> NDArray[np.float64]:
+    def _branch_center(self) -> Array:
         yaw, wrist, pitch = self.branch
         half = math.pi / 2
         return np.array([0.0, pitch * half, 0.0, 0.0, half - wrist * half, half - yaw * half])
@@ -298,7 +298,7 @@ class ArmModel:
             np.array([joint.max_acceleration for joint in self.joints]),
         )
 
-    def configurations(self, q: ArrayLike) -> NDArray[np.float64]:
+    def configurations(self, q: ArrayLike) -> Array:
         """Return ``q`` as (..., 6) floats.
 
         Raises:
@@ -307,7 +307,7 @@ class ArmModel:
         return finite(f"a configuration of arm '{self.name}'", q, ..., 6)
 
 
-def _frozen(values: list[float]) -> NDArray[np.float64]:
+def _frozen(values: list[float]) -> Array:
     array = np.array(values)
     array.flags.writeable = False
     return array

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms.forward import frames
 from trocar.arms.instrument import CLEVIS_SHARE, KNUCKLE_SHARE, SLEEVE_M, SLEEVE_SHARE
 from trocar.arms.model import ArmModel
+from trocar.geometry.arrays import Array
 from trocar.geometry.capsules import Capsules, cross
 
 SOLIDS = ("shaft", "wrist", "left finger", "right finger")
@@ -37,13 +38,13 @@ def capsules(arm: ArmModel, q: ArrayLike, jaw_rad: ArrayLike = 0.0) -> Capsules:
     return Capsules(points[..., _ENDS, :], solid_radii_m(arm))
 
 
-def solid_radii_m(arm: ArmModel) -> NDArray[np.float64]:
+def solid_radii_m(arm: ArmModel) -> Array:
     """Return the radii (4,) of :func:`capsules`, which no configuration changes."""
     shape = arm.instrument
     return np.array([shape.shaft_radius_m, shape.wrist_radius_m, shape.finger_radius_m, shape.finger_radius_m])
 
 
-def joint_axes(arm: ArmModel, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def joint_axes(arm: ArmModel, q: ArrayLike) -> tuple[Array, Array]:
     """Return the axes of the joints, and points on them, in the arm's base: (..., 6, 3) each, m.
 
     The axis of the sliding joint is its direction of motion. Points of the instrument move by ``axis x (point -
@@ -69,7 +70,7 @@ def joint_axes(arm: ArmModel, q: ArrayLike) -> tuple[NDArray[np.float64], NDArra
     return axes, origins
 
 
-def _points(arm: ArmModel, q: NDArray[np.float64], jaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def _points(arm: ArmModel, q: Array, jaw_rad: Array) -> Array:
     """Return the shaft's lower and upper end, pitch axis, yaw axis, ends of the fingers: (..., 6, 3) m in the base.
 
     Written out, since a guard asks for hundreds of configurations before every motion; the frames of
@@ -89,13 +90,13 @@ def _points(arm: ArmModel, q: NDArray[np.float64], jaw_rad: NDArray[np.float64])
     return np.stack(points, -2)
 
 
-def _wrist(arm: ArmModel, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def _wrist(arm: ArmModel, q: Array) -> tuple[Array, ...]:
     """Return how far frame 4 lies along its z axis (...,); in the base (..., 3): that axis, the wrist link, y of 4."""
     (c0, s0), (c1, s1), (c2, s2) = arm.twist_cosines
     turned = np.moveaxis(q + np.array(arm.offsets), -1, 0)
     (k1, k2, _, k4, k5, _), (n1, n2, _, n4, n5, _) = np.cos(turned), np.sin(turned)
 
-    def base(x: Any, y: Any, z: Any) -> NDArray[np.float64]:  # Rx(twist 0) Rz(q1) Rx(twist 1)
+    def base(x: Any, y: Any, z: Any) -> Array:  # Rx(twist 0) Rz(q1) Rx(twist 1)
         y, z = c1 * y - s1 * z, s1 * y + c1 * z
         x, y = k1 * x - n1 * y, n1 * x + k1 * y
         return np.stack([x, c0 * y - s0 * z, s0 * y + c0 * z], -1)
@@ -122,7 +123,7 @@ class Part:
     link: int  # number of that frame, 1 to 6 (modified DH)
     shape: Literal["cylinder", "capsule", "box"]  # a capsule's caps go beyond its ends
     # (2, 3) ends of the axis of a cylinder or capsule; (1, 3) middle of a box, whose sides are along x, y, z
-    at_m: NDArray[np.float64]
+    at_m: Array
     size_m: tuple[float, ...]  # radius of a cylinder or capsule; three sides of a box
     rgb: tuple[float, float, float]  # colour, each in [0, 1]
 
@@ -146,5 +147,5 @@ def parts_of(arm: ArmModel) -> tuple[Part, ...]:
     )
 
 
-def _along_z(*z: float) -> NDArray[np.float64]:
+def _along_z(*z: float) -> Array:
     return np.array([[0.0, 0.0, value] for value in z])

@@ -6,13 +6,14 @@ from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms.forward import frames
 from trocar.arms.model import ArmModel, Joint
 from trocar.arms.psm import PSM_CLASSIC
 from trocar.arms.solids import CARBON, HOUSING, STEEL, Part, parts_of
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 
 DVRK = {joint.name: f"outer_{joint.name}" for joint in PSM_CLASSIC.joints}
 """Names of the PSM's joints in the dVRK's own models."""
@@ -125,7 +126,7 @@ def _add_origin(element: Element, T: SE3) -> None:
     SubElement(element, "origin", xyz=_text(T.translation_m), rpy=_text(roll_pitch_yaw(T.rotation)))
 
 
-def roll_pitch_yaw(rotation: SO3) -> NDArray[np.float64]:
+def roll_pitch_yaw(rotation: SO3) -> Array:
     """Return the angles (3,) with ``Rz(yaw) Ry(pitch) Rx(roll)`` = rotation; roll is 0 where pitch is 90 deg."""
     R = rotation.matrix
     level = float(np.hypot(R[0, 0], R[1, 0]))

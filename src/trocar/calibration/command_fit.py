@@ -13,8 +13,7 @@ from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.limited_paths import LimitedPaths
 from trocar.calibration.models.play import PlayModel, PlayResponse
 from trocar.calibration.plant import WRIST
-
-Array = NDArray[np.float64]
+from trocar.geometry.arrays import Array
 
 LEVER = np.array([10.0, 10.0, 67.0, 0.7, 1.0, 1.0])
 """How far an error of q1 to q6 moves the tip (.15 m, .15 m, 1, .01 m, .015 m, .015 m) in units of the wrist's 15 mm."""

@@ -12,17 +12,15 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits
 from trocar.calibration.command_fit import LEVER, MET, CommandFit, Fitted
 from trocar.calibration.compensation import HysteresisState, inverse, sample_positions
 from trocar.calibration.limited_paths import HEADROOM, LimitedPaths, QuadraticSpline
 from trocar.errors import InvalidInput
+from trocar.geometry.arrays import Array
 from trocar.motion.moves import rest_to_rest
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 KNOT_S = (0.010, 0.025)
 """Least and greatest spacing of the commands' knots: from one control period to a tenth of the time needed to cross the

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.calibration.models.base import CableModel, Invertible, TrainingMotion, commands
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.plant import WRIST
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
 REPLAY_S = 0.004
@@ -35,7 +36,7 @@ class HysteresisState:
 
     model: CableModel
     state: Any
-    q_cmd: NDArray[np.float64]
+    q_cmd: Array
 
     @classmethod
     def at_rest(cls, model: CableModel, q_cmd: ArrayLike) -> Self:
@@ -43,11 +44,11 @@ class HysteresisState:
         (q,) = commands(np.asarray(q_cmd, dtype=np.float64)[None])
         return cls(model, model.start(q), q)
 
-    def joints(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def joints(self, q_cmd: Array) -> Array:
         """Return the joints (6,) if this command (6,) comes next."""
         return self.model.step(self.state, q_cmd)[0]
 
-    def step(self, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], HysteresisState]:
+    def step(self, q_cmd: Array) -> tuple[Array, HysteresisState]:
         """Return the joints (6,) after this command (6,), and the memory."""
         joints, state = self.model.step(self.state, q_cmd)
         return joints, replace(self, state=state, q_cmd=q_cmd) if self._is_sample(q_cmd) else self
@@ -64,14 +65,14 @@ class HysteresisState:
                 _, memory = memory.step(q)
         return memory
 
-    def along(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def along(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) after each of the commands (n, 6), one after the other."""
         memory, joints = self, np.empty_like(q_cmd)
         for row, q in enumerate(q_cmd):
             joints[row], memory = memory.step(q)
         return joints
 
-    def _is_sample(self, q_cmd: NDArray[np.float64]) -> bool:
+    def _is_sample(self, q_cmd: Array) -> bool:
         if self.model.rate_independent:
             return True
         interval = self.model.training.interval[WRIST]
@@ -95,7 +96,7 @@ follow."""
 DAMPING = 1e-4
 
 
-def algorithm1(model: CableModel, state: Any, q_desired: NDArray[np.float64]) -> NDArray[np.float64]:
+def algorithm1(model: CableModel, state: Any, q_desired: Array) -> Array:
     """Return the command (6,) by the paper's Algorithm 1: M times ``q_c += alpha (q_d - f(q_c; state))``."""
     q_cmd = q_desired
     for _ in range(ITERATIONS):
@@ -106,11 +107,11 @@ def algorithm1(model: CableModel, state: Any, q_desired: NDArray[np.float64]) ->
 def exact_inverse(
     model: Invertible,
     state: Any,
-    q_desired: NDArray[np.float64],
-    guess: NDArray[np.float64],
+    q_desired: Array,
+    guess: Array,
     tolerance_rad: float = TOLERANCE_RAD,
     stalled_rad: float = STALLED_RAD,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return the command (6,) whose predicted joints are ``q_desired``, and the prediction.
 
     Damped Newton steps with backtracking. The model is smooth except for kinks where a play operator starts to move,
@@ -136,11 +137,11 @@ def exact_inverse(
 def inverse(
     model: CableModel,
     state: Any,
-    q_desired: NDArray[np.float64],
-    guess: NDArray[np.float64],
+    q_desired: Array,
+    guess: Array,
     tolerance_rad: float = TOLERANCE_RAD,
     stalled_rad: float = STALLED_RAD,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the command (6,) for these joints: exact, from ``guess``, if the model allows it, else by Algorithm 1."""
     if isinstance(model, Invertible):
         return exact_inverse(model, state, q_desired, guess, tolerance_rad, stalled_rad)[0]
@@ -148,8 +149,8 @@ def inverse(
 
 
 def _newton(
-    model: Invertible, state: Any, q_desired: NDArray[np.float64], guess: NDArray[np.float64], tolerance_rad: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    model: Invertible, state: Any, q_desired: Array, guess: Array, tolerance_rad: float
+) -> tuple[Array, Array, Array]:
     """Return the command (6,) that damped Newton steps reach from ``guess``, its prediction and its Jacobian."""
     q_cmd = guess.copy()
     joints, jacobian = model.linearize(state, q_cmd)
@@ -204,7 +205,7 @@ class Compensator:
     def __init__(self, model: CableModel):
         self.model = model
         self._state: Any = None
-        self._error: NDArray[np.float64] | None = None  # joints minus command, of the last command
+        self._error: Array | None = None  # joints minus command, of the last command
 
     def start(self, q_cmd: ArrayLike) -> None:
         """Reset the memory: the arm has been at rest at this command (6,)."""
@@ -212,7 +213,7 @@ class Compensator:
         self._state = self.model.start(q)
         self._error = self.model.step(self._state, q)[0] - q
 
-    def path(self, q_desired: ArrayLike) -> NDArray[np.float64]:
+    def path(self, q_desired: ArrayLike) -> Array:
         """Return the commands (n, 6) that move the joints along ``q_desired`` (n, 6), row by row.
 
         Unless :meth:`start` was called before, the arm is taken to be at rest at the first row.
@@ -228,7 +229,7 @@ class Compensator:
         return q_cmd
 
 
-def sample_positions(q: ArrayLike, training: TrainingMotion) -> NDArray[np.float64]:
+def sample_positions(q: ArrayLike, training: TrainingMotion) -> Array:
     """Return the positions at which to sample a path (n, 6), as fractional row numbers from 0 to n - 1.
 
     Between two samples no joint moves farther than in the training motion on average. The given rows stay samples, so
@@ -242,7 +243,7 @@ def sample_positions(q: ArrayLike, training: TrainingMotion) -> NDArray[np.float
     return np.concatenate([*parts, [len(path) - 1.0]])
 
 
-def resample(q: ArrayLike, training: TrainingMotion) -> NDArray[np.float64]:
+def resample(q: ArrayLike, training: TrainingMotion) -> Array:
     """Return a path (n, 6) resampled to the training motion's interval in joint space (paper, IV-A)."""
     path = commands(q)
     at, rows = sample_positions(path, training), np.arange(len(path))

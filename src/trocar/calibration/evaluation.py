@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.compensation import Compensator
 from trocar.calibration.models.base import CableModel
@@ -16,6 +15,7 @@ from trocar.calibration.recording import JOINT_NAMES, JOINT_UNITS, Recording
 from trocar.errors import InvalidInput
 from trocar.files.output import write_figure
 from trocar.geometry import shown
+from trocar.geometry.arrays import Array
 from trocar.notebook import table
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Evaluation:
 
     model: str  # name of the model
     recording: Recording  # the recording, with ``valid`` true only in the scored rows
-    predicted: NDArray[np.float64]  # (n, 6) joints predicted by the model over the whole history
+    predicted: Array  # (n, 6) joints predicted by the model over the whole history
     compensation_ms: float  # median time of one compensation
 
     def __repr__(self) -> str:
@@ -60,12 +60,12 @@ class Evaluation:
         return int(self.recording.valid.sum())
 
     @property
-    def rmse_before(self) -> NDArray[np.float64]:
+    def rmse_before(self) -> Array:
         """Return the RMSE (6,) of the commands against the measured joints, rad and m (q3)."""
         return self._rmse(self.recording.q_cmd)
 
     @property
-    def rmse_after(self) -> NDArray[np.float64]:
+    def rmse_after(self) -> Array:
         """Return the RMSE (6,) of the model's prediction against the measured joints, rad and m (q3)."""
         return self._rmse(self.predicted)
 
@@ -81,7 +81,7 @@ class Evaluation:
             "compensation_ms": self.compensation_ms,
         }
 
-    def _rmse(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _rmse(self, joints: Array) -> Array:
         error = (self.recording.q_phy - joints)[self.recording.valid]
         return np.sqrt(np.mean(error**2, axis=0))
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput
 from trocar.geometry import TURN
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 
 if TYPE_CHECKING:
     from trocar.arms import ArmModel
@@ -44,9 +43,9 @@ EXERCISE_RAD = (0.35, 0.30, 0.30)
 class MotionBox:
     """Range and speed of a random motion."""
 
-    lower: NDArray[np.float64]  # (6,) smallest command, rad and m (q3)
-    upper: NDArray[np.float64]  # (6,) largest command
-    step: NDArray[np.float64]  # (6,) mean |dq| from sample to sample
+    lower: Array  # (6,) smallest command, rad and m (q3)
+    upper: Array  # (6,) largest command
+    step: Array  # (6,) mean |dq| from sample to sample
 
     def __post_init__(self) -> None:
         for name in ("lower", "upper", "step"):
@@ -69,9 +68,7 @@ PSM2_BOX = PSM1_BOX.mirrored()
 """Its mirror image, which psm2_grey_random is, but for roll that ends at 1.57."""
 
 
-def random_smooth_path(
-    arm: ArmModel, rng: np.random.Generator, n: int = SAMPLES, box: MotionBox = PSM1_BOX
-) -> NDArray[np.float64]:
+def random_smooth_path(arm: ArmModel, rng: np.random.Generator, n: int = SAMPLES, box: MotionBox = PSM1_BOX) -> Array:
     """Return a random smooth path (n, 6) that wanders through the whole box and reverses often.
 
     Each joint is a sum of sinusoids of random frequency and phase, mapped to its range by the normal distribution
@@ -85,7 +82,7 @@ def random_smooth_path(
     return np.column_stack([_wander(rng, n, *ends) for ends in zip(box.lower, box.upper, box.step, strict=True)])
 
 
-def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> NDArray[np.float64]:
+def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> Array:
     """Return a path (n, 6) that reveals much about the cables in few samples: the wrist swings through its whole range.
 
     From sample to sample the wrist goes to the next point of a Sobol sequence. Most of its swings are wider than the
@@ -104,7 +101,7 @@ def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> N
     return box.lower + (box.upper - box.lower) * np.column_stack([outer, wrist])
 
 
-def slack_taken_up(arm: ArmModel, path: NDArray[np.float64]) -> NDArray[np.float64]:
+def slack_taken_up(arm: ArmModel, path: Array) -> Array:
     """Return commands (2 + n, 6): two that swing the wrist back and forth, which takes up its slack, then a path."""
     swing = np.append(np.zeros(3), EXERCISE_RAD)
     return np.concatenate([np.clip([path[0] + swing, path[0] - swing], arm.lower, arm.upper), path])
@@ -122,7 +119,7 @@ def _check(arm: ArmModel, n: int, box: MotionBox) -> None:
             )
 
 
-def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> NDArray[np.float64]:
+def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> Array:
     """Return one joint's path (n,) with this mean step."""
     from scipy.special import ndtr  # as above
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from trocar.arms import MotionLimits
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,8 @@ import numpy as np
 import optax
 from numpy.typing import NDArray
 
+from trocar.geometry.arrays import Array
+
 EPOCHS = 60
 BATCH = 64
 LEARNING_RATE = 1e-3
@@ -44,9 +46,7 @@ class Network(eqx.Module):
         return self.out(jax.nn.relu(self.dense2(layer)))
 
 
-def train(
-    x: NDArray[np.float64], y: NDArray[np.float64], hidden: int, rng: np.random.Generator
-) -> dict[str, NDArray[np.float32]]:
+def train(x: Array, y: Array, hidden: int, rng: np.random.Generator) -> dict[str, NDArray[np.float32]]:
     """Return the averaged weights of a network trained on windows (n, steps, 6) and targets (n, 6): MSE, AdamW."""
     network = Network(x.shape[2], hidden, y.shape[1], jax.random.key(int(rng.integers(2**31))))
     batch = min(BATCH, len(x))

@@ -17,6 +17,7 @@ from trocar.files.csv_file import TIMES, read_csv
 from trocar.files.output import mark_zip, writing
 from trocar.files.reading import UNREADABLE, parsed_json, read_arrays
 from trocar.geometry import shown
+from trocar.geometry.arrays import Array
 from trocar.notebook import table
 
 JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
@@ -53,10 +54,10 @@ class Recording:
         name: name of the recording in tables.
     """
 
-    q_cmd: NDArray[np.float64]
-    q_phy: NDArray[np.float64]
+    q_cmd: Array
+    q_phy: Array
     valid: NDArray[np.bool_]
-    t_s: NDArray[np.float64]
+    t_s: Array
     name: str = "recording"
 
     def __post_init__(self) -> None:
@@ -82,7 +83,7 @@ class Recording:
         object.__setattr__(self, "valid", valid.astype(bool) & _plausible(q_cmd, q_phy))
         object.__setattr__(self, "t_s", t_s)
 
-    def _checked(self, key: str, wanted: str, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+    def _checked(self, key: str, wanted: str, shape: tuple[int, ...] | None = None) -> Array:
         """Return an attribute as float64 of a shape; by default (n, 6)."""
         value = np.asarray(getattr(self, key))
         kinds = "bfiu" if shape else "fiu"
@@ -107,7 +108,7 @@ class Recording:
         return table(self, columns, rows)
 
     @property
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Array:
         """Return measured minus commanded joints (n, 6), rad and m; meaningless where not valid."""
         return self.q_phy - self.q_cmd
 
@@ -212,7 +213,7 @@ def looks_like_recording(path: str | Path) -> bool:
         return False
 
 
-def _plausible(q_cmd: NDArray[np.float64], q_phy: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _plausible(q_cmd: Array, q_phy: Array) -> NDArray[np.bool_]:
     """Return which measurements (n,) are finite and not misdetections."""
     error = np.nan_to_num(np.abs(q_phy - q_cmd), nan=np.inf)
     return np.isfinite(q_phy).all(axis=1) & (error[:, 3:].max(axis=1) < MISDETECTION_RAD)

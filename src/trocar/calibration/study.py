@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.evaluation import REFIT_ROWS, Evaluation, evaluate, refit_ends, refit_offset
 from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import CableModel
 from trocar.calibration.recording import Recording, load_recording
 from trocar.errors import InvalidInput
+from trocar.geometry.arrays import Array
 
 TABLE_1_ROWS = 1000
 """Number of valid rows of a recording on which Table I is computed."""
@@ -71,14 +71,14 @@ SESSION_RECORDING = "psm1_grey_pick_place"
 class SessionChange:
     """Errors of a model in another session: RMSE of q4 q5 q6 [rad], evaluated after the rows of the refit."""
 
-    uncorrected: NDArray[np.float64]
-    before: NDArray[np.float64]
-    after: NDArray[np.float64]
+    uncorrected: Array
+    before: Array
+    after: Array
     refit_rows: int
     rows: int
 
 
-def table_1(recording: Recording, rows: int = TABLE_1_ROWS) -> dict[str, NDArray[np.float64]]:
+def table_1(recording: Recording, rows: int = TABLE_1_ROWS) -> dict[str, Array]:
     """Return RMSE, SD and Max (6,) of |q_phy - q_cmd| over the first valid rows, as in the paper's Table I.
 
     The paper's SD is the standard deviation of the error's magnitude.

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.evaluation import Evaluation, evaluate
 from trocar.calibration.models import MODELS, save_model
 from trocar.calibration.recording import Recording
 from trocar.collect.collection import Collection, Listener
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.perception.fiducial_joints import Measured, distance_errors_m
 
 
@@ -29,12 +29,12 @@ class Calibrated:
     fitted_rows: int  # rows at the beginning that the model was fitted on
 
     @property
-    def joint_error(self) -> NDArray[np.float64]:
+    def joint_error(self) -> Array:
         """Return measured minus true joints (m, 6) of the good rows; the simulator's truth is used for this alone."""
         return (self.recording.q_phy - self.collection.q_joint)[self.recording.valid]
 
     @property
-    def distance_error_m(self) -> NDArray[np.float64]:
+    def distance_error_m(self) -> Array:
         """Return by how much distances between spheres of one part differ from those printed, as a flat array."""
         errors = distance_errors_m(self.collection.fixture, self.measured.p_camera_m)
         return errors[np.isfinite(errors)]
@@ -110,5 +110,5 @@ def calibrate(
     return Calibrated(collection, measured, recording, evaluation, rows)
 
 
-def _rms(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rms(errors: Array) -> Array:
     return np.sqrt(np.mean(errors**2, axis=0))

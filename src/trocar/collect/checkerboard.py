@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.lab import CheckerboardRegistration, SensorFlaws, Station
 from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
@@ -44,8 +44,8 @@ class BoardView:
     """What both eyes saw of a board."""
 
     image: StereoImage  # of both eyes
-    left_px: NDArray[np.float64]  # (n, 2) corners in the left image, in the board's order
-    right_px: NDArray[np.float64]  # (n, 2) likewise
+    left_px: Array  # (n, 2) corners in the left image, in the board's order
+    right_px: Array  # (n, 2) likewise
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class CellRegistration:
     camera: str  # name of the camera
     calibration: StereoCalibration  # of its lenses
     shown: int  # views that a person held before the camera
-    hand_px: NDArray[np.float64]  # (m, 2, n, 2) corners of the views in which both eyes found them, left and right
+    hand_px: Array  # (m, 2, n, 2) corners of the views in which both eyes found them, left and right
     views: Mapping[str, BoardView]  # the view of the board on each arm's bracket
     poses: Mapping[str, BoardPose]  # of these boards
     T_world_camera: SE3  # pose of the camera as found

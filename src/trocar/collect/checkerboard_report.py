@@ -14,6 +14,7 @@ from rich.table import Table
 
 from trocar.collect.checkerboard import CellRegistration, checkerboard_of
 from trocar.files.output import write_figure
+from trocar.geometry.arrays import Array
 
 BRIGHTEST = 230
 """Grey level that the brightest pixels of a picture get."""
@@ -40,9 +41,7 @@ def draw_registration(found: CellRegistration, path: str | Path) -> Path:
     return write_figure(path, figure)
 
 
-def _draw_corners(
-    axes: Axes, found: CellRegistration, picture: NDArray[np.uint8], corners: NDArray[np.float64]
-) -> None:
+def _draw_corners(axes: Axes, found: CellRegistration, picture: NDArray[np.uint8], corners: Array) -> None:
     board = checkerboard_of(found.station).board
     bright = cv2.convertScaleAbs(picture, alpha=BRIGHTEST / max(float(picture.max()), 1.0))
     drawn = cv2.drawChessboardCorners(

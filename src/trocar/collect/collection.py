@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.excitation import SAMPLES, MotionBox
 from trocar.calibration.recording import Recording
@@ -15,6 +14,7 @@ from trocar.collect.motion import CABLES_M, MARGIN_PX, View, bounds_px, commands
 from trocar.errors import BadFile, InvalidInput
 from trocar.files.archive import Archive, read_archive
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.lab import SensorFlaws
 from trocar.lab.session import Session
 from trocar.lab.transmission import DriveTrain
@@ -89,7 +89,7 @@ class Collection:
         self._cell: FiducialCell | None = None
 
     @staticmethod
-    def _at_rest(train: DriveTrain, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _at_rest(train: DriveTrain, q: Array) -> Array:
         train.advance(SAMPLE_S)
         return train.joints(q)
 
@@ -99,7 +99,7 @@ class Collection:
         return SAMPLE_S * len(self.q_cmd)
 
     @property
-    def q_joint(self) -> NDArray[np.float64]:
+    def q_joint(self) -> Array:
         """Return the true joints (n, 6): for evaluating the estimate, never for the estimate itself."""
         return self._q_joint.copy()
 
@@ -128,7 +128,7 @@ class Collection:
         corner, size = self._window(row)
         return self._cell.image(self._q_joint[row], corner, size, np.random.default_rng(self._row_seeds[row]))
 
-    def look(self, row: int) -> NDArray[np.float64]:
+    def look(self, row: int) -> Array:
         """Return the spheres' centres (k, 3) in the camera frame after this row's command, as found in its image."""
         return find_spheres(self.image(row), self.fixture)
 
@@ -141,7 +141,7 @@ class Collection:
         size = np.clip(np.ceil(upper), first + 2, whole).astype(int) - first
         return (int(first[0]), int(first[1])), (int(size[0]), int(size[1]))
 
-    def run(self, path: str | Path | None = None, listener: Listener | None = None) -> NDArray[np.float64]:
+    def run(self, path: str | Path | None = None, listener: Listener | None = None) -> Array:
         """Return the centres (n, k, 3) of all rows; resume where the file of an interrupted collection ends.
 
         Args:
@@ -162,7 +162,7 @@ class Collection:
                 listener(row + 1, len(self.q_cmd))
         return np.array(found)
 
-    def _kept(self, path: Path) -> NDArray[np.float64]:
+    def _kept(self, path: Path) -> Array:
         nothing = np.zeros((0, len(self.fixture.spheres), 3))
         if not path.is_file():
             return nothing
@@ -176,11 +176,11 @@ class Collection:
             )
         return np.asarray(centers, dtype=np.float64)
 
-    def _keep(self, centers: NDArray[np.float64], path: Path) -> None:
+    def _keep(self, centers: Array, path: Path) -> None:
         header = {"format": FORMAT, "version": VERSION, "arm": self.arm, "collection": self.digest}
         Archive(header, {"p_camera_m": centers}).save(path)
 
-    def measured(self, p_camera_m: NDArray[np.float64]) -> Measured:
+    def measured(self, p_camera_m: Array) -> Measured:
         """Return base and joints from the centres of all rows."""
         return measure(self.model, self.fixture, p_camera_m, self.q_cmd, np.random.default_rng(self._search))
 

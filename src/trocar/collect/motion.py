@@ -12,6 +12,7 @@ from trocar.arms import ArmModel
 from trocar.calibration.excitation import SAMPLES, MotionBox, random_smooth_path, slack_taken_up, wide_path
 from trocar.errors import InvalidInput, TrocarError
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.lab import Station
 from trocar.perception.depth import project
 from trocar.perception.fiducial_joints import require_psm
@@ -47,7 +48,7 @@ def commands_in_view(
     seed: np.random.SeedSequence,
     *,
     wide: bool = False,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return commands (2 + rows, 6): two that swing the wrist back and forth, which takes up the slack, then the path.
 
     Where the path leaves the view, the outer joints are pulled towards the middle of their ranges; the wrist, whose
@@ -118,9 +119,7 @@ def _not_in_view(arm: ArmModel) -> InvalidInput:
     )
 
 
-def _pulled_into_view(
-    arm: ArmModel, fixture: Fixture, view: View, path: NDArray[np.float64], middle: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _pulled_into_view(arm: ArmModel, fixture: Fixture, view: View, path: Array, middle: Array) -> Array:
     """Return q1 q2 q3 (n, 3) pulled towards their middle (3,) as far as each row needs it, smoothly along the path."""
     need = np.full(len(path), np.nan)
     for share in SHARES:
@@ -135,7 +134,7 @@ def _pulled_into_view(
     return middle + share[:, None] * (path[:, :3] - middle)
 
 
-def in_view(arm: ArmModel, fixture: Fixture, view: View, q: NDArray[np.float64]) -> NDArray[np.bool_]:
+def in_view(arm: ArmModel, fixture: Fixture, view: View, q: Array) -> NDArray[np.bool_]:
     """Return in which configurations (n, 6) every sphere is wholly in the image, despite the cables' errors."""
     lower, upper = bounds_px(arm, fixture, view, q, MARGIN_PX, np.where(fixture.on_shaft, 0.0, CABLES_M))
     size = np.array([view.lens.width, view.lens.height])
@@ -143,8 +142,8 @@ def in_view(arm: ArmModel, fixture: Fixture, view: View, q: NDArray[np.float64])
 
 
 def bounds_px(
-    arm: ArmModel, fixture: Fixture, view: View, q: NDArray[np.float64], margin_px: float, slack_m: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    arm: ArmModel, fixture: Fixture, view: View, q: Array, margin_px: float, slack_m: Array
+) -> tuple[Array, Array]:
     """Return the corners (..., 2) u, v of the rectangles that hold all spheres at joints (..., 6); NaN: not in front.
 
     Each sphere may be ``slack_m`` (k,) away from its place.

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput
 
+Array = NDArray[np.float64]
 TURN = 2 * math.pi
 """One whole turn, in rad."""
 NUMBERS = "biuf"
 """Kinds of arrays that hold real numbers."""
 
 
-def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> NDArray[np.float64]:
+def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Array:
     """Return finite float64 numbers of a shape.
 
     >>> finite("a point", [1, 2, 3], 3).tolist()
@@ -40,7 +41,7 @@ def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> ND
     return array
 
 
-def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> NDArray[np.float64]:
+def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Array:
     """Return float64 numbers of any shape, finite or not; ``shape`` only tells what is wanted.
 
     Raises:
@@ -55,7 +56,7 @@ def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> N
     return array.astype(np.float64, copy=False)
 
 
-def _where(array: NDArray[np.float64]) -> str:
+def _where(array: Array) -> str:
     """Return the first number that is not finite, and where it stands."""
     first = np.argwhere(~np.isfinite(array))[0].tolist()
     value = array[tuple(first)]
@@ -67,7 +68,7 @@ def _shown(shape: tuple[int | str | EllipsisType, ...]) -> str:
     return f"({', '.join(parts)}{',' * (len(parts) == 1 and shape != (...,))})"
 
 
-def direction(vector: ArrayLike, what: str) -> NDArray[np.float64]:
+def direction(vector: ArrayLike, what: str) -> Array:
     """Return a vector (3,) of any length, however small or large, as a unit vector.
 
     >>> direction([3e307, 4e307, 0.0], "the upward direction").round(3).tolist()

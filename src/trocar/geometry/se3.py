@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 from trocar.geometry.so3 import RIGID, SO3, exp_coefficients, picked, require_rotation, skew
 
 LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])
@@ -36,7 +36,7 @@ class SE3:
         [0.2, 0.0, 0.0]
     """
 
-    matrix: NDArray[np.float64]
+    matrix: Array
 
     def __post_init__(self) -> None:
         matrix = finite("a pose", self.matrix, ..., 4, 4)
@@ -47,7 +47,7 @@ class SE3:
         object.__setattr__(self, "matrix", matrix)
 
     @staticmethod
-    def unchecked(matrix: NDArray[np.float64]) -> SE3:
+    def unchecked(matrix: Array) -> SE3:
         """Return the pose(s) of matrices (..., 4, 4) that are known to be valid, such as computed ones."""
         made = object.__new__(SE3)
         object.__setattr__(made, "matrix", matrix)
@@ -85,7 +85,7 @@ class SE3:
         V = np.eye(3) + b * W + c * (W @ W)
         return SE3.from_parts(SO3.exp(w), np.einsum("...ij,...j->...i", V, v))
 
-    def log(self) -> NDArray[np.float64]:
+    def log(self) -> Array:
         """Return the twist(s) (..., 6) = (translation m, rotation rad) such that ``SE3.exp(T.log()) = T``."""
         w = self.rotation.log()
         angle2 = np.sum(w * w, -1)[..., None, None]
@@ -101,7 +101,7 @@ class SE3:
         return SO3.unchecked(self.matrix[..., :3, :3])
 
     @property
-    def translation_m(self) -> NDArray[np.float64]:
+    def translation_m(self) -> Array:
         """Return the translation (..., 3): the origin of frame b in frame a."""
         return self.matrix[..., :3, 3]
 
@@ -114,11 +114,11 @@ class SE3:
         matrix[..., 3, 3] = 1.0
         return SE3.unchecked(matrix)
 
-    def apply(self, points_m: ArrayLike) -> NDArray[np.float64]:
+    def apply(self, points_m: ArrayLike) -> Array:
         """Return points (..., 3), given in frame b, in frame a; the batch broadcasts."""
         return self.rotation.apply(points_m) + self.translation_m
 
-    def adjoint(self) -> NDArray[np.float64]:
+    def adjoint(self) -> Array:
         """Return the adjoint (..., 6, 6), which takes twists in frame b to frame a."""
         R = self.rotation.matrix
         matrix = np.zeros((*R.shape[:-2], 6, 6))
@@ -154,6 +154,6 @@ def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
     return T
 
 
-def _shown(place_mm: NDArray[np.float64]) -> str:
+def _shown(place_mm: Array) -> str:
     """Return a position in words; zeros have no sign."""
     return f"({', '.join(f'{x:.1f}' for x in place_mm.round(1) + 0.0)})"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import direction, finite
+from trocar.geometry.arrays import Array, direction, finite
 
 RIGID = 1e-6
 """Columns of a rotation may miss unit length and right angles by this much: rounding, even of float32."""
@@ -19,7 +19,7 @@ SMALL_ANGLE_RAD = 1e-4
 """Below this angle the closed forms divide by almost 0; series to order four are exact to 1e-17 there."""
 
 
-def skew(v: ArrayLike) -> NDArray[np.float64]:
+def skew(v: ArrayLike) -> Array:
     """Return the matrix ``[v]x`` such that ``[v]x w = v x w``; (..., 3) -> (..., 3, 3)."""
     v = np.asarray(v, dtype=np.float64)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
@@ -41,7 +41,7 @@ class SO3:
         TrocarError: a matrix is not a rotation: of another shape, not finite, not orthonormal, or a reflection.
     """
 
-    matrix: NDArray[np.float64]
+    matrix: Array
 
     def __post_init__(self) -> None:
         matrix = finite("a rotation", self.matrix, ..., 3, 3)
@@ -49,7 +49,7 @@ class SO3:
         object.__setattr__(self, "matrix", matrix)
 
     @staticmethod
-    def unchecked(matrix: NDArray[np.float64]) -> SO3:
+    def unchecked(matrix: Array) -> SO3:
         """Return the rotation(s) of matrices (..., 3, 3) that are known to be valid, such as computed ones."""
         made = object.__new__(SO3)
         object.__setattr__(made, "matrix", matrix)
@@ -121,7 +121,7 @@ class SO3:
         V = skew(v)
         return SO3.unchecked(np.eye(3) + 2 * w * V + 2 * V @ V)
 
-    def as_quaternion(self) -> NDArray[np.float64]:
+    def as_quaternion(self) -> Array:
         """Return the quaternion(s) wxyz (..., 4) with w >= 0 (Shepperd's method)."""
         # Each row is the quaternion times one of its own elements; normalising the row of the largest element never
         # divides by a small number.
@@ -138,7 +138,7 @@ class SO3:
         q = q / np.linalg.norm(q, axis=-1, keepdims=True)
         return np.where(q[..., :1] < 0, -q, q)
 
-    def log(self) -> NDArray[np.float64]:
+    def log(self) -> Array:
         """Return the rotation vector(s) (..., 3) in rad with length at most pi."""
         q = self.as_quaternion()
         w, v = q[..., :1], q[..., 1:]
@@ -150,11 +150,11 @@ class SO3:
         """Return ``R_b_a``."""
         return SO3.unchecked(np.swapaxes(self.matrix, -1, -2))
 
-    def apply(self, points: ArrayLike) -> NDArray[np.float64]:
+    def apply(self, points: ArrayLike) -> Array:
         """Rotate points (..., 3); the batch broadcasts against their leading axes."""
         return np.einsum("...ij,...j->...i", self.matrix, np.asarray(points, dtype=np.float64))
 
-    def angle(self) -> NDArray[np.float64]:
+    def angle(self) -> Array:
         """Return the angle of rotation (...,) in [0, pi] rad."""
         return np.linalg.norm(self.log(), axis=-1)
 
@@ -180,7 +180,7 @@ class SO3:
         return f"{math.degrees(angle):.1f} deg about ({', '.join(f'{x:.2f}' for x in rotvec / angle)})"
 
 
-def require_rotation(what: str, matrix: NDArray[np.float64]) -> None:
+def require_rotation(what: str, matrix: Array) -> None:
     """Raise TrocarError unless all of finite matrices (..., 3, 3) are rotations, to :data:`RIGID`."""
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers
         off = np.abs(np.swapaxes(matrix, -1, -2) @ matrix - np.eye(3))
@@ -200,7 +200,7 @@ def _which(wrong: NDArray[np.bool_]) -> str:
     return f", first at {np.argwhere(wrong)[0].tolist()}" if wrong.ndim else ""
 
 
-def picked(what: str, matrix: NDArray[np.float64], index: Any) -> NDArray[np.float64]:
+def picked(what: str, matrix: Array, index: Any) -> Array:
     """Return some items of a batch (..., n, n) of matrices; rows and columns stay whole."""
     batch = matrix.shape[:-2]
     chosen = matrix[index]
@@ -210,7 +210,7 @@ def picked(what: str, matrix: NDArray[np.float64], index: Any) -> NDArray[np.flo
     return chosen
 
 
-def exp_coefficients(angle2: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray]:
+def exp_coefficients(angle2: Array) -> tuple[NDArray, NDArray, NDArray]:
     """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 as functions of t^2, accurate near 0 too."""
     small = angle2 < SMALL_ANGLE_RAD**2
     t2 = np.where(small, 1.0, angle2)

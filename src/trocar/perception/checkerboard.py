@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput, InvalidValue
+from trocar.geometry.arrays import Array
 
 MIN_CORNERS, MAX_CORNERS = 3, 40
 """Least and greatest number of inner corners along one side."""
@@ -43,7 +44,7 @@ class Checkerboard:
             raise InvalidValue("a checkerboard's square", f"{self.square_m} m", f"give one in (0, {MAX_SQUARE_M}] m")
 
     @property
-    def corners_m(self) -> NDArray[np.float64]:
+    def corners_m(self) -> Array:
         """Return the inner corners (rows * columns, 3) in the board's frame, row by row."""
         return self._grid(self.columns, self.rows)
 
@@ -53,7 +54,7 @@ class Checkerboard:
         return (self.columns + 1) * self.square_m, (self.rows + 1) * self.square_m
 
     @property
-    def squares_m(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def squares_m(self) -> tuple[Array, NDArray[np.bool_]]:
         """Return the middles (n, 3) of all squares in the board's frame, and which of them are black."""
         column, row = np.meshgrid(np.arange(self.columns + 1), np.arange(self.rows + 1))
         return self._grid(self.columns + 1, self.rows + 1), ((column + row) % 2 == 0).ravel()
@@ -64,7 +65,7 @@ class Checkerboard:
         column, row = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
         return (column + row) % 2 == 0
 
-    def _grid(self, columns: int, rows: int) -> NDArray[np.float64]:
+    def _grid(self, columns: int, rows: int) -> Array:
         x, y = np.meshgrid(np.arange(columns) - (columns - 1) / 2, np.arange(rows) - (rows - 1) / 2)
         grid = np.stack([x, y, np.zeros_like(x)], -1).reshape(-1, 3).astype(np.float64)
         return self.square_m * grid

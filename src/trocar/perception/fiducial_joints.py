@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, frames
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, TURN
+from trocar.geometry.arrays import Array
 from trocar.geometry.rigid_fit import fit_rigid
 from trocar.perception.fiducials import Fixture
 
@@ -42,10 +43,10 @@ class Measured:
     """The result of a collection of images."""
 
     hand_eye: HandEye  # the base in the camera
-    q: NDArray[np.float64]  # (n, 6) joints, NaN where they could not be found
+    q: Array  # (n, 6) joints, NaN where they could not be found
     flags: tuple[str, ...]  # (n,) of each row: 'good' or what is wrong
     distance_rms_m: float  # error of the distances between spheres of one part against those printed
-    p_camera_m: NDArray[np.float64]  # (n, k, 3) the accepted centres; else NaN
+    p_camera_m: Array  # (n, k, 3) the accepted centres; else NaN
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -66,13 +67,7 @@ def require_psm(arm: ArmModel) -> None:
         )
 
 
-def measure(
-    arm: ArmModel,
-    fixture: Fixture,
-    p_camera_m: NDArray[np.float64],
-    q_cmd: NDArray[np.float64],
-    rng: np.random.Generator,
-) -> Measured:
+def measure(arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rng: np.random.Generator) -> Measured:
     """Return base and joints from the spheres' centres, for rows in which the arm was at rest.
 
     Args:
@@ -101,11 +96,7 @@ def measure(
 
 
 def register_base(
-    arm: ArmModel,
-    fixture: Fixture,
-    p_camera_m: NDArray[np.float64],
-    q_cmd: NDArray[np.float64],
-    rng: np.random.Generator,
+    arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rng: np.random.Generator
 ) -> HandEye:
     """Return the rigid fit of the shaft's spheres, placed by the encoders, to those in the camera, without outliers.
 
@@ -129,7 +120,7 @@ def register_base(
     return HandEye(fit.T_target_source, fit.rms_m, used, len(source) - used)
 
 
-def distance_errors_m(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def distance_errors_m(fixture: Fixture, p_m: Array) -> Array:
     """Return measured minus printed distances (n, pairs) between spheres of one part, NaN where one was not seen."""
     pairs = [
         (a, b) for a, b in combinations(range(len(fixture.spheres)), 2) if fixture.on_shaft[a] == fixture.on_shaft[b]
@@ -139,7 +130,7 @@ def distance_errors_m(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.
     return np.linalg.norm(p_m[:, first] - p_m[:, second], axis=-1) - printed
 
 
-def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def without_wrong_distances(fixture: Fixture, p_m: Array) -> Array:
     """Return centres (n, k, 3) with NaN for jaw spheres at wrong distances from most other jaw spheres."""
     p_m = p_m.copy()
     jaw = np.flatnonzero(~fixture.on_shaft)
@@ -154,9 +145,7 @@ def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArr
     return p_m
 
 
-def joints_from_spheres(
-    arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64], q_cmd: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def joints_from_spheres(arm: ArmModel, fixture: Fixture, p_base_m: Array, q_cmd: Array) -> Array:
     """Return the joints (n, 6) of an arm whose spheres have these centres (n, k, 3) in its base.
 
     Args:
@@ -177,7 +166,7 @@ def joints_from_spheres(
     return q
 
 
-def _outer_joints(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _outer_joints(arm: ArmModel, fixture: Fixture, p_base_m: Array) -> Array:
     """Return q1 q2 q3 (n, 3); NaN if no shaft sphere was seen.
 
     The shaft runs through the remote centre, the base's origin, and its spheres sit on its axis: their direction gives
@@ -195,7 +184,7 @@ def _outer_joints(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]
     return np.column_stack([np.arctan2(x, -z), np.arcsin(np.clip(-y, -1.0, 1.0)), depth - arm.offsets[2]])
 
 
-def _jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: Array) -> Array:
     """Return the rotation (n, 3, 3) of frame 6 in the base that fits the jaw's spheres; NaN with fewer than three."""
     jaw = ~fixture.on_shaft
     known = fixture.frame_centers_m(arm)[jaw]
@@ -207,9 +196,7 @@ def _jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64
     return rotations
 
 
-def _wrist_joints(
-    arm: ArmModel, R_base_jaw: NDArray[np.float64], q_outer: NDArray[np.float64], roll_near: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _wrist_joints(arm: ArmModel, R_base_jaw: Array, q_outer: Array, roll_near: Array) -> Array:
     """Return q4 q5 q6 (n, 3) with |q5| < 90 deg; of its turns, the roll is the one nearest to ``roll_near`` (n,)."""
     R_base_insertion = frames(arm, np.column_stack([q_outer, np.zeros_like(q_outer)])).matrix[:, 3, :3, :3]
     R = np.swapaxes(R_base_insertion, -1, -2) @ R_base_jaw

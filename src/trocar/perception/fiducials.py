@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, frames
 from trocar.errors import InvalidInput, UnknownName
+from trocar.geometry.arrays import Array
 
 SHAFT, JAW = "shaft", "jaw"
 
@@ -60,12 +61,12 @@ class Fixture:
                 raise UnknownName("a sphere's colour", sphere.color, COLORS)
 
     @cached_property
-    def radii_m(self) -> NDArray[np.float64]:
+    def radii_m(self) -> Array:
         """Return the radii (n,)."""
         return np.array([sphere.radius_m for sphere in self.spheres])
 
     @cached_property
-    def centers_m(self) -> NDArray[np.float64]:
+    def centers_m(self) -> Array:
         """Return the centres (n, 3), each in the frame of its part."""
         return np.array([sphere.center_m for sphere in self.spheres])
 
@@ -74,13 +75,13 @@ class Fixture:
         """Return which spheres (n,) are on the shaft."""
         return np.array([sphere.part == SHAFT for sphere in self.spheres])
 
-    def frame_centers_m(self, arm: ArmModel) -> NDArray[np.float64]:
+    def frame_centers_m(self, arm: ArmModel) -> Array:
         """Return the centres (n, 3) in the arm's frame 4 (shaft) or 6 (jaw)."""
         centers = self.centers_m.copy()
         centers[self.on_shaft, 2] *= arm.wrist_sign  # frame 4's z runs up or down the shaft
         return centers
 
-    def base_centers_m(self, arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
+    def base_centers_m(self, arm: ArmModel, q: ArrayLike) -> Array:
         """Return the centres (..., n, 3) in the arm's base at joints (..., 6)."""
         carriers = frames(arm, q).matrix[..., np.where(self.on_shaft, _PITCH_FRAME, _YAW_FRAME), :, :]
         return (carriers[..., :3, :3] @ self.frame_centers_m(arm)[:, :, None])[..., 0] + carriers[..., :3, 3]

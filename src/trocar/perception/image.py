@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput, InvalidValue
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Intrinsics:
         require_numbers(self)
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Array:
         """Return the 3 x 3 camera matrix."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 

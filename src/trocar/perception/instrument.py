@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.perception.depth import patch_around
 from trocar.perception.image import RgbdImage
 from trocar.perception.instrument_solids import InstrumentSolids
@@ -52,22 +52,17 @@ FEWEST = 60
 class Sighting:
     """A normal likelihood of the wrist joints and the shift."""
 
-    q: NDArray[np.float64]  # (6,) joints about which it was fitted, rad and m; for the wrist, the best fit
-    shift_m: NDArray[np.float64]  # (3,) best-fitting shift of the instrument in its base
-    information: NDArray[np.float64]  # (6, 6) of q4 q5 q6 and the shift, 1/rad and 1/m
+    q: Array  # (6,) joints about which it was fitted, rad and m; for the wrist, the best fit
+    shift_m: Array  # (3,) best-fitting shift of the instrument in its base
+    information: Array  # (6, 6) of q4 q5 q6 and the shift, 1/rad and 1/m
     # (6,) gradient of the log likelihood there; 0 except for the effect of the search's prior
-    pull: NDArray[np.float64]
+    pull: Array
     points: int  # number of points on the instrument
     left_m: float  # robust SD of their distances to its solids
 
 
 def sight(
-    image: RgbdImage,
-    T_base_camera: SE3,
-    arm: ArmModel,
-    q: NDArray[np.float64],
-    jaw_rad: float,
-    T_base_floor: SE3 | None = None,
+    image: RgbdImage, T_base_camera: SE3, arm: ArmModel, q: Array, jaw_rad: float, T_base_floor: SE3 | None = None
 ) -> Sighting | None:
     """Return what a depth image shows of an instrument's wrist; None if it is not seen.
 
@@ -99,13 +94,8 @@ def sight(
 
 
 def _gather(
-    image: RgbdImage,
-    T_base_camera: SE3,
-    arm: ArmModel,
-    q: NDArray[np.float64],
-    jaw_rad: float,
-    T_base_floor: SE3 | None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    image: RgbdImage, T_base_camera: SE3, arm: ArmModel, q: Array, jaw_rad: float, T_base_floor: SE3 | None
+) -> tuple[Array, Array] | None:
     """Return points (n, 3) on the instrument, and points (m, k, 3) along rays that pass it; in the arm's base."""
     p_tip = fk(arm, q).translation_m
     T_camera_tip = T_base_camera.inverse() @ SE3.from_parts(translation_m=p_tip)
@@ -138,13 +128,8 @@ def _gather(
 
 
 def _normal_equations(
-    arm: ArmModel,
-    q: NDArray[np.float64],
-    x: NDArray[np.float64],
-    jaw_rad: float,
-    points: NDArray[np.float64],
-    rays: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    arm: ArmModel, q: Array, x: Array, jaw_rad: float, points: Array, rays: Array
+) -> tuple[Array, Array, float]:
     """Return information (6, 6) and gradient (6,) of the fit's cost at a rotation and shift (6,), and the residuals."""
     turned = q.copy()
     turned[3:] += x[:3]

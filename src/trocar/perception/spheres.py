@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.geometry.arrays import Array
 from trocar.perception.depth import rays_through
 from trocar.perception.fiducials import COLORS, Fixture
 from trocar.perception.image import RgbdImage
@@ -43,7 +44,7 @@ Pixels at the rim, between the sphere and what is behind it, are rejected this w
 class SphereFit:
     """A sphere through points."""
 
-    center_m: NDArray[np.float64]  # (3,) in the frame of the points
+    center_m: Array  # (3,) in the frame of the points
     radius_m: float  # found, or as given
     rms_m: float  # RMS distance of the points that count
     share: float  # share of the points that count
@@ -58,11 +59,11 @@ class SphereFit:
 class _Blob:
     """Connected pixels of one colour with depth, and the sphere of free radius through them."""
 
-    points_m: NDArray[np.float64]
+    points_m: Array
     rough: SphereFit
 
 
-def find_spheres(image: RgbdImage, fixture: Fixture) -> NDArray[np.float64]:
+def find_spheres(image: RgbdImage, fixture: Fixture) -> Array:
     """Return the centres (n, 3) of a fixture's spheres in the camera frame; NaN for those not seen well.
 
     Pixels are grouped by colour; blobs of the same colour are distinguished by the radius of the sphere through them;
@@ -83,9 +84,7 @@ def find_spheres(image: RgbdImage, fixture: Fixture) -> NDArray[np.float64]:
     return centers
 
 
-def fit_sphere(
-    points_m: NDArray[np.float64], radius_m: float | None = None, near_m: NDArray[np.float64] | None = None
-) -> SphereFit | None:
+def fit_sphere(points_m: Array, radius_m: float | None = None, near_m: Array | None = None) -> SphereFit | None:
     """Return the sphere nearest to points (n, 3) that are seen from the origin; None if it cannot be found.
 
     Gauss-Newton on the distances from the surface; outliers are left out step by step.
@@ -158,7 +157,7 @@ def _blobs(image: RgbdImage, mask: NDArray[np.uint8], radius_m: float) -> list[_
     return found
 
 
-def _assigned(blobs: Sequence[_Blob], radii_m: NDArray[np.float64]) -> dict[int, _Blob]:
+def _assigned(blobs: Sequence[_Blob], radii_m: Array) -> dict[int, _Blob]:
     """Assign blobs of a colour to spheres by size, the best pairs first; each is used once."""
     off = np.array([[abs(blob.rough.radius_m - radius) for blob in blobs] for radius in radii_m])
     chosen: dict[int, _Blob] = {}

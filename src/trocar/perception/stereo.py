@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 from trocar.perception.depth import rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 
@@ -23,7 +24,7 @@ FLAT = 1.0
 """Variance of noise alone, in squared grey levels; windows with no more than that match anything."""
 
 
-def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tuple[NDArray[np.float64], NDArray]:
+def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tuple[Array, NDArray]:
     """Return points (..., 3) in the left camera's frame, and by how much the two rays miss each other (...,) in m.
 
     A point is the middle of the shortest line between the rays through its pixels. Works for every pair of lenses; if
@@ -118,7 +119,7 @@ def disparity_map(
     box_px: tuple[int, int, int, int],
     disparity_px: tuple[float, float],
     window_px: int = 9,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the disparity (h, w) of the left pixels in a box, NaN where it is not clear.
 
     Each pixel's window is correlated with windows in the same row of the right picture (zero mean, unit variance, so

@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 from trocar.perception.checkerboard import MIN_VIEWS, Checkerboard
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, StereoRig
@@ -49,7 +50,7 @@ class BoardPose:
     rms_px: float  # distance between corners and their projections over both eyes
 
 
-def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> Array | None:
     """Return the inner corners (rows * columns, 2) u, v of a board in the board's order, or None if it is not seen.
 
     Args:
@@ -68,7 +69,7 @@ def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> NDArray[np.fl
 
 
 def calibrate_stereo(
-    board: Checkerboard, left_px: NDArray[np.float64], right_px: NDArray[np.float64], size_px: tuple[int, int]
+    board: Checkerboard, left_px: Array, right_px: Array, size_px: tuple[int, int]
 ) -> StereoCalibration:
     """Return the pair that projects the board's corners nearest to where both eyes see them, over all views.
 
@@ -104,9 +105,7 @@ def calibrate_stereo(
     return StereoCalibration(rig, float(rms), len(left_px))
 
 
-def board_pose(
-    board: Checkerboard, rig: StereoRig, left_px: NDArray[np.float64], right_px: NDArray[np.float64]
-) -> BoardPose:
+def board_pose(board: Checkerboard, rig: StereoRig, left_px: Array, right_px: Array) -> BoardPose:
     """Return the pose that projects the corners nearest to where both eyes see them.
 
     Args:
@@ -122,7 +121,7 @@ def board_pose(
     _require_corners(left_px, right_px, (len(corners), 2))
     T_right_left = rig.T_left_right.inverse()
 
-    def off_px(T_left_board: SE3) -> NDArray[np.float64]:
+    def off_px(T_left_board: SE3) -> Array:
         p_left = T_left_board.apply(corners)
         return np.concatenate(
             [project(rig.left, p_left) - left_px, project(rig.right, T_right_left.apply(p_left)) - right_px]
@@ -146,7 +145,7 @@ def board_pose(
     return BoardPose(T, float(np.sqrt(np.mean(np.sum(off_px(T) ** 2, axis=-1)))))
 
 
-def _refined(grid: NDArray[np.float64], picture: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _refined(grid: Array, picture: NDArray[np.uint8]) -> Array:
     """Return corners (rows, columns, 2) at the saddles of brightness; one that would move far stays where it is."""
     apart = min(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1))
     half = max(2, int(REFINE_SHARE * apart))
@@ -158,7 +157,7 @@ def _refined(grid: NDArray[np.float64], picture: NDArray[np.uint8]) -> NDArray[n
     return np.where(near, moved, grid)
 
 
-def _in_order(board: Checkerboard, grid: NDArray[np.float64], gray: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+def _in_order(board: Checkerboard, grid: Array, gray: NDArray[np.uint8]) -> Array | None:
     """Return corners (rows, columns, 2), in whichever order they were found, as (n, 2) in the board's."""
     (ax, ay), (bx, by) = (grid[:, -1] - grid[:, 0]).mean(0), (grid[-1] - grid[0]).mean(0)
     if ax * by - ay * bx < 0:  # seen in a mirror: columns run the other way
@@ -174,7 +173,7 @@ def _in_order(board: Checkerboard, grid: NDArray[np.float64], gray: NDArray[np.u
     return (grid if contrast > 0 else grid[::-1, ::-1]).reshape(-1, 2)
 
 
-def _require_corners(left_px: NDArray[np.float64], right_px: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+def _require_corners(left_px: Array, right_px: Array, shape: tuple[int, ...]) -> None:
     if left_px.shape != shape or right_px.shape != shape:
         problem = f"have shapes {left_px.shape} and {right_px.shape}"
         raise InvalidInput("corners of both eyes", problem, f"they need {shape}")

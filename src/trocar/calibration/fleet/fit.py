@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.excitation import MotionBox
 from trocar.calibration.fleet.prior import DRIFT, FEATURES, MULTIPLES, FleetPrior, LoopShape, outer_features
@@ -20,6 +19,7 @@ from trocar.calibration.models.play import RADII_RAD, PlayBank, PlayModel, fit_w
 from trocar.calibration.models.play_map import DriftWhitener, PlayMap
 from trocar.calibration.plant import WRIST, fit_plant
 from trocar.calibration.recording import Recording
+from trocar.geometry.arrays import Array
 
 STARTS = np.linspace(-1.0, 1.0, 5)
 """Slacks that are tried before the first command, as shares of a radius; for roll, every other one."""
@@ -52,10 +52,10 @@ class Learned:
     """A play model and its uncertainty."""
 
     model: PlayModel  # the expected one
-    covariance: NDArray[np.float64]  # (3, FEATURES, FEATURES) of the weights of each joint's error
-    left_sd: NDArray[np.float64]  # (3,) SD of the errors that such a map leaves, rad
+    covariance: Array  # (3, FEATURES, FEATURES) of the weights of each joint's error
+    left_sd: Array  # (3,) SD of the errors that such a map leaves, rad
 
-    def spread(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def spread(self, state: PlayBank, q_cmd: Array) -> Array:
         """Return the SDs (3,) of the wrist's joints about the model's prediction at a command (6,), rad."""
         slack = self.model.inputs(q_cmd)[:, None] - state
         x = np.concatenate([[1.0], q_cmd[WRIST], slack.ravel()])
@@ -102,7 +102,7 @@ def fit_from_prior(recording: Recording, prior: FleetPrior) -> PlayModel:
     return PlayModel(shape.a, shape.b, radii, offset, outer[:, 1:], mixed, training)
 
 
-def learn_from(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] | None = None) -> Learned:
+def learn_from(recording: Recording, prior: FleetPrior, sd_rad: Array | None = None) -> Learned:
     """Return the play model of an instrument from a prior and a short recording, with its uncertainty.
 
     The shape of the loops and the initial state of the cables are set to their most likely values and count as known.
@@ -126,14 +126,14 @@ def learn_from(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float
     return Learned(model, covariance, prior.noise_sd * np.sqrt(1.0 + DRIFT))
 
 
-def _shape(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] | None = None) -> LoopShape:
+def _shape(recording: Recording, prior: FleetPrior, sd_rad: Array | None = None) -> LoopShape:
     """Return the most likely radii and coupling."""
     if recording.valid.sum() > SHAPE_ROWS:
         plant = fit_plant(recording)
         return LoopShape(plant.radii, plant.a, plant.b)
     from scipy.optimize import minimize  # slow to import; few fit, all know stations
 
-    def cost(theta: NDArray[np.float64]) -> float:
+    def cost(theta: Array) -> float:
         likely = _explained(recording, LoopShape.of(theta), prior, sd_rad).likely
         most = likely.max()
         away = (theta - prior.shape_mean) / prior.shape_sd
@@ -148,25 +148,23 @@ def _shape(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] 
 class _Explained:
     """How well each initial state of the cables explains the measurements."""
 
-    likely: NDArray[np.float64]  # (s,) log likelihood
-    weights: NDArray[np.float64]  # (s, 3, FEATURES) expected
+    likely: Array  # (s,) log likelihood
+    weights: Array  # (s, 3, FEATURES) expected
     # (s, 3, FEATURES, FEATURES) inverse covariance of the weights where the prior's is the identity
-    normal: NDArray[np.float64]
+    normal: Array
 
     @property
-    def expected(self) -> NDArray[np.float64]:
+    def expected(self) -> Array:
         """Return the expected weights (3, FEATURES): the mean over all initial states, weighted by their likelihood."""
         share = np.exp(self.likely - self.likely.max())
         return np.einsum("s,sjf->jf", share / share.sum(), self.weights)
 
 
-def _weights(recording: Recording, shape: LoopShape, prior: FleetPrior) -> NDArray[np.float64]:
+def _weights(recording: Recording, shape: LoopShape, prior: FleetPrior) -> Array:
     return _explained(recording, shape, prior).expected
 
 
-def _explained(
-    recording: Recording, shape: LoopShape, prior: FleetPrior, sd_rad: NDArray[np.float64] | None = None
-) -> _Explained:
+def _explained(recording: Recording, shape: LoopShape, prior: FleetPrior, sd_rad: Array | None = None) -> _Explained:
     """Return how well a shape of loops explains the measurements.
 
     Linear regression with a normal prior, in coordinates in which the prior is standard normal.
@@ -195,7 +193,7 @@ def _explained(
     return _Explained(likely, weights, normal)
 
 
-def _outer(recording: Recording, prior: FleetPrior) -> NDArray[np.float64]:
+def _outer(recording: Recording, prior: FleetPrior) -> Array:
     """Return the maps (3, 7) from 1 and the command to the errors of q1 q2 q3."""
     valid = recording.valid
     whiten = DriftWhitener.of(np.flatnonzero(valid), DRIFT)
@@ -209,7 +207,7 @@ def _outer(recording: Recording, prior: FleetPrior) -> NDArray[np.float64]:
     )
 
 
-def _share(recording: Recording, shape: LoopShape, prior: FleetPrior) -> NDArray[np.float64]:
+def _share(recording: Recording, shape: LoopShape, prior: FleetPrior) -> Array:
     """Return the weight (3,) of the prior's map against the instrument's own, from how well both predict."""
     good = np.flatnonzero(recording.valid)
     cut = int(good[int((1.0 - HELD_SHARE) * len(good))])
@@ -223,12 +221,12 @@ def _share(recording: Recording, shape: LoopShape, prior: FleetPrior) -> NDArray
     return 1.0 / (1.0 + (priors / ours) ** SHARPNESS)
 
 
-def _without_bumps(linear: NDArray[np.float64]) -> PlayMap:
+def _without_bumps(linear: Array) -> PlayMap:
     inputs = np.arange(3)
     return PlayMap(linear, inputs, np.zeros(3), np.ones(3), np.zeros((0, 3)), np.zeros((3, 0)))
 
 
-def _mixed(linear: NDArray[np.float64], own: PlayMap, share: NDArray[np.float64]) -> PlayMap:
+def _mixed(linear: Array, own: PlayMap, share: Array) -> PlayMap:
     """Return the mean of two maps, with weight ``share`` (3,) for the prior's.
 
     Its inputs are the slacks of both: for each joint first those of the prior's radii, then those of ``own``.

@@ -8,7 +8,6 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.models.base import shaped
 from trocar.calibration.models.play_map import DriftWhitener
@@ -16,6 +15,7 @@ from trocar.calibration.plant import WRIST, fit_plant, play_slacks
 from trocar.calibration.recording import Recording
 from trocar.errors import BadFile, InvalidInput, TrocarError
 from trocar.files.archive import Archive, read_archive
+from trocar.geometry.arrays import Array
 
 MULTIPLES = np.array([0.4, 1.0, 1.8])
 """Radii of the play operators of a joint, in multiples of its backlash: real loops have round corners."""
@@ -57,26 +57,26 @@ COMMON = 0.5
 class LoopShape:
     """The shape of the wrist's hysteresis loops, without the weights."""
 
-    radii: NDArray[np.float64]  # (3,) backlash of roll, pitch, yaw, rad
+    radii: Array  # (3,) backlash of roll, pitch, yaw, rad
     a: float  # share of yaw in the motion of the pitch cable
     b: float  # share of pitch in the motion of the yaw cable
 
     @staticmethod
-    def of(theta: NDArray[np.float64]) -> LoopShape:
+    def of(theta: Array) -> LoopShape:
         """Return the shape with these parameters (5,): logarithms of the radii, a, b."""
         return LoopShape(np.exp(theta[:3]), float(theta[3]), float(theta[4]))
 
     @property
-    def theta(self) -> NDArray[np.float64]:
+    def theta(self) -> Array:
         """Return the parameters (5,)."""
         return np.array([*np.log(self.radii), self.a, self.b])
 
     @property
-    def banks(self) -> NDArray[np.float64]:
+    def banks(self) -> Array:
         """Return the radii (3, k) of all operators."""
         return self.radii[:, None] * MULTIPLES
 
-    def slacks(self, q_cmd: NDArray[np.float64], starts: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slacks(self, q_cmd: Array, starts: Array) -> Array:
         """Return the slacks (n, 3, s, k) along commands (n, 6).
 
         Args:
@@ -88,7 +88,7 @@ class LoopShape:
         slacks = play_slacks(q_cmd, self.a, self.b, radii.reshape(3, -1), (starts[:, None] * radii).reshape(3, -1))
         return slacks.reshape(len(q_cmd), *shape)
 
-    def features(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def features(self, q_cmd: Array) -> Array:
         """Return the features (n, FEATURES) along commands (n, 6) that start without slack."""
         slacks = self.slacks(q_cmd, np.zeros(1))
         return np.column_stack([np.ones(len(q_cmd)), q_cmd[:, WRIST], slacks.reshape(len(q_cmd), -1)])
@@ -99,13 +99,13 @@ class LoopFit:
     """One recording's loops."""
 
     name: str  # of the recording
-    shape: NDArray[np.float64]  # (5,) of ``LoopShape.theta``
-    weights: NDArray[np.float64]  # (3, FEATURES) of the map from ``LoopShape.features`` to the errors of q4 q5 q6
-    outer: NDArray[np.float64]  # (3, 7) of the errors of q1 q2 q3 as maps of 1 and the command, rad and m
-    left: NDArray[np.float64]  # (6,) variances of the errors that these maps leave
+    shape: Array  # (5,) of ``LoopShape.theta``
+    weights: Array  # (3, FEATURES) of the map from ``LoopShape.features`` to the errors of q4 q5 q6
+    outer: Array  # (3, 7) of the errors of q1 q2 q3 as maps of 1 and the command, rad and m
+    left: Array  # (6,) variances of the errors that these maps leave
 
 
-def outer_features(q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+def outer_features(q_cmd: Array) -> Array:
     """Return the inputs (n, 7) of the linear maps for the errors of q1 q2 q3: 1 and the command."""
     return np.column_stack([np.ones(len(q_cmd)), q_cmd])
 
@@ -124,9 +124,7 @@ def fit_loops(recording: Recording) -> LoopFit:
     return LoopFit(recording.name, shape.theta, weights, outer, np.mean(whiten(left) ** 2, axis=0))
 
 
-def _ridge(
-    x: NDArray[np.float64], y: NDArray[np.float64], penalty: NDArray[np.float64], whiten: DriftWhitener
-) -> NDArray[np.float64]:
+def _ridge(x: Array, y: Array, penalty: Array, whiten: DriftWhitener) -> Array:
     x, y = whiten(x), whiten(y)
     return np.asarray(np.linalg.solve(x.T @ x + np.diag(penalty), x.T @ y).T, dtype=np.float64)
 
@@ -135,14 +133,14 @@ def _ridge(
 class FleetPrior:
     """Normal distributions of the parameters of a fit, over instruments and sessions."""
 
-    shape_mean: NDArray[np.float64]  # (5,) of ``LoopShape.theta``
-    shape_sd: NDArray[np.float64]  # (5,) likewise
-    weights: NDArray[np.float64]  # (3, FEATURES) mean of the map from ``LoopShape.features`` to the errors of q4 q5 q6
-    factors: NDArray[np.float64]  # (3, FEATURES, FEATURES) lower Cholesky factors of its covariance, joint by joint
-    noise_sd: NDArray[np.float64]  # (3,) SD of the errors that such a map leaves, rad
+    shape_mean: Array  # (5,) of ``LoopShape.theta``
+    shape_sd: Array  # (5,) likewise
+    weights: Array  # (3, FEATURES) mean of the map from ``LoopShape.features`` to the errors of q4 q5 q6
+    factors: Array  # (3, FEATURES, FEATURES) lower Cholesky factors of its covariance, joint by joint
+    noise_sd: Array  # (3,) SD of the errors that such a map leaves, rad
     # (3, 7) SD of the maps from 1 and the command to the errors of q1 q2 q3, whose mean is 0; rad and m
-    outer_sd: NDArray[np.float64]
-    outer_noise_sd: NDArray[np.float64]  # (3,) SD of the errors that these leave, rad and m
+    outer_sd: Array
+    outer_noise_sd: Array  # (3,) SD of the errors that these leave, rad and m
     fits: tuple[LoopFit, ...]  # the recordings that it was learned from
 
     @staticmethod
@@ -229,7 +227,7 @@ def _load(path: Path) -> FleetPrior:
         raise BadFile(path, f"is damaged: {error}", "learn it again", kind="prior") from None
 
 
-def _least_sd(joint: int) -> NDArray[np.float64]:
+def _least_sd(joint: int) -> Array:
     """Return the least SDs (FEATURES,) of one joint's weights."""
     sd = np.full(FEATURES, SLACK_SD)
     sd[0], sd[1:4], sd[1 + joint] = OFFSET_SD, COUPLING_SD, OWN_SD[joint]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.calibration.recording import Recording
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 
 MAX_VALUE = 1e6
 """Numbers of a cable model are not larger than this: features are standardised, angles in rad."""
@@ -28,9 +28,9 @@ class TrainingMotion:
     """Statistics of the motion that a model was fitted on, in joint space."""
 
     # (6,) mean step |dq| between samples, rad and m (q3); paths of tasks are resampled to it
-    interval: NDArray[np.float64]
-    lower: NDArray[np.float64]  # (6,) smallest command
-    upper: NDArray[np.float64]  # (6,) largest command
+    interval: Array
+    lower: Array  # (6,) smallest command
+    upper: Array  # (6,) largest command
     rows: int  # number of valid rows used
 
     def __post_init__(self) -> None:
@@ -76,19 +76,19 @@ class CableModel(Protocol):
         """Return the model fitted on the valid rows; all commands enter its memory."""
         ...
 
-    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def predict(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) for a whole history of commands (n, 6)."""
         ...
 
-    def start(self, q_cmd: NDArray[np.float64]) -> Any:
+    def start(self, q_cmd: Array) -> Any:
         """Return the state of an arm that has been at rest at this command (6,)."""
         ...
 
-    def step(self, state: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
+    def step(self, state: Any, q_cmd: Array) -> tuple[Array, Any]:
         """Return the joints (6,) after the command (6,), and the new state."""
         ...
 
-    def shifted(self, offset: NDArray[np.float64]) -> Self:
+    def shifted(self, offset: Array) -> Self:
         """Return the model with this offset (6,) added to all predictions: the same cables in another session."""
         ...
 
@@ -106,7 +106,7 @@ class CableModel(Protocol):
 class Invertible(Protocol):
     """A cable model that also provides the wrist's Jacobian: its commands are found exactly, not by Algorithm 1."""
 
-    def linearize(self, state: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def linearize(self, state: Any, q_cmd: Array) -> tuple[Array, Array]:
         """Return the joints (6,) after the command (6,), and the wrist's d q_joint / d q_cmd (3, 3)."""
         ...
 
@@ -116,12 +116,12 @@ def in_words(model: CableModel, more: str = "") -> str:
     return f"<cable model {model.name!r}, fitted on {model.training.rows} rows{f': {more}' if more else ''}>"
 
 
-def commands(q_cmd: ArrayLike) -> NDArray[np.float64]:
+def commands(q_cmd: ArrayLike) -> Array:
     """Return a history of commands as float64 (n, 6), one row of q1 to q6 per sample; raises InvalidInput."""
     return finite("commands q1 to q6", q_cmd, "n", 6)
 
 
-def sampling_interval(q: NDArray[np.float64]) -> NDArray[np.float64]:
+def sampling_interval(q: Array) -> Array:
     """Return the mean step |dq| (6,) between the samples of a motion (n, 6), ignoring pauses."""
     steps = np.abs(np.diff(q, axis=0))
     moving = steps[steps.max(axis=1, initial=0.0) > 1e-9]

@@ -10,23 +10,24 @@ from numpy.typing import NDArray
 
 from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
 from trocar.calibration.recording import Recording
+from trocar.geometry.arrays import Array
 
 PRIOR_COMMANDS = 5
 """Number of prior commands in a window, in addition to the present one (paper, section IV-A)."""
 
 
-def windows(q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+def windows(q_cmd: Array) -> Array:
     """Return each sample's window, oldest first, (n, 6) -> (n, 1 + 5, 6); the arm is at rest before the first."""
     rows = np.arange(len(q_cmd))[:, None] + np.arange(-PRIOR_COMMANDS, 1)
     return q_cmd[np.maximum(rows, 0)]
 
 
-def resting_window(q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+def resting_window(q_cmd: Array) -> Array:
     """Return the prior commands (5, 6) of an arm that has been at rest at this command (6,)."""
     return np.repeat(q_cmd[None], PRIOR_COMMANDS, axis=0)
 
 
-def advance(prior: NDArray[np.float64], q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+def advance(prior: Array, q_cmd: Array) -> Array:
     """Return the window (6, 6) of a command (6,) that follows its prior commands (5, 6)."""
     return np.concatenate([prior, q_cmd[None]])
 
@@ -37,7 +38,7 @@ class OffsetModel:
 
     name: ClassVar[str] = "offset"
     rate_independent: ClassVar[bool] = True
-    offset: NDArray[np.float64]  # (6,) rad and m (q3)
+    offset: Array  # (6,) rad and m (q3)
     training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
@@ -50,18 +51,18 @@ class OffsetModel:
         error = (recording.q_phy - recording.q_cmd)[recording.valid]
         return cls(error.mean(axis=0), TrainingMotion.of(recording))
 
-    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def predict(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) for a history of commands (n, 6)."""
         return commands(q_cmd) + self.offset
 
-    def start(self, q_cmd: NDArray[np.float64]) -> None:
+    def start(self, q_cmd: Array) -> None:
         """Return None: the model has no state."""
 
-    def step(self, state: None, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
+    def step(self, state: None, q_cmd: Array) -> tuple[Array, None]:
         """Return the joints (6,) after the command (6,)."""
         return q_cmd + self.offset, None
 
-    def shifted(self, offset: NDArray[np.float64]) -> Self:
+    def shifted(self, offset: Array) -> Self:
         """Return the model with this offset (6,) added to its predictions."""
         return replace(self, offset=self.offset + offset)
 
@@ -85,8 +86,8 @@ class RidgeModel:
 
     name: ClassVar[str] = "ridge"
     rate_independent: ClassVar[bool] = False
-    weights: NDArray[np.float64]  # (36, 6) from window (oldest command first, joints contiguous) to errors
-    offset: NDArray[np.float64]  # (6,) rad and m (q3)
+    weights: Array  # (36, 6) from window (oldest command first, joints contiguous) to errors
+    offset: Array  # (6,) rad and m (q3)
     training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
@@ -104,23 +105,21 @@ class RidgeModel:
         weights = np.linalg.solve(normal, z.T @ (error - error.mean(axis=0))) / scale[:, None]
         return cls(weights, error.mean(axis=0) - mean @ weights, TrainingMotion.of(recording))
 
-    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def predict(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) for a history of commands (n, 6)."""
         q = commands(q_cmd)
         return q + self.offset + windows(q).reshape(len(q), -1) @ self.weights
 
-    def start(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def start(self, q_cmd: Array) -> Array:
         """Return the prior commands (5, 6) of an arm at rest."""
         return resting_window(q_cmd)
 
-    def step(
-        self, state: NDArray[np.float64], q_cmd: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def step(self, state: Array, q_cmd: Array) -> tuple[Array, Array]:
         """Return the joints (6,) after the command (6,), and the new prior commands."""
         window = advance(state, q_cmd)
         return q_cmd + self.offset + window.ravel() @ self.weights, window[1:]
 
-    def shifted(self, offset: NDArray[np.float64]) -> Self:
+    def shifted(self, offset: Array) -> Self:
         """Return the model with this offset (6,) added to its predictions."""
         return replace(self, offset=self.offset + offset)
 

@@ -15,6 +15,7 @@ from trocar.calibration.models.linear import advance, resting_window, windows
 from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
 from trocar.extras import how_to_install
+from trocar.geometry.arrays import Array
 
 HIDDEN = 256
 """Number of units of the recurrent and of each dense layer (paper, section IV-A)."""
@@ -48,10 +49,10 @@ class LstmModel:
     # o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases. Single precision, as in training: predictions
     # are accurate to 1e-6 of the error's SD
     weights: Weights
-    input_mean: NDArray[np.float64]  # (6,) mean of the training commands
-    input_scale: NDArray[np.float64]  # (6,) SD of the training commands
-    error_scale: NDArray[np.float64]  # (6,) SD of the training errors
-    offset: NDArray[np.float64]  # (6,) mean of the training errors
+    input_mean: Array  # (6,) mean of the training commands
+    input_scale: Array  # (6,) SD of the training commands
+    error_scale: Array  # (6,) SD of the training errors
+    offset: Array  # (6,) mean of the training errors
     training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
@@ -73,22 +74,22 @@ class LstmModel:
         weights = trainer.train((x - mean) / scale, (error - offset) / error_scale, HIDDEN, rng)
         return cls(weights, mean, scale, error_scale, offset, training)
 
-    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def predict(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) for a history of commands (n, 6)."""
         q = commands(q_cmd)
         return q + self._error(windows(q))
 
-    def start(self, q_cmd: NDArray[np.float64]) -> LstmState:
+    def start(self, q_cmd: Array) -> LstmState:
         """Return the state of an arm that has been at rest at this command (6,)."""
         return LstmState(self, resting_window(q_cmd))
 
-    def step(self, state: LstmState, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], LstmState]:
+    def step(self, state: LstmState, q_cmd: Array) -> tuple[Array, LstmState]:
         """Return the joints (6,) after the command (6,), and the new state."""
         hidden, _ = recur(self.weights, self._standard(q_cmd), state.memory)
         joints = q_cmd + self.offset + self.error_scale * dense(self.weights, hidden)
         return joints, LstmState(self, advance(state.prior, q_cmd)[1:])
 
-    def shifted(self, offset: NDArray[np.float64]) -> Self:
+    def shifted(self, offset: Array) -> Self:
         """Return the model with this offset (6,) added to its predictions."""
         return replace(self, offset=self.offset + offset)
 
@@ -105,15 +106,15 @@ class LstmModel:
         weights = {key: np.ascontiguousarray(found[f"weight_{key}"], dtype=np.float32) for key in SHAPES}
         return cls(weights=weights, training=training, **own)
 
-    def remember(self, prior: NDArray[np.float64]) -> Memory:
+    def remember(self, prior: Array) -> Memory:
         """Return the recurrent layer's state after prior commands (..., 5, 6), starting from zero."""
         return remember(self.weights, self._standard(prior))
 
-    def _error(self, window: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _error(self, window: Array) -> Array:
         hidden, _ = self.remember(window)
         return self.offset + self.error_scale * dense(self.weights, hidden)
 
-    def _standard(self, q_cmd: NDArray[np.float64]) -> NDArray[np.floating]:
+    def _standard(self, q_cmd: Array) -> NDArray[np.floating]:
         return ((q_cmd - self.input_mean) / self.input_scale).astype(np.float32)
 
 
@@ -122,7 +123,7 @@ class LstmState:
     """The prior commands (5, 6) of a window; the network processes them once for all candidate next commands."""
 
     model: LstmModel
-    prior: NDArray[np.float64]
+    prior: Array
 
     @cached_property
     def memory(self) -> Memory:
@@ -159,6 +160,6 @@ def _sigmoid(x: NDArray[np.floating]) -> NDArray[np.floating]:
     return 0.5 + 0.5 * np.tanh(0.5 * x)
 
 
-def _scale(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _scale(x: Array) -> Array:
     sd = x.std(axis=0)
     return np.where(sd > 1e-9, sd, 1.0)
