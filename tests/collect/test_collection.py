@@ -80,7 +80,7 @@ def test_distances_and_joints_are_as_good_as_the_papers(collected, arm):
 def test_the_base_is_found_where_the_arm_went(collected, arm):
     """A printer's .1 mm on the shaft's spheres, near the middle of the place, leaves about as much there."""
     one, found, _ = collected[arm]
-    off = one.T_camera_base_true.inverse() @ one.measured(found).hand_eye.T_camera_base
+    off = one.T_camera_base_true.inverse() @ one.measured(found).T_camera_base
     tips = fk(one.model, one.q_cmd[2:]).translation_m
     assert np.linalg.norm(off.apply(tips) - tips, axis=-1).max() < 0.4e-3
 

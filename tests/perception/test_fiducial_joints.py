@@ -46,10 +46,10 @@ def test_base_and_joints_are_found_though_the_cables_are_off_and_some_spheres_ar
     p[wrong_shaft, 0] += rng.uniform(0.005, 0.03, (len(wrong_shaft), 3))
     p[wrong_jaw, JAW_SPHERES[1]] += 0.004
     found = measure(PSM, SIX_SPHERES, p, q_cmd, np.random.default_rng(0))
-    off = T_CAMERA_BASE.inverse() @ found.hand_eye.T_camera_base
+    off = T_CAMERA_BASE.inverse() @ found.T_camera_base
     assert np.linalg.norm(off.translation_m) < 0.05e-3
     assert np.abs(off.rotation.matrix - np.eye(3)).max() < 3e-4
-    assert found.hand_eye.rejected == len(wrong_shaft)
+    assert (~found.base.inliers).sum() == len(wrong_shaft)
     assert found.valid.all()
     error = np.sqrt(np.mean((found.q - q) ** 2, axis=0))
     assert error[[0, 1]].max() < 1e-3 and error[2] < 0.1e-3 and error[3:].max() < 3e-3
@@ -126,7 +126,7 @@ def test_a_sphere_on_the_shaft_far_from_where_encoders_put_it_is_dropped(off_m, 
     found = measure(PSM, SIX_SPHERES, p, q_cmd, np.random.default_rng(0))
     assert np.isfinite(found.p_camera_m[5, 1]).all() == kept
     assert np.isfinite(np.delete(found.p_camera_m, 5, axis=0)).all()
-    assert found.hand_eye.used + found.hand_eye.rejected == 80
+    assert len(found.base.inliers) == 80
 
 
 @pytest.mark.parametrize(("rows", "enough"), [(10, True), (9, False)])
@@ -139,8 +139,8 @@ def test_ten_rows_with_a_sphere_of_the_shaft_give_the_base(rows, enough):
             register_base(PSM, SIX_SPHERES, p, q_cmd, np.random.default_rng(0))
         return
     found = register_base(PSM, SIX_SPHERES, p, q_cmd, np.random.default_rng(0))
-    np.testing.assert_allclose(found.T_camera_base.matrix, T_CAMERA_BASE.matrix, atol=1e-9)
-    assert (found.used, found.rejected) == (rows, 0) and found.rms_m < 1e-9
+    np.testing.assert_allclose(found.T_target_source.matrix, T_CAMERA_BASE.matrix, atol=1e-9)
+    assert found.inliers.all() and len(found.inliers) == rows and found.rms_m < 1e-9
 
 
 def test_a_base_says_how_well_the_centres_agree():

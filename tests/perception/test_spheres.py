@@ -173,8 +173,8 @@ def test_a_blob_has_a_few_hundred_of_its_pixels():
     red = (image.color == np.round(255 * np.array(COLORS["red"]))).all(axis=2).astype(np.uint8)
     blobs = spheres._blobs(image, red, 6e-3)
     assert len(blobs) == 2
-    for blob in blobs:
-        assert 0.6 * MAX_POINTS < len(blob.points_m) <= MAX_POINTS
+    for points, _ in blobs:
+        assert 0.6 * MAX_POINTS < len(points) <= MAX_POINTS
 
 
 def test_a_blob_that_is_no_sphere_is_none():
@@ -221,11 +221,11 @@ def test_a_sphere_of_known_radius_is_good_if_most_points_lie_on_it(points, good)
 def test_blobs_are_assigned_by_size_the_best_pairs_first():
     rough = fit_sphere(noisy_cap())
     assert rough is not None
-    found = {size: spheres._Blob(noisy_cap(), replace(rough, radius_m=1e-3 * size)) for size in (5.5, 6.2, 6.7, 8.9)}
+    found = {size: (noisy_cap(), replace(rough, radius_m=1e-3 * size)) for size in (5.5, 6.2, 6.7, 8.9)}
 
     def sizes(wanted, *given):
         assigned = spheres._assigned([found[size] for size in given], 1e-3 * np.array(wanted))
-        return {sphere: 1e3 * blob.rough.radius_m for sphere, blob in assigned.items()}
+        return {sphere: 1e3 * fit.radius_m for sphere, (_, fit) in assigned.items()}
 
     assert sizes([6.0, 9.0], 8.9, 6.2) == pytest.approx({0: 6.2, 1: 8.9})
     assert sizes([6.0, 9.0], 6.2, 5.5) == pytest.approx({0: 6.2})

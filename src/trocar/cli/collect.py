@@ -51,7 +51,7 @@ def collect(
     need("sim", "mujoco", "cv2")
     given = {"rows": rows, "fit": fit, "model": model, "fraction": fraction, "difficulty": difficulty, "flaw": flaw}
     folder = out or default_folder(f"calibration-{Path(station).stem}-{seed}", differing(collect, given))
-    from trocar.collect.report import collection_table  # slow to import
+    from trocar.collect.chain import collection_table  # slow to import
     from trocar.lab.flaws import Difficulty
 
     collections = _collections(station, arm, rows, seed, Difficulty.of(difficulty, flaw or ()))
@@ -110,8 +110,7 @@ def _chain(
 ) -> tuple[dict[str, Any], list[Path]]:
     """Run the whole chain for each arm; return the figures and the files."""
     from trocar.calibration.evaluation import draw_evaluation  # slow to import
-    from trocar.collect.chain import calibrate
-    from trocar.collect.report import draw_calibration
+    from trocar.collect.chain import calibrate, draw_calibration
     from trocar.lab import station_text
     from trocar.lab.station_file import with_registered
 
@@ -129,7 +128,7 @@ def _chain(
             rng = np.random.default_rng([seed, FIT, number])
             found = calibrate(collection, folder, model=model, fraction=fraction, rng=rng, listener=listen)
             figures[arm] = found.summary(collection.T_camera_base_true)
-            bases[arm] = collection.T_world_camera_registered @ found.measured.hand_eye.T_camera_base
+            bases[arm] = collection.T_world_camera_registered @ found.measured.T_camera_base
             files += [folder / f"recording_{arm}.npz", draw_calibration(found, folder / f"calibration_{arm}.png")]
             if found.evaluation is not None:
                 files += [folder / f"cables_{arm}.npz", draw_evaluation(found.evaluation, folder / f"loops_{arm}.png")]

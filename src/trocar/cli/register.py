@@ -100,7 +100,7 @@ def cell(
     found = _register(station, seed)
     summary = {"station": station, "seed": seed, **found.summary()}
     files = _write(found, station, summary, folder)
-    from trocar.collect.checkerboard_report import registration_table  # slow to import
+    from trocar.collect.checkerboard import registration_table  # slow to import
 
     return Result(
         summary,
@@ -130,7 +130,7 @@ def _register(station: str, seed: int) -> CellRegistration:
 
 def _write(found: CellRegistration, station: str, summary: dict[str, Any], folder: Path) -> list[Path]:
     """Write station, report and picture; return their paths."""
-    from trocar.collect.checkerboard_report import draw_registration
+    from trocar.collect.checkerboard import draw_registration
     from trocar.lab import station_text
     from trocar.lab.station_file import with_registered
 

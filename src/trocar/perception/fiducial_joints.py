@@ -15,7 +15,7 @@ from trocar.arms import ArmModel, frames
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, TURN
 from trocar.geometry.arrays import Array
-from trocar.geometry.rigid_fit import fit_rigid
+from trocar.geometry.rigid_fit import RigidFit, fit_rigid
 from trocar.perception.fiducials import Fixture
 
 SHAFT_OFF_M = 1.0e-3
@@ -29,24 +29,19 @@ GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft",
 
 
 @dataclass(frozen=True, eq=False)
-class HandEye:
-    """The pose of an arm's base in a camera."""
-
-    T_camera_base: SE3  # pose
-    rms_m: float  # residual of the centres
-    used: int  # number of centres
-    rejected: int  # number of centres that do not agree
-
-
-@dataclass(frozen=True, eq=False)
 class Measured:
     """The result of a collection of images."""
 
-    hand_eye: HandEye  # the base in the camera
+    base: RigidFit  # of the shaft's spheres, placed by the encoders, to those in the camera
     q: Array  # (n, 6) joints, NaN where they could not be found
     flags: tuple[str, ...]  # (n,) of each row: 'good' or what is wrong
     distance_rms_m: float  # error of the distances between spheres of one part against those printed
     p_camera_m: Array  # (n, k, 3) the accepted centres; else NaN
+
+    @property
+    def T_camera_base(self) -> SE3:
+        """Return the pose of the arm's base in the camera."""
+        return self.base.T_target_source
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -80,8 +75,8 @@ def measure(arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rn
     Raises:
         InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
     """
-    hand_eye = register_base(arm, fixture, p_camera_m, q_cmd, rng)
-    p_base = hand_eye.T_camera_base.inverse().apply(p_camera_m)
+    base = register_base(arm, fixture, p_camera_m, q_cmd, rng)
+    p_base = base.T_target_source.inverse().apply(p_camera_m)
     expected = fixture.base_centers_m(arm, q_cmd)
     off_shaft = np.linalg.norm(p_base - expected, axis=-1) > SHAFT_OFF_M
     p_base = np.where((off_shaft & fixture.on_shaft)[..., None], np.nan, p_base)
@@ -92,12 +87,12 @@ def measure(arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rn
     errors_m = distance_errors_m(fixture, accepted)
     known = errors_m[np.isfinite(errors_m)]
     rms_m = float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
-    return Measured(hand_eye, q, tuple(_flag(fixture, row) for row in seen), rms_m, accepted)
+    return Measured(base, q, tuple(_flag(fixture, row) for row in seen), rms_m, accepted)
 
 
 def register_base(
     arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rng: np.random.Generator
-) -> HandEye:
+) -> RigidFit:
     """Return the rigid fit of the shaft's spheres, placed by the encoders, to those in the camera, without outliers.
 
     The outer joints' encoders are exact to .3 mrad and .1 mm, so many positions of the shaft give the base.
@@ -115,9 +110,7 @@ def register_base(
             "collect more rows, or look whether the camera sees the arm",
         )
     source, target = fixture.base_centers_m(arm, q_cmd)[seen], p_camera_m[seen]
-    fit = fit_rigid(source, target, inlier_distance_m=SHAFT_OFF_M, rng=rng)
-    used = int(fit.inliers.sum())
-    return HandEye(fit.T_target_source, fit.rms_m, used, len(source) - used)
+    return fit_rigid(source, target, inlier_distance_m=SHAFT_OFF_M, rng=rng)
 
 
 def distance_errors_m(fixture: Fixture, p_m: Array) -> Array:

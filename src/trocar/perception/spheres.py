@@ -55,12 +55,8 @@ class SphereFit:
         return self.share >= MIN_GOOD and self.rms_m <= MAX_RMS_M
 
 
-@dataclass(frozen=True, eq=False)
-class _Blob:
-    """Connected pixels of one colour with depth, and the sphere of free radius through them."""
-
-    points_m: Array
-    rough: SphereFit
+_Blob = tuple[Array, SphereFit]
+"""Points (n, 3) of connected pixels of one colour, and the sphere of free radius through them."""
 
 
 def find_spheres(image: RgbdImage, fixture: Fixture) -> Array:
@@ -77,8 +73,8 @@ def find_spheres(image: RgbdImage, fixture: Fixture) -> Array:
         radii_m = fixture.radii_m[wanted]
         away = np.abs((hsv[..., 0].astype(np.int16) - _hue(color) + 128) % 256 - 128)
         blobs = _blobs(image, (clear & (away * (360 / 256) <= HUE_DEG)).astype(np.uint8), float(radii_m.min()))
-        for number, blob in _assigned(blobs, radii_m).items():
-            fit = fit_sphere(blob.points_m, float(radii_m[number]), blob.rough.center_m)
+        for number, (points, rough) in _assigned(blobs, radii_m).items():
+            fit = fit_sphere(points, float(radii_m[number]), rough.center_m)
             if fit is not None and fit.good:
                 centers[wanted[number]] = fit.center_m
     return centers
@@ -153,13 +149,13 @@ def _blobs(image: RgbdImage, mask: NDArray[np.uint8], radius_m: float) -> list[_
         points = rays_through(image.intrinsics, pixels[some]) * depth[some, None]
         rough = fit_sphere(points)
         if rough is not None and rough.good:
-            found.append(_Blob(points, rough))
+            found.append((points, rough))
     return found
 
 
 def _assigned(blobs: Sequence[_Blob], radii_m: Array) -> dict[int, _Blob]:
     """Assign blobs of a colour to spheres by size, the best pairs first; each is used once."""
-    off = np.array([[abs(blob.rough.radius_m - radius) for blob in blobs] for radius in radii_m])
+    off = np.array([[abs(rough.radius_m - radius) for _, rough in blobs] for radius in radii_m])
     chosen: dict[int, _Blob] = {}
     used: set[int] = set()
     for flat in np.argsort(off, axis=None, kind="stable"):
