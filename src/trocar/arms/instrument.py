@@ -13,10 +13,8 @@ from trocar.geometry.arrays import Array, finite
 
 SLEEVE_M, SLEEVE_SHARE = (3e-3, 18e-3), 0.95
 """The end of the shaft, from the wrist pitch axis back, is a steel sleeve; its radius as a share of the shaft's."""
-CLEVIS_SHARE = 0.75
-"""The round part of the clevis ends at this share of the way to the yaw axis."""
-KNUCKLE_SHARE = 0.9
-"""Width of the boss at the yaw axis, as a share of a finger's width."""
+CLEVIS_SHARE = 0.75  # the round part of the clevis ends at this share of the way to the yaw axis
+KNUCKLE_SHARE = 0.9  # width of the boss at the yaw axis, as a share of a finger's width
 
 
 @dataclass(frozen=True)

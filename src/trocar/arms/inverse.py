@@ -26,15 +26,12 @@ from trocar.geometry.arrays import Array, finite
 
 LIMIT_TOLERANCE = 1e-9
 """Joint values this far outside their range (rad or m) are rounding errors and are clipped to the limit."""
-CONE_TOLERANCE = 1e-12
-"""A cosine this far beyond 1 is a rounding error."""
-CHUNK = 8192
-"""Number of poses solved at a time, so that the intermediate arrays stay in the cache."""
+CONE_TOLERANCE = 1e-12  # a cosine this far beyond 1 is a rounding error
+CHUNK = 8192  # number of poses solved at a time, so that the intermediate arrays stay in the cache
 SMALL_CHUNK = 2048
 """The same for a few thousand poses: arrays this small are reused by the allocator, not returned to the system."""
 
-OUTER = 3
-"""Joints before the wrist."""
+OUTER = 3  # joints before the wrist
 REACHED_M = 1e-9
 STEPS = 20
 MAX_STEP = np.array([0.5, 0.5, 0.1])

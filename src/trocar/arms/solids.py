@@ -14,9 +14,7 @@ from trocar.arms.model import ArmModel
 from trocar.geometry.arrays import Array
 from trocar.geometry.capsules import Capsules, cross
 
-SOLIDS = ("shaft", "wrist", "left finger", "right finger")
-"""What the capsules of :func:`capsules` stand for, in order."""
-
+SOLIDS = ("shaft", "wrist", "left finger", "right finger")  # what the capsules of :func:`capsules` stand for, in order
 MOVED = np.array([[1, 1, 1, 0, 0, 0], [1, 1, 1, 1, 1, 0], [1, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]], dtype=np.float64)
 """(4, 6) 1 where a joint moves the axis of a capsule of :func:`capsules`, else 0."""
 
@@ -111,8 +109,7 @@ def _wrist(arm: ArmModel, q: Array) -> tuple[Array, ...]:
 STEEL = (0.62, 0.63, 0.66)
 CARBON = (0.10, 0.11, 0.13)
 HOUSING = (0.55, 0.56, 0.60)
-DRIVE_M = (0.06, 0.09, 0.08)
-"""Size of the drive unit behind the shaft (assumed)."""
+DRIVE_M = (0.06, 0.09, 0.08)  # size of the drive unit behind the shaft (assumed)
 
 
 @dataclass(frozen=True, eq=False)

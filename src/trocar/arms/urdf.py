@@ -20,10 +20,8 @@ DVRK = {joint.name: f"outer_{joint.name}" for joint in PSM_CLASSIC.joints}
 BASE, TIP = "base_link", "tool_tip_link"
 TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 MATERIALS = {STEEL: "steel", CARBON: "carbon", HOUSING: "housing"}
-EFFORT = 100.0
-"""N m or N; no source gives the limits, but URDF requires them."""
-NOTHING = 1e-15
-"""Smaller values are written as 0."""
+EFFORT = 100.0  # N m or N; no source gives the limits, but URDF requires them
+NOTHING = 1e-15  # smaller values are written as 0
 LINK_KG, LINK_KG_M2 = 0.1, 1e-4
 """Mass and inertia of every moving link, at its origin (assumed: no source gives them, but simulators need some)."""
 

@@ -30,13 +30,9 @@ TAUT = 0.15
 nearly singular, or even reversed; this share pushes the commands in the direction that crosses the slack."""
 
 STEPS = 5
-SETTLED = 0.7
-"""Refinement ends after a step that leaves more than this share of the cost, once the end is met."""
-SHARES = (1.0, 0.5, 0.25, 0.1)
-"""Shares of a step, tried in turn until the cost falls."""
-
-MET = 3e-5
-"""The end counts as reached within this distance, in rad of the wrist."""
+SETTLED = 0.7  # refinement ends after a step that leaves more than this share of the cost, once the end is met
+SHARES = (1.0, 0.5, 0.25, 0.1)  # shares of a step, tried in turn until the cost falls
+MET = 3e-5  # the end counts as reached within this distance, in rad of the wrist
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,29 +29,18 @@ KNOTS = (12, 48)
 """A short motion has at least the first number of intervals; a longer one gets up to the second before they get
 longer."""
 
-SKETCH_S = 0.060
-"""Initial spacing of the points at which the model is inverted, one after the other."""
-SKETCHED = 4
-"""Minimum number of these points."""
-SKETCH_RAD = 1e-3
-"""Accuracy of the inversion; refinement does the rest."""
-
-RESTING_S = 1e-4
-"""A joint that could be stopped in less than this counts as resting."""
-
+SKETCH_S = 0.060  # initial spacing of the points at which the model is inverted, one after the other
+SKETCHED = 4  # minimum number of these points
+SKETCH_RAD = 1e-3  # accuracy of the inversion; refinement does the rest
+RESTING_S = 1e-4  # a joint that could be stopped in less than this counts as resting
 ENDS_S = 0.2
 ENDS_WEIGHT = 10.0
 """Errors weigh up to ``ENDS_WEIGHT`` times more near the start and the end of a motion, for about ``ENDS_S``, than in
 its middle, because the jaws are near objects there."""
-END_WEIGHT_S = 1000.0
-"""Weight of an error at the very end: that of the same error lasting this long."""
-
-CORRECTIONS = 2
-"""Corrections of the last command, tried where refinement stalls short of the end."""
-NEARLY_MET = 1e-3
-"""A motion that ends further from its goal than this (rad of the wrist) usually lacks time."""
-STRETCHES = (1.0, 1.05, 1.15, 1.3)
-"""Factors tried in turn on the least time for the path to the last command."""
+END_WEIGHT_S = 1000.0  # weight of an error at the very end: that of the same error lasting this long
+CORRECTIONS = 2  # corrections of the last command, tried where refinement stalls short of the end
+NEARLY_MET = 1e-3  # a motion that ends further from its goal than this (rad of the wrist) usually lacks time
+STRETCHES = (1.0, 1.05, 1.15, 1.3)  # factors tried in turn on the least time for the path to the last command
 LAST_STEP_S = 0.3
 """A last step from rest to rest that takes no longer than this corrects even the smallest remaining error; in dead
 zones only crossing a slack does. If the time was too short for the motion, the step may take longer."""

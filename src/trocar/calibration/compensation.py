@@ -83,8 +83,7 @@ ITERATIONS = 5
 ALPHA = 0.5
 """Iterations M and learning rate of Algorithm 1, as in the paper; a constant offset falls to (1 - alpha)^M = 3 %."""
 
-TOLERANCE_RAD = 1e-5
-"""The exact inverse stops at this residual: a hundredth of the repeatability of the best joint."""
+TOLERANCE_RAD = 1e-5  # the exact inverse stops at this residual: a hundredth of the repeatability of the best joint
 MAX_NEWTON_STEPS = 30
 MAX_NEWTON_STEP_RAD = 0.3
 """In a dead zone a joint hardly follows its command and a Newton step explodes; the width of a full backlash is

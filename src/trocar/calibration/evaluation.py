@@ -22,13 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TIMED_POINTS = 100
-REFIT_ROWS = 30
-"""Number of samples for a refit of the offsets: half a minute on the robot."""
-
+REFIT_ROWS = 30  # number of samples for a refit of the offsets: half a minute on the robot
 JOINT_TITLES = ("q1 outer yaw", "q2 outer pitch", "q3 insertion", "q4 roll", "q5 wrist pitch", "q6 wrist yaw")
 COLOURS = {"commanded": "#8a8f98", "measured": "#1f6fb4", "predicted": "#d9541e"}
 LOOP_ROWS = 160
-
 Model = TypeVar("Model", bound=CableModel)
 
 
@@ -186,7 +183,7 @@ def wrist(figure: Figure, recording: Recording, evaluation: Evaluation | None = 
 def _errors(recording: Recording, evaluation: Evaluation | None, joint: int) -> str:
     """Return the RMSE of a joint in words."""
     if evaluation is None:
-        error = (recording.q_phy - recording.q_cmd)[recording.valid, joint]
+        error = recording.errors[recording.valid, joint]
         return f"RMSE {np.sqrt(np.mean(error**2)):.4f} rad, measured against commanded"
     before, after = evaluation.rmse_before[joint], evaluation.rmse_after[joint]
     return f"RMSE {before:.4f} rad uncorrected, {after:.4f} rad predicted"

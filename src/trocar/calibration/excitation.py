@@ -14,12 +14,8 @@ from trocar.geometry.arrays import Array, finite
 if TYPE_CHECKING:
     from trocar.arms import ArmModel
 
-SAMPLES = 1355
-"""Number of data points in the paper's recording, 18 minutes on the robot."""
-
-MOST_SAMPLES = 100_000
-"""Maximum number of samples of a path: a day on the robot."""
-
+SAMPLES = 1355  # number of data points in the paper's recording, 18 minutes on the robot
+MOST_SAMPLES = 100_000  # maximum number of samples of a path: a day on the robot
 HARMONICS = 40
 BAND = (0.1, 2.2)
 """Frequencies of a joint's motion relative to its pace. Slow components have large amplitudes and fast ones small,
@@ -30,8 +26,7 @@ SPREAD = 0.7
 STRAIGHT = 1e-6
 """A wave that runs through less of its range than this is straight; it gets no slower by a smaller piece of it."""
 
-WIDE_ROWS = 75
-"""Samples of a recording of wide swings: a minute."""
+WIDE_ROWS = 75  # samples of a recording of wide swings: a minute
 WIDE_CYCLES = (1.0, 2.0, 3.0)
 """How often the outer joints q1 q2 q3 go back and forth in such a recording: slowly, since large moves take time."""
 
@@ -64,8 +59,7 @@ PSM1_BOX = MotionBox(
     step=np.array([0.0085, 0.0136, 0.0018, 0.083, 0.057, 0.073]),
 )
 """Range and mean step of the recording psm1_grey_random."""
-PSM2_BOX = PSM1_BOX.mirrored()
-"""Its mirror image, which psm2_grey_random is, but for roll that ends at 1.57."""
+PSM2_BOX = PSM1_BOX.mirrored()  # its mirror image, which psm2_grey_random is, but for roll that ends at 1.57
 
 
 def random_smooth_path(arm: ArmModel, rng: np.random.Generator, n: int = SAMPLES, box: MotionBox = PSM1_BOX) -> Array:

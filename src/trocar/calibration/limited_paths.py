@@ -97,12 +97,9 @@ class QuadraticSpline:
         return Trajectory(self.times_s, np.stack([self.at(self.acceleration, within, points) / 2, v, q]))
 
 
-HEADROOM = 1e-7
-"""Share of the limits that stays unused, to allow for rounding by the solver and the checks."""
-PRECISION = 1e-8
-"""Precision of the solver, as a share of the limits."""
-ROOM = 5e-8
-"""Commands stay this far (rad, m) inside their ranges, for the same reason."""
+HEADROOM = 1e-7  # share of the limits that stays unused, to allow for rounding by the solver and the checks
+PRECISION = 1e-8  # precision of the solver, as a share of the limits
+ROOM = 5e-8  # commands stay this far (rad, m) inside their ranges, for the same reason
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ EPOCHS = 60
 BATCH = 64
 LEARNING_RATE = 1e-3
 WEIGHT_DECAY = 0.1
-AVERAGING = 0.99
-"""Weight of the past, per update, in the running average of the parameters, which is returned."""
+AVERAGING = 0.99  # weight of the past, per update, in the running average of the parameters, which is returned
 JITTER = np.array([0.7, 0.7, 0.7, 0.05, 0.05, 0.05])
 """SD of the noise added to the standardised commands q1 to q6 in training. The outer joints do not move the wrist's
 cables; without much noise on them, the network recognises the moment of the recording instead of learning the motion.

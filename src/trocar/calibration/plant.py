@@ -11,15 +11,11 @@ from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
 from trocar.geometry.arrays import Array, finite
 
-WRIST = slice(3, 6)
-"""The joints q4 q5 q6 (roll, pitch, yaw) whose cables run through the shaft."""
-
+WRIST = slice(3, 6)  # the joints q4 q5 q6 (roll, pitch, yaw) whose cables run through the shaft
 PlayState = tuple[float, float, float]
 """Outputs of the three play operators (roll, pitch, yaw) in rad: the whole memory of a plant."""
 
-FEW = 4
-"""For up to this many operators, a loop over plain floats is ten times faster than one over small arrays."""
-
+FEW = 4  # for up to this many operators, a loop over plain floats is ten times faster than one over small arrays
 _SHAPES = {"radii": (3,), "offset": (3,), "K": (3, 3), "C": (3, 3), "noise_sd": (6,)}
 
 

@@ -15,11 +15,8 @@ from trocar.calibration.recording import Recording, load_recording
 from trocar.errors import InvalidInput
 from trocar.geometry.arrays import Array
 
-TABLE_1_ROWS = 1000
-"""Number of valid rows of a recording on which Table I is computed."""
-
-TRAINING_SHARE = 0.8
-"""Models are fitted on this first share of a recording and evaluated on the rest."""
+TABLE_1_ROWS = 1000  # number of valid rows of a recording on which Table I is computed
+TRAINING_SHARE = 0.8  # models are fitted on this first share of a recording and evaluated on the rest
 
 TABLE_1 = {
     "psm1_grey_random": {
@@ -84,7 +81,7 @@ def table_1(recording: Recording, rows: int = TABLE_1_ROWS) -> dict[str, Array]:
     The paper's SD is the standard deviation of the error's magnitude.
     """
     good = np.flatnonzero(recording.valid)[:rows]
-    error = np.abs(recording.q_phy - recording.q_cmd)[good]
+    error = np.absrecording.errors[good]
     return {"RMSE": np.sqrt(np.mean(error**2, axis=0)), "SD": error.std(axis=0), "Max": error.max(axis=0)}
 
 

@@ -35,17 +35,12 @@ from trocar.sim.calibration_cells import CheckerboardCell
 
 HAND_S, BRACKET_S = 6.0, 120.0
 """Time that a person takes for one pose by hand, and to mount a bracket, take the image and remove it (assumed)."""
-BELOW_M = 0.04
-"""If no fixture is called 'table', the table lies this much below the board on its bracket (assumed)."""
+BELOW_M = 0.04  # if no fixture is called 'table', the table lies this much below the board on its bracket (assumed)
 PLACES_M = (0.04, 0.03, 0.02)
 """Half sides of the box round the board in which position errors are evaluated, along the board's axes."""
-BRIGHTEST = 230
-"""Grey level that the brightest pixels of a picture get."""
-MARGIN_PX = 90
-"""Margin round the corners in a picture."""
-
-Listener = Callable[[int, int], None]
-"""Called with the number of images done and of all images."""
+BRIGHTEST = 230  # grey level that the brightest pixels of a picture get
+MARGIN_PX = 90  # margin round the corners in a picture
+Listener = Callable[[int, int], None]  # called with the number of images done and of all images
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,13 +26,10 @@ from trocar.sim.calibration_cells import FiducialCell
 
 SAMPLE_S = 0.75
 """Time of one sample: a move of .1 rad, settling, an exposure of .15 s (recordings: .4 to 1.1 s; the paper: .8 s)."""
-SAVED_EVERY = 25
-"""Results are saved after this many rows."""
+SAVED_EVERY = 25  # results are saved after this many rows
 MIN_ROWS = 30
 FORMAT, VERSION = "trocar sphere centres", 1
-
-Listener = Callable[[int, int], None]
-"""Called with the number of rows done and of all rows."""
+Listener = Callable[[int, int], None]  # called with the number of rows done and of all rows
 
 
 class Collection:

@@ -19,16 +19,14 @@ from trocar.perception.fiducial_joints import require_psm
 from trocar.perception.fiducials import SIX_SPHERES, Fixture
 from trocar.perception.image import Intrinsics
 
-MARGIN_PX = 6.0
-"""Margin between a sphere, at the commanded joints, and the edge of the image."""
+MARGIN_PX = 6.0  # margin between a sphere, at the commanded joints, and the edge of the image
 CABLES_M = 14e-3
 """The jaw's spheres may be this far from where the commands place them: cables have errors of .3 rad and more, and the
 spheres are 44 mm from the middle of the wrist."""
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
 """Shares of the outer joints' distance from their middle that are tried, largest first."""
 WRIST_STEPS = 7
-SMOOTH_ROWS = 41
-"""Rows over which such a share changes, so that the path stays smooth; odd."""
+SMOOTH_ROWS = 41  # rows over which such a share changes, so that the path stays smooth; odd
 
 
 @dataclass(frozen=True, eq=False)

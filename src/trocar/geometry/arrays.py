@@ -11,10 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import InvalidInput
 
 Array = NDArray[np.float64]
-TURN = 2 * math.pi
-"""One whole turn, in rad."""
-NUMBERS = "biuf"
-"""Kinds of arrays that hold real numbers."""
+TURN = 2 * math.pi  # one whole turn, in rad
+NUMBERS = "biuf"  # kinds of arrays that hold real numbers
 
 
 def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Array:

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from trocar.geometry.arrays import Array
 from trocar.geometry.se3 import SE3
 
-PARALLEL = 1e-12
-"""Segments whose directions span less than this (share of their squared lengths) count as parallel."""
+PARALLEL = 1e-12  # segments whose directions span less than this (share of their squared lengths) count as parallel
 
 
 @dataclass(frozen=True, eq=False)

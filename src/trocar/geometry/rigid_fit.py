@@ -12,8 +12,7 @@ from trocar.geometry.arrays import finite
 from trocar.geometry.se3 import SE3
 from trocar.geometry.so3 import SO3
 
-COLLINEAR_RATIO = 1e-6
-"""Points are collinear if their second principal extent is below this share of the first."""
+COLLINEAR_RATIO = 1e-6  # points are collinear if their second principal extent is below this share of the first
 RANSAC_DRAWS = 500
 """Random triples tried: with half of the pairs wrong, the chance that no triple is clean is below 1e-28."""
 

@@ -12,9 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import InvalidInput
 from trocar.geometry.arrays import Array, direction, finite
 
-RIGID = 1e-6
-"""Columns of a rotation may miss unit length and right angles by this much: rounding, even of float32."""
-
+RIGID = 1e-6  # columns of a rotation may miss unit length and right angles by this much: rounding, even of float32
 SMALL_ANGLE_RAD = 1e-4
 """Below this angle the closed forms divide by almost 0; series to order four are exact to 1e-17 there."""
 

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from trocar.errors import InvalidInput, InvalidValue
 from trocar.geometry.arrays import Array
 
-MIN_CORNERS, MAX_CORNERS = 3, 40
-"""Least and greatest number of inner corners along one side."""
+MIN_CORNERS, MAX_CORNERS = 3, 40  # least and greatest number of inner corners along one side
 MAX_SQUARE_M = 0.1
-MIN_VIEWS = 6
-"""Minimum number of views of a board to calibrate the lenses of a pair."""
+MIN_VIEWS = 6  # minimum number of views of a board to calibrate the lenses of a pair
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 HUES = 180
-
 RED_SHARE = 0.5
 """Minimum share of red in R + G + B; photographed blocks have .57-.72, steel and table .33, yellow tape .45."""
 

@@ -100,8 +100,7 @@ def _cross(arm_mm: float, ahead_mm: float, diameter_mm: float) -> tuple[Sphere, 
     )
 
 
-AHEAD_MM = 20.0
-"""The cross is held by the jaws, whose ends lie 10.2 mm ahead of the yaw axis (assumed)."""
+AHEAD_MM = 20.0  # the cross is held by the jaws, whose ends lie 10.2 mm ahead of the yaw axis (assumed)
 
 SIX_SPHERES = Fixture(
     spheres=(_on_shaft("red", 20.0, 15.8 + 35.0), _on_shaft("yellow", 17.0, 15.8), *_cross(35.0, AHEAD_MM, 16.0)),

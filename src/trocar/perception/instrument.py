@@ -19,33 +19,24 @@ from trocar.perception.depth import patch_around
 from trocar.perception.image import RgbdImage
 from trocar.perception.instrument_solids import InstrumentSolids
 
-WINDOW_M = 0.030
-"""Half the edge of the cube about the tip in which the instrument is searched for."""
-NEAR_M = 4e-3
-"""Points this close to the expected instrument are taken for points on it."""
-BEHIND_M = 0.015
-"""Points this far behind the tip are background."""
-BESIDE_M = 1.6e-3
-"""Rays that pass this close to the expected instrument show where it is not."""
+WINDOW_M = 0.030  # half the edge of the cube about the tip in which the instrument is searched for
+NEAR_M = 4e-3  # points this close to the expected instrument are taken for points on it
+BEHIND_M = 0.015  # points this far behind the tip are background
+BESIDE_M = 1.6e-3  # rays that pass this close to the expected instrument show where it is not
 COARSE_M, FINE_M = 4e-3, 0.7e-3
 """Spacing in depth at which all rays are sampled, and a finer one where they pass the instrument."""
-FINE_STEPS = 6
-"""Number of fine steps on either side of the point where a ray is nearest."""
-INTO_M = 0.1e-3
-"""Rays may pass through an edge this deep, because a pixel averages over its area."""
+FINE_STEPS = 6  # number of fine steps on either side of the point where a ray is nearest
+INTO_M = 0.1e-3  # rays may pass through an edge this deep, because a pixel averages over its area
 POINT_SD_M = 0.3e-3
-ROBUST = 1.5
-"""A residual of more SDs than this counts less (Cauchy)."""
+ROBUST = 1.5  # a residual of more SDs than this counts less (Cauchy)
 TOGETHER = 25.0
 """This many neighbouring points share their error and count as one (checked: `benchmarks/bench_sighting.py`)."""
 STEPS = 8
-MOST_TURN_RAD, MOST_SHIFT_M = 0.1, 0.5e-3
-"""Greatest step of the search."""
+MOST_TURN_RAD, MOST_SHIFT_M = 0.1, 0.5e-3  # greatest step of the search
 START_SD = np.array([0.3, 0.3, 0.3, 1e-3, 1e-3, 1e-3])
 """SDs of wrist (rad) and shift (m) about their expected values; they constrain the search where an image shows
 nothing."""
-FEWEST = 60
-"""With fewer points than this on it, the instrument was not seen."""
+FEWEST = 60  # with fewer points than this on it, the instrument was not seen
 
 
 @dataclass(frozen=True, eq=False)

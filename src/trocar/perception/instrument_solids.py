@@ -15,8 +15,7 @@ from trocar.geometry.arrays import Array
 
 CARRIED = np.array([[0, 0, 0], [0, 0, 0], [1, 1, 0], [1, 1, 1], [1, 1, 1], [1, 1, 1]], dtype=np.float64)
 """(6, 3) 1 where q4 q5 q6 move a solid: shaft and its sleeve (which are round), clevis, knuckle, fingers."""
-FRAMES = np.array([0, 0, 1, 2, 2, 2])
-"""Index of the frame (4, 5 or 6) in which each solid is fixed."""
+FRAMES = np.array([0, 0, 1, 2, 2, 2])  # index of the frame (4, 5 or 6) in which each solid is fixed
 
 
 @dataclass(frozen=True)

@@ -17,24 +17,15 @@ from trocar.perception.image import RgbdImage
 HUE_DEG = 20.0
 """A pixel shows a paint if its hue is this close; the paints are at least 48 deg apart, and noise shifts a hue by some
 deg."""
-MIN_SATURATION, MIN_VALUE = 0.45, 0.14
-"""Pixels below these are metal, carbon or dark, where hue means nothing."""
-MIN_PIXELS, MIN_SHARE = 20, 0.15
-"""Number of pixels, and share of a sphere's disc, that must be seen."""
-MIN_GOOD = 0.7
-"""Share of a blob's points that must lie on one sphere; with less, it is two spheres behind each other."""
-MAX_RMS_M = 0.5e-3
-"""Maximum RMS distance of these points from the sphere; the sensor's noise is .2 mm."""
-RADIUS_OFF_M = 0.6e-3
-"""Maximum difference between a fitted radius and that of the assigned sphere."""
-MAX_POINTS = 300
-"""Number of a blob's points that are fitted; more would not improve the centre."""
+MIN_SATURATION, MIN_VALUE = 0.45, 0.14  # pixels below these are metal, carbon or dark, where hue means nothing
+MIN_PIXELS, MIN_SHARE = 20, 0.15  # number of pixels, and share of a sphere's disc, that must be seen
+MIN_GOOD = 0.7  # share of a blob's points that must lie on one sphere; with less, it is two spheres behind each other
+MAX_RMS_M = 0.5e-3  # maximum RMS distance of these points from the sphere; the sensor's noise is .2 mm
+RADIUS_OFF_M = 0.6e-3  # maximum difference between a fitted radius and that of the assigned sphere
+MAX_POINTS = 300  # number of a blob's points that are fitted; more would not improve the centre
 OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
-
-STEPS, DONE_M = 12, 1e-6
-"""Maximum number of Gauss-Newton steps of a fit, and the change at which it ends."""
-LARGEST_M = 0.1
-"""A larger radius means that the points lie on a plane or a line."""
+STEPS, DONE_M = 12, 1e-6  # maximum number of Gauss-Newton steps of a fit, and the change at which it ends
+LARGEST_M = 0.1  # a larger radius means that the points lie on a plane or a line
 GATE_SIGMAS, MIN_GATE_M = 3.0, 0.3e-3
 """A point counts if its distance from the sphere is below this many SDs; the gate never shrinks below the minimum.
 Pixels at the rim, between the sphere and what is behind it, are rejected this way."""

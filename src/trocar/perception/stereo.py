@@ -14,14 +14,10 @@ from trocar.geometry.arrays import Array
 from trocar.perception.depth import rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 
-SAME_ROW = 1e-9
-"""Relative difference of focal lengths, rotations and rows below which a pair counts as rectified."""
-LEAST_CORRELATION = 0.6
-"""A window with less correlation counts as not found."""
-AGREE_PX = 1.0
-"""Maximum difference between the disparities found from the right and from the left picture."""
-FLAT = 1.0
-"""Variance of noise alone, in squared grey levels; windows with no more than that match anything."""
+SAME_ROW = 1e-9  # relative difference of focal lengths, rotations and rows below which a pair counts as rectified
+LEAST_CORRELATION = 0.6  # a window with less correlation counts as not found
+AGREE_PX = 1.0  # maximum difference between the disparities found from the right and from the left picture
+FLAT = 1.0  # variance of noise alone, in squared grey levels; windows with no more than that match anything
 
 
 def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tuple[Array, NDArray]:

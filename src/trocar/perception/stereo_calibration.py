@@ -26,11 +26,8 @@ MIN_CONTRAST = 3.0
 """Least difference in grey levels between white and black squares as exposed; with less, it is not a board."""
 
 CALIBRATED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-9)
-LENS = cv2.CALIB_FIX_K3
-"""k1 k2 p1 p2 are free; k3 of a 6 mm lens cannot be observed over so small a workspace."""
-
-LENGTH_M = 0.1
-"""A rotation by 1 rad counts as much as a shift by this length, to scale both alike for the solver."""
+LENS = cv2.CALIB_FIX_K3  # k1 k2 p1 p2 are free; k3 of a 6 mm lens cannot be observed over so small a workspace
+LENGTH_M = 0.1  # a rotation by 1 rad counts as much as a shift by this length, to scale both alike for the solver
 
 
 @dataclass(frozen=True, eq=False)

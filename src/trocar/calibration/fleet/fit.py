@@ -25,19 +25,15 @@ STARTS = np.linspace(-1.0, 1.0, 5)
 """Slacks that are tried before the first command, as shares of a radius; for roll, every other one."""
 TRIED = np.array(list(product((0, 2, 4), range(5), range(5))))
 """(s, 3) indices of the initial slacks of roll, pitch and yaw that are tried together."""
-SHAPE_ROWS = 400
-"""With more rows than this, radii and coupling are those that fit best, without the prior."""
+SHAPE_ROWS = 400  # with more rows than this, radii and coupling are those that fit best, without the prior
 SEARCH = {"maxiter": 250, "xatol": 1e-2, "fatol": 0.1}
 """Settings of the simplex search: radii to one percent, log likelihood to a tenth of a unit."""
-FIRST_STEP = 0.7
-"""First step of the search, in SDs of the prior."""
-OWN_ROWS = 200
-"""With fewer rows than this, no effects beyond those in the prior are fitted."""
+FIRST_STEP = 0.7  # first step of the search, in SDs of the prior
+OWN_ROWS = 200  # with fewer rows than this, no effects beyond those in the prior are fitted
 ENOUGH_ROWS = 600
 """With this many rows, eight minutes on the robot, a recording needs no prior: on the last fifth of five recordings, a
 fit without one was better as often as worse."""
-HELD_SHARE = 0.3
-"""Share of the rows, at the end, on which the two maps are compared."""
+HELD_SHARE = 0.3  # share of the rows, at the end, on which the two maps are compared
 WIDER = np.array([1.4, 2.3, 1.7])
 """Errors of q4 q5 q6 are larger than the regression states by these factors: real loops are not quite of this shape,
 and errors drift. Found on six recordings of instruments that the prior never saw, after 50 and 100 rows
@@ -198,7 +194,7 @@ def _outer(recording: Recording, prior: FleetPrior) -> Array:
     valid = recording.valid
     whiten = DriftWhitener.of(np.flatnonzero(valid), DRIFT)
     x = whiten(outer_features(recording.q_cmd)[valid])
-    error = whiten((recording.q_phy - recording.q_cmd)[valid][:, :3])
+    error = whiten(recording.errors[valid][:, :3])
     return np.array(
         [
             np.linalg.solve(x.T @ x + np.diag((noise / sd) ** 2), x.T @ y)

@@ -22,35 +22,26 @@ MULTIPLES = np.array([0.4, 1.0, 1.8])
 FEATURES = 4 + 3 * len(MULTIPLES)
 """Number of inputs of the linear map to the errors of q4 q5 q6: 1, q4, q5, q6, then the slacks of each joint in
 turn."""
-DRIFT = 0.3
-"""Variance of the drift over that of the noise: the value of ``DRIFT_RATIOS`` that recordings show."""
+DRIFT = 0.3  # variance of the drift over that of the noise: the value of ``DRIFT_RATIOS`` that recordings show
 RIDGE = np.array([0.0] + [0.05] * 3 + [0.15] * (FEATURES - 4))
 """Penalty on each weight of one recording's map; without it, weights of neighbouring radii could be exchanged
 freely."""
 OUTER_RIDGE = np.array([0.0] + [1.0] * 6)
-
 FORMAT = "trocar fleet prior"
 VERSION = 2
-BUILT_IN = "fleet"
-"""Name of the prior that comes with Trocar."""
+BUILT_IN = "fleet"  # name of the prior that comes with Trocar
 _SHAPES = {"shape": ("fits", 5), "weights": ("fits", 3, FEATURES), "outer": ("fits", 3, 7), "left": ("fits", 6)}
 """Shapes of the file's arrays, which hold the fit to each recording."""
 
 LEAST_SHAPE_SD = np.array([0.4, 0.4, 0.4, 0.06, 0.06])
 """Least SD of ``LoopShape.theta``, since half a dozen recordings do not show every instrument; radii within a factor of
 1.5."""
-OFFSET_SD = 0.15
-"""Least SD of an offset, rad: offsets change whenever an instrument is mounted."""
-OWN_SD = (0.02, 0.05, 0.10)
-"""Least SD of a joint's error per rad of its own command: gain of roll, pitch, yaw."""
-COUPLING_SD = 0.03
-"""Least SD of a joint's error per rad of another one's command."""
-SLACK_SD = 0.06 / np.sqrt(len(MULTIPLES))
-"""Least SD of a joint's error per rad of slack."""
-OUTER_OFFSET_SD = np.array([3e-3, 3e-3, 5e-4])
-"""Least SD of the offsets of q1 q2 q3: rad, rad, m."""
-COMMON = 0.5
-"""Share of the least variances that is added to the variances found over all recordings."""
+OFFSET_SD = 0.15  # least SD of an offset, rad: offsets change whenever an instrument is mounted
+OWN_SD = (0.02, 0.05, 0.10)  # least SD of a joint's error per rad of its own command: gain of roll, pitch, yaw
+COUPLING_SD = 0.03  # least SD of a joint's error per rad of another one's command
+SLACK_SD = 0.06 / np.sqrt(len(MULTIPLES))  # least SD of a joint's error per rad of slack
+OUTER_OFFSET_SD = np.array([3e-3, 3e-3, 5e-4])  # least SD of the offsets of q1 q2 q3: rad, rad, m
+COMMON = 0.5  # share of the least variances that is added to the variances found over all recordings
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +105,7 @@ def fit_loops(recording: Recording) -> LoopFit:
     """Return the fit to one recording alone."""
     plant, valid = fit_plant(recording), recording.valid
     shape = LoopShape(plant.radii, plant.a, plant.b)
-    error = (recording.q_phy - recording.q_cmd)[valid]
+    error = recording.errors[valid]
     whiten = DriftWhitener.of(np.flatnonzero(valid), DRIFT)
     features = shape.features(recording.q_cmd)[valid]
     weights = _ridge(features, error[:, WRIST], RIDGE, whiten)

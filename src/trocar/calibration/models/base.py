@@ -14,12 +14,8 @@ from trocar.checks import require_numbers
 from trocar.errors import InvalidInput
 from trocar.geometry.arrays import Array, finite
 
-MAX_VALUE = 1e6
-"""Numbers of a cable model are not larger than this: features are standardised, angles in rad."""
-
-MIN_ROWS = 30
-"""Fewer valid rows than this do not identify a model's offsets, let alone its hysteresis."""
-
+MAX_VALUE = 1e6  # numbers of a cable model are not larger than this: features are standardised, angles in rad
+MIN_ROWS = 30  # fewer valid rows than this do not identify a model's offsets, let alone its hysteresis
 Arrays = Mapping[str, NDArray[Any]]
 
 

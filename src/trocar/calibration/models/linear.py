@@ -12,8 +12,7 @@ from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_
 from trocar.calibration.recording import Recording
 from trocar.geometry.arrays import Array
 
-PRIOR_COMMANDS = 5
-"""Number of prior commands in a window, in addition to the present one (paper, section IV-A)."""
+PRIOR_COMMANDS = 5  # number of prior commands in a window, in addition to the present one (paper, section IV-A)
 
 
 def windows(q_cmd: Array) -> Array:
@@ -48,7 +47,7 @@ class OffsetModel:
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
         """Return the model with the mean error over the valid rows."""
-        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        error = recording.errors[recording.valid]
         return cls(error.mean(axis=0), TrainingMotion.of(recording))
 
     def predict(self, q_cmd: Array) -> Array:
@@ -76,8 +75,7 @@ class OffsetModel:
         return cls(shaped(arrays, offset=(6,))["offset"], training)
 
 
-PENALTY = 1.0
-"""Ridge penalty on standardised windows: about one sample in a thousand."""
+PENALTY = 1.0  # ridge penalty on standardised windows: about one sample in a thousand
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +95,7 @@ class RidgeModel:
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
         """Return the model fitted by ridge regression on standardised inputs."""
         x = windows(recording.q_cmd).reshape(len(recording), -1)[recording.valid]
-        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        error = recording.errors[recording.valid]
         mean, scale = x.mean(axis=0), x.std(axis=0)
         scale = np.where(scale > 1e-9, scale, np.inf)
         z = (x - mean) / scale

@@ -17,8 +17,7 @@ from trocar.errors import InvalidInput
 from trocar.extras import how_to_install
 from trocar.geometry.arrays import Array
 
-HIDDEN = 256
-"""Number of units of the recurrent and of each dense layer (paper, section IV-A)."""
+HIDDEN = 256  # number of units of the recurrent and of each dense layer (paper, section IV-A)
 
 SHAPES = {
     "input": (4 * HIDDEN, 6),
@@ -34,9 +33,7 @@ SHAPES = {
 """Shapes of the network's weights, by name."""
 
 Weights = dict[str, NDArray[np.floating]]
-
-Memory = tuple[NDArray[np.floating], NDArray[np.floating]]
-"""State of the recurrent layer: hidden and cell (..., h)."""
+Memory = tuple[NDArray[np.floating], NDArray[np.floating]]  # state of the recurrent layer: hidden and cell (..., h)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +60,7 @@ class LstmModel:
         """Return the network trained by Adam on the mean squared error; needs the extra ``learn``."""
         training = TrainingMotion.of(recording)
         x = windows(recording.q_cmd)[recording.valid]
-        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        error = recording.errors[recording.valid]
         mean, scale = x[:, -1].mean(axis=0), _scale(x[:, -1])
         offset, error_scale = error.mean(axis=0), _scale(error)
         try:

@@ -23,8 +23,7 @@ identified radii (.018 to .128 rad over all instruments), as in a Prandtl-Ishlin
 OUTER_PENALTY = 10.0
 """Ridge penalty for the outer joints' errors, on standardised commands: about one sample in a hundred."""
 
-PlayBank = Array
-"""Outputs (3, k) of the play operators: the whole memory of the model."""
+PlayBank = Array  # outputs (3, k) of the play operators: the whole memory of the model
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +73,7 @@ class PlayModel:
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
         """Return the model: coupling identified from the recording, map chosen by validation over blocks of time."""
         plant = fit_plant(recording)
-        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        error = recording.errors[recording.valid]
         outer, offset = fit_linear(recording.q_cmd[recording.valid], error, OUTER_PENALTY)
         radii = with_spectrum(plant.radii)
         fitted, offset[WRIST] = fit_wrist(recording, plant.a, plant.b, radii)
@@ -189,7 +188,7 @@ def wrist_features(q_cmd: Array, a: float, b: float, radii: Array) -> Array:
 def fit_wrist(recording: Recording, a: float, b: float, radii: Array) -> tuple[PlayMap, Array]:
     """Return the map from :func:`wrist_features` to the errors of q4 q5 q6, and the constant (3,) to add, rad."""
     valid = recording.valid
-    error = (recording.q_phy - recording.q_cmd)[valid][:, WRIST]
+    error = recording.errors[valid][:, WRIST]
     middle = error.mean(axis=0)
     fitted, constant = fit_map(
         wrist_features(recording.q_cmd, a, b, radii)[valid], error - middle, np.flatnonzero(valid)

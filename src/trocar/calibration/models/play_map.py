@@ -69,12 +69,9 @@ def drift_ratio(rows: NDArray[np.int64], residuals: Array) -> float:
     return max(DRIFT_RATIOS, key=lambda ratio: DriftWhitener.of(rows, ratio).log_likelihood(residuals))
 
 
-BLOCKS = 5
-"""Number of time blocks of the inner validation; each is predicted from the others."""
-LENGTH = 3.0
-"""Width of a bump in SDs of its inputs: wide enough for a map that bends slowly and stays invertible."""
-CENTRES = 400
-"""Maximum number of bumps, which are centred on training samples evenly spaced in time."""
+BLOCKS = 5  # number of time blocks of the inner validation; each is predicted from the others
+LENGTH = 3.0  # width of a bump in SDs of its inputs: wide enough for a map that bends slowly and stays invertible
+CENTRES = 400  # maximum number of bumps, which are centred on training samples evenly spaced in time
 PENALTIES = (3.0, 30.0)
 NOISE_RATIOS = (0.1, 1.0, np.inf)
 """Candidates of the inner validation: ridge penalties on standardised linear features, and ratios of noise to signal
