@@ -37,9 +37,7 @@ class FingerMarks:
     def centers_m(self, side: int, jaw_rad: float) -> Array:
         """Return the middles (2, 3) of a finger's marks at a jaw opening, in the frame of :meth:`Instrument.finger_m`.
 
-        Args:
-            side: +1 of the left finger, -1 of the right one.
-            jaw_rad: opening between both fingers.
+        ``side``: +1 of the left finger, -1 of the right one; ``jaw_rad``: opening between both fingers.
         """
         half = 0.5 * side * jaw_rad
         along, behind = np.array(self.along_m), side * self.behind_m

@@ -138,11 +138,7 @@ def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: Array | None = None) -> A
 
 
 def ik_near(arm: ArmModel, T_base_tip: SE3, near: Array) -> Array:
-    """Return the same for poses that all have joints.
-
-    Raises:
-        OutOfReach: one of them has none.
-    """
+    """Return the same for poses that all have joints (OutOfReach: one of them has none)."""
     q = ik_unbounded(arm, T_base_tip, near)
     if not np.isfinite(q).all():
         problem = f"no joints of {arm.name} have this pose of the tip, in their ranges or not"

@@ -299,11 +299,7 @@ class ArmModel:
         )
 
     def configurations(self, q: ArrayLike) -> Array:
-        """Return ``q`` as (..., 6) floats.
-
-        Raises:
-            TrocarError: the last axis is not six long, or a value is not finite.
-        """
+        """Return ``q`` as (..., 6) floats (TrocarError: the last axis is not six long, or a value is not finite)."""
         return finite(f"a configuration of arm '{self.name}'", q, ..., 6)
 
 

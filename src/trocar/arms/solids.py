@@ -48,9 +48,7 @@ def joint_axes(arm: ArmModel, q: ArrayLike) -> tuple[Array, Array]:
     The axis of the sliding joint is its direction of motion. Points of the instrument move by ``axis x (point -
     origin)`` for each joint that turns; :data:`MOVED` tells which parts a joint moves.
 
-    Args:
-        arm: whose joints.
-        q: (..., 6) joints, rad and m.
+    ``arm``: whose joints; ``q``: (..., 6) joints, rad and m.
     """
     q = arm.configurations(q)
     depth, shaft, out, side = _wrist(arm, q)

@@ -108,8 +108,7 @@ def refit_offset(model: Model, recording: Recording, rows: int = REFIT_ROWS) -> 
     differ too (the flaw ``wear``), and the best constant still leaves .017 .051 .036 rad. A minute of wide swings and a
     prior do better.
 
-    Raises:
-        TrocarError: the recording has fewer valid rows than that.
+    Raises TrocarError: the recording has fewer valid rows than that.
     """
     good = np.flatnonzero(recording.valid)[:rows]
     if rows < 1 or len(good) < rows:
@@ -144,8 +143,7 @@ def wrist(figure: Figure, recording: Recording, evaluation: Evaluation | None = 
         recording: its valid rows are drawn.
         evaluation: of a model on this recording, whose predictions are drawn too; None: no model.
 
-    Raises:
-        TrocarError: no row is valid.
+    Raises TrocarError: no row is valid.
     """
     rows = np.flatnonzero(recording.valid)
     if not len(rows):

@@ -69,8 +69,7 @@ def random_smooth_path(arm: ArmModel, rng: np.random.Generator, n: int = SAMPLES
     function; its pace is scaled until the mean step is that of the box, or, of few samples, until it goes through its
     range once.
 
-    Raises:
-        TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
+    Raises TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
     _check(arm, n, box)
     return np.column_stack([_wander(rng, n, *ends) for ends in zip(box.lower, box.upper, box.step, strict=True)])
@@ -83,8 +82,7 @@ def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> A
     play, so each sample shows the loops at another place; along a smooth path a joint reverses every eight samples, and
     in between all samples show the same side of its play (``benchmarks/bench_excitation.py``).
 
-    Raises:
-        TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
+    Raises TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
     _check(arm, n, box)
     from scipy.stats import qmc  # a second, for every command that knows stations

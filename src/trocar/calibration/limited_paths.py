@@ -72,9 +72,7 @@ class QuadraticSpline:
         full speed in between if needed. (Full speed may be reached within an interval, which cannot be represented
         exactly; this is neglected.)
 
-        Args:
-            speed: at the start; low enough to stop within the path's time.
-            limits: of velocity and acceleration.
+        ``speed``: at the start; low enough to stop within the path's time; ``limits``: of velocity and acceleration.
         """
         since, push = (self.times_s - self.times_s[0])[:, None], limits.acceleration
         forward_s = (since[-1] - speed / push) / 2
@@ -134,9 +132,7 @@ class LimitedPaths:
     def hessian(self, nearness: Array, smoothness: Array) -> sparse.csc_matrix:
         """Return the Hessian (6 m, 6 m), joint by joint, of positions' and accelerations' weighted squares.
 
-        Args:
-            nearness: (6,) weight of a joint's error.
-            smoothness: (6,) weight of its acceleration.
+        ``nearness``: (6,) weight of a joint's error; ``smoothness``: (6,) weight of its acceleration.
         """
         free = len(self.spline.steps_s) - 1
         shift = free * np.arange(6)[:, None]
@@ -159,9 +155,7 @@ class LimitedPaths:
     def solve(self, hessian: sparse.csc_matrix, gradient: Array) -> Array | None:
         """Return the free control points (m, 6) that minimise ``x H x / 2 + g x``; None if no path is allowed.
 
-        Args:
-            hessian: (6 m, 6 m), joint by joint.
-            gradient: (m, 6) at x = 0.
+        ``hessian``: (6 m, 6 m), joint by joint; ``gradient``: (m, 6) at x = 0.
         """
         size = float(hessian.diagonal().mean())
         scaled, linear = hessian / size, gradient.T.ravel() / size

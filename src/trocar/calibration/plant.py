@@ -26,12 +26,8 @@ def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None
 
     Args:
         u: (n, ...) inputs over time, in rad.
-        radii: half-widths r of the backlash in rad, broadcast against the inputs' trailing shape:
-            inputs (n, 3, 1) and radii (3, 4) give (n, 3, 4).
+        radii: half-widths r of the backlash in rad; inputs (n, 3, 1) and radii (3, 4) give outputs (n, 3, 4).
         start: state P before the first sample; None starts without slack.
-
-    Returns:
-        (n, ...) outputs P.
 
     Raises:
         InvalidInput: a radius is negative or the inputs are not finite.
@@ -194,12 +190,7 @@ PLANTS: dict[str, CablePlant] = {"psm1_grey": PSM1_GREY, "psm2_grey": PSM2_GREY,
 def play_slacks(q_cmd: Array, a: float, b: float, radii: Array, start: ArrayLike = 0.0) -> Array:
     """Return the slacks (n, 3, k) of ``[q4, q5 + a q6, q6 + b q5]`` at radii (3, k), commands (n, 6).
 
-    Args:
-        q_cmd: one after the other, from the first one that the arm was at rest at.
-        a: share of yaw in the motion of the pitch cable.
-        b: share of pitch in the motion of the yaw cable.
-        radii: of the play operators, rad.
-        start: slacks, broadcast to (3, k), at the first command, rad.
+    The arm was at rest at the first command, with the slacks ``start``, broadcast to (3, k); all in rad.
     """
     q4, q5, q6 = q_cmd[:, 3], q_cmd[:, 4], q_cmd[:, 5]
     u = np.stack([q4, q5 + a * q6, q6 + b * q5], axis=1)[:, :, None]

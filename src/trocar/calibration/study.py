@@ -103,8 +103,7 @@ def session_change(model: CableModel, recording: Recording, rows: int = REFIT_RO
 def load_study_recordings(data: str | Path, names: Sequence[str]) -> dict[str, Recording]:
     """Return the recordings by name, from a folder of ``.npz`` or ``.csv`` files or from its ``dvrk/trajectories``.
 
-    Raises:
-        TrocarError: the folder lacks one of them, or one cannot be read.
+    Raises TrocarError: the folder lacks one of them, or one cannot be read.
     """
     data = Path(data)
     inner = data / "dvrk" / "trajectories"

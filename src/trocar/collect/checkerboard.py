@@ -121,11 +121,7 @@ def _apart(true: SE3, found: SE3) -> dict[str, float]:
 
 
 def checkerboard_of(station: Station) -> CheckerboardRegistration:
-    """Return the checkerboard registration of a station.
-
-    Raises:
-        TrocarError: it is registered in another way.
-    """
+    """Return the checkerboard registration of a station (TrocarError: it is registered in another way)."""
     if not isinstance(station.registration, CheckerboardRegistration):
         remedy = 'give its [registration] kind = "checkerboard", or choose raven-pair'
         raise InvalidInput(f"station {station.name!r}", "is registered by points", remedy)
@@ -133,11 +129,7 @@ def checkerboard_of(station: Station) -> CheckerboardRegistration:
 
 
 def stereo_camera(station: Station) -> str:
-    """Return the name of a station's first stereo pair.
-
-    Raises:
-        TrocarError: there is none.
-    """
+    """Return the name of a station's first stereo pair (TrocarError: there is none)."""
     found = [name for name, camera in station.cameras.items() if isinstance(camera.model, StereoRig)]
     if not found:
         raise InvalidInput(f"station {station.name!r}", "has no stereo pair, which a checkerboard needs", "add one")

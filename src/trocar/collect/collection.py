@@ -57,8 +57,8 @@ class Collection:
         """Choose the commands; no image is taken yet.
 
         Args:
-            session: the session.
-            arm: which arm.
+            session: with the cables and the camera.
+            arm: which one, by name.
             box: range of the motion.
             seeds: of everything random.
             rows: how many samples.
@@ -141,12 +141,9 @@ class Collection:
     def run(self, path: str | Path | None = None, listener: Listener | None = None) -> Array:
         """Return the centres (n, k, 3) of all rows; resume where the file of an interrupted collection ends.
 
-        Args:
-            path: of the file; None: nothing is kept.
-            listener: called after each row.
+        ``path``: of the file; None: nothing is kept; ``listener``: called after each row.
 
-        Raises:
-            TrocarError: the file is of another collection, damaged, or cannot be written.
+        Raises TrocarError: the file is of another collection, damaged, or cannot be written.
         """
         path = None if path is None else Path(path)
         found = [] if path is None else list(self._kept(path))

@@ -50,19 +50,9 @@ def commands_in_view(
     """Return commands (2 + rows, 6): two that swing the wrist back and forth, which takes up the slack, then the path.
 
     Where the path leaves the view, the outer joints are pulled towards the middle of their ranges; the wrist, whose
-    cables are to be learned, keeps its path.
+    cables are to be learned, keeps its path. ``wide``: it is the short one of wide swings.
 
-    Args:
-        arm: that moves.
-        fixture: that it wears.
-        view: of the camera.
-        box: where the motion goes.
-        rows: of the path.
-        seed: of the motion.
-        wide: it is the short one of wide swings.
-
-    Raises:
-        TrocarError: some poses of the wrist are not in view anywhere.
+    Raises TrocarError: some poses of the wrist are not in view anywhere.
     """
     smooth = random_smooth_path(arm, np.random.default_rng(seed), max(rows, SAMPLES), box)
     path = wide_path(arm, rows, box) if wide else smooth
@@ -96,11 +86,7 @@ def why_no_images(station: Station, arm: str, box: MotionBox, fixture: Fixture =
 
 
 def depth_camera(station: Station) -> str:
-    """Return the name of a station's first camera that sees depth.
-
-    Raises:
-        TrocarError: there is none.
-    """
+    """Return the name of a station's first camera that sees depth (TrocarError: there is none)."""
     found = [name for name, camera in station.cameras.items() if isinstance(camera.model, Intrinsics)]
     if not found:
         raise InvalidInput(

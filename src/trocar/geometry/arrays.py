@@ -42,8 +42,7 @@ def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Ar
 def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Array:
     """Return float64 numbers of any shape, finite or not; ``shape`` only tells what is wanted.
 
-    Raises:
-        TrocarError: these are not numbers.
+    Raises TrocarError: these are not numbers.
     """
     try:
         array = np.asarray(values)
@@ -72,12 +71,9 @@ def direction(vector: ArrayLike, what: str) -> Array:
     >>> direction([3e307, 4e307, 0.0], "the upward direction").round(3).tolist()
     [0.6, 0.8, 0.0]
 
-    Args:
-        vector: three numbers.
-        what: its name in the error message.
+    ``vector``: three numbers; ``what``: its name in the error message.
 
-    Raises:
-        TrocarError: they are not three, not finite, or all zero.
+    Raises TrocarError: they are not three, not finite, or all zero.
     """
     try:
         given = np.asarray(vector, dtype=np.float64)

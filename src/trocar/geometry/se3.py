@@ -143,11 +143,7 @@ class SE3:
 
 
 def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
-    """Return a pose, or that of a matrix (4, 4).
-
-    Raises:
-        TrocarError: it is not a pose, or there are several.
-    """
+    """Return a pose, or that of a matrix (4, 4) (TrocarError: it is not a pose, or there are several)."""
     T = SE3.of(pose)
     if T.matrix.ndim != 2:
         raise InvalidInput(what, f"needs one pose (4, 4), got {T.matrix.shape}", "pick one with [k]")

@@ -57,8 +57,7 @@ class SO3:
     def nearest(matrix: ArrayLike) -> SO3:
         """Return the rotation(s) nearest to matrices (..., 3, 3), such as rotations that were rounded in a file.
 
-        Raises:
-            TrocarError: a matrix has no nearest rotation: its columns do not span space, or it is a reflection.
+        Raises TrocarError: a matrix has no nearest rotation: its columns do not span space, or it is a reflection.
         """
         given = finite("a matrix", matrix, ..., 3, 3)
         u, sizes, vt = np.linalg.svd(given)
@@ -94,8 +93,7 @@ class SO3:
     def between(start: ArrayLike, end: ArrayLike) -> SO3:
         """Return the smallest rotation that takes one direction (3,) to another; for opposite ones, any half turn.
 
-        Raises:
-            TrocarError: one of them has no direction.
+        Raises TrocarError: one of them has no direction.
         """
         a, b = direction(start, "the first direction"), direction(end, "the second direction")
         axis, cosine = np.cross(a, b), float(a @ b)

@@ -16,9 +16,7 @@ UNITS_M = {"mm": 1e-3, "m": 1.0}
 def load_capture(path: str | Path, unit: str | None = None) -> Array:
     """Return the points (n, 3) in m of an .npz (``points_mm``, ``points_m``, or its only array) or .npy file.
 
-    Args:
-        path: the file.
-        unit: 'mm' or 'm'; required if the array's name does not tell it.
+    ``path``: the file; ``unit``: 'mm' or 'm'; required if the array's name does not tell it.
 
     Raises:
         UnknownName: no such unit.

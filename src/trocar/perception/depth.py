@@ -89,11 +89,7 @@ class Patch:
 def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_m: ArrayLike) -> Patch | None:
     """Return the rectangle of pixels that a box covers, or None if the camera does not see it.
 
-    Args:
-        image: colour and depth.
-        T_camera_box: pose of the box's frame in the camera.
-        lower_m: (3,) lower corner of the box in its frame.
-        upper_m: (3,) upper corner.
+    ``lower_m`` and ``upper_m`` (3,) are corners of the box in its own frame.
     """
     lower, upper = np.asarray(lower_m, dtype=np.float64), np.asarray(upper_m, dtype=np.float64)
     pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)

@@ -72,8 +72,7 @@ def measure(arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rn
         q_cmd: (n, 6) encoder readings.
         rng: of the search for outliers.
 
-    Raises:
-        InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
+    Raises InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
     """
     base = register_base(arm, fixture, p_camera_m, q_cmd, rng)
     p_base = base.T_target_source.inverse().apply(p_camera_m)
@@ -97,8 +96,7 @@ def register_base(
 
     The outer joints' encoders are exact to .3 mrad and .1 mm, so many positions of the shaft give the base.
 
-    Raises:
-        InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
+    Raises InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
     """
     require_psm(arm)
     seen = np.isfinite(p_camera_m).all(-1) & fixture.on_shaft
@@ -139,16 +137,12 @@ def without_wrong_distances(fixture: Fixture, p_m: Array) -> Array:
 
 
 def joints_from_spheres(arm: ArmModel, fixture: Fixture, p_base_m: Array, q_cmd: Array) -> Array:
-    """Return the joints (n, 6) of an arm whose spheres have these centres (n, k, 3) in its base.
+    """Return the joints (n, 6) of a PSM whose spheres have these centres (n, k, 3) in its base.
 
-    Args:
-        arm: a PSM.
-        fixture: that it wears.
-        p_base_m: NaN where a sphere was not seen; joints that cannot be determined are NaN.
-        q_cmd: (n, 6) commands; they only tell in which turn the roll is.
+    NaN where a sphere was not seen; joints that cannot be determined are NaN. The commands (n, 6) only tell in which
+    turn the roll is.
 
-    Raises:
-        InvalidInput: the arm is no PSM.
+    Raises InvalidInput: the arm is no PSM.
     """
     require_psm(arm)
     q = np.full((len(p_base_m), 6), np.nan)

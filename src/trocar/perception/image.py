@@ -52,9 +52,7 @@ class Intrinsics:
     def cropped(self, corner_px: tuple[int, int], size_px: tuple[int, int]) -> Intrinsics:
         """Return the camera that reads out only a rectangle of this one's pixels.
 
-        Args:
-            corner_px: (u, v) of the rectangle's first pixel.
-            size_px: (width, height).
+        ``corner_px``: (u, v) of the rectangle's first pixel; ``size_px``: (width, height).
         """
         (u, v), (width, height) = corner_px, size_px
         if min(u, v) < 0 or min(width, height) < 1 or u + width > self.width or v + height > self.height:
@@ -125,11 +123,7 @@ class StereoWindow:
                 raise InvalidInput(f"binning by {self.binning}", problem, "give multiples of it")
 
     def of(self, rig: StereoRig) -> StereoRig:
-        """Return the pair that reads out only these rectangles.
-
-        Raises:
-            InvalidInput: a rectangle leaves its image.
-        """
+        """Return the pair that reads out only these rectangles (InvalidInput: a rectangle leaves its image)."""
         left, right = (
             eye.cropped(window.corner_px, window.size_px).binned(self.binning)
             for eye, window in ((rig.left, self.left), (rig.right, self.right))

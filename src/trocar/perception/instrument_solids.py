@@ -99,13 +99,7 @@ class InstrumentSolids:
 
     @staticmethod
     def of(arm: ArmModel, q: Array, jaw_rad: float) -> InstrumentSolids:
-        """Return the solids of an arm's instrument.
-
-        Args:
-            arm: whose.
-            q: (6,) joints, rad and m.
-            jaw_rad: opening between the fingers.
-        """
+        """Return the solids of an arm's instrument at joints (6,) and an opening between the fingers."""
         shape, pose, back = arm.instrument, frames(arm, q).matrix, float(arm.wrist_sign)
         R, p = pose[4:7, :3, :3], pose[4:7, :3, 3]
         half_m = 0.5 * KNUCKLE_SHARE * shape.finger_width_m

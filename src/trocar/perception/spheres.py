@@ -74,12 +74,8 @@ def find_spheres(image: RgbdImage, fixture: Fixture) -> Array:
 def fit_sphere(points_m: Array, radius_m: float | None = None, near_m: Array | None = None) -> SphereFit | None:
     """Return the sphere nearest to points (n, 3) that are seen from the origin; None if it cannot be found.
 
-    Gauss-Newton on the distances from the surface; outliers are left out step by step.
-
-    Args:
-        points_m: on the side of the sphere that faces the origin.
-        radius_m: of the sphere, if known; None: it is fitted too.
-        near_m: (3,) guess of its centre; None: behind the points.
+    Gauss-Newton on the distances from the surface; outliers are left out step by step. Without a radius, it is fitted
+    too; without a guess ``near_m`` (3,) of the centre, it is sought behind the points.
     """
     if len(points_m) < 4:
         return None

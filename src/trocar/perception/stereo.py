@@ -65,8 +65,7 @@ def rectify(image: StereoImage) -> tuple[StereoImage, SO3]:
     A pair that is rectified already is returned as it is. The new left camera stands where the old one does; a point p
     in its frame is ``R_left_rectified`` p in the old one's.
 
-    Raises:
-        InvalidInput: the eyes stand on the same spot or behind each other.
+    Raises InvalidInput: the eyes stand on the same spot or behind each other.
     """
     rig = image.rig
     if is_rectified(rig):

@@ -50,9 +50,7 @@ class BoardPose:
 def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> Array | None:
     """Return the inner corners (rows * columns, 2) u, v of a board in the board's order, or None if it is not seen.
 
-    Args:
-        board: the one to search for; the whole of it must be in the image.
-        image: (height, width, 3) uint8 RGB.
+    ``board``: the one to search for; the whole of it must be in the image; ``image``: (height, width, 3) uint8 RGB.
     """
     gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     low, high = np.percentile(gray, (DARKEST, BRIGHTEST))
@@ -70,14 +68,9 @@ def calibrate_stereo(
 ) -> StereoCalibration:
     """Return the pair that projects the board's corners nearest to where both eyes see them, over all views.
 
-    Args:
-        board: that was shown.
-        left_px: (n, k, 2) corners in the left eye's images, in the board's order.
-        right_px: (n, k, 2) likewise, of the same moments.
-        size_px: width and height of the images.
+    The corners (n, k, 2) of both eyes are in the board's order, and of the same moments; ``size_px`` is width, height.
 
-    Raises:
-        InvalidInput: there are too few views.
+    Raises InvalidInput: there are too few views.
     """
     corners = board.corners_m.astype(np.float32)
     _require_corners(left_px, right_px, (len(left_px), len(corners), 2))
@@ -105,14 +98,9 @@ def calibrate_stereo(
 def board_pose(board: Checkerboard, rig: StereoRig, left_px: Array, right_px: Array) -> BoardPose:
     """Return the pose that projects the corners nearest to where both eyes see them.
 
-    Args:
-        board: which one.
-        rig: the calibrated pair.
-        left_px: (n, 2) corners in the left eye's image, in the board's order.
-        right_px: (n, 2) likewise.
+    The corners (n, 2) of both eyes are in the board's order.
 
-    Raises:
-        InvalidInput: no pose of the board explains the corners.
+    Raises InvalidInput: no pose of the board explains the corners.
     """
     corners = board.corners_m
     _require_corners(left_px, right_px, (len(corners), 2))

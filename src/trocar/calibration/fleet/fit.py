@@ -59,12 +59,7 @@ class Learned:
 
 
 def expected(prior: FleetPrior, box: MotionBox) -> PlayModel:
-    """Return the play model of an instrument about which only the prior is known.
-
-    Args:
-        prior: over instruments and sessions.
-        box: in which its joints move.
-    """
+    """Return the play model of an instrument that moves in a box, and about which only the prior is known."""
     shape = LoopShape.of(prior.shape_mean)
     training = TrainingMotion(box.step, box.lower, box.upper, 0)
     offset = np.concatenate([np.zeros(3), prior.weights[:, 0]])
@@ -78,8 +73,7 @@ def fit_from_prior(recording: Recording, prior: FleetPrior) -> PlayModel:
     From ``OWN_ROWS`` on, a map fitted to this instrument without the prior is mixed in to the extent that it predicts
     the last part of the recording better; from ``ENOUGH_ROWS`` on, the prior is left out.
 
-    Raises:
-        TrocarError: the recording has too few valid rows.
+    Raises TrocarError: the recording has too few valid rows.
     """
     training = TrainingMotion.of(recording)
     if training.rows >= ENOUGH_ROWS:
@@ -103,13 +97,9 @@ def learn_from(recording: Recording, prior: FleetPrior, sd_rad: Array | None = N
 
     The shape of the loops and the initial state of the cables are set to their most likely values and count as known.
 
-    Args:
-        recording: commands and measurements.
-        prior: over instruments and sessions.
-        sd_rad: (n, 3) SDs of the wrist's measurements, if they are less accurate than the recordings behind the prior.
+    ``sd_rad`` (n, 3) are SDs of the wrist's measurements, if these are less accurate than those behind the prior.
 
-    Raises:
-        TrocarError: the recording has too few valid rows.
+    Raises TrocarError: the recording has too few valid rows.
     """
     training = TrainingMotion.of(recording)
     shape = _shape(recording, prior, sd_rad)

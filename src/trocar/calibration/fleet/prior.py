@@ -70,9 +70,7 @@ class LoopShape:
     def slacks(self, q_cmd: Array, starts: Array) -> Array:
         """Return the slacks (n, 3, s, k) along commands (n, 6).
 
-        Args:
-            q_cmd: all commands since the arm was at rest.
-            starts: (s,) slacks before the first one, as shares of the radii: -1 to 1.
+        ``starts`` (s,) are the slacks before the first command, as shares of the radii: -1 to 1.
         """
         shape = (3, len(starts), len(MULTIPLES))
         radii = np.broadcast_to(self.banks[:, None], shape)
@@ -138,8 +136,7 @@ class FleetPrior:
     def of(fits: Sequence[LoopFit]) -> FleetPrior:
         """Return the prior over instruments and sessions, from the fits to recordings of some of them.
 
-        Raises:
-            TrocarError: they are fewer than two.
+        Raises TrocarError: they are fewer than two.
         """
         if len(fits) < 2:
             raise InvalidInput("a prior", f"cannot be learned from {len(fits)} recordings", "give two or more")
@@ -174,8 +171,7 @@ class FleetPrior:
     def without(self, instrument: str) -> FleetPrior:
         """Return the prior without one instrument: without the recordings whose names begin like this.
 
-        Raises:
-            TrocarError: fewer than two are left.
+        Raises TrocarError: fewer than two are left.
         """
         return FleetPrior.of([fit for fit in self.fits if not fit.name.startswith(instrument)])
 
@@ -192,8 +188,7 @@ class FleetPrior:
 def load_prior(name: str | Path) -> FleetPrior:
     """Return the built-in prior (``fleet``), or that in a file.
 
-    Raises:
-        TrocarError: there is no such file, or it is not a prior.
+    Raises TrocarError: there is no such file, or it is not a prior.
     """
     if str(name) == BUILT_IN:
         with as_file(files("trocar.calibration.fleet") / "fleet.npz") as path:
@@ -228,7 +223,6 @@ def _least_sd(joint: int) -> Array:
 def learn_prior(recordings: Sequence[Recording]) -> FleetPrior:
     """Return the prior over instruments and sessions, learned from recordings of some of them.
 
-    Raises:
-        InvalidInput: they are fewer than two.
+    Raises InvalidInput: they are fewer than two.
     """
     return FleetPrior.of([fit_loops(recording) for recording in recordings])

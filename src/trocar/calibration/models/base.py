@@ -129,12 +129,9 @@ def shaped(arrays: Arrays, **shapes: tuple[int | str, ...]) -> dict[str, NDArray
 
     >>> shaped(arrays, offset=(6,), radii=(3, "k"), linear=(3, "d"))
 
-    Args:
-        arrays: of a model's file.
-        shapes: by name; a letter stands for any length, the same wherever it stands.
+    A letter in a shape stands for any length, the same wherever it stands.
 
-    Raises:
-        InvalidInput: one is missing, has another shape, or holds what is not finite or absurdly large.
+    Raises InvalidInput: one is missing, has another shape, or holds what is not finite or absurdly large.
     """
     lengths: dict[str, int] = {}
     found: dict[str, NDArray[Any]] = {}

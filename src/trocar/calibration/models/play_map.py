@@ -132,9 +132,7 @@ class PlayMap:
     def from_arrays(cls, arrays: Arrays, radii: int) -> PlayMap:
         """Return the map from the arrays of a file.
 
-        Args:
-            arrays: of the file.
-            radii: how many play operators each joint has.
+        ``arrays``: of the file; ``radii``: how many play operators each joint has.
         """
         features = 3 + 3 * radii
         own = shaped(
