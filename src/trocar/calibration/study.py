@@ -81,7 +81,7 @@ def table_1(recording: Recording, rows: int = TABLE_1_ROWS) -> dict[str, Array]:
     The paper's SD is the standard deviation of the error's magnitude.
     """
     good = np.flatnonzero(recording.valid)[:rows]
-    error = np.absrecording.errors[good]
+    error = np.abs(recording.errors)[good]
     return {"RMSE": np.sqrt(np.mean(error**2, axis=0)), "SD": error.std(axis=0), "Max": error.max(axis=0)}
 
 

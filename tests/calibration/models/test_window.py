@@ -1,7 +1,7 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
-from trocar.calibration.models.linear import advance, resting_window, windows
+from trocar.calibration.models.linear import resting_window, windows
 
 Q = np.arange(10.0)[:, None] + 100.0 * np.arange(6)
 
@@ -17,11 +17,3 @@ def test_before_its_first_command_an_arm_has_been_at_rest():
     assert_array_equal(windows(Q)[0], np.tile(Q[0], (6, 1)))
     assert_array_equal(windows(Q)[2], Q[[0, 0, 0, 0, 1, 2]])
     assert_array_equal(resting_window(Q[0]), np.tile(Q[0], (5, 1)))
-
-
-def test_windows_step_by_step_are_those_of_the_whole_history():
-    prior = resting_window(Q[0])
-    for q, expected in zip(Q, windows(Q), strict=True):
-        window = advance(prior, q)
-        assert_array_equal(window, expected)
-        prior = window[1:]

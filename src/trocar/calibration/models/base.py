@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -23,8 +23,7 @@ Arrays = Mapping[str, NDArray[Any]]
 class TrainingMotion:
     """Statistics of the motion that a model was fitted on, in joint space."""
 
-    # (6,) mean step |dq| between samples, rad and m (q3); paths of tasks are resampled to it
-    interval: Array
+    interval: Array  # (6,) mean step |dq| between samples, rad and m (q3), to which paths are resampled
     lower: Array  # (6,) smallest command
     upper: Array  # (6,) largest command
     rows: int  # number of valid rows used
@@ -105,6 +104,16 @@ class Invertible(Protocol):
     def linearize(self, state: Any, q_cmd: Array) -> tuple[Array, Array]:
         """Return the joints (6,) after the command (6,), and the wrist's d q_joint / d q_cmd (3, 3)."""
         ...
+
+
+class WithOffset:
+    """A cable model, a dataclass, whose predictions contain an offset."""
+
+    offset: Array  # (6,) rad and m (q3)
+
+    def shifted(self, offset: Array) -> Self:
+        """Return the model with this offset (6,) added to its predictions."""
+        return replace(self, offset=self.offset + offset)  # type: ignore[type-var]
 
 
 def in_words(model: CableModel, more: str = "") -> str:

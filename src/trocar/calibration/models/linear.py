@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
+from trocar.calibration.models.base import Arrays, TrainingMotion, WithOffset, commands, in_words, shaped
 from trocar.calibration.recording import Recording
 from trocar.geometry.arrays import Array
 
@@ -26,13 +26,8 @@ def resting_window(q_cmd: Array) -> Array:
     return np.repeat(q_cmd[None], PRIOR_COMMANDS, axis=0)
 
 
-def advance(prior: Array, q_cmd: Array) -> Array:
-    """Return the window (6, 6) of a command (6,) that follows its prior commands (5, 6)."""
-    return np.concatenate([prior, q_cmd[None]])
-
-
 @dataclass(frozen=True, eq=False)
-class OffsetModel:
+class OffsetModel(WithOffset):
     """``q_joint = q_cmd + offset``: no memory, no coupling."""
 
     name: ClassVar[str] = "offset"
@@ -61,10 +56,6 @@ class OffsetModel:
         """Return the joints (6,) after the command (6,)."""
         return q_cmd + self.offset, None
 
-    def shifted(self, offset: Array) -> Self:
-        """Return the model with this offset (6,) added to its predictions."""
-        return replace(self, offset=self.offset + offset)
-
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays for the file."""
         return {"offset": self.offset}
@@ -79,7 +70,7 @@ PENALTY = 1.0  # ridge penalty on standardised windows: about one sample in a th
 
 
 @dataclass(frozen=True, eq=False)
-class RidgeModel:
+class RidgeModel(WithOffset):
     """``q_joint = q_cmd + offset + W vec(window)``; the window is the command and five prior ones."""
 
     name: ClassVar[str] = "ridge"
@@ -114,12 +105,8 @@ class RidgeModel:
 
     def step(self, state: Array, q_cmd: Array) -> tuple[Array, Array]:
         """Return the joints (6,) after the command (6,), and the new prior commands."""
-        window = advance(state, q_cmd)
+        window = np.concatenate([state, q_cmd[None]])
         return q_cmd + self.offset + window.ravel() @ self.weights, window[1:]
-
-    def shifted(self, offset: Array) -> Self:
-        """Return the model with this offset (6,) added to its predictions."""
-        return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays for the file."""

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
-from trocar.calibration.models.linear import advance, resting_window, windows
+from trocar.calibration.models.base import Arrays, TrainingMotion, WithOffset, commands, in_words, shaped
+from trocar.calibration.models.linear import resting_window, windows
 from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
 from trocar.extras import how_to_install
@@ -30,22 +30,19 @@ SHAPES = {
     "out": (6, HIDDEN),
     "bias_out": (6,),
 }
-"""Shapes of the network's weights, by name."""
+"""Shapes of the network's weights, by name; the gates are in the order i f g o."""
 
 Weights = dict[str, NDArray[np.floating]]
 Memory = tuple[NDArray[np.floating], NDArray[np.floating]]  # state of the recurrent layer: hidden and cell (..., h)
 
 
 @dataclass(frozen=True, eq=False)
-class LstmModel:
+class LstmModel(WithOffset):
     """``q_joint = q_cmd + scale * network(window) + offset``; the window is the command and five prior ones."""
 
     name: ClassVar[str] = "lstm"
     rate_independent: ClassVar[bool] = False
-    # by name (:data:`SHAPES`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,), the gates in the order i f g
-    # o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases. Single precision, as in training: predictions
-    # are accurate to 1e-6 of the error's SD
-    weights: Weights
+    weights: Weights  # by name; single precision, as in training: accurate to 1e-6 of the error's SD
     input_mean: Array  # (6,) mean of the training commands
     input_scale: Array  # (6,) SD of the training commands
     error_scale: Array  # (6,) SD of the training errors
@@ -74,7 +71,8 @@ class LstmModel:
     def predict(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) for a history of commands (n, 6)."""
         q = commands(q_cmd)
-        return q + self._error(windows(q))
+        hidden, _ = remember(self.weights, self._standard(windows(q)))
+        return q + (self.offset + self.error_scale * dense(self.weights, hidden))
 
     def start(self, q_cmd: Array) -> LstmState:
         """Return the state of an arm that has been at rest at this command (6,)."""
@@ -84,11 +82,7 @@ class LstmModel:
         """Return the joints (6,) after the command (6,), and the new state."""
         hidden, _ = recur(self.weights, self._standard(q_cmd), state.memory)
         joints = q_cmd + self.offset + self.error_scale * dense(self.weights, hidden)
-        return joints, LstmState(self, advance(state.prior, q_cmd)[1:])
-
-    def shifted(self, offset: Array) -> Self:
-        """Return the model with this offset (6,) added to its predictions."""
-        return replace(self, offset=self.offset + offset)
+        return joints, LstmState(self, np.concatenate([state.prior[1:], q_cmd[None]]))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays for the file."""
@@ -102,14 +96,6 @@ class LstmModel:
         found = shaped(arrays, **{f"weight_{key}": shape for key, shape in SHAPES.items()})
         weights = {key: np.ascontiguousarray(found[f"weight_{key}"], dtype=np.float32) for key in SHAPES}
         return cls(weights=weights, training=training, **own)
-
-    def remember(self, prior: Array) -> Memory:
-        """Return the recurrent layer's state after prior commands (..., 5, 6), starting from zero."""
-        return remember(self.weights, self._standard(prior))
-
-    def _error(self, window: Array) -> Array:
-        hidden, _ = self.remember(window)
-        return self.offset + self.error_scale * dense(self.weights, hidden)
 
     def _standard(self, q_cmd: Array) -> NDArray[np.floating]:
         return ((q_cmd - self.input_mean) / self.input_scale).astype(np.float32)
@@ -125,7 +111,7 @@ class LstmState:
     @cached_property
     def memory(self) -> Memory:
         """The recurrent layer's state after the prior commands."""
-        return self.model.remember(self.prior)
+        return remember(self.model.weights, self.model._standard(self.prior))
 
 
 def recur(weights: Weights, z: NDArray[np.floating], memory: Memory) -> Memory:

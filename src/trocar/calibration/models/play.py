@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
+from trocar.calibration.models.base import Arrays, TrainingMotion, WithOffset, commands, in_words, shaped
 from trocar.calibration.models.play_map import PlayMap, fit_linear, fit_map
 from trocar.calibration.plant import WRIST, fit_plant, play_operator, play_slacks
 from trocar.calibration.recording import Recording
@@ -42,7 +42,7 @@ class PlayResponse:
 
 
 @dataclass(frozen=True, eq=False)
-class PlayModel:
+class PlayModel(WithOffset):
     """``q_joint = q_cmd + offset + map(q4 q5 q6, slacks)`` with slacks ``u - P_r(u)`` of play operators.
 
     The operators run on ``u = [q4, q5 + a q6, q6 + b q5]``, since the cables of pitch and yaw are coupled. The
@@ -150,10 +150,6 @@ class PlayModel:
             by_operator=-by_slack,
             moved=moved,
         )
-
-    def shifted(self, offset: Array) -> Self:
-        """Return the model with this offset (6,) added to its predictions."""
-        return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays for the file."""
