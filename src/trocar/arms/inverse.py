@@ -244,18 +244,14 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     if not np.isfinite(pose).all():
         raise InvalidInput(f"{name} for arm '{arm.name}'", "holds NaN or infinity", "check what it was computed from")
     T = SE3.unchecked(pose.reshape(4, 4))
-    place = "({:.4f}, {:.4f}, {:.4f}) m".format(*T.translation_m)
+    there = "{} at ({:.4f}, {:.4f}, {:.4f}) m".format(name, *T.translation_m)
     q, real = ik_branches(arm, T)
     if not np.isfinite(q).all(-1).any():
-        raise OutOfReach(
-            f"arm '{arm.name}' has no definite joint values for {name} at {place}: the wrist lies on the remote centre "
-            f"and turns freely; keep it {arm.safe_depth_m} m away"
-        )
+        why = f"the wrist lies on the remote centre and turns freely; keep it {arm.safe_depth_m} m away"
+        raise OutOfReach(f"arm '{arm.name}' has no definite joint values for {there}: {why}")
     if not real.any():
-        raise OutOfReach(
-            f"arm '{arm.name}' cannot reach {name} at {place}: no pitch points the instrument that way; "
-            "turn or move the target"
-        )
+        why = "no pitch points the instrument that way; turn or move the target"
+        raise OutOfReach(f"arm '{arm.name}' cannot reach {there}: {why}")
     q = q[real]
     q = q + arm.turns * np.rint((near - q) / TURN)
     turned = q + arm.turns * ((q < arm.lower) * 1.0 - (q > arm.upper))
@@ -268,11 +264,9 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     best = np.argmin(excess.max(-1))
     i = int(np.argmax(excess[best]))
     joint = arm.joints[i]
-    raise OutOfReach(
-        f"arm '{arm.name}' cannot reach {name} at {place}: joint '{joint.name}' would be {q[best, i]:.4f} "
-        f"{joint.unit}, {excess[best, i]:.4f} outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}; "
-        "move or turn the target"
-    )
+    outside = f"{excess[best, i]:.4f} outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}"
+    why = f"joint '{joint.name}' would be {q[best, i]:.4f} {joint.unit}, {outside}; move or turn the target"
+    raise OutOfReach(f"arm '{arm.name}' cannot reach {there}: {why}")
 
 
 def _excess(arm: ArmModel, q: NDArray) -> Array:

@@ -77,11 +77,8 @@ class CommandRequest:
             object.__setattr__(self, name, value)
         over = np.abs(self.velocity_start) / self.limits.velocity
         if over.max() > 1 + 1e-6:
-            raise InvalidInput(
-                f"joint {np.argmax(over) + 1}",
-                f"has commands that already run at {over.max():.2f} times their limit of velocity",
-                "let them slow down before a new motion",
-            )
+            problem = f"has commands that already run at {over.max():.2f} times their limit of velocity"
+            raise InvalidInput(f"joint {np.argmax(over) + 1}", problem, "let them slow down before a new motion")
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,11 +241,8 @@ def command_paths(requests: Mapping[str, CommandRequest]) -> dict[str, CommandPa
             break
     lost = [repr(arm) for arm in requests if arm not in fits]
     if lost:
-        raise InvalidInput(
-            "no commands",
-            f"of arm {', '.join(lost)} within the limits were found",
-            "let it come to rest before the motion",
-        )
+        problem = f"of arm {', '.join(lost)} within the limits were found"
+        raise InvalidInput("no commands", problem, "let it come to rest before the motion")
     return {arm: _finished(fit) for arm, fit in fits.items()}
 
 

@@ -112,9 +112,8 @@ def refit_offset(model: Model, recording: Recording, rows: int = REFIT_ROWS) -> 
     """
     good = np.flatnonzero(recording.valid)[:rows]
     if rows < 1 or len(good) < rows:
-        raise InvalidInput(
-            recording.name, f"has {len(good)} valid rows, but a refit of the offsets needs {rows}", "record more"
-        )
+        problem = f"has {len(good)} valid rows, but a refit of the offsets needs {rows}"
+        raise InvalidInput(recording.name, problem, "record more")
     error = recording.q_phy - model.predict(recording.q_cmd)
     return model.shifted(error[good].mean(axis=0))
 

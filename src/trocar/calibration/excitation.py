@@ -104,11 +104,9 @@ def _check(arm: ArmModel, n: int, box: MotionBox) -> None:
         raise InvalidInput("a path", f"cannot have {n} samples", f"ask for 2 to {MOST_SAMPLES}")
     for joint, lower, upper in zip(arm.joints, box.lower, box.upper, strict=True):
         if not joint.lower <= lower < upper <= joint.upper:
-            raise InvalidInput(
-                f"the motion's range [{lower:.4f}, {upper:.4f}]",
-                f"of joint {joint.name!r} is not inside [{joint.lower:.4f}, {joint.upper:.4f}]",
-                f"choose a box within the limits of {arm.name}",
-            )
+            problem = f"of joint {joint.name!r} is not inside [{joint.lower:.4f}, {joint.upper:.4f}]"
+            remedy = f"choose a box within the limits of {arm.name}"
+            raise InvalidInput(f"the motion's range [{lower:.4f}, {upper:.4f}]", problem, remedy)
 
 
 def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> Array:

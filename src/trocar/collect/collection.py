@@ -165,9 +165,8 @@ class Collection:
         if archive.header.get("collection") != self.digest:
             raise BadFile(path, "is of another collection", "move it away, or choose another folder")
         if centers.shape[1:] != nothing.shape[1:] or len(centers) > len(self.q_cmd):
-            raise BadFile(
-                path, f"is damaged: its centres have shape {centers.shape}", "move it away, or choose another folder"
-            )
+            problem = f"is damaged: its centres have shape {centers.shape}"
+            raise BadFile(path, problem, "move it away, or choose another folder")
         return np.asarray(centers, dtype=np.float64)
 
     def _keep(self, centers: Array, path: Path) -> None:

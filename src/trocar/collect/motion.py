@@ -89,9 +89,8 @@ def depth_camera(station: Station) -> str:
     """Return the name of a station's first camera that sees depth (TrocarError: there is none)."""
     found = [name for name, camera in station.cameras.items() if isinstance(camera.model, Intrinsics)]
     if not found:
-        raise InvalidInput(
-            f"station {station.name!r}", "has no camera that sees depth, which spheres need", "add one of kind 'rgbd'"
-        )
+        problem = "has no camera that sees depth, which spheres need"
+        raise InvalidInput(f"station {station.name!r}", problem, "add one of kind 'rgbd'")
     return found[0]
 
 

@@ -33,11 +33,9 @@ class Checkerboard:
                 remedy = f"give {MIN_CORNERS} to {MAX_CORNERS} inner corners"
                 raise InvalidValue(f"a checkerboard's number of {name}", count, remedy)
         if (self.columns + self.rows) % 2 == 0:
-            raise InvalidInput(
-                f"a checkerboard of {self.columns} x {self.rows} inner corners",
-                "looks the same after half a turn",
-                "make one of the two numbers odd and the other even",
-            )
+            problem = "looks the same after half a turn"
+            remedy = "make one of the two numbers odd and the other even"
+            raise InvalidInput(f"a checkerboard of {self.columns} x {self.rows} inner corners", problem, remedy)
         if not 0.0 < self.square_m <= MAX_SQUARE_M:
             raise InvalidValue("a checkerboard's square", f"{self.square_m} m", f"give one in (0, {MAX_SQUARE_M}] m")
 

@@ -57,9 +57,8 @@ def require_psm(arm: ArmModel) -> None:
     """Raise InvalidInput unless an arm's first axes are a PSM's: through the remote centre, normal to each other."""
     half = np.pi / 2
     if not (np.allclose(arm.twists_rad, (half, -half, half)) and np.allclose(arm.offsets[:2], (half, -half))):
-        raise InvalidInput(
-            "joints", f"can be found from spheres on a PSM only, not on {arm.name!r}", "give its recording"
-        )
+        problem = f"can be found from spheres on a PSM only, not on {arm.name!r}"
+        raise InvalidInput("joints", problem, "give its recording")
 
 
 def measure(arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rng: np.random.Generator) -> Measured:
@@ -102,11 +101,8 @@ def register_base(
     seen = np.isfinite(p_camera_m).all(-1) & fixture.on_shaft
     images = int(seen.any(axis=1).sum())
     if images < MIN_ROWS:
-        raise InvalidInput(
-            "the shaft's spheres",
-            f"were seen in {images} images; the base needs {MIN_ROWS} or more",
-            "collect more rows, or look whether the camera sees the arm",
-        )
+        problem = f"were seen in {images} images; the base needs {MIN_ROWS} or more"
+        raise InvalidInput("the shaft's spheres", problem, "collect more rows, or look whether the camera sees the arm")
     source, target = fixture.base_centers_m(arm, q_cmd)[seen], p_camera_m[seen]
     return fit_rigid(source, target, inlier_distance_m=SHAFT_OFF_M, rng=rng)
 

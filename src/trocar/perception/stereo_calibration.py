@@ -75,11 +75,9 @@ def calibrate_stereo(
     corners = board.corners_m.astype(np.float32)
     _require_corners(left_px, right_px, (len(left_px), len(corners), 2))
     if len(left_px) < MIN_VIEWS:
-        raise InvalidInput(
-            f"{len(left_px)} views in which both eyes see the whole board",
-            "are too few for a calibration",
-            f"show the board in {MIN_VIEWS} or more poses, tilted, all over the image",
-        )
+        problem = "are too few for a calibration"
+        remedy = f"show the board in {MIN_VIEWS} or more poses, tilted, all over the image"
+        raise InvalidInput(f"{len(left_px)} views in which both eyes see the whole board", problem, remedy)
     objects = [corners] * len(left_px)
     left, right = ([view.astype(np.float32)[:, None] for view in views] for views in (left_px, right_px))
     (K1, d1), (K2, d2) = (  # each eye alone, then both together
@@ -120,9 +118,8 @@ def board_pose(board: Checkerboard, rig: StereoRig, left_px: Array, right_px: Ar
     guesses = [SE3.from_parts(SO3.exp(f[3:]), f[:3]) for f in found if np.isfinite(f).all()]
     guesses = [guess for guess in guesses if np.isfinite(off_px(guess)).all()]
     if not guesses:
-        raise InvalidInput(
-            "the corners of the board", "fit no pose before both eyes", "check that each is in its place"
-        )
+        problem = "fit no pose before both eyes"
+        raise InvalidInput("the corners of the board", problem, "check that each is in its place")
     guess = min(guesses, key=lambda T: float(np.sum(off_px(T) ** 2)))
     scale = np.repeat([LENGTH_M, 1.0], 3)
     fit = least_squares(lambda step: off_px(guess @ SE3.exp(step * scale)).ravel(), np.zeros(6), method="lm")
