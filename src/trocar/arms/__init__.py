@@ -7,7 +7,6 @@ from trocar.arms.model import BRANCHES, ArmModel, Branch, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
 from trocar.arms.solids import SOLIDS, capsules
-from trocar.errors import OutOfReach
 from trocar.registry import Registry
 
 ARMS: Registry[ArmModel] = Registry(
@@ -32,7 +31,6 @@ __all__ = [
     "Instrument",
     "Joint",
     "MotionLimits",
-    "OutOfReach",
     "capsules",
     "fk",
     "frames",

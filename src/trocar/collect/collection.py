@@ -10,7 +10,7 @@ import numpy as np
 
 from trocar.calibration.excitation import SAMPLES, MotionBox
 from trocar.calibration.recording import Recording
-from trocar.collect.motion import CABLES_M, MARGIN_PX, View, bounds_px, commands_in_view, depth_camera
+from trocar.collect.motion import View, commands_in_view, depth_camera
 from trocar.errors import BadFile, InvalidInput
 from trocar.files.archive import Archive, read_archive
 from trocar.geometry import SE3
@@ -19,7 +19,7 @@ from trocar.lab import SensorFlaws
 from trocar.lab.session import Session
 from trocar.lab.transmission import DriveTrain
 from trocar.perception.fiducial_joints import Measured, measure, require_psm
-from trocar.perception.fiducials import SIX_SPHERES, Fixture
+from trocar.perception.fiducials import SIX_SPHERES
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.perception.spheres import find_spheres
 from trocar.sim.calibration_cells import FiducialCell
@@ -51,7 +51,6 @@ class Collection:
         rows: int = SAMPLES,
         *,
         wide: bool = False,
-        fixture: Fixture = SIX_SPHERES,
         flaws: SensorFlaws | None = None,
     ):
         """Choose the commands; no image is taken yet.
@@ -63,32 +62,29 @@ class Collection:
             seeds: of everything random.
             rows: how many samples.
             wide: whether the motion is the short one of wide swings.
-            fixture: that the arm wears.
             flaws: of the camera, in place of the station's.
         """
         if rows < MIN_ROWS:
             raise InvalidInput("a collection", f"of {rows} rows is too small to fit on", f"give {MIN_ROWS} or more")
         station = session.station
-        self._session, self.arm, self.fixture, self._flaws = session, arm, fixture, flaws
+        self._session, self.arm, self.fixture, self._flaws = session, arm, SIX_SPHERES, flaws
         self.model = station.arm(arm).model
         require_psm(self.model)
         self._camera = depth_camera(station)
         lens = station.cameras[self._camera].model
         assert isinstance(lens, Intrinsics)
         T_camera_world = session.T_world_camera_registered[self._camera].inverse()
-        self.view = View(lens, T_camera_world @ session.T_world_base_registered[arm])
+        self.view = View(self.model, lens, T_camera_world @ session.T_world_base_registered[arm])
         motion, cables, self._printer, self._images, self._search = seeds.spawn(5)
-        self.q_cmd = commands_in_view(self.model, fixture, self.view, box, rows, motion, wide=wide)
+        self.q_cmd = commands_in_view(self.view, box, rows, motion, wide=wide)
         self._unseen = len(self.q_cmd) - rows
-        train = DriveTrain(session.transmissions[arm], self.q_cmd[0], np.random.default_rng(cables))
-        self._q_joint = np.array([self._at_rest(train, q) for q in self.q_cmd])
+        train, rested = DriveTrain(session.transmissions[arm], self.q_cmd[0], np.random.default_rng(cables)), []
+        for q in self.q_cmd:
+            train.advance(SAMPLE_S)
+            rested.append(train.joints(q))
+        self._q_joint = np.array(rested)
         self._row_seeds = self._images.spawn(len(self.q_cmd))
         self._cell: FiducialCell | None = None
-
-    @staticmethod
-    def _at_rest(train: DriveTrain, q: Array) -> Array:
-        train.advance(SAMPLE_S)
-        return train.joints(q)
 
     @property
     def duration_s(self) -> float:
@@ -131,8 +127,7 @@ class Collection:
 
     def _window(self, row: int) -> tuple[tuple[int, int], tuple[int, int]]:
         """Return corner and size of the rectangle of pixels that is read out for a row."""
-        slack = np.where(self.fixture.on_shaft, 0.0, CABLES_M)
-        lower, upper = bounds_px(self.model, self.fixture, self.view, self.q_cmd[row], MARGIN_PX, slack)
+        lower, upper = self.view.bounds_px(self.q_cmd[row])
         whole = np.array([self.view.lens.width, self.view.lens.height])
         first = np.clip(np.floor(lower), 0, whole - 2).astype(int)
         size = np.clip(np.ceil(upper), first + 2, whole).astype(int) - first
@@ -147,8 +142,7 @@ class Collection:
         """
         path = None if path is None else Path(path)
         found = [] if path is None else list(self._kept(path))
-        todo = range(len(found), len(self.q_cmd))
-        for row in todo:
+        for row in range(len(found), len(self.q_cmd)):
             found.append(self.look(row) if row >= self._unseen else np.full((len(self.fixture.spheres), 3), np.nan))
             if path is not None and (row + 1 == len(self.q_cmd) or row % SAVED_EVERY == 0):
                 self._keep(np.array(found), path)
