@@ -73,15 +73,9 @@ def jacobian(arm: ArmModel, q: ArrayLike) -> Array:
 def manipulability(arm: ArmModel, q: ArrayLike) -> Array:
     """Return Yoshikawa's measure ``|det J|`` (...,) in m^2; it is zero where the tip loses a degree of freedom.
 
-    The unit follows from three rows in m/s and three in rad/s, five columns per rad/s and one (the insertion) per m/s:
-    m^3 rad^3 / (rad^5 m), with rad = 1.
-
-    Yaw, pitch and roll are pure rotations about the remote centre, so the determinant factorises::
-
-        |det J| = |sin(twist1) sin(twist2) sin t2| * |d (d cos t5 + L3)|
-
-    with t2, t5 the pitch angles with their offsets and d the depth of the wrist beyond the remote centre. For the PSM
-    this is the formula in ``facts/peg_transfer.md``.
+    Yaw, pitch and roll are pure rotations about the remote centre, so the determinant factorises into
+    ``|sin(twist1) sin(twist2) sin t2| * |d (d cos t5 + L3)|``, with t2, t5 the pitch angles with their offsets and d
+    the depth of the wrist beyond the remote centre.
 
     Raises:
         TrocarError: ``q`` has another shape or is not finite.

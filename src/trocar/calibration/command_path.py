@@ -23,12 +23,9 @@ from trocar.motion.moves import rest_to_rest
 from trocar.trajectory import Trajectory
 
 KNOT_S = (0.010, 0.025)
-"""Least and greatest spacing of the commands' knots: from one control period to a tenth of the time needed to cross the
-widest slack."""
+"""Spacing of the commands' knots: from one control period to a tenth of the time needed to cross the widest slack."""
 KNOTS = (12, 48)
-"""A short motion has at least the first number of intervals; a longer one gets up to the second before they get
-longer."""
-
+"""A short motion has at least the first number of intervals; a longer one up to the second before they get longer."""
 SKETCH_S = 0.060  # initial spacing of the points at which the model is inverted, one after the other
 SKETCHED = 4  # minimum number of these points
 SKETCH_RAD = 1e-3  # accuracy of the inversion; refinement does the rest

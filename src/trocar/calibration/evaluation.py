@@ -104,9 +104,8 @@ def compensation_time_ms(model: CableModel, recording: Recording) -> float:
 def refit_offset(model: Model, recording: Recording, rows: int = REFIT_ROWS) -> Model:
     """Return the model with its offsets refitted on the first valid rows of a new session's recording.
 
-    It is quick, but offsets are not all that changes: over three sessions of one instrument radii, gains and coupling
-    differ too (the flaw ``wear``), and the best constant still leaves .017 .051 .036 rad. A minute of wide swings and a
-    prior do better.
+    It is quick, but radii, gains and coupling change too (the flaw ``wear``): over three sessions of one instrument the
+    best constant still leaves .017 .051 .036 rad. A minute of wide swings and a prior do better.
 
     Raises TrocarError: the recording has fewer valid rows than that.
     """
@@ -124,7 +123,7 @@ def refit_ends(recording: Recording, rows: int = REFIT_ROWS) -> int:
 
 
 def draw_evaluation(evaluation: Evaluation, path: str | Path) -> Path:
-    """Draw :func:`wrist` of an evaluation and return the path of the picture."""
+    """Draw :func:`wrist` of an evaluation; return the path of the picture."""
     from matplotlib.figure import Figure  # slow to import, and only this picture needs it
 
     figure = Figure(layout="constrained", dpi=110)
@@ -136,11 +135,7 @@ def wrist(figure: Figure, recording: Recording, evaluation: Evaluation | None = 
     """Draw the wrist's joints over time on the left and hysteresis on the right.
 
     The right column shows the error over the command, which forms a loop since it depends on where the joint came from.
-
-    Args:
-        figure: empty.
-        recording: its valid rows are drawn.
-        evaluation: of a model on this recording, whose predictions are drawn too; None: no model.
+    Only valid rows are drawn, with a model's predictions if its ``evaluation`` on this recording is given.
 
     Raises TrocarError: no row is valid.
     """

@@ -76,8 +76,7 @@ class CablePlant:
     offset: Array  # (3,) constant error of q4 q5 q6 in rad; it changes from session to session
     K: Array  # (3, 3) error per rad of command (elastic coupling); rows are the joints in error
     C: Array  # (3, 3) error per rad of slack
-    # (6,) SD of fiducial measurements of the six joints (rad, q3 in m); see :meth:`measure`
-    noise_sd: Array
+    noise_sd: Array  # (6,) SD of measurements of the six joints by fiducials, rad and m (q3)
     source: str  # origin of the values
 
     def __post_init__(self) -> None:
@@ -223,13 +222,5 @@ def fit_plant(recording: Recording) -> CablePlant:
     fits = [minimize(cost, x0, method="Nelder-Mead", options=options) for x0 in starts]
     x = min(fits, key=lambda fit: fit.fun).x
     weights, _ = solve(x)
-    return CablePlant(
-        radii=np.abs(x[:3]),
-        a=float(x[3]),
-        b=float(x[4]),
-        offset=weights[0],
-        K=weights[1:4].T,
-        C=weights[4:7].T,
-        noise_sd=_GREY_NOISE,
-        source=f"fitted on {recording.name}",
-    )
+    radii, shares, linear = np.abs(x[:3]), (float(x[3]), float(x[4])), (weights[0], weights[1:4].T, weights[4:7].T)
+    return CablePlant(radii, *shares, *linear, _GREY_NOISE, f"fitted on {recording.name}")

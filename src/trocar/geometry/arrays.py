@@ -71,9 +71,7 @@ def direction(vector: ArrayLike, what: str) -> Array:
     >>> direction([3e307, 4e307, 0.0], "the upward direction").round(3).tolist()
     [0.6, 0.8, 0.0]
 
-    ``vector``: three numbers; ``what``: its name in the error message.
-
-    Raises TrocarError: they are not three, not finite, or all zero.
+    Raises TrocarError: these are not three finite numbers that are not all zero; ``what`` names them.
     """
     try:
         given = np.asarray(vector, dtype=np.float64)

@@ -79,20 +79,12 @@ class SE3:
         """Return the pose reached in unit time by the twist(s) (..., 6) = (translation m, rotation rad)."""
         xi = finite("a twist", twist, ..., 6)
         v, w = xi[..., :3], xi[..., 3:]
-        angle2 = np.sum(w * w, -1)[..., None, None]
-        W = skew(w)
-        _, b, c = exp_coefficients(angle2)
-        V = np.eye(3) + b * W + c * (W @ W)
-        return SE3.from_parts(SO3.exp(w), np.einsum("...ij,...j->...i", V, v))
+        return SE3.from_parts(SO3.exp(w), np.einsum("...ij,...j->...i", _left_jacobian(w), v))
 
     def log(self) -> Array:
         """Return the twist(s) (..., 6) = (translation m, rotation rad) such that ``SE3.exp(T.log()) = T``."""
         w = self.rotation.log()
-        angle2 = np.sum(w * w, -1)[..., None, None]
-        W = skew(w)
-        _, b, c = exp_coefficients(angle2)
-        V = np.eye(3) + b * W + c * (W @ W)
-        v = np.linalg.solve(V, self.translation_m[..., None])[..., 0]
+        v = np.linalg.solve(_left_jacobian(w), self.translation_m[..., None])[..., 0]
         return np.concatenate([v, w], -1, dtype=np.float64)
 
     @property
@@ -148,6 +140,13 @@ def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
     if T.matrix.ndim != 2:
         raise InvalidInput(what, f"needs one pose (4, 4), got {T.matrix.shape}", "pick one with [k]")
     return T
+
+
+def _left_jacobian(w: Array) -> Array:
+    """Return the matrix (..., 3, 3) from a twist's translation to the pose's, for a rotation vector (..., 3)."""
+    W = skew(w)
+    _, b, c = exp_coefficients(np.sum(w * w, -1)[..., None, None])
+    return np.eye(3) + b * W + c * (W @ W)
 
 
 def _shown(place_mm: Array) -> str:

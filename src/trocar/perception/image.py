@@ -38,16 +38,9 @@ class Intrinsics:
         if factor < 1 or self.width % factor or self.height % factor:
             problem = f"does not divide the image of {self.width} x {self.height} pixels"
             raise InvalidInput(f"binning by {factor}", problem, "give a divisor")
-        centre = (factor - 1) / 2
-        return Intrinsics(
-            self.width // factor,
-            self.height // factor,
-            self.fx / factor,
-            self.fy / factor,
-            (self.cx - centre) / factor,
-            (self.cy - centre) / factor,
-            self.distortion,
-        )
+        size, centre = (self.width // factor, self.height // factor), (factor - 1) / 2
+        middle = (self.cx - centre) / factor, (self.cy - centre) / factor
+        return Intrinsics(*size, self.fx / factor, self.fy / factor, *middle, self.distortion)
 
     def cropped(self, corner_px: tuple[int, int], size_px: tuple[int, int]) -> Intrinsics:
         """Return the camera that reads out only a rectangle of this one's pixels.

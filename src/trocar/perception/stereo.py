@@ -23,13 +23,8 @@ FLAT = 1.0  # variance of noise alone, in squared grey levels; windows with no m
 def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tuple[Array, NDArray]:
     """Return points (..., 3) in the left camera's frame, and by how much the two rays miss each other (...,) in m.
 
-    A point is the middle of the shortest line between the rays through its pixels. Works for every pair of lenses; if
-    the rays are parallel or meet behind an eye, point and miss are NaN.
-
-    Args:
-        rig: the cameras.
-        left_px: (..., 2) u, v in the left image.
-        right_px: (..., 2) of the same points in the right one.
+    A point is the middle of the shortest line between the rays through its pixels (..., 2) u, v in both images. Works
+    for every pair of lenses; if the rays are parallel or meet behind an eye, point and miss are NaN.
     """
     one = rays_through(rig.left, left_px)
     other = rig.T_left_right.rotation.apply(rays_through(rig.right, right_px))
