@@ -44,17 +44,6 @@ def test_the_nearest_path_keeps_limits_and_goes_where_it_may(fit):
     assert np.array_equal(fit.predict(x).q_cmd[0], HOME)
 
 
-def test_the_nearest_path_stays_inside_the_ranges(fit):
-    lower, upper = fit.paths.lower.copy(), fit.paths.upper.copy()
-    lower[4], upper[5] = -0.25, 0.05
-    boxed = CommandFit(replace(fit.paths, lower=lower, upper=upper), fit.memory, fit.wanted)
-    times = np.linspace(0.0, 1.2, 3000)
-    free, kept = (one.paths.spline.trajectory(one.paths.points(one.nearest(fit.wanted)))(times) for one in (fit, boxed))
-    assert free[:, 4].min() < -0.27 and free[:, 5].max() > 0.07
-    assert kept[:, 4].min() >= -0.25 and kept[:, 5].max() <= 0.05
-    assert_allclose(kept[:, :4], free[:, :4], atol=1e-4)
-
-
 def test_slopes_are_those_of_small_steps(fit, monkeypatch):
     """Also through operators that were driven long before, at knots and at turns between them."""
     monkeypatch.setattr(command_fit, "TAUT", 0.0)

@@ -10,7 +10,6 @@ from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import TrainingMotion
 from trocar.calibration.plant import PLANTS
 from trocar.calibration.recording import Recording
-from trocar.errors import TrocarError
 
 ARM = next(iter(ARMS.values()))
 WASHOUT = 20
@@ -51,15 +50,6 @@ def test_the_exact_inverse_closes_the_loop(play, box):
     assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 0.006)
 
 
-@pytest.mark.parametrize("name", ["psm2_grey", "psm1_new"])
-def test_it_closes_the_loop_for_every_instrument(name):
-    plant = PLANTS[name]
-    model = MODELS["play"].fit(record(plant, np.random.default_rng(1)), np.random.default_rng(0))
-    desired = random_smooth_path(ARM, np.random.default_rng(8), 150)
-    error = closed_loop(plant, Compensator(model), desired)
-    assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 0.006)
-
-
 def test_algorithm1_halves_the_error_with_any_model():
     plant = PLANTS["psm1_grey"]
     model = MODELS["ridge"].fit(record(plant, np.random.default_rng(0)), np.random.default_rng(0))
@@ -76,34 +66,6 @@ def test_history_is_carried_from_call_to_call(play):
     whole = one.path(desired)
     parts = np.vstack([two.path(desired[:25]), two.path(desired[25:])])
     assert_allclose(whole, parts, atol=1e-12)
-
-
-def test_predictions_of_the_commands_are_the_desired_joints(play):
-    _, model = play
-    desired = random_smooth_path(ARM, np.random.default_rng(4), 200)
-    q_cmd = Compensator(model).path(desired)
-    predicted = model.predict(np.vstack([desired[:1], q_cmd]))[1:]
-    assert np.abs(predicted - desired)[:, 3:].max() < 2e-3
-
-
-def test_resampling_keeps_the_corners_and_the_interval():
-    interval = np.array([0.01, 0.01, 0.002, 0.08, 0.06, 0.07])
-    training = TrainingMotion(interval, np.zeros(6), np.ones(6), 100)
-    path = np.array([np.zeros(6), [0.1, 0, 0, 0.5, 0, 0], [0.1, 0, 0.05, 0.5, 0, 0.3]])
-    q = resample(path, training)
-    assert np.all(np.abs(np.diff(q, axis=0)) <= interval + 1e-12)
-    for corner in path:
-        assert np.abs(q - corner).max(axis=1).min() < 1e-12
-    at = sample_positions(path, training)
-    assert len(at) == len(q)
-    assert at[0] == 0
-    assert at[-1] == 2
-
-
-@pytest.mark.parametrize("path", [np.zeros((3, 5)), np.full((3, 6), np.nan), np.zeros(6)])
-def test_bad_paths_are_refused(play, path):
-    with pytest.raises(TrocarError):
-        Compensator(play[1]).path(path)
 
 
 # Small models, by hand.

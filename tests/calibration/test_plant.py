@@ -176,13 +176,6 @@ def test_outer_joints_are_exact_and_offsets_shift(seed):
     assert_allclose((moved - PSM1_GREY.run(q))[:, 3:], np.broadcast_to(shift, (len(q), 3)), atol=1e-14)
 
 
-def test_slack_of_pitch_leaks_into_yaw():
-    q = np.zeros((200, 6))
-    q[:, 4] = 0.5 * np.sin(np.linspace(0, 4 * np.pi, 200))
-    yaw = PSM1_GREY.run(q)[50:, 5]
-    assert np.ptp(yaw) > 0.05
-
-
 def test_noise_has_the_recorded_sd():
     q = np.zeros((20000, 6))
     noise = PSM1_GREY.measure(q, np.random.default_rng(0)) - q

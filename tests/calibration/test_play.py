@@ -27,28 +27,6 @@ def test_play_is_rate_independent(seed):
     assert_allclose(play_operator(dense, 0.13)[::4], play_operator(u, 0.13), atol=1e-12)
 
 
-@given(seed=seeds)
-def test_one_radius_and_many_agree(seed):
-    u, radii = walk(seed, width=3), np.array([0.02, 0.1, 0.4])
-    many = play_operator(u[:, :, None], radii)
-    for i in range(3):
-        for k, r in enumerate(radii):
-            assert_allclose(many[:, i, k], play_operator(u[:, i], r), atol=1e-14)
-
-
-def test_a_loop_opens_by_two_radii():
-    u = np.concatenate([np.linspace(-1, 1, 50), np.linspace(1, -1, 50)])
-    p = play_operator(u, 0.2)
-    assert_allclose(np.interp(0, u[50:][::-1], p[50:][::-1]) - np.interp(0, u[:50], p[:50]), 0.4, atol=1e-12)
-
-
-def test_carries_its_state_over_calls():
-    u = walk(1)
-    head = play_operator(u[:20], 0.1)
-    tail = play_operator(u[20:], 0.1, start=head[-1])
-    assert_allclose(np.concatenate([head, tail]), play_operator(u, 0.1))
-
-
 def test_by_hand():
     """Up by one, back by less than the width, and down through it."""
     u = [0.0, 1.0, 0.9, 0.5, 0.4, -1.0, -0.7]

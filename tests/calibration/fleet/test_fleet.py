@@ -8,30 +8,12 @@ from trocar.arms import PSM_CLASSIC
 from trocar.calibration.excitation import random_smooth_path, wide_path
 from trocar.calibration.fleet import fit_from_prior, learn_prior, load_prior
 from trocar.calibration.fleet.fit import ENOUGH_ROWS, OWN_ROWS
-from trocar.calibration.fleet.prior import FleetPrior, fit_loops
+from trocar.calibration.fleet.prior import fit_loops
 from trocar.calibration.models import load_model, save_model
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.plant import PLANTS, PSM2_GREY
 from trocar.calibration.recording import Recording, load_recording
 
-OTHERS = {
-    "psm1_grey_random": ("psm1_red_user_random", "psm2_grey_random", "psm1_new_random"),
-    "psm2_grey_random": (
-        "psm1_grey_random",
-        "psm1_grey_pick_place",
-        "psm1_grey_user_random",
-        "psm1_red_user_random",
-        "psm1_new_random",
-    ),
-    "psm1_new_random": (
-        "psm1_grey_random",
-        "psm1_grey_pick_place",
-        "psm1_grey_user_random",
-        "psm1_red_user_random",
-        "psm2_grey_random",
-    ),
-}
-"""Recordings of other instruments."""
 LIMITS_RAD = {
     ("psm1_grey_random", 50): (0.021, 0.040, 0.032),
     ("psm1_grey_random", 100): (0.016, 0.037, 0.026),
@@ -45,12 +27,6 @@ LIMITS_RAD = {
 }
 """RMSE of q4 q5 q6 on the last fifth after so many rows: the project's targets, or what is reached where that is more
 (docs/calibration.md has both). Without a prior seven of the nine are exceeded, by up to 2.4."""
-
-
-def learned(names):
-    """Return what these recordings show, of those that the built-in prior was learned from."""
-    fits = {fit.name: fit for fit in load_prior("fleet").fits}
-    return FleetPrior.of([fits[name] for name in names])
 
 
 def recorded(plant, seed, rows):
@@ -135,8 +111,8 @@ def test_the_built_in_prior_is_what_its_recordings_show(recordings):
 @pytest.mark.parametrize(("name", "rows"), LIMITS_RAD)
 def test_instruments_that_the_prior_never_saw(name, rows, recordings):
     data = load_recording(recordings / f"dvrk/trajectories/{name}.npz")
-    cut = int(0.8 * len(data))
-    error = fit_from_prior(data.first(rows), learned(OTHERS[name])).predict(data.q_cmd) - data.q_phy
+    cut, others = int(0.8 * len(data)), load_prior("fleet").without(name.removesuffix("_random"))
+    error = fit_from_prior(data.first(rows), others).predict(data.q_cmd) - data.q_phy
     rmse = np.sqrt(np.mean(error[cut:][data.valid[cut:]] ** 2, axis=0))
     assert (rmse[3:] <= LIMITS_RAD[name, rows]).all(), rmse
 
@@ -147,7 +123,7 @@ def test_instruments_that_the_prior_never_saw(name, rows, recordings):
 )
 def test_another_session_of_an_instrument(name, rows, limits, recordings):
     """A constant alone leaves .017 .051 .036 of the first one."""
-    prior = learned([source for source in load_prior("fleet").sources if source != name])
+    prior = load_prior("fleet").without(name)
     data = load_recording(recordings / f"dvrk/trajectories/{name}.npz")
     last = int(np.flatnonzero(data.valid)[rows - 1]) + 1
     error = fit_from_prior(data.first(last), prior).predict(data.q_cmd) - data.q_phy
