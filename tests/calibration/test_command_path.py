@@ -1,4 +1,3 @@
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits
+from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.calibration import command_path
 from trocar.calibration.command_path import CommandRequest, command_paths
 from trocar.calibration.compensation import HysteresisState, inverse
@@ -114,27 +113,6 @@ def spline_to(q, velocity, rng):
         duration *= 1.2
 
 
-@settings(max_examples=12, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_random_motions_keep_the_limits_and_end_where_they_should(play, seed):
-    rng = np.random.default_rng(seed)
-    arm = Driven(play)
-    for _ in range(3):
-        desired = spline_to(arm.joints, RESTING, rng)
-        request = arm.request(desired)
-        path = arm.run(desired)
-        assert_within_limits(path, request)
-        # In one of some thousand motions, short and at its limits, no time is left to cross the slack.
-        assert path.stretch <= (1.0 if limit_use(ARM, desired, PAPER).acceleration_ratio < 0.9 else 1.2)
-        assert path.commands.duration_s <= path.stretch * desired.duration_s + 0.301
-        q = path.commands(np.linspace(0.0, path.commands.duration_s, 1000))
-        assert (q >= LOWER).all() and (q <= UPPER).all()
-        if not path.lacking.any():
-            joints, _ = arm.replayed()
-            assert_allclose(joints, desired.q[-1], atol=NEARLY)
-            assert_allclose(np.abs(joints - desired.q[-1]), path.missing, atol=MET)
-
-
 @settings(max_examples=16, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_motions_may_be_replaced_while_they_run(play, seed):
@@ -180,10 +158,15 @@ def test_sixty_motions_end_exactly_where_they_should_and_take_no_longer(play):
         path = arm.run(desired)
         assert_within_limits(path, request)
         late_s += path.commands.duration_s - desired.duration_s
+        # In one of some thousand motions, short and at its limits, no time is left to cross the slack.
+        assert path.stretch <= (1.0 if limit_use(ARM, desired, PAPER).acceleration_ratio < 0.9 else 1.2)
+        q = path.commands(np.linspace(0.0, path.commands.duration_s, 1000))
+        assert (q >= LOWER).all() and (q <= UPPER).all()
         if not path.lacking.any():
             assert_allclose(arm.joints, desired.q[-1], atol=MET)
             assert path.missing.max() < MET
     assert late_s < 0.3
+    assert_allclose(arm.replayed()[0], arm.joints, atol=MET)
 
 
 def test_a_slack_is_crossed_within_the_limits_and_in_the_same_time(play):
@@ -333,18 +316,6 @@ def test_a_start_towards_the_end_of_a_range_is_braked_beyond_it(play):
     assert UPPER[4] < stop - 1e-6 <= farthest < stop + 0.02
 
 
-def test_a_motion_with_far_too_little_time_is_slowed_down_as_a_whole(play):
-    arm = Driven(play)
-    away = arm.joints + [0, 0, 0, 0.5, 0.4, -0.4]
-    desired = Trajectory.hermite([0.0, 0.05], [arm.joints, away], np.zeros((2, 6)))
-    request = arm.request(desired)
-    path = arm.run(desired)
-    assert_within_limits(path, request)
-    assert path.stretch > 4
-    assert path.commands.duration_s == pytest.approx(path.stretch * desired.duration_s)
-    assert_allclose(arm.joints, away, atol=MET)
-
-
 @pytest.mark.parametrize("name", ["play", "ridge"])
 def test_a_last_step_makes_up_for_what_there_was_no_time_for(models, name, monkeypatch):
     monkeypatch.setattr(command_path, "STRETCHES", (0.6,))
@@ -358,19 +329,6 @@ def test_a_last_step_makes_up_for_what_there_was_no_time_for(models, name, monke
         assert_allclose(arm.joints, desired.q[-1], atol=MET)
     assert_allclose(np.abs(arm.joints - desired.q[-1]), path.missing, atol=1e-9)
     assert_allclose(path.desired(path.commands.duration_s), desired.q[-1], atol=1e-12)
-
-
-def test_low_limits_of_velocity_are_kept_too(play):
-    gentle = MotionLimits(0.02 * PAPER.velocity, 0.3 * PAPER.acceleration)
-    arm = Driven(play)
-    desired = rest_to_rest(arm.joints, HOME + [0.2, 0.1, 0.02, 0.8, -0.5, 0.4], gentle)
-    request = arm.request(desired)
-    request = replace(request, limits=gentle)
-    path = command_paths({"arm": request})["arm"]
-    assert_within_limits(path, request)
-    assert limit_use(ARM, path.commands, gentle).velocity_ratio > 0.9
-    assert path.commands.duration_s < 1.5 * desired.duration_s + 0.5
-    assert_allclose(path.joints_at(path.commands.duration_s), desired.q[-1], atol=MET)
 
 
 def test_a_slow_path_is_followed_all_along(play):

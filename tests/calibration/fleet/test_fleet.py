@@ -9,7 +9,6 @@ from trocar.calibration.excitation import random_smooth_path, wide_path
 from trocar.calibration.fleet import fit_from_prior, learn_prior, load_prior
 from trocar.calibration.fleet.fit import ENOUGH_ROWS, OWN_ROWS
 from trocar.calibration.fleet.prior import fit_loops
-from trocar.calibration.models import load_model, save_model
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.plant import PLANTS, PSM2_GREY
 from trocar.calibration.recording import Recording, load_recording
@@ -70,16 +69,6 @@ def test_between_a_minute_and_enough_both_are_mixed(mixed):
     fresh = random_smooth_path(PSM_CLASSIC, np.random.default_rng(8), 200)
     error = (mixed.predict(fresh) - PSM2_GREY.run(fresh))[50:]
     assert (np.sqrt(np.mean(error**2, axis=0)) < [3e-4, 3e-4, 1e-4, 0.004, 0.012, 0.012]).all()
-
-
-def test_the_model_is_kept_in_a_file_and_steps_as_it_predicts(mixed, tmp_path):
-    again = load_model(save_model(mixed, tmp_path / "m.npz"))
-    q = random_smooth_path(PSM_CLASSIC, np.random.default_rng(1), 30)
-    state, joints = again.start(q[0]), []
-    for row in q:
-        joint, state = again.step(state, row)
-        joints.append(joint)
-    assert_allclose(joints, mixed.predict(q), atol=1e-9)
 
 
 def test_half_a_minute_of_wide_swings_says_more_than_one_of_a_smooth_motion(prior):

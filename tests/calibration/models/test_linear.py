@@ -8,7 +8,7 @@ from trocar.calibration.models import OffsetModel, RidgeModel
 from trocar.calibration.models.linear import resting_window, windows
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
-from walks import stepped, walk
+from walks import walk
 
 
 def test_the_offset_is_the_mean_error_of_the_good_rows():
@@ -17,9 +17,6 @@ def test_the_offset_is_the_mean_error_of_the_good_rows():
     model = OffsetModel.fit(Recording(q, q + error, valid, np.arange(60.0)), rng)
     assert_allclose(model.offset, error[valid].mean(axis=0), atol=1e-12)
     assert_allclose(model.predict(q), q + error[valid].mean(axis=0), atol=1e-12)
-    assert_allclose(stepped(model, q), model.predict(q))
-    assert_allclose(model.shifted(np.arange(6.0)).offset, model.offset + np.arange(6.0))
-    assert model.rate_independent
 
 
 def test_it_shows_the_wrists_offsets_in_degrees():
@@ -90,15 +87,6 @@ def test_a_joint_that_never_moved_has_no_weight(moves_by, weighs):
     weights = model.weights.reshape(6, 6, 6)[:, 2]
     assert np.isfinite(weights).all() and weights.any() == weighs
     assert np.isfinite(model.offset).all()
-
-
-def test_step_by_step_it_is_what_the_whole_history_gives():
-    q, shift = RNG.normal(0, 0.3, (60, 6)), np.linspace(-0.1, 0.1, 6)
-    model = RidgeModel.fit(made(q, 0.3 * np.roll(q, 2, axis=0)), RNG)
-    assert_allclose(stepped(model, q), model.predict(q), atol=1e-12)
-    assert_allclose(model.shifted(shift).predict(q) - model.predict(q), np.tile(shift, (60, 1)), atol=1e-12)
-    assert not model.rate_independent
-    assert np.abs(model.predict(np.repeat(q, 2, axis=0))[1::2] - model.predict(q)).max() > 1e-3
 
 
 def test_arrays_of_another_window_are_refused():
