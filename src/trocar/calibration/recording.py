@@ -129,16 +129,14 @@ class Recording:
             raise InvalidInput(f"row {rows}", f"is outside 2..{len(self)}, the rows of {self.name}")
         return Recording(self.q_cmd[:rows], self.q_phy[:rows], self.valid[:rows], self.t_s[:rows], self.name)
 
-    def scored(self, from_row: int = 0, to_row: int | None = None) -> Recording:
-        """Return the recording with all commands, but only the measurements of ``from_row <= row < to_row`` valid."""
-        to_row = len(self) if to_row is None else to_row
-        item = f"rows {from_row} to {to_row} of {self.name}"
-        if not 0 <= from_row < to_row <= len(self):
-            raise InvalidInput(item, f"are not within its {len(self)} rows")
-        rows = np.arange(len(self))
-        part = replace(self, valid=self.valid & (rows >= from_row) & (rows < to_row))
+    def scored(self, from_row: int = 0) -> Recording:
+        """Return the recording with all commands, but only the measurements from a row on valid."""
+        if not 0 <= from_row < len(self):
+            raise InvalidInput(f"row {from_row}", f"is not within the {len(self)} rows of {self.name}")
+        part = replace(self, valid=self.valid & (np.arange(len(self)) >= from_row))
         if not part.valid.any():
-            raise InvalidInput(item, "have no valid measurement", "take more rows")
+            problem = f"has no valid measurement from row {from_row} on"
+            raise InvalidInput(self.name, problem, "take more rows")
         return part
 
     def require_motion(self) -> None:
