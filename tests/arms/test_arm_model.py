@@ -33,6 +33,7 @@ def test_every_arm_is_registered_under_its_name_and_has_one_branch(name, arm):
         ({"safe_depth_m": -0.01}, "none may be below 0"),
         ({"joints": (*PSM_CLASSIC.joints[:5], replace(PSM_CLASSIC.joints[5], prismatic=True))}, "prismatic"),
         ({"safe_depth_m": "deep"}, "must be numbers"),
+        ({"coupling": ((1.0,),)}, r"must have shape \(4, 4\)"),
     ],
 )
 def test_impossible_arms_are_refused(change, says):

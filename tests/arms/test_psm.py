@@ -40,3 +40,9 @@ def test_the_motion_limits_are_those_of_the_dvrk_and_of_the_paper(arm):
 def test_its_lengths_and_the_depth_that_cartesian_motion_keeps(arm):
     assert (arm.wrist_length_m, arm.tip_length_m, arm.safe_depth_m) == (0.0091, 0.0095, 0.045)
     assert wrist_depth_m(arm, np.zeros(6)) == pytest.approx(0.4162 - 0.4318)
+    assert arm.coupling is not None
+    roll, pitch, yaw, jaw = np.array(arm.coupling)
+    assert_allclose(roll, [-1.5632, 0, 0, 0])
+    assert_allclose(pitch, [0, 1.0186, 0, 0])
+    assert_allclose(yaw, [0, -0.8306, 0.6089, 0.6089])  # both fingers' disks turn the wrist, and open the jaws
+    assert_allclose(jaw, [0, 0, -1.2177, 1.2177])

@@ -4,17 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from plant_models import HOME, recorded
 from trocar.arms import ARMS, MOTION_LIMITS, jacobian
 from trocar.calibration import command_fit
 from trocar.calibration.command_fit import EASE, LEVER, CommandFit
 from trocar.calibration.compensation import HysteresisState
-from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.limited_paths import LimitedPaths, QuadraticSpline
 from trocar.calibration.models import MODELS, OffsetModel
 from trocar.calibration.plant import PLANTS, WRIST
-from trocar.calibration.recording import Recording
 
-HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
 PAPER = MOTION_LIMITS["paper"]
 
 
@@ -22,8 +20,7 @@ PAPER = MOTION_LIMITS["paper"]
 def fit():
     """A wrist that goes to and fro: operators stay behind at knots and at turns between them."""
     arm, rng, plant = ARMS["psm-classic"], np.random.default_rng(0), PLANTS["psm2_grey"]
-    q = random_smooth_path(arm, rng, 400)
-    recording = Recording(q, plant.measure(plant.run(q), rng), np.ones(len(q), bool), 0.8 * np.arange(len(q)))
+    recording = recorded(plant, rng, 400)
     times = np.linspace(0.0, 1.2, 41)
     spline = QuadraticSpline(times)
     paths = LimitedPaths(spline, HOME, np.zeros(6), PAPER, arm.lower, arm.upper, np.full(41, 0.03))

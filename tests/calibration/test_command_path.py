@@ -6,23 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from plant_models import HOME, RESTING, recorded
 from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.calibration import command_path
 from trocar.calibration.command_path import CommandRequest, command_paths
 from trocar.calibration.compensation import HysteresisState, inverse
-from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
+from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.limited_paths import QuadraticSpline
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PLANTS, play_operator
-from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 from trocar.motion import limit_use, plan_through, rest_to_rest
 from trocar.trajectory import Trajectory
 
 ARM, PAPER, PLANT = ARMS["psm-classic"], MOTION_LIMITS["paper"], PLANTS["psm1_grey"]
 LOWER, UPPER = ARM.lower + 5e-3, ARM.upper - 5e-3
-HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
-RESTING = np.zeros(6)
 KEPT = 1 + 1e-9
 MET = 1e-4
 NEARLY = 1e-3
@@ -32,8 +30,7 @@ NEARLY = 1e-3
 @pytest.fixture(scope="module")
 def models():
     rng = np.random.default_rng(0)
-    q = random_smooth_path(ARM, rng)
-    recording = Recording(q, PLANT.measure(PLANT.run(q), rng), np.ones(len(q), bool), 0.8 * np.arange(len(q)))
+    recording = recorded(PLANT, rng)
     return {name: MODELS[name].fit(recording, rng) for name in ("play", "ridge", "offset")}
 
 

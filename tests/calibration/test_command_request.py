@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from plant_models import TRAINING, plant_model
+from plant_models import FAR, HOME, RESTING, TRAINING, plant_model
 from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.calibration import command_path
 from trocar.calibration.command_path import CommandRequest, knots_of, sketched
@@ -47,10 +47,6 @@ def test_commands_may_run_at_their_limit_and_no_faster(joint, sign):
         made(velocity_start=(1.0 + 1e-5) * full)
 
 
-HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
-FAR = np.array([0.80, 0.10, 0.19, 0.40, 0.30, 0.30])
-RESTING = np.zeros(6)
-PAPER = MOTION_LIMITS["paper"]
 OFF = np.array([0.001, -0.002, 0.0005, 0.1, -0.05, 0.08])
 OFFSET = OffsetModel(OFF, TRAINING)
 

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from plant_models import recorded
 from trocar.arms import ARMS
 from trocar.calibration import compensation
 from trocar.calibration.compensation import Compensator, algorithm1, exact_inverse, inverse, resample, sample_positions
@@ -9,15 +10,9 @@ from trocar.calibration.excitation import PSM1_BOX, MotionBox, random_smooth_pat
 from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import TrainingMotion
 from trocar.calibration.plant import PLANTS
-from trocar.calibration.recording import Recording
 
 ARM = next(iter(ARMS.values()))
 WASHOUT = 20
-
-
-def record(plant, rng, n=500):
-    q = random_smooth_path(ARM, rng, n)
-    return Recording(q, plant.measure(plant.run(q), rng), np.ones(n, bool), 0.8 * np.arange(n))
 
 
 def closed_loop(plant, compensator, desired):
@@ -30,7 +25,7 @@ def closed_loop(plant, compensator, desired):
 @pytest.fixture(scope="module")
 def play():
     plant = PLANTS["psm1_grey"]
-    return plant, MODELS["play"].fit(record(plant, np.random.default_rng(0)), np.random.default_rng(0))
+    return plant, MODELS["play"].fit(recorded(plant, np.random.default_rng(0), 500), np.random.default_rng(0))
 
 
 def wider():
@@ -52,7 +47,7 @@ def test_the_exact_inverse_closes_the_loop(play, box):
 
 def test_algorithm1_halves_the_error_with_any_model():
     plant = PLANTS["psm1_grey"]
-    model = MODELS["ridge"].fit(record(plant, np.random.default_rng(0)), np.random.default_rng(0))
+    model = MODELS["ridge"].fit(recorded(plant, np.random.default_rng(0), 500), np.random.default_rng(0))
     desired = random_smooth_path(ARM, np.random.default_rng(9), 300)
     after = np.sqrt(np.mean(closed_loop(plant, Compensator(model), desired) ** 2, axis=0))
     before = np.sqrt(np.mean((plant.run(desired) - desired)[WASHOUT:, 3:] ** 2, axis=0))

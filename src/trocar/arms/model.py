@@ -154,6 +154,7 @@ class ArmModel:
         jaw: the opening of the jaws, as a joint.
         instrument: the solid shapes of what is mounted on the arm.
         safe_depth_m: minimum depth of the wrist beyond the remote centre for Cartesian motion.
+        coupling: (4, 4) joints from actuators, for roll, wrist pitch, wrist yaw, jaw; None if unknown.
     """
 
     name: str
@@ -166,6 +167,7 @@ class ArmModel:
     jaw: Joint
     instrument: Instrument
     safe_depth_m: float
+    coupling: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         item = f"arm '{self.name}'"
@@ -176,6 +178,8 @@ class ArmModel:
         lengths = finite(item, (self.wrist_length_m, self.tip_length_m, self.safe_depth_m), 3)
         if lengths.min() < 0:
             raise InvalidInput(item, f"has wrist, tip and safe depth {lengths.tolist()} m", "none may be below 0")
+        if self.coupling is not None:
+            finite(f"the coupling of {item}", self.coupling, 4, 4)
         if [joint.prismatic for joint in self.joints] != [False, False, True, False, False, False]:
             raise InvalidInput(item, "needs exactly its third joint to be prismatic")
         if self.wrist_sign not in (-1, 1):

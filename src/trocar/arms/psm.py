@@ -40,6 +40,13 @@ PSM_CLASSIC = ArmModel(
     jaw=Joint("jaw", radians(-40), radians(80), max_speed=6.0, max_acceleration=radians(720)),
     instrument=LARGE_NEEDLE_DRIVER,
     safe_depth_m=0.045,  # sawIntuitiveResearchKit, SafeDistanceFromRCM (Cartesian control)
+    # 8 mm instruments, joint from actuator: roll, wrist pitch, wrist yaw, jaw (facts/peg_transfer.md)
+    coupling=(
+        (-1.5632, 0.0, 0.0, 0.0),
+        (0.0, 1.0186, 0.0, 0.0),
+        (0.0, -0.8306, 0.6089, 0.6089),
+        (0.0, 0.0, -1.2177, 1.2177),
+    ),
 )
 
 PSM_SI = replace(

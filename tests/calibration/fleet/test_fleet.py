@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from plant_models import recorded
 from trocar.arms import PSM_CLASSIC
 from trocar.calibration.excitation import random_smooth_path, wide_path
 from trocar.calibration.fleet import fit_from_prior, learn_prior, load_prior
@@ -28,22 +29,22 @@ LIMITS_RAD = {
 (docs/calibration.md has both). Without a prior seven of the nine are exceeded, by up to 2.4."""
 
 
-def recorded(plant, seed, rows):
-    rng = np.random.default_rng(seed)
-    q = random_smooth_path(PSM_CLASSIC, rng, rows)
-    return Recording(q, plant.measure(plant.run(q), rng), np.ones(rows, bool), 0.8 * np.arange(rows), f"seed{seed}")
-
-
 @pytest.fixture(scope="module")
 def prior():
     """Return what two plants show of all, the third unseen."""
-    return learn_prior([recorded(plant, k, 300) for k, plant in enumerate(PLANTS.values()) if plant is not PSM2_GREY])
+    return learn_prior(
+        [
+            recorded(plant, np.random.default_rng(k), 300, f"{k}")
+            for k, plant in enumerate(PLANTS.values())
+            if plant is not PSM2_GREY
+        ]
+    )
 
 
 @pytest.fixture(scope="module")
 def mixed(prior):
     """Return a model of more rows than a minute's, and fewer than suffice by themselves."""
-    model = fit_from_prior(recorded(PSM2_GREY, 7, ENOUGH_ROWS - 100), prior)
+    model = fit_from_prior(recorded(PSM2_GREY, np.random.default_rng(7), ENOUGH_ROWS - 100), prior)
     assert model.training.rows > OWN_ROWS
     return model
 
