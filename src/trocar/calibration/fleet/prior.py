@@ -186,10 +186,7 @@ class FleetPrior:
 
 
 def load_prior(name: str | Path) -> FleetPrior:
-    """Return the built-in prior (``fleet``), or that in a file.
-
-    Raises TrocarError: there is no such file, or it is not a prior.
-    """
+    """Return the built-in prior (``fleet``), or that in a file (TrocarError: there is none, or it is no prior)."""
     if str(name) == BUILT_IN:
         with as_file(files("trocar.calibration.fleet") / "fleet.npz") as path:
             return _load(path)
@@ -221,8 +218,5 @@ def _least_sd(joint: int) -> Array:
 
 
 def learn_prior(recordings: Sequence[Recording]) -> FleetPrior:
-    """Return the prior over instruments and sessions, learned from recordings of some of them.
-
-    Raises InvalidInput: they are fewer than two.
-    """
+    """Return the prior learned from recordings of some instruments (InvalidInput: they are fewer than two)."""
     return FleetPrior.of([fit_loops(recording) for recording in recordings])
