@@ -36,10 +36,7 @@ def fk(arm: ArmModel, q: ArrayLike) -> SE3:
 
 
 def frames(arm: ArmModel, q: ArrayLike) -> SE3:
-    """Return the poses, in the base, of frames 0 (base), 1..6 (modified DH) and 7 (tip): batch (..., 8).
-
-    Raises TrocarError: ``q`` has another shape or is not finite.
-    """
+    """Return the poses, in the base, of frames 0 (base), 1..6 (modified DH) and 7 (tip): batch (..., 8)."""
     steps = _steps(arm, arm.configurations(q))
     poses = [np.broadcast_to(np.eye(4), steps.shape[:-3] + (4, 4))]
     for i in range(len(arm.joints)):

@@ -35,10 +35,7 @@ class FingerMarks:
         require_numbers(self)
 
     def centers_m(self, side: int, jaw_rad: float) -> Array:
-        """Return the middles (2, 3) of a finger's marks at a jaw opening, in the frame of :meth:`Instrument.finger_m`.
-
-        ``side``: +1 of the left finger, -1 of the right one; ``jaw_rad``: opening between both fingers.
-        """
+        """Return the middles (2, 3) of the marks of the left (+1) or right (-1) finger, as ``Instrument.finger_m``."""
         half = 0.5 * side * jaw_rad
         along, behind = np.array(self.along_m), side * self.behind_m
         x = np.cos(half) * along - np.sin(half) * behind

@@ -15,8 +15,7 @@ from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
 REPLAY_S = 0.004
-"""Interval at which sent commands are replayed: the sharpest reversal of a wrist (25 rad/s^2) hides 5e-5 rad within
-it."""
+"""Sent commands are replayed at this interval: a wrist's sharpest reversal (25 rad/s^2) hides 5e-5 rad within it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,12 +85,10 @@ ALPHA = 0.5
 TOLERANCE_RAD = 1e-5  # the exact inverse stops at this residual: a hundredth of the repeatability of the best joint
 MAX_NEWTON_STEPS = 30
 MAX_NEWTON_STEP_RAD = 0.3
-"""In a dead zone a joint hardly follows its command and a Newton step explodes; the width of a full backlash is
-enough."""
+"""A full backlash: in a dead zone a joint hardly follows its command, and a Newton step would explode."""
 STALLED_RAD = 1e-3
 ESCAPES_RAD = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4)
-"""If Newton's method stalls in a dead zone, it restarts this far away, in the direction that the joints do not
-follow."""
+"""Where Newton's method stalls in a dead zone, it restarts this far away, as the joints do not follow."""
 DAMPING = 1e-4
 
 

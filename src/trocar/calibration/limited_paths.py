@@ -130,10 +130,7 @@ class LimitedPaths:
         return self._position.T @ (self.weights_s[:, None] * errors)
 
     def hessian(self, nearness: Array, smoothness: Array) -> sparse.csc_matrix:
-        """Return the Hessian (6 m, 6 m), joint by joint, of positions' and accelerations' weighted squares.
-
-        ``nearness``: (6,) weight of a joint's error; ``smoothness``: (6,) weight of its acceleration.
-        """
+        """Return the Hessian (6 m, 6 m), joint by joint, of weighted (6,) squares of positions and of accelerations."""
         free = len(self.spline.steps_s) - 1
         shift = free * np.arange(6)[:, None]
         parts = [(nearness, self._near), (smoothness, self._smooth)]
@@ -153,10 +150,7 @@ class LimitedPaths:
         return self._at_start(self.spline.position)
 
     def solve(self, hessian: sparse.csc_matrix, gradient: Array) -> Array | None:
-        """Return the free control points (m, 6) that minimise ``x H x / 2 + g x``; None if no path is allowed.
-
-        ``hessian``: (6 m, 6 m), joint by joint; ``gradient``: (m, 6) at x = 0.
-        """
+        """Return the free control points (m, 6) that minimise ``x H x / 2 + g x``; None if no path is allowed."""
         size = float(hessian.diagonal().mean())
         scaled, linear = hessian / size, gradient.T.ravel() / size
         lower, upper = self.lower + ROOM, self.upper - ROOM

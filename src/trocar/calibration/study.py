@@ -76,10 +76,7 @@ class SessionChange:
 
 
 def table_1(recording: Recording, rows: int = TABLE_1_ROWS) -> dict[str, Array]:
-    """Return RMSE, SD and Max (6,) of |q_phy - q_cmd| over the first valid rows, as in the paper's Table I.
-
-    The paper's SD is the standard deviation of the error's magnitude.
-    """
+    """Return RMSE, SD (of the magnitude) and Max (6,) of |q_phy - q_cmd| over the first valid rows: Table I."""
     good = np.flatnonzero(recording.valid)[:rows]
     error = np.abs(recording.errors)[good]
     return {"RMSE": np.sqrt(np.mean(error**2, axis=0)), "SD": error.std(axis=0), "Max": error.max(axis=0)}
@@ -101,10 +98,7 @@ def session_change(model: CableModel, recording: Recording, rows: int = REFIT_RO
 
 
 def load_study_recordings(data: str | Path, names: Sequence[str]) -> dict[str, Recording]:
-    """Return the recordings by name, from a folder of ``.npz`` or ``.csv`` files or from its ``dvrk/trajectories``.
-
-    Raises TrocarError: the folder lacks one of them, or one cannot be read.
-    """
+    """Return the recordings by name, from a folder or its ``dvrk/trajectories`` (TrocarError: one is missing)."""
     data = Path(data)
     inner = data / "dvrk" / "trajectories"
     data = inner if inner.is_dir() else data

@@ -40,10 +40,7 @@ def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Ar
 
 
 def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Array:
-    """Return float64 numbers of any shape, finite or not; ``shape`` only tells what is wanted.
-
-    Raises TrocarError: these are not numbers.
-    """
+    """Return float64 numbers of any shape, finite or not (TrocarError: they are none, of the ``shape`` wanted)."""
     try:
         array = np.asarray(values)
     except (TypeError, ValueError):  # rows of different lengths

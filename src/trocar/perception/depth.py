@@ -87,10 +87,7 @@ class Patch:
 
 
 def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_m: ArrayLike) -> Patch | None:
-    """Return the rectangle of pixels that a box covers, or None if the camera does not see it.
-
-    ``lower_m`` and ``upper_m`` (3,) are corners of the box in its own frame.
-    """
+    """Return the pixels that a box covers, given by its corners (3,) in its own frame; None: it is not seen."""
     lower, upper = np.asarray(lower_m, dtype=np.float64), np.asarray(upper_m, dtype=np.float64)
     pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)
     pixel = project(image.intrinsics, T_camera_box.apply(np.where(pick, upper, lower)))

@@ -43,10 +43,7 @@ class Intrinsics:
         return Intrinsics(*size, self.fx / factor, self.fy / factor, *middle, self.distortion)
 
     def cropped(self, corner_px: tuple[int, int], size_px: tuple[int, int]) -> Intrinsics:
-        """Return the camera that reads out only a rectangle of this one's pixels.
-
-        ``corner_px``: (u, v) of the rectangle's first pixel; ``size_px``: (width, height).
-        """
+        """Return the camera that reads out only a rectangle of this one's pixels, from its first pixel (u, v) on."""
         (u, v), (width, height) = corner_px, size_px
         if min(u, v) < 0 or min(width, height) < 1 or u + width > self.width or v + height > self.height:
             item = f"the rectangle of {width} x {height} pixels at {corner_px}"

@@ -48,10 +48,7 @@ class BoardPose:
 
 
 def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> Array | None:
-    """Return the inner corners (rows * columns, 2) u, v of a board in the board's order, or None if it is not seen.
-
-    ``board``: the one to search for; the whole of it must be in the image; ``image``: (height, width, 3) uint8 RGB.
-    """
+    """Return the inner corners (n, 2) u, v of a whole board in an RGB image, in its order; None: not seen."""
     gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     low, high = np.percentile(gray, (DARKEST, BRIGHTEST))
     stretched = np.clip((gray - low) * (255.0 / max(high - low, 1.0)), 0, 255).astype(np.uint8)

@@ -68,10 +68,7 @@ class LoopShape:
         return self.radii[:, None] * MULTIPLES
 
     def slacks(self, q_cmd: Array, starts: Array) -> Array:
-        """Return the slacks (n, 3, s, k) along commands (n, 6).
-
-        ``starts`` (s,) are the slacks before the first command, as shares of the radii: -1 to 1.
-        """
+        """Return the slacks (n, 3, s, k) along commands (n, 6), from ``starts`` (s,): shares of the radii."""
         shape = (3, len(starts), len(MULTIPLES))
         radii = np.broadcast_to(self.banks[:, None], shape)
         slacks = play_slacks(q_cmd, self.a, self.b, radii.reshape(3, -1), (starts[:, None] * radii).reshape(3, -1))
@@ -134,10 +131,7 @@ class FleetPrior:
 
     @staticmethod
     def of(fits: Sequence[LoopFit]) -> FleetPrior:
-        """Return the prior over instruments and sessions, from the fits to recordings of some of them.
-
-        Raises TrocarError: they are fewer than two.
-        """
+        """Return the prior from the fits to recordings of some instruments (TrocarError: they are fewer than two)."""
         if len(fits) < 2:
             raise InvalidInput("a prior", f"cannot be learned from {len(fits)} recordings", "give two or more")
         shapes, weights, outer, left = (
@@ -169,10 +163,7 @@ class FleetPrior:
         return tuple(fit.name for fit in self.fits)
 
     def without(self, instrument: str) -> FleetPrior:
-        """Return the prior without one instrument: without the recordings whose names begin like this.
-
-        Raises TrocarError: fewer than two are left.
-        """
+        """Return the prior without recordings whose names begin like this (TrocarError: fewer than two are left)."""
         return FleetPrior.of([fit for fit in self.fits if not fit.name.startswith(instrument)])
 
     def save(self, path: str | Path) -> Path:

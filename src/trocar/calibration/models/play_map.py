@@ -130,10 +130,7 @@ class PlayMap:
 
     @classmethod
     def from_arrays(cls, arrays: Arrays, radii: int) -> PlayMap:
-        """Return the map from the arrays of a file.
-
-        ``arrays``: of the file; ``radii``: how many play operators each joint has.
-        """
+        """Return the map from a file's arrays, of a model with this many play operators for each joint."""
         features = 3 + 3 * radii
         own = shaped(
             arrays,
