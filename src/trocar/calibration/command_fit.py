@@ -56,7 +56,7 @@ class Fitted:
 class CommandFit:
     """Finds the best commands among the paths within the limits."""
 
-    paths: LimitedPaths  # those paths
+    paths: LimitedPaths
     memory: HysteresisState  # of the cables at the start
     wanted: Array  # (n + 1, 6) joints at the knots
 

@@ -247,10 +247,10 @@ def command_paths(requests: Mapping[str, CommandRequest]) -> dict[str, CommandPa
 class _Fit:
     """The commands that were found for a sketch."""
 
-    sketch: InitialCommands  # the motion to be made
+    sketch: InitialCommands
     stretch: float  # factor by which it is slowed down
     fit: CommandFit  # the set of possible commands
-    best: Fitted  # those found
+    best: Fitted
     short: float  # how far from their goal they end, in rad of the wrist; measured in joints if the model predicts them
 
 

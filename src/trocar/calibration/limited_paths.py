@@ -111,7 +111,7 @@ class LimitedPaths:
     spline: QuadraticSpline  # over n intervals; m = n - 1
     q_start: Array  # (6,) where the path starts, rad and m
     velocity_start: Array  # (6,) and how fast, per s
-    limits: MotionLimits  # of velocity and acceleration
+    limits: MotionLimits
     lower: Array  # (6,) least position
     upper: Array  # (6,) greatest position
     weights_s: Array  # (n + 1,) weight of an error at each knot, about the time that the knot represents

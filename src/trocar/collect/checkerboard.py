@@ -47,7 +47,7 @@ Listener = Callable[[int, int], None]  # called with the number of images done a
 class BoardView:
     """What both eyes saw of a board."""
 
-    image: StereoImage  # of both eyes
+    image: StereoImage
     left_px: Array  # (n, 2) corners in the left image, in the board's order
     right_px: Array  # (n, 2) likewise
 

@@ -33,7 +33,7 @@ class Sphere:
 
     part: str  # the part that carries it, 'shaft' or 'jaw'
     color: str  # name in :data:`COLORS`
-    radius_m: float  # of the sphere
+    radius_m: float
     # on the shaft: (0, 0, distance up the shaft from the pitch axis); on the jaw: in frame 6, whose z is the yaw axis
     # and along whose y the jaws point
     center_m: tuple[float, float, float]

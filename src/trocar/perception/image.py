@@ -57,7 +57,7 @@ class RgbdImage:
 
     color: NDArray[np.uint8]  # (height, width, 3) uint8, RGB
     depth_m: NDArray[np.float32]  # (height, width) float32 along the optical axis; NaN where the sensor has no value
-    intrinsics: Intrinsics  # the camera that took it
+    intrinsics: Intrinsics
     time_s: float = 0.0  # time of the image on the cell's clock
 
     def __post_init__(self) -> None:
@@ -72,7 +72,7 @@ class StereoRig:
     """Two cameras side by side that expose together."""
 
     left: Intrinsics  # the camera that poses refer to
-    right: Intrinsics  # the other one
+    right: Intrinsics
     T_left_right: SE3  # pose of the right camera in the left one; for a rectified pair a shift along x alone
 
 
@@ -82,7 +82,7 @@ class StereoImage:
 
     left: NDArray[np.uint8]  # (height, width, 3) uint8, RGB
     right: NDArray[np.uint8]  # likewise
-    rig: StereoRig  # the cameras that took them
+    rig: StereoRig
     time_s: float = 0.0  # when, on the cell's clock
 
     def __post_init__(self) -> None:
@@ -102,8 +102,8 @@ class Window:
 class StereoWindow:
     """A rectangle of each eye's pixels; both begin in the same row if the pair is to stay rectified."""
 
-    left: Window  # of the left eye
-    right: Window  # of the right eye
+    left: Window
+    right: Window
     binning: int = 1  # the sensors combine this many by this many pixels; corners and sizes are multiples of it
 
     def __post_init__(self) -> None:
