@@ -13,6 +13,8 @@ import trio
 from simulated import ideal_laboratory, standing
 from trocar.sim import watchdog
 
+PRESSED_S = 0.3
+
 
 @pytest.fixture
 def laboratory():
@@ -24,8 +26,8 @@ def ctrl_c():
     """Press Ctrl-C a moment after the script has begun."""
     timers = []
 
-    def press(after_s=0.3):
-        timers.append(threading.Timer(after_s, _thread.interrupt_main))
+    def press():
+        timers.append(threading.Timer(PRESSED_S, _thread.interrupt_main))
         timers[-1].start()
 
     yield press
@@ -58,17 +60,18 @@ def test_a_script_that_loops_is_ended_even_if_something_swallows_the_interruptio
         for _ in range(times):
             try:
                 while True:
-                    time.sleep(0.01)
+                    pass
             except KeyboardInterrupt:
                 swallowed.append(cell)
         while True:
             pass
 
-    begin = time.monotonic()
+    begin_s = time.thread_time()
     with pytest.raises(KeyboardInterrupt, match=r"test_watchdog\.py, line \d+, which let no time pass"):
         laboratory.run(loops, 1e6)
     assert len(swallowed) == times
-    assert time.monotonic() - begin < 60
+    looped_s = time.thread_time() - begin_s  # of the processor: a loaded machine makes it shorter, not longer
+    assert looped_s < PRESSED_S + watchdog.PATIENCE_S + (times + 1) * watchdog.LOOK_S + 0.2
     assert all(laboratory.driver.idle(arm) for arm in ("psm1", "psm2"))
 
 

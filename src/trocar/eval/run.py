@@ -25,6 +25,7 @@ from trocar.eval.scenery import Scenery
 from trocar.eval.task import Score, Task
 from trocar.eval.trial import Trial
 from trocar.lab import SensorFlaws
+from trocar.log import machine_speed
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S, Adaptive, Compensated
@@ -162,6 +163,7 @@ def run_trial(
         ),
         images=blobs,
         computations=laboratory.log.computations,
+        machine_speed=machine_speed(),
         wall_s=wall_s,
     )
 

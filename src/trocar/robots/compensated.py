@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 
@@ -15,6 +14,7 @@ from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.models import CableModel
 from trocar.cell import Clock, JointReading, Log, MotionEnd, MotionResult, Robot, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, OutOfReach, TrocarError
+from trocar.log import timed
 from trocar.robots.guarded import START_TOLERANCE, start_mismatch
 from trocar.trajectory import Trajectory
 
@@ -185,10 +185,10 @@ class Compensated:
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Let trajectories of the true joints take over from what the arms are doing now."""
-        begin = time.perf_counter()
-        paths = self._found(motions, {arm: self._now(arm) for arm in motions if arm in self._rested})
+        starts = {arm: self._now(arm) for arm in motions if arm in self._rested}
+        paths, seconds = timed(lambda: self._found(motions, starts))
         if paths:
-            self._log.compute("compensation", time.perf_counter() - begin, BUDGET_S)
+            self._log.compute("compensation", seconds, BUDGET_S)
         return await self._sent(self._robot.replace, motions, paths)
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:

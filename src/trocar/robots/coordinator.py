@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from trocar.cell import Cell, MotionResult, SetPoint
 from trocar.errors import MotionRefused, UnknownName
 from trocar.geometry import SE3
 from trocar.geometry.capsules import Capsules
+from trocar.log import timed
 from trocar.motion import MovingArm, swept_clearance
 from trocar.robots.concurrency import first_of
 from trocar.robots.moving_body import NEVER, MovingBody, distance_m, min_delay_s
@@ -354,9 +354,8 @@ class Coordinator:
         budget_s = self._margins.check_budget_s
         with self._cell.log.span(arm, "planning"):
             await self._cell.clock.compute(lambda: None, budget_s)
-        begin = time.perf_counter()
-        delay = self._delay_s(arm, motion, margin_m, contact_s, departure)
-        self._cell.log.compute("traffic", time.perf_counter() - begin, budget_s)
+        delay, seconds = timed(lambda: self._delay_s(arm, motion, margin_m, contact_s, departure))
+        self._cell.log.compute("traffic", seconds, budget_s)
         return delay
 
     def _delay_s(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -15,7 +14,7 @@ from trocar.cell import Cell, Result
 from trocar.lab import SensorFlaws, Station
 from trocar.lab.session import Session, draw_session
 from trocar.lab.transmission import DriveTrain
-from trocar.log import CellLog
+from trocar.log import CellLog, timed
 from trocar.robots import TICK_S, ArmGuard, Guarded, JointEstimator
 from trocar.sim.cameras import CameraRenderer, SimCamera
 from trocar.sim.pace import Pace, Script, Stepping, Virtual, repeat_scheduling
@@ -44,10 +43,8 @@ class SimClock:
         await trio.sleep(seconds)
 
     async def compute(self, function: Callable[[], Result], budget_s: float) -> tuple[Result, float]:
-        """Return the result and its real time; the clock counts the budget."""
-        begin = time.perf_counter()
-        result = function()
-        seconds = time.perf_counter() - begin
+        """Return the result and how long it computed; the clock counts the budget."""
+        result, seconds = timed(function)
         await trio.sleep(budget_s)
         return result, seconds
 

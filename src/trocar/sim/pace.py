@@ -25,9 +25,12 @@ Script = Callable[["Cell"], Awaitable[Any]]
 def repeat_scheduling() -> None:
     """Make scripts that are due together run in the same order whenever the same trial is run.
 
-    Trio shuffles them on purpose, and whichever takes an image first draws the camera's noise first. These are the
-    switches with which Hypothesis makes trio deterministic; trio has no public ones.
+    Trio reverses them at random on purpose, and whichever takes an image first draws the camera's noise first.
     """
+    # Private, and touched nowhere else: with these switches Hypothesis makes trio deterministic. Nothing public orders
+    # tasks: an instrument (`trio.abc.Instrument`) sees each one become due but cannot move it, a guest run
+    # (`trio.lowlevel.start_guest_run`) hands over whole batches, and one event or cancellation wakes several tasks
+    # whatever their checkpoints do. A test fails if trio renames them.
     _run._ALLOW_DETERMINISTIC_SCHEDULING = True  # type: ignore[misc]
     _run._r.seed(0)
 
