@@ -24,7 +24,7 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.pace import RealTime
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
-from trocar.sim.spec import Servo, Surface
+from trocar.sim.spec import Surface
 from trocar.sim.world import PhysicsError, TaskWorld
 from trocar.trajectory import Trajectory
 
@@ -673,14 +673,11 @@ def test_whoever_listens_hears_every_event_when_it_happens():
 
 
 def test_a_laboratory_is_made_of_what_it_was_given_or_of_what_is_usual():
-    day = ideal_session(replace(STATION, cameras={}))
-    servo, surface, task = Servo(jaw_torque_nm=0.05), Surface(abs_friction=0.2), TaskWorld()
-    given = SimLaboratory(day, task, servo=servo, surface=surface).world
-    assert given.task is task
-    usual = SimLaboratory(day).world
-    assert type(usual.task) is TaskWorld
-    for world, torque, friction in ((given, 0.05, 0.2), (usual, 0.03, 0.35)):
-        assert world.model.actuator("psm1_jaw").forcerange[1] == pytest.approx(2 * torque)
+    day, task = ideal_session(replace(STATION, cameras={})), TaskWorld()
+    given, usual = SimLaboratory(day, task, surface=Surface(abs_friction=0.2)).world, SimLaboratory(day).world
+    assert given.task is task and type(usual.task) is TaskWorld
+    for world, friction in ((given, 0.2), (usual, 0.35)):
+        assert world.model.actuator("psm1_jaw").forcerange[1] == pytest.approx(0.06)
         assert world.model.geom("psm1_shaft").friction[0] == pytest.approx(friction)
 
 

@@ -11,7 +11,7 @@ from trocar.arms import fk
 from trocar.calibration.excitation import PSM1_BOX, WIDE_ROWS
 from trocar.geometry import SE3, SO3
 from trocar.lab.transmission.stiff import Stiff
-from trocar.sim.recording import record_motion
+from trocar.sim.calibration_cells import record_motion
 
 SD = np.array([1e-3, 2e-3, 3e-4, 4e-3, 5e-3, 6e-3])
 

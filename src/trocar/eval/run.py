@@ -31,7 +31,7 @@ from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S, Adaptive, Compensated
 from trocar.sim.cameras import SimCamera
 from trocar.sim.laboratory import SimLaboratory
-from trocar.sim.recorder import fixed_poses, solids_of
+from trocar.sim.record import fixed_poses, solids_of
 from trocar.sim.world import PhysicsError
 
 DONE, FAULT, OUT_OF_TIME, AGENT_ERROR = "done", "FAULT", "OUT_OF_TIME", "AGENT_ERROR"

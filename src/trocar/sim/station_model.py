@@ -11,7 +11,7 @@ from trocar.arms import ArmModel, fk, frames
 from trocar.geometry import SE3, SO3
 from trocar.lab import Station, StationCamera
 from trocar.perception.image import StereoRig
-from trocar.sim.spec import JAW_STIFFNESS_NM_RAD, SOLID, CellArms, Servo, cell_spec, digits, placed
+from trocar.sim.spec import JAW_STIFFNESS_NM_RAD, SERVO, SOLID, CellArms, cell_spec, digits, placed
 from trocar.sim.world import TaskWorld
 
 PARK = "park"
@@ -139,15 +139,15 @@ def _set_drives(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
     opening = spec.add_tendon(name=label)
     for side, sign in (("left", 1), ("right", -1)):
         opening.wrap_joint(f"{label}_{side}", sign)
-    servo, stiffness = Servo(), JAW_STIFFNESS_NM_RAD / 4
+    stiffness = JAW_STIFFNESS_NM_RAD / 4
     drive = spec.add_actuator(
         name=label,
         trntype=mujoco.mjtTrn.mjTRN_TENDON,
         target=label,
         ctrlrange=digits((arm.jaw.lower, arm.jaw.upper)),
-        forcerange=(-servo.jaw_torque_nm, servo.jaw_torque_nm),
+        forcerange=(-SERVO.jaw_torque_nm, SERVO.jaw_torque_nm),
     )
-    drive.set_to_position(kp=stiffness, kv=float(digits(np.sqrt(2 * stiffness * servo.jaw_inertia_kg_m2))))
+    drive.set_to_position(kp=stiffness, kv=float(digits(np.sqrt(2 * stiffness * SERVO.jaw_inertia_kg_m2))))
 
 
 def _add_sensors(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:

@@ -66,8 +66,8 @@ def warnings(summary: Mapping[str, Any]) -> Sequence[str]:
     if summary["missed_budgets"] <= MISSED_WARNING:
         return []
     return [
-        f"{percent(summary['missed_budgets'])} of computations take longer than the trial's clock counted for them, even on "
-        "the machine for which that time was declared: a real arm would have waited."
+        f"{percent(summary['missed_budgets'])} of computations take longer than the trial's clock counted for them, "
+        "even where that time was declared (the machine's speed is taken into account): a real arm would have waited."
     ]
 
 
