@@ -30,7 +30,7 @@ def adaptive():
     arms = CableArms(("a",))
     model = expected(PRIOR, PSM1_BOX)
     guarded = Guarded(arms.driver, {"a": ArmGuard(ARM, PAPER)})
-    arms.robot = Adaptive(guarded, {"a": ARM}, {"a": model}, {"a": PRIOR}, {"a": PAPER}, arms, arms.log)
+    arms.robot = Adaptive(guarded, {"a": ARM}, {"a": model}, {"a": PAPER}, arms, arms.log, priors={"a": PRIOR})
     return arms
 
 

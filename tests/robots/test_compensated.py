@@ -386,7 +386,7 @@ def test_what_was_prepared_suits_the_same_motions_from_the_same_rest_alone():
     assert prepared.suits(dict(motions), dict(starts))
 
     def with_a(**change):
-        return starts | {"a": replace(starts["a"], **change)}
+        return starts | {"a": starts["a"]._replace(**change)}
 
     one = np.eye(6)[4]
     assert prepared.suits(motions, with_a(q_cmd=HOME + 0.7e-9 * one))
@@ -445,7 +445,7 @@ def test_off_its_path_the_cables_remember_the_straight_way_from_where_it_was_lef
     asked = []
     memory = SimpleNamespace(after=lambda way, t_s: (way, t_s))
     path = SimpleNamespace(commands=motion, memory_at=lambda t_s: (asked.append(t_s), memory)[1])
-    sent = robot._robot.setpoint("a")
+    sent = robot.robot.setpoint("a")
     assert robot._memory("a", sent) is robot._rested["a"] and robot.expected("a") is None
     robot._paths["a"] = path
     for path_s in (0.3, motion.duration_s + 0.2):
@@ -502,7 +502,7 @@ def test_where_the_joints_are_to_be_is_told_unless_they_will_not_come_there(mode
         assert np.array_equal(robot.setpoint("a").q, estimate) == believed
         start = robot._next("a")
         assert not start.then and start.after is robot._paths["a"]
-        assert np.array_equal(robot._joints("a", replace(start, then=True))[0], estimate) == believed
+        assert np.array_equal(robot._joints("a", start._replace(then=True))[0], estimate) == believed
 
 
 def test_a_second_motion_of_one_arm_is_refused_while_the_first_is_computed_and_while_it_runs(models):

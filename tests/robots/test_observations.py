@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC, frames
 from trocar.perception.instrument import Sighting
-from trocar.robots.observations import Observation, combine
+from trocar.robots.adaptive import Observation, combine
 
 SHIFT_M = np.array([0.6e-3, -0.3e-3, 0.2e-3])
 START = np.array([0.8, 0.0, 0.18, 0.0, 0.0, -0.5])

@@ -179,10 +179,10 @@ def free_memory() -> None:
 def _compensated(config: RunConfig, prepared: Prepared, cell: Cell) -> Compensated:
     """Return the cell's robot with its cables compensated."""
     limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
+    wrapped = cell.robot, cell.arms, prepared.models, limits, cell.clock, cell.log
     if prepared.priors:
-        return Adaptive(cell.robot, cell.arms, prepared.models, prepared.priors, limits, cell.clock, cell.log)
-    stop = config.chosen_method.stop_at_limits
-    return Compensated(cell.robot, cell.arms, prepared.models, limits, cell.clock, cell.log, stop_at_limits=stop)
+        return Adaptive(*wrapped, priors=prepared.priors)
+    return Compensated(*wrapped, stop_at_limits=config.chosen_method.stop_at_limits)
 
 
 def _play(
