@@ -10,7 +10,7 @@ from simulated import STATION, joints_at
 from trocar.arms import capsules, fk
 from trocar.geometry.capsules import Capsules, capsule_distances_m
 from trocar.motion import MovingArm, rest_to_rest
-from trocar.robots.moving_body import NEVER, MovingBody, distance_m, min_delay_s
+from trocar.robots.traffic import NEVER, MovingBody, distance_m, min_delay_s
 
 NOW_S, MARGIN_M = 7.0, 4e-3
 DELAYS_S = np.arange(0.0, 2.0, 0.08).tolist()
