@@ -260,17 +260,10 @@ class Driver:
 
     def _result(self, name: str, first: int, last: int, ending: Ending) -> MotionResult:
         arm = self._arms[name]
-        return MotionResult(
-            times_s=np.array(self._times[first:last]),
-            commanded=np.array(arm.commanded[first:last]).reshape(-1, 7),
-            measured=np.array(arm.measured[first:last]).reshape(-1, 7),
-            ended=ending.ended,
-            cause=ending.cause,
-        )
+        commanded, measured = (np.array(rows[first:last]).reshape(-1, 7) for rows in (arm.commanded, arm.measured))
+        return MotionResult(np.array(self._times[first:last]), commanded, measured, ending.ended, ending.cause)
 
 
 def _ending(ended: MotionEnd, arm: str, reason: TrocarError | str = "") -> Ending:
     """Return how an arm's motion was ended, with the reason as a typed error."""
-    if isinstance(reason, TrocarError):
-        return Ending(ended, reason)
-    return Ending(ended, ArmStopped(arm, reason or ended.value))
+    return Ending(ended, reason if isinstance(reason, TrocarError) else ArmStopped(arm, reason or ended.value))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -140,9 +140,7 @@ class Guarded:
         now, factor = self._robot.setpoint(arm), self._stretch.get(arm, 1.0)
         if factor == 1.0:
             return now
-        return SetPoint(
-            now.time_s, now.q, now.velocity, now.moving, now.path_s / factor, now.path_rate / factor, now.on_path
-        )
+        return replace(now, path_s=now.path_s / factor, path_rate=now.path_rate / factor)
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Run trajectories from rest, all slowed down by one factor if one exceeds its limits.
