@@ -6,11 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import trio
 from numpy.testing import assert_allclose
 
 from cable_arms import GOALS, CableArms, to
-from driven import ARM, HOME, PAPER
+from driven import ARM, HOME, PAPER, running
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.fleet import expected, load_prior
 from trocar.calibration.models.base import MIN_ROWS
@@ -132,8 +131,7 @@ def test_all_that_was_sent_is_kept_once_as_far_as_it_was_sent():
     arms = adaptive()
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
+        async with running(arms.robot.move, to(arms, GOALS[0])):
             await arms.sleep(0.2)
             row, q = arms.robot.moment("a")
             sent = arms.driver.setpoint("a").q
@@ -174,8 +172,7 @@ def test_what_was_sent_is_remembered_whatever_happens_to_a_motion(expert):
     arms, known = expert
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
+        async with running(arms.robot.move, to(arms, GOALS[0])):
             await arms.sleep(0.15)
             arms.robot.moment("a")
             await arms.sleep(0.1)
@@ -194,8 +191,7 @@ def test_an_arm_that_moves_keeps_its_cables(expert):
     arms, known = expert
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
+        async with running(arms.robot.move, to(arms, GOALS[0])):
             await arms.sleep(0.1)
             with pytest.raises(ArmMoving, match="cable model"):
                 arms.robot.adopt("a", known)

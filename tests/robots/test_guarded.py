@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trio
 
-from driven import ARM, HOME, PAPER, PlainArms
+from driven import ARM, HOME, PAPER, PlainArms, running
 from trocar.arms import MotionLimits, capsules, fk, ik
 from trocar.cell import MotionEnd
 from trocar.errors import InvalidInput, OutOfReach, TooNear, TrocarError
@@ -94,8 +94,7 @@ def test_the_time_along_the_path_is_that_of_the_motion_as_it_was_asked_for():
     assert np.abs(at.q - quick(at.path_s)).max() < 1e-9
 
     async def again():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, {"a": rest_to_rest(at.q, HOME, PAPER).stretched(0.5)})
+        async with running(arms.robot.move, {"a": rest_to_rest(at.q, HOME, PAPER).stretched(0.5)}):
             await trio.sleep(0.1)
             running = arms.robot.setpoint("a")
             assert running.path_rate == pytest.approx(0.5, rel=1e-3), "half as fast as it was asked for"
@@ -157,23 +156,17 @@ def test_a_limit_of_velocity_counts_as_kept_within_rounding(factor, noted):
 
 def test_a_motion_that_takes_over_too_fast_is_refused_and_the_old_one_goes_on():
     arms, _ = guarded()
-    ends = []
 
     async def script():
-        async with trio.open_nursery() as nursery:
-
-            async def first():
-                ends.append((await arms.robot.move({"a": rest_to_rest(HOME, GOAL, PAPER)}))["a"].ended)
-
-            nursery.start_soon(first)
+        async with running(arms.robot.move, {"a": rest_to_rest(HOME, GOAL, PAPER)}) as ends:
             await trio.sleep(0.1)
             at = arms.robot.setpoint("a")
             abrupt = Trajectory.hermite([0.0, 0.004], [at.q, at.q], [at.velocity, np.zeros(6)])
             with pytest.raises(TrocarError, match="takes over from a moving arm"):
                 await arms.robot.replace({"a": abrupt})
+        return ends[0]["a"]
 
-    arms.run(script)
-    assert ends == [MotionEnd.DONE]
+    assert arms.run(script).ended is MotionEnd.DONE
     assert np.abs(arms.robot.setpoint("a").q - GOAL).max() < 1e-9
 
 
@@ -205,16 +198,10 @@ def test_an_arm_whose_readings_stop_comes_to_rest_as_a_fault():
     arms, notes = guarded(stale_s=0.05)
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            ends = []
-
-            async def move():
-                ends.append((await arms.robot.move({"a": rest_to_rest(HOME, GOAL, PAPER)}))["a"])
-
-            nursery.start_soon(move)
+        async with running(arms.robot.move, {"a": rest_to_rest(HOME, GOAL, PAPER)}) as ends:
             await trio.sleep(0.1)
             arms.silent.add("a")
-        return ends[0]
+        return ends[0]["a"]
 
     execution = arms.run(script)
     assert execution.ended is MotionEnd.FAULT and "has not been read for 0.06 s" in execution.reason
@@ -308,8 +295,7 @@ def test_the_faster_of_two_motions_is_named_and_one_that_takes_over_slows_none_d
     quick, slow = rest_to_rest(HOME, GOAL, PAPER).stretched(0.5), rest_to_rest(HOME, GOAL, PAPER)
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, {"a": slow})
+        async with running(arms.robot.move, {"a": slow}):
             await trio.sleep(0.1)
             at = arms.robot.setpoint("a")
             on = Trajectory.hermite([0.0, 1.0], [at.q, at.q + 0.5 * at.velocity], [at.velocity, np.zeros(6)])
@@ -330,8 +316,7 @@ def test_a_motion_is_looked_at_beside_what_the_other_arm_is_doing():
     async def script():
         with pytest.raises(TrocarError, match="comes within"):
             await arms.robot.move(to("a", 0.05, 0.0))
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, to("b", 0.0, -0.06))
+        async with running(arms.robot.move, to("b", 0.0, -0.06)):
             await trio.sleep(0.02)
             return (await arms.robot.move(to("a", 0.05, 0.0)))["a"]
 
@@ -340,23 +325,18 @@ def test_a_motion_is_looked_at_beside_what_the_other_arm_is_doing():
 
 def test_an_arm_that_follows_another_stops_when_that_one_stops():
     arms, notes = pair(0.05, 0.0)
-    ends = []
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, to("b", 0.0, -0.06))
+        async with running(arms.robot.move, to("b", 0.0, -0.06)):
             await trio.sleep(0.02)
+            async with running(arms.robot.move, to("a", 0.05, 0.0)) as ends:
+                await trio.sleep(0.05)
+                arms.robot.hold("b", reason="somebody pressed the button")
+        return ends[0]["a"]
 
-            async def follow():
-                ends.append((await arms.robot.move(to("a", 0.05, 0.0)))["a"])
-
-            nursery.start_soon(follow)
-            await trio.sleep(0.05)
-            arms.robot.hold("b", reason="somebody pressed the button")
-
-    arms.run(script)
-    assert ends[0].ended is MotionEnd.FAULT and isinstance(ends[0].cause, TooNear)
-    assert set(ends[0].cause.arms) == {"a", "b"} and ends[0].cause.required_m == 1e-3
+    end = arms.run(script)
+    assert end.ended is MotionEnd.FAULT and isinstance(end.cause, TooNear)
+    assert set(end.cause.arms) == {"a", "b"} and end.cause.required_m == 1e-3
     assert notes and notes[0][1]["arm"] == "a"
     assert gap_m(arms) > 1e-3
     assert max(arms.use("a")) <= 1.0 + 1e-6
@@ -386,21 +366,17 @@ class Believing:
         return self.expects.get(arm)
 
 
-@pytest.mark.parametrize(("shift_m", "allowed"), [(0.0, False), (-0.04, True)])
-def test_distances_are_watched_where_the_joints_are_believed_to_be(shift_m, allowed):
-    """By its commands the other arm is in the way; its compensation knows that it is not."""
-    arms, _ = pair(0.05, 0.0)
-    arms.robot.estimator = Believing(arms.robot, {"b": at("b", shift_m) - at("b", 0.0)})
+@pytest.mark.parametrize(
+    ("told_m", "believed_m", "allowed"), [(0.0, 0.0, False), (0.0, -0.04, True), (-0.05, 0.0, False)]
+)
+def test_distances_are_watched_where_the_joints_are_believed_to_be(told_m, believed_m, allowed):
+    """By its commands the other arm is in the way, and its compensation knows that it is not; or the other way."""
+    arms, _ = pair(0.05, told_m)
+    arms.robot.estimator = Believing(arms.robot, {"b": at("b", believed_m) - at("b", told_m)})
     if allowed:
         assert arms.run(lambda: arms.robot.move(to("a", 0.05, 0.0)))["a"].done
     else:
         refused(arms, to("a", 0.05, 0.0), "comes within")
-
-
-def test_an_arm_that_is_believed_to_come_too_near_is_refused():
-    arms, _ = pair(0.05, -0.05)
-    arms.robot.estimator = Believing(arms.robot, {"b": at("b", 0.0) - at("b", -0.05)})
-    refused(arms, to("a", 0.05, 0.0), "comes within")
 
 
 def test_on_its_way_an_arm_is_where_its_joints_are_expected_on_the_time_of_its_commands():
@@ -424,8 +400,7 @@ def test_an_arm_that_brakes_is_where_it_brakes_by_as_much_aside_as_it_is_believe
     motion = to("a", 0.05, 0.03)["a"]
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, {"a": motion})
+        async with running(arms.robot.move, {"a": motion}):
             await trio.sleep(0.4 * motion.duration_s)
             arms.robot.hold("a")
             arms.robot.estimator = Believing(arms.robot, {"a": off, "b": -off}, {"a": motion})
