@@ -96,9 +96,9 @@ def test_the_time_along_the_path_is_that_of_the_motion_as_it_was_asked_for():
     async def again():
         async with running(arms.robot.move, {"a": rest_to_rest(at.q, HOME, PAPER).stretched(0.5)}):
             await trio.sleep(0.1)
-            running = arms.robot.setpoint("a")
-            assert running.path_rate == pytest.approx(0.5, rel=1e-3), "half as fast as it was asked for"
-            assert running.path_s == pytest.approx(0.05, abs=0.006)
+            now = arms.robot.setpoint("a")
+            assert now.path_rate == pytest.approx(0.5, rel=1e-3), "half as fast as it was asked for"
+            assert now.path_s == pytest.approx(0.05, abs=0.006)
 
     arms.run(again)
 
