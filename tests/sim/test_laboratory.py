@@ -14,16 +14,11 @@ import trio
 from simulated import ARM_MODELS, PAPER, STATION, ideal_laboratory, ideal_session, joints_at, standing
 from trocar.cell import MotionEnd
 from trocar.errors import TrocarError
-from trocar.lab import SensorFlaws, load_station
 from trocar.log import Span
 from trocar.motion import rest_to_rest
-from trocar.perception.image import StereoImage, StereoRig, StereoWindow, Window
 from trocar.robots import TICK_S
-from trocar.sim.cameras import STEREO_GAINS
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.pace import RealTime
-from trocar.sim.ray_camera import RayCamera
-from trocar.sim.sensor import Light
 from trocar.sim.spec import Surface
 from trocar.sim.world import PhysicsError, TaskWorld
 from trocar.trajectory import Trajectory
@@ -496,70 +491,6 @@ def test_a_script_beside_none_is_refused(lab):
 # What a cell consists of.
 
 
-@pytest.fixture
-def pair():
-    """A laboratory of two eyes without flaws and with few pixels, and their camera."""
-    station = load_station("raven-pair")
-    camera = station.cameras["stereo"]
-    rig = StereoRig(camera.model.left.binned(4), camera.model.right.binned(4), camera.model.T_left_right)
-    camera = replace(camera, model=rig)
-    day = ideal_session(replace(station, cameras={"stereo": camera}))
-    return SimLaboratory(day, rng=np.random.default_rng(0), flaws=SensorFlaws.none()), camera
-
-
-def test_the_right_eye_sees_from_its_own_place_under_the_same_lamp(pair):
-    lab, camera = pair
-    rig = camera.model
-
-    async def script(cell):
-        await cell.cameras["stereo"].capture()
-
-    assert lab.run(script, 5.0)
-    (image,) = lab.cameras["stereo"].taken
-    assert isinstance(image, StereoImage) and image.rig is rig
-    assert image.time_s == lab.now_s() == pytest.approx(0.033, abs=0.011)
-    assert image.left.shape == image.right.shape == (240, 320, 3)
-    assert (np.abs(image.left.astype(int) - image.right).max(axis=-1) > 30).mean() > 0.02, "two pictures"
-    for eye, picture, gain in zip(("left", "right"), (image.left, image.right), STEREO_GAINS, strict=True):
-        T_left_eye = rig.T_left_right if eye == "right" else rig.T_left_right.inverse() @ rig.T_left_right
-        lamp_m = T_left_eye.inverse().apply(camera.lamp_m)
-        T_world_eye = camera.T_world_camera @ T_left_eye
-        light = Light(ambient=camera.ambient, gain=camera.gain)
-        alone = RayCamera(lab.world.model, getattr(rig, eye), T_world_eye, lamp_m, SensorFlaws.none(), light)
-        assert picture.std() > 5
-        assert np.array_equal(alone.render_color(lab.world.data, np.random.default_rng(0), gain), picture)
-
-
-def test_a_window_is_read_out_and_not_kept(pair):
-    lab, camera = pair
-    rig = camera.model
-    window = StereoWindow(Window((60, 20), (200, 150)), Window((20, 20), (180, 150)))
-    seen = {}
-
-    async def script(cell):
-        eyes = cell.cameras["stereo"]
-        seen["whole"] = await eyes.capture()
-        seen["part"] = await eyes.capture(window)
-        seen["binned"] = await eyes.capture(replace(window, binning=2))
-        before_s = cell.clock.now_s()
-        with pytest.raises(TrocarError, match="leaves the image"):
-            await eyes.capture(StereoWindow(Window((300, 0), (100, 50)), Window((0, 0), (100, 50))))
-        with pytest.raises(TrocarError, match="give a StereoWindow"):
-            await eyes.capture(Window((0, 0), (100, 50)))
-        assert cell.clock.now_s() == before_s, "what is refused takes no time"
-
-    lab.run(script, 5.0)
-    part, whole, binned = seen["part"], seen["whole"], seen["binned"]
-    assert lab.cameras["stereo"].taken == [whole]
-    assert part.rig == window.of(rig)
-    assert binned.rig == replace(window, binning=2).of(rig) and binned.left.shape == (75, 100, 3)
-    blocks = part.left.reshape(75, 2, 100, 2, 3).mean(axis=(1, 3))
-    assert np.abs(binned.left[4:-4, 4:-4] - blocks[4:-4, 4:-4]).mean() < 2.0
-    inner = np.s_[4:-4, 4:-4]  # the lens blurs across a window's border
-    assert np.array_equal(part.left[inner], whole.left[20:170, 60:260][inner])
-    assert np.array_equal(part.right[inner], whole.right[20:170, 20:200][inner])
-
-
 def test_an_image_shows_the_end_of_its_exposure(lab):
     seen = {}
 
@@ -625,22 +556,6 @@ def test_a_laboratory_is_made_of_what_it_was_given_or_of_what_is_usual():
     for world, friction in ((given, 0.2), (usual, 0.35)):
         assert world.model.actuator("psm1_jaw").forcerange[1] == pytest.approx(0.06)
         assert world.model.geom("psm1_shaft").friction[0] == pytest.approx(friction)
-
-
-def test_a_laboratorys_generator_draws_its_cameras_noise():
-    """None stands for the first seed; another one makes another noise."""
-
-    async def script(cell):
-        await cell.cameras["overhead"].capture()
-
-    camera = STATION.cameras["overhead"]
-    small = replace(camera, model=camera.model.binned(8))
-    day, noise = ideal_session(replace(STATION, cameras={"overhead": small})), []
-    for rng in (None, np.random.default_rng(0), np.random.default_rng(1)):
-        lab = SimLaboratory(day, rng=rng)
-        lab.run(script, 5.0)
-        noise.append(lab.cameras["overhead"].taken[0].color.tobytes())
-    assert noise[0] == noise[1] != noise[2]
 
 
 def test_arms_begin_where_their_station_parks_them(lab):

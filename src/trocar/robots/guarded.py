@@ -198,10 +198,10 @@ class Guarded:
             age_s = now.time_s - self._robot.read(name).time_s
             stale = now.moving and age_s > self._stale_s
             if stale:
-                stale_reading = StaleReading(name, age_s, self._stale_s)
-                self._robot.fault(name, reason=stale_reading)
+                reason = StaleReading(name, age_s, self._stale_s)
+                self._robot.fault(name, reason=reason)
                 if name not in self._silent:  # its motion is known while it brakes
-                    self._note("guard", arm=name, reason=str(stale_reading))
+                    self._note("guard", arm=name, reason=str(reason))
             (self._silent.add if stale else self._silent.discard)(name)
 
     def _stop_before(self, braking: set[str]) -> None:
@@ -287,12 +287,12 @@ class Guarded:
         trajectory, start_s = motion
         expected = None if estimator is None else estimator.expected(name)
         if expected is not None and not self._robot.braking(name):
-            factor = trajectory.duration_s / expected.duration_s
-            return MovingArm(guard.model, expected.stretched(factor), guard.T_world_base, start_s, jaw_rad)
-        shifted = trajectory.coefficients.copy()
-        shifted[-1] += off
-        shifted = Trajectory(trajectory.times_s, shifted)
-        return MovingArm(guard.model, shifted, guard.T_world_base, start_s, jaw_rad)
+            believed = expected.stretched(trajectory.duration_s / expected.duration_s)
+        else:
+            shifted = trajectory.coefficients.copy()
+            shifted[-1] += off
+            believed = Trajectory(trajectory.times_s, shifted)
+        return MovingArm(guard.model, believed, guard.T_world_base, start_s, jaw_rad)
 
     def _factor(self, name: str, trajectory: Trajectory) -> float:
         """Return the factor by which a motion has to be slowed down (1 or less: not at all); refuse invalid motions."""

@@ -49,7 +49,15 @@ class SimClock:
 
 
 class SimLaboratory:
-    """One simulated laboratory with a task's objects in it, ready to run scripts.
+    """One simulated laboratory with a task's objects in it, ready to run scripts; the arms are in their places.
+
+    Args:
+        session: the session.
+        task: what a task puts into the world; None: nothing.
+        rng: of cables and cameras.
+        flaws: of all cameras, in place of the station's.
+        surface: of the contacts; default: the usual surface.
+        listener: called with each event of the log.
 
     Attributes:
         session: the session; simulator truth.
@@ -71,16 +79,6 @@ class SimLaboratory:
         surface: Surface | None = None,
         listener: Callable[[Mapping[str, object]], None] | None = None,
     ):
-        """Build the world and put the arms in their places.
-
-        Args:
-            session: the session.
-            task: what a task puts into the world; None: nothing.
-            rng: of cables and cameras.
-            flaws: of all cameras, in place of the station's.
-            surface: of the contacts; default: the usual surface.
-            listener: called with each event of the log.
-        """
         station, self.session, self.task = session.station, session, task or TaskWorld()
         self._ticks = 0
         cable_rng, camera_rng = (rng or np.random.default_rng(0)).spawn(2)
@@ -165,7 +163,7 @@ class SimLaboratory:
             BaseException: whatever the script raises, without the groups that nurseries wrap it in; an interruption
                 takes precedence.
         """
-        clock = MockClock()
+        clock, ended = MockClock(), False
         repeat_scheduling()
         with Watchdog(self.now_s, lambda: self._nursery is not None and not self._ticking) as self._watchdog:
             try:

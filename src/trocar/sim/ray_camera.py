@@ -107,7 +107,8 @@ class RayCamera:
     def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
         """Return the image as delivered by the sensor with its flaws, which ``rng`` draws."""
         view, shape = self._view(data, shadow=self.flaws.shadow), self.size
-        exact, cosine, lit, mirror = (a.reshape(shape) for a in (view.depth, view.cosine, view.lit, view.mirror))
+        exact, cosine = view.depth.reshape(shape), view.cosine.reshape(shape)
+        lit, mirror = view.lit.reshape(shape), view.mirror.reshape(shape)
         depth, color = apply_flaws(self.flaws, exact, view.color.reshape(*shape, 3), cosine, lit, mirror, rng)
         return RgbdImage(color, depth, self.intrinsics, float(data.time))
 

@@ -95,14 +95,14 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class CellArms:
-    """The arms of a cell, as the simulator needs them.
+    """The arms of a cell by name, as the simulator needs them.
 
     Attributes:
-        models: by name.
-        T_world_base: true pose of each arm's base.
+        models: of the arms.
+        T_world_base: true poses of their bases.
         surface: contact parameters.
-        fixtures: spheres for calibration, by the arm whose instrument carries them.
-        q_start: joints (6,) of an arm in MuJoCo's state as loaded; zero if it has none.
+        fixtures: spheres for calibration on their instruments.
+        q_start: joints (6,) in MuJoCo's state as loaded; zero if not given.
     """
 
     models: Mapping[str, ArmModel]
@@ -148,20 +148,14 @@ def _empty_spec(surface: Surface, sleeps: bool) -> mujoco.MjSpec:
     spec.modelname = "trocar"
     spec.compiler.degree = False
     option = spec.option
-    option.timestep = TIMESTEP_S
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.timestep, option.impratio, option.noslip_iterations = TIMESTEP_S, 10, 3
+    option.integrator, option.solver = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, mujoco.mjtSolver.mjSOL_NEWTON
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10
-    option.noslip_iterations = 3
-    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     if sleeps:
         option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
     geom = spec.default.geom
-    geom.solref = surface.solref
-    geom.solimp[:3] = surface.solimp
+    geom.solref, geom.solimp[:3], geom.condim, geom.density = surface.solref, surface.solimp, 4, 1000
     geom.friction = (surface.abs_friction, *surface.patch_m)
-    geom.condim = 4
-    geom.density = 1000
     return spec
 
 

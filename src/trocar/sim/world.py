@@ -145,13 +145,12 @@ class World:
         self._free_qpos = np.array([joint.qposadr[0] for joint in free], dtype=np.intp)[:, None] + np.arange(7)
 
     def _index(self, name: str, arm: ArmModel) -> ArmIndex:
-        m = self.model
-        joints = [m.joint(f"{name}_{joint.name}") for joint in arm.joints]
+        m, labels = self.model, [f"{name}_{joint.name}" for joint in arm.joints]
         return ArmIndex(
-            qpos=np.array([j.qposadr[0] for j in joints]),
-            dof=np.array([j.dofadr[0] for j in joints]),
-            drive=np.array([m.actuator(f"{name}_{j.name}").id for j in arm.joints]),
-            feed=np.array([m.actuator(f"{name}_{j.name}_feed").id for j in arm.joints]),
+            qpos=np.array([m.joint(label).qposadr[0] for label in labels]),
+            dof=np.array([m.joint(label).dofadr[0] for label in labels]),
+            drive=np.array([m.actuator(label).id for label in labels]),
+            feed=np.array([m.actuator(f"{label}_feed").id for label in labels]),
             damping=np.array(SERVO.damping),
             jaw_qpos=int(m.joint(f"{name}_jaw_left").qposadr[0]),
             jaw_drive=m.actuator(f"{name}_jaw").id,
