@@ -103,39 +103,34 @@ def test_the_time_along_the_path_is_that_of_the_motion_as_it_was_asked_for():
     arms.run(again)
 
 
-def test_a_joint_beyond_its_range_is_refused():
-    arms, _ = guarded()
-    beyond = GOAL.copy()
-    beyond[4] = ARM.upper[4] + 0.05
-    refused(arms, {"a": rest_to_rest(HOME, beyond, PAPER)}, "wrist_pitch.*out of its range")
+PITCH = np.eye(6)[4]
 
 
-@pytest.mark.parametrize(("jump", "allowed"), [(0.7e-6, True), (1.6e-6, False)])
-def test_rounding_at_the_start_is_no_leap(jump, allowed):
+def kicked(velocity):
+    """A motion that starts with this velocity from rest."""
+    return Trajectory.hermite([0.0, 0.5], [HOME, HOME + 0.25 * np.array(velocity)], [velocity, np.zeros(6)])
+
+
+@pytest.mark.parametrize(
+    ("motion", "match"),
+    [
+        (rest_to_rest(HOME, HOME + (ARM.upper[4] + 0.05 - HOME[4]) * PITCH, PAPER), "wrist_pitch.*out of its range"),
+        (rest_to_rest(HOME + 0.7e-6 * PITCH, GOAL, PAPER), None),  # rounding is no leap
+        (rest_to_rest(HOME + 1.6e-6 * PITCH, GOAL, PAPER), "starts 0.000002 rad"),
+        (kicked(0.9 * 0.01 * PAPER.acceleration * PITCH), None),  # what the limits allow in one tick
+        (kicked(1.1 * 0.01 * PAPER.acceleration * PITCH), "jump in the velocity of joint 'wrist_pitch'"),
+        (
+            kicked([0.3, 0, 0, 1.0, 0, 0]),
+            "velocity of joint 'yaw'",
+        ),  # 5 ticks of its acceleration, 4 of roll's
+    ],
+)
+def test_a_motion_keeps_the_ranges_and_starts_without_a_leap(motion, match):
     arms, _ = guarded()
-    motion = {"a": rest_to_rest(HOME + jump * np.eye(6)[4], GOAL, PAPER)}
-    if allowed:
-        assert arms.run(lambda: arms.robot.move(motion))["a"].done
+    if match is None:
+        assert arms.run(lambda: arms.robot.move({"a": motion}))["a"].done
     else:
-        refused(arms, motion, "starts 0.000002 rad")
-
-
-@pytest.mark.parametrize(("share", "allowed"), [(0.9, True), (1.1, False)])
-def test_a_velocity_may_jump_by_what_the_limits_allow_in_one_tick(share, allowed):
-    arms, _ = guarded()
-    kick = share * 0.01 * PAPER.acceleration * np.eye(6)[4]
-    motion = {"a": Trajectory.hermite([0.0, 0.5], [HOME, HOME + 0.25 * kick], [kick, np.zeros(6)])}
-    if allowed:
-        assert arms.run(lambda: arms.robot.move(motion))["a"].done
-    else:
-        refused(arms, motion, "jump in the velocity of joint 'wrist_pitch'")
-
-
-def test_the_joint_that_jumps_most_for_its_limits_is_named():
-    """.3 rad/s are five ticks of the yaw's acceleration, and 1 rad/s four of the roll's."""
-    arms, _ = guarded()
-    both = [0.3, 0, 0, 1.0, 0, 0]
-    refused(arms, {"a": Trajectory.hermite([0.0, 1.0], [HOME, GOAL], [both, np.zeros(6)])}, "velocity of joint 'yaw'")
+        refused(arms, {"a": motion}, match)
 
 
 @pytest.mark.parametrize(("factor", "noted"), [(1 + 0.6e-6, False), (1 + 1.6e-6, True), (2.0, True)])

@@ -282,19 +282,6 @@ async def tidies_up(cell):
             cell.log.event("tidied up")
 
 
-@pytest.mark.parametrize("how", ["force", "qpos", "qvel"])
-def test_an_unstable_physics_is_an_error_of_its_own(lab, how):
-    async def script(cell):
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(move_both, cell)
-            await trio.sleep(0.2)
-            explode(lab, how)
-
-    error = in_time(lambda: lab.run(script, 10.0))
-    assert isinstance(error, PhysicsError), error
-    assert "unstable" in str(error) and "void" in str(error)
-
-
 async def shielded(cell):
     with trio.CancelScope(shield=True):
         async with trio.open_nursery() as nursery:
@@ -303,17 +290,22 @@ async def shielded(cell):
             await cell.clock.sleep(1.0)
 
 
-@pytest.mark.parametrize("waiting", [move_both, jaws, sleep, rests, captures, tidies_up, shielded])
-def test_nobody_waits_for_a_physics_that_is_gone(lab, waiting):
+@pytest.mark.parametrize(
+    ("waiting", "how"),
+    [(move_both, "force"), (jaws, "qpos"), (sleep, "qvel")]
+    + [(waits, "force") for waits in (rests, captures, tidies_up, shielded)],
+)
+def test_nobody_waits_for_a_physics_that_is_gone(lab, waiting, how):
     async def script(cell):
         async with trio.open_nursery() as nursery:
             nursery.start_soon(waiting, cell)
             await trio.sleep(0.1)
-            explode(lab, "force")
+            explode(lab, how)
             await trio.sleep_forever()
 
     error = in_time(lambda: lab.run(script, 100.0))
     assert isinstance(error, PhysicsError), error
+    assert "unstable" in str(error) and "void" in str(error)
     assert not any(lab.cell.robot.setpoint(arm).moving for arm in ARMS)
     assert [event["name"] for event in lab.log.events] == ["tidied up"] * (waiting is tidies_up)
 
@@ -405,9 +397,10 @@ def run_at_once():
     return noted(lab)
 
 
-def test_the_same_script_leaves_the_same_bytes(run_at_once):
+@pytest.mark.parametrize("pace", [None, RealTime(50.0)])
+def test_the_same_script_leaves_the_same_bytes_at_any_pace(run_at_once, pace):
     lab = flawed_lab()
-    assert lab.run(busy, 30.0)
+    assert lab.run(busy, 30.0, pace=pace)
     assert noted(lab) == run_at_once
 
 
@@ -422,12 +415,6 @@ def test_a_cell_stepped_from_outside_does_what_it_does_by_itself(run_at_once, st
         after_s = lab.now_s()
         stepped.step(1.0)  # nothing is left to be stepped
         assert lab.now_s() == after_s
-    assert noted(lab) == run_at_once
-
-
-def test_real_time_changes_nothing_but_the_time(run_at_once):
-    lab = flawed_lab()
-    assert lab.run(busy, 30.0, pace=RealTime(50.0))
     assert noted(lab) == run_at_once
 
 
