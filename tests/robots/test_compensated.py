@@ -210,24 +210,6 @@ def test_goals_can_be_streamed_and_the_memory_does_not_drift(models):
     assert max(arms.use("a")) <= EXACT
 
 
-def test_two_arms_of_one_motion_keep_one_time_scale(models):
-    arms = calibrated(models["play"], names=("a", "b"))
-    short = {"a": np.array([0.85, 0.0, 0.18, -0.28, -0.1, -0.2]), "b": GOALS[1]}
-
-    async def script():
-        return await arms.robot.move(to(arms, short["a"], "a") | to(arms, short["b"], "b"))
-
-    executions = arms.run(script)
-    asked = {name: rest_to_rest(calibrated_home(models), short[name], PAPER).duration_s for name in "ab"}
-    took = {name: len(executions[name].times_s) * 0.01 for name in "ab"}
-    assert took["a"] / asked["a"] == pytest.approx(took["b"] / asked["b"], rel=0.25)
-    assert executions["a"].times_s[0] == executions["b"].times_s[0]
-
-
-def calibrated_home(models):
-    return calibrated(models["play"]).robot.setpoint("a").q
-
-
 def test_commands_that_were_prepared_are_sent_at_once_and_are_the_same(models):
     sent = {}
     for prepared in (False, True):

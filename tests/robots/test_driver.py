@@ -86,30 +86,6 @@ def test_a_stop_takes_no_longer_than_the_joints_need():
     assert half <= arms.run(script) <= half + 2 * alone_s + 0.15
 
 
-def test_a_failing_sibling_brings_the_other_arm_to_rest_before_the_error_goes_on():
-    arms = PlainArms(("a", "b"))
-    seen = {}
-
-    async def fails():
-        await trio.sleep(0.15)
-        raise ConnectionError("the other controller is gone")
-
-    async def script():
-        try:
-            async with trio.open_nursery() as nursery:
-                nursery.start_soon(arms.robot.move, {"a": there()})
-                nursery.start_soon(fails)
-        finally:
-            seen["moving"], seen["q"] = arms.robot.setpoint("a").moving, arms.robot.setpoint("a").q
-
-    with pytest.raises(BaseExceptionGroup) as group:
-        arms.run(script)
-    assert group.group_contains(ConnectionError)
-    assert not seen["moving"]
-    assert np.array_equal(seen["q"], arms.sent["a"][-1])
-    assert 0.01 < np.abs(seen["q"] - HOME).max() < np.abs(GOAL - HOME).max()
-
-
 def test_a_held_motion_returns_as_held_with_its_reason():
     arms = PlainArms()
 

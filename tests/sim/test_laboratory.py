@@ -203,18 +203,6 @@ def test_arms_that_a_script_left_moving_come_to_rest_too(lab):
     assert_at_rest_within_limits(lab)
 
 
-def test_a_spent_budget_stops_the_jaws_where_they_are(lab):
-    async def script(cell):
-        await cell.robot.jaw("psm1", 1.2)
-
-    told_rad = STATION.arms["psm1"].park_jaw_rad + 0.1 * ARM_MODELS["psm1"].jaw.max_speed
-    assert 0.5 < told_rad < 1.0
-    assert not lab.run(script, 0.1)
-    for _ in range(2):
-        lab.run(sleep, 5.0)
-        assert lab.world.jaw_rad("psm1") == pytest.approx(told_rad, abs=0.08)
-
-
 def test_an_interruption_comes_out_as_one_even_beside_another_failure(lab):
     async def script(cell):
         del cell

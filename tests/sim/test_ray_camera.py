@@ -38,21 +38,6 @@ def test_depth_is_that_of_plane_and_sphere():
     assert ((geom == 1) == (under > 0)).all()
 
 
-def test_casting_only_what_may_hit_changes_nothing():
-    scene, _ = random_scene(np.random.default_rng(5))
-    model, data = world_of(scene)
-    camera = overhead(model, 4, SensorFlaws.none())
-    depth, geom, _ = camera.render_exact(data)
-    eye = camera.T_world_camera.translation_m
-    every_depth, every_geom, normal = camera._cast(model, data, eye, camera._rays_world)
-    assert (geom.ravel() == every_geom).all()
-    assert np.abs(depth.ravel() - every_depth).max() < 1e-12
-    every_lit = camera._lit(model, data, every_depth, normal, np.arange(len(every_depth)))
-    lit = camera._view(data, shadow=True).lit
-    assert 0.5 < lit.mean() < 0.999
-    assert (lit == every_lit).all()
-
-
 def test_without_flaws_the_image_is_exact():
     model, data = state(SPHERE)
     camera = RayCamera(model, SMALL, DOWN, LAMP_M, SensorFlaws.none())

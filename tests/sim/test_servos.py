@@ -66,36 +66,6 @@ def test_at_rest_the_servos_add_nothing_to_the_cables_error():
     assert worst[2] < 0.1e-3
 
 
-def test_the_joints_follow_a_motion_at_the_papers_limits_closely():
-    laboratory = laboratory_of(ideal_session())
-    goals = [joints_at("psm1", p, yaw) for p, yaw in (((0.03, -0.02, 0.05), 0.8), ((-0.03, 0.02, 0.05), -0.6))]
-
-    async def script(cell):
-        del cell
-        for q in goals:
-            await Hand(laboratory).go(q)
-
-    assert laboratory.run(script, 20.0)
-    true, commanded = (laboratory.recorder.joints(kind)["psm1"][:, :6] for kind in ("true", "commanded"))
-    assert np.ptp(commanded, axis=0).max() > 0.5
-    worst = np.abs(true - commanded).max(axis=0)
-    assert worst[[0, 1]].max() < 5e-3
-    assert worst[3:].max() < 20e-3
-    assert worst[2] < 0.5e-3
-
-
-def test_the_jaw_arrives_at_its_opening_and_stalls_on_nothing():
-    laboratory, seen = laboratory_of(ideal_session()), []
-
-    async def script(cell):
-        for angle in (0.6, 0.2):
-            await cell.robot.jaw("psm1", angle)
-            seen.append(cell.robot.read("psm1").jaw_rad)
-
-    assert laboratory.run(script, 5.0)
-    assert np.allclose(seen, [0.6, 0.2], atol=0.02)
-
-
 def test_fingers_that_are_pressed_together_stop_each_other():
     """However hard the drive pulls: what their encoder says then is their zero."""
     laboratory = ideal_laboratory(standing(1))

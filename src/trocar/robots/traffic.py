@@ -19,6 +19,8 @@ from trocar.trajectory import Trajectory
 
 NEVER = (inf, inf)
 """An interval of a motion in which nothing may be touched."""
+STEP_S = 0.04
+"""Between samples of two motions."""
 DELAY_STEP_S = 0.08
 """Step between the delays that are tried."""
 CLOSER_M = 0.5e-3
@@ -70,7 +72,6 @@ def min_delay_s(
     margin_m: float,
     delays_s: Sequence[float],
     contact_s: tuple[float, float] = NEVER,
-    step_s: float = 0.04,
 ) -> float | None:
     """Return the first of several delays after which a body may start; None if none of them will do.
 
@@ -83,15 +84,14 @@ def min_delay_s(
         margin_m: to keep.
         delays_s: to try, in order.
         contact_s: interval of its motion in which the mover may touch what the other one holds.
-        step_s: between samples.
     """
     lasting_s = mover.arm.trajectory.duration_s
     until_s = max(other.arm.end_s - now_s, 0.0)
-    own_s = np.append(np.arange(0.0, lasting_s, step_s), lasting_s)
+    own_s = np.append(np.arange(0.0, lasting_s, STEP_S), lasting_s)
     ends = mover.ends_m(own_s)
     for delay_s in delays_s:
         last_s = max(lasting_s + delay_s, until_s)
-        times = np.append(np.arange(0.0, last_s, step_s), last_s)
+        times = np.append(np.arange(0.0, last_s, STEP_S), last_s)
         index = np.clip(np.searchsorted(own_s, times - delay_s - 1e-9), 0, len(own_s) - 1)
         theirs = other.ends_m(now_s + times)
         apart = (times < delay_s + contact_s[0]) | (times >= delay_s + contact_s[1])
