@@ -119,10 +119,7 @@ def kicked(velocity):
         (rest_to_rest(HOME + 1.6e-6 * PITCH, GOAL, PAPER), "starts 0.000002 rad"),
         (kicked(0.9 * 0.01 * PAPER.acceleration * PITCH), None),  # what the limits allow in one tick
         (kicked(1.1 * 0.01 * PAPER.acceleration * PITCH), "jump in the velocity of joint 'wrist_pitch'"),
-        (
-            kicked([0.3, 0, 0, 1.0, 0, 0]),
-            "velocity of joint 'yaw'",
-        ),  # 5 ticks of its acceleration, 4 of roll's
+        (kicked([0.3, 0, 0, 1.0, 0, 0]), "velocity of joint 'yaw'"),  # 5 ticks of its acceleration, 4 of roll's
     ],
 )
 def test_a_motion_keeps_the_ranges_and_starts_without_a_leap(motion, match):
