@@ -157,6 +157,23 @@ def test_all_that_was_sent_is_kept_once_as_far_as_it_was_sent():
     assert (steps > 1e-9).all(), "no command is kept twice"
 
 
+def test_what_was_sent_is_kept_though_nobody_asked_until_the_next_motion_had_begun():
+    """There and back: without the place where it turned round, the cables' slack would be on the other side."""
+    arms = adaptive()
+
+    async def script():
+        turned = []
+        for goal in GOALS[:2]:
+            await arms.robot.move(to(arms, goal))
+            turned.append(arms.driver.setpoint("a").q)
+        arms.robot.moment("a")
+        return turned
+
+    turned = arms.run(script)
+    kept = np.concatenate(arms.robot._pasts["a"].commands)
+    assert all(np.abs(kept - place).max(axis=1).min() < 1e-9 for place in turned)
+
+
 def test_what_was_prepared_with_other_cables_is_dropped_and_of_other_arms_stays(expert):
     arms, _ = expert
     motion = to(arms, GOALS[0])

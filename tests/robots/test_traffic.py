@@ -1,6 +1,7 @@
 """How long a body waits for another one, beside a search by hand."""
 
 from math import inf
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from simulated import STATION, joints_at
 from trocar.arms import capsules, fk
 from trocar.geometry.capsules import Capsules, capsule_distances_m
 from trocar.motion import MovingArm, rest_to_rest
-from trocar.robots.traffic import NEVER, MovingBody, distance_m, min_delay_s
+from trocar.robots import traffic
+from trocar.robots.traffic import NEVER, MovingBody, Traffic, distance_m, min_delay_s
 
 NOW_S, MARGIN_M = 7.0, 4e-3
 DELAYS_S = np.arange(0.0, 2.0, 0.08).tolist()
@@ -64,3 +66,16 @@ def test_a_body_waits_as_long_as_the_other_one_is_in_its_way(held, contact_s, le
     assert distance_m(mover, 0.3, other, NOW_S + 0.2) == pytest.approx(apart_m(mover, 0.3, other, NOW_S + 0.2))
     empty = apart_m(mover, 0.3, other, NOW_S, with_held=False)
     assert distance_m(mover, 0.3, other.empty(), NOW_S) == pytest.approx(empty)
+
+
+@pytest.mark.parametrize(("to_m", "delay_s"), [((-0.06, 0.0), None), ((0.06, 0.0), 0.0)])
+def test_between_its_samples_a_motion_is_checked_too(monkeypatch, to_m, delay_s):
+    """Through the other arm, at rest, which no sample is said to show; and away from it."""
+    monkeypatch.setattr(traffic, "min_delay_s", lambda *args: 0.0)
+    rests = SimpleNamespace(moving=False, q=joints_at("psm2", (-0.01, 0.0, 0.05)))
+    robot = SimpleNamespace(setpoint=lambda arm: rests, read=lambda arm: SimpleNamespace(jaw_rad=0.2))
+    bases = {name: arm.T_world_base for name, arm in STATION.arms.items()}
+    cell = SimpleNamespace(arms=STATION.models, T_world_base_registered=bases, robot=robot)
+    cell.clock = SimpleNamespace(now_s=lambda: NOW_S)
+    motion = body("psm1", (0.025, 0.0), to_m, 0.0).arm.trajectory
+    assert Traffic(cell, ("psm1", "psm2"), 2e-3).delay_s("psm1", motion, MARGIN_M, NEVER, None) == delay_s

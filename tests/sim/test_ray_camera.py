@@ -152,13 +152,15 @@ def test_a_rectangle_of_the_pixels_is_that_part_of_the_picture(shadow):
     rng, flaws = np.random.default_rng(1), replace(SensorFlaws.none(), shadow=shadow)
     whole = RayCamera(model, WIDE, ASKEW, (0.05, 0.02, 0.01), flaws)
     fresh = RayCamera(model, WIDE, ASKEW, (0.05, 0.02, 0.01), flaws)
+    read_out = np.zeros(fresh.size, bool)
     for corner, size in (((20, 12), (30, 17)), ((0, 20), (17, 24)), ((40, 0), (20, 44)), ((10, 10), (40, 20))):
         (u, v), (width, height) = corner, size
-        part = fresh.cropped(data, corner, size)
+        part, rectangle = fresh.cropped(data, corner, size), np.s_[v : v + height, u : u + width]
         assert part.size == (height, width)
+        read_out[rectangle] = True
+        assert (fresh._fixed[shadow].cast == read_out.ravel()).all(), "fixed objects are cast once, where they are read"
         for _ in range(3):
             shower(model, data, rng)
-            rectangle = np.s_[v : v + height, u : u + width]
             for cut, full in zip(part.render_exact(data), whole.render_exact(data), strict=True):
                 np.testing.assert_array_equal(cut, full[rectangle])
             if shadow:
