@@ -68,14 +68,27 @@ def test_a_body_waits_as_long_as_the_other_one_is_in_its_way(held, contact_s, le
     assert distance_m(mover, 0.3, other.empty(), NOW_S) == pytest.approx(empty)
 
 
-@pytest.mark.parametrize(("to_m", "delay_s"), [((-0.06, 0.0), None), ((0.06, 0.0), 0.0)])
-def test_between_its_samples_a_motion_is_checked_too(monkeypatch, to_m, delay_s):
-    """Through the other arm, at rest, which no sample is said to show; and away from it."""
+@pytest.mark.parametrize(
+    ("to_m", "goes_to_m", "delay_s"),
+    [
+        ((-0.01, 0.05), None, None),
+        ((-0.01, 0.05), (-0.01, 0.0), traffic.DELAY_STEP_S),  # it has arrived, and will do something else
+        ((-0.01, 0.05), (-0.07, 0.0), 0.0),  # it leaves before
+        ((0.03, -0.05), None, 0.0),
+    ],
+)
+def test_between_its_samples_a_motion_is_checked_too(monkeypatch, to_m, goes_to_m, delay_s):
+    """Past the place of the other arm, which no sample is said to show; and away from it."""
     monkeypatch.setattr(traffic, "min_delay_s", lambda *args: 0.0)
-    rests = SimpleNamespace(moving=False, q=joints_at("psm2", (-0.01, 0.0, 0.05)))
-    robot = SimpleNamespace(setpoint=lambda arm: rests, read=lambda arm: SimpleNamespace(jaw_rad=0.2))
+    other = body("psm2", (-0.01, 0.0), goes_to_m or (-0.01, 0.0), NOW_S)
+    here = SimpleNamespace(moving=other.arm.trajectory.duration_s > 0.1, q=other.arm.joints(NOW_S), path_s=0.0)
+    robot = SimpleNamespace(setpoint=lambda arm: here, read=lambda arm: SimpleNamespace(jaw_rad=0.2))
     bases = {name: arm.T_world_base for name, arm in STATION.arms.items()}
-    cell = SimpleNamespace(arms=STATION.models, T_world_base_registered=bases, robot=robot)
-    cell.clock = SimpleNamespace(now_s=lambda: NOW_S)
-    motion = body("psm1", (0.025, 0.0), to_m, 0.0).arm.trajectory
-    assert Traffic(cell, ("psm1", "psm2"), 2e-3).delay_s("psm1", motion, MARGIN_M, NEVER, None) == delay_s
+    clock = SimpleNamespace(now_s=lambda: NOW_S)
+    cell = SimpleNamespace(arms=STATION.models, T_world_base_registered=bases, robot=robot, clock=clock)
+    both = Traffic(cell, ("psm1", "psm2"), 2e-3)
+    both.lanes["psm2"].announced = other.arm.trajectory if goes_to_m else None
+    mover = body("psm1", (-0.01, -0.05), to_m, NOW_S)
+    for at_s, until_s in ((NOW_S, NOW_S), (mover.arm.end_s, other.arm.end_s)):
+        assert distance_m(mover, at_s, other, until_s) > 2 * MARGIN_M
+    assert both.delay_s("psm1", mover.arm.trajectory, MARGIN_M, NEVER, None) == delay_s

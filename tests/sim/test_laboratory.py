@@ -204,11 +204,14 @@ def test_arms_that_a_script_left_moving_come_to_rest_too(lab):
 
 
 def test_an_interruption_comes_out_as_one_even_beside_another_failure(lab):
+    async def raises(error):
+        raise error
+
     async def script(cell):
         del cell
         async with trio.open_nursery() as nursery:
-            for error in (ValueError("beside it"), KeyboardInterrupt()):
-                nursery.start_soon(soon, fail, error)
+            for error in (ValueError("beside it"), KeyboardInterrupt(), ValueError("beside it")):
+                nursery.start_soon(raises, error)
 
     with pytest.raises(KeyboardInterrupt):
         lab.run(script, 10.0)
