@@ -26,10 +26,7 @@ def there():
 def test_a_motion_runs_to_its_end_and_says_so():
     arms = PlainArms()
 
-    async def script():
-        return await arms.robot.move({"a": there()})
-
-    execution = arms.run(script)["a"]
+    execution = arms.run(lambda: arms.robot.move({"a": there()}))["a"]
     assert execution.ended is MotionEnd.DONE and execution.done and execution.reason == ""
     assert np.abs(execution.commanded[-1, :6] - GOAL).max() < 1e-12
     assert np.allclose(np.diff(execution.times_s), TICK_S)
@@ -109,10 +106,7 @@ def test_two_arms_start_together_and_each_says_how_it_ended():
     arms = PlainArms(("a", "b"))
     short = rest_to_rest(HOME, HOME + 0.2 * (GOAL - HOME), PAPER)
 
-    async def script():
-        return await arms.robot.move({"a": there(), "b": short})
-
-    executions = arms.run(script)
+    executions = arms.run(lambda: arms.robot.move({"a": there(), "b": short}))
     assert executions["a"].times_s[0] == executions["b"].times_s[0]
     assert len(executions["b"].times_s) < len(executions["a"].times_s)
     assert {e.ended for e in executions.values()} == {MotionEnd.DONE}
