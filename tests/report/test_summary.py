@@ -20,7 +20,7 @@ RUN = config(seed=3, trials=2)
 KEYS = {
     *("task", "variant", "method", "seed", "trials", "sessions", "attempted", "succeeded", "success_rate"),
     *("success_ci95", "mean_time_s", "parts_s", "collisions_per_trial", "failures", "command_limit_use"),
-    *("compute_ms", "missed_budgets", "realtime_factor", "flaws", "versions"),
+    *("compute_ms", "missed_budgets", "machine_speed", "realtime_factor", "flaws", "versions"),
 }
 """What DESIGN.md promises scripts."""
 
@@ -99,14 +99,21 @@ def test_a_part_that_no_table_knows_is_shown_too():
     assert summarise([odd])["parts_s"]["singing"] == pytest.approx(0.4 / 12)
 
 
-def test_compute_is_real_time_and_budgets_are_counted(trials):
-    summary = summarise(trials)
+@pytest.mark.parametrize(("speed", "missed"), [(0.5, 0.0), (0.52, 0.5), (1.0, 0.5), (3.2, 0.5), (3.3, 1.0)])
+def test_computations_and_budgets_are_those_of_the_machine_for_which_these_were_declared(trials, speed, missed):
+    """Perception took 30 ms of 98, planning 200 of 103: half as fast a machine says nothing against the planner."""
+    summary = summarise([replace(trial, machine_speed=speed) for trial in trials])
     assert summary["compute_ms"] == {
-        "perception": {"p50": pytest.approx(30.0), "p95": pytest.approx(30.0)},
-        "planning": {"p50": pytest.approx(200.0), "p95": pytest.approx(200.0)},
+        "perception": {"p50": pytest.approx(30.0 * speed), "p95": pytest.approx(30.0 * speed)},
+        "planning": {"p50": pytest.approx(200.0 * speed), "p95": pytest.approx(200.0 * speed)},
     }
-    assert summary["missed_budgets"] == pytest.approx(0.5)
+    assert summary["missed_budgets"] == pytest.approx(missed) and summary["machine_speed"] == pytest.approx(speed)
     assert summary["realtime_factor"] == pytest.approx(12 * TRANSFER_S / 10.0)
+
+
+def test_without_computations_nothing_is_known_of_the_machine(trials):
+    summary = summarise([replace(trial, computations=[]) for trial in trials])
+    assert summary["machine_speed"] is None and summary["compute_ms"] == {} and summary["missed_budgets"] == 0.0
 
 
 def test_the_largest_share_of_the_limits_is_that_of_any_arm_in_any_trial(trials):

@@ -135,8 +135,9 @@ def _show(
     )
     if summary["missed_budgets"] > MISSED_WARNING:
         console.print(
-            f"warning: {100 * summary['missed_budgets']:.1f} % of computations took longer than the trial's clock "
-            "counted for them; on this machine a real arm would have waited"
+            f"warning: {100 * summary['missed_budgets']:.1f} % of computations take longer than the trial's clock "
+            f"counted for them, scaled to the machine for which that was declared (this one is "
+            f"{summary['machine_speed']:.2f} times as fast): a real arm would have waited"
         )
     console.print(brief_flaws(summary["flaws"]))
     for sentence in report.notes(trials):

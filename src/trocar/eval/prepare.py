@@ -23,7 +23,7 @@ from trocar.eval.config import CALIBRATION, IMAGES, NO_PRIOR, REFIT, REMOUNT, SE
 from trocar.eval.trial import session_folder
 from trocar.lab import SensorFlaws
 from trocar.lab.session import Session, draw_session
-from trocar.sim.recording import record_motion
+from trocar.sim.calibration_cells import record_motion
 
 IMAGES_ROWS = 650
 """Number of images of an arm in a run: half of the paper's rows. The wrist's RMSE of `play` against the cables alone is

@@ -60,6 +60,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
     total_s = sum(trial.duration_s for trial in trials)
     wall_s = sum(trial.wall_s for trial in trials)
     compute, missed = _compute(trials)
+    speeds = [trial.machine_speed for trial in trials if trial.computations]
     durations = Spread.of([trial.duration_s for trial in trials])
     values = {
         **{key: about[key] for key in ("task", "variant", "station", "method", "model", "planner", "seed")},
@@ -79,6 +80,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
         "command_limit_use": _limit_use(trials),
         "compute_ms": compute,
         "missed_budgets": missed,
+        "machine_speed": float(np.mean(speeds)) if speeds else None,
         "realtime_factor": total_s / wall_s if wall_s else None,
         "flaws": about["flaws"],
         "versions": about["versions"],
@@ -127,13 +129,17 @@ def _limit_use(trials: Sequence[Trial]) -> dict[str, float]:
 
 
 def _compute(trials: Sequence[Trial]) -> tuple[dict[str, Mapping[str, float]], float]:
-    """Return p50 and p95 of each computation in ms, and the share that took longer than its budget."""
+    """Return p50 and p95 of each computation in ms, and the share that took longer than its budget.
+
+    Both as on the machine for which the budgets were declared.
+    """
     times: dict[str, list[float]] = {}
     missed = total = 0
     for trial in trials:
         for computation in trial.computations:
-            times.setdefault(computation.name, []).append(1e3 * computation.seconds)
-            missed += computation.seconds > computation.budget_s
+            seconds = computation.seconds * trial.machine_speed
+            times.setdefault(computation.name, []).append(1e3 * seconds)
+            missed += seconds > computation.budget_s
             total += 1
     spread = {name: np.percentile(values, [50, 95]) for name, values in times.items()}
     return {name: {"p50": float(p[0]), "p95": float(p[1])} for name, p in spread.items()}, missed / max(total, 1)

@@ -120,7 +120,7 @@ class Driver:
     async def _execute(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         if self._gone:
             await trio.lowlevel.checkpoint()
-            return {name: self._result(name, 0, 0, _ending(MotionEnd.FAULT, name, self._gone)) for name in motions}
+            return {name: self._never_started(name) for name in motions}
         first, now = len(self._times), self._now_s()
         waiting: dict[str, _Completion] = {}
         for name, trajectory in motions.items():
@@ -144,7 +144,7 @@ class Driver:
         jaw = self._arm(arm).jaw
         if self._gone:
             await trio.lowlevel.checkpoint()
-            return self._result(arm, 0, 0, _ending(MotionEnd.FAULT, arm, self._gone))
+            return self._never_started(arm)
         jaw.arrived.set()  # scripts that wait for an earlier goal
         jaw.goal_rad, jaw.arrived, jaw.ending = angle_rad, trio.Event(), Ending()
         first, arrived = len(self._times), jaw.arrived
@@ -258,19 +258,15 @@ class Driver:
         arm.completion.ending, arm.completion.last = ending, len(self._times)
         arm.completion.over.set()
 
+    def _never_started(self, name: str) -> MotionResult:
+        return MotionResult.not_started(MotionEnd.FAULT, ArmStopped(name, self._gone))
+
     def _result(self, name: str, first: int, last: int, ending: Ending) -> MotionResult:
         arm = self._arms[name]
-        return MotionResult(
-            times_s=np.array(self._times[first:last]),
-            commanded=np.array(arm.commanded[first:last]).reshape(-1, 7),
-            measured=np.array(arm.measured[first:last]).reshape(-1, 7),
-            ended=ending.ended,
-            cause=ending.cause,
-        )
+        commanded, measured = (np.array(rows[first:last]).reshape(-1, 7) for rows in (arm.commanded, arm.measured))
+        return MotionResult(np.array(self._times[first:last]), commanded, measured, ending.ended, ending.cause)
 
 
 def _ending(ended: MotionEnd, arm: str, reason: TrocarError | str = "") -> Ending:
     """Return how an arm's motion was ended, with the reason as a typed error."""
-    if isinstance(reason, TrocarError):
-        return Ending(ended, reason)
-    return Ending(ended, ArmStopped(arm, reason or ended.value))
+    return Ending(ended, reason if isinstance(reason, TrocarError) else ArmStopped(arm, reason or ended.value))

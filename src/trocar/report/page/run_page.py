@@ -66,8 +66,8 @@ def warnings(summary: Mapping[str, Any]) -> Sequence[str]:
     if summary["missed_budgets"] <= MISSED_WARNING:
         return []
     return [
-        f"{percent(summary['missed_budgets'])} of computations took longer than the trial's clock counted for them: "
-        "on the machine that ran this, a real arm would have waited."
+        f"{percent(summary['missed_budgets'])} of computations take longer than the trial's clock counted for them, "
+        "even where that time was declared (the machine's speed is taken into account): a real arm would have waited."
     ]
 
 
@@ -113,12 +113,14 @@ def reproduced(summary: Mapping[str, Any], command: str) -> list[str]:
         f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in sorted(summary["compute_ms"].items())
     )
     factor = summary["realtime_factor"]
+    speed = "-" if summary["machine_speed"] is None else f"{summary['machine_speed']:.2f}"
     rows = [
         ("seed", str(summary["seed"])),
         ("versions", versions),
         ("fingerprint of the run", str(summary["fingerprint"])),
         ("computations, median / 95th percentile", compute or "-"),
         ("computations over their budget", percent(summary["missed_budgets"])),
+        ("speed of this machine beside the one for which budgets were declared", speed),
         ("speed of the simulation", "-" if factor is None else f"{factor:.1f} x real time"),
         (
             "largest share of the limits sent",

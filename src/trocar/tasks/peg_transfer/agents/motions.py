@@ -16,7 +16,7 @@ from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import Capsules
 from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
 from trocar.robots.arm_script import ArmScript
-from trocar.robots.coordinator import Departure
+from trocar.robots.traffic import Departure
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_place, held_block, hole_over
 from trocar.tasks.peg_transfer.shapes import Block

@@ -16,8 +16,8 @@ from trocar.motion import TimedPath
 from trocar.robots import TICK_S
 from trocar.robots.arm_script import ArmScript
 from trocar.robots.concurrency import together
-from trocar.robots.coordinator import Blocked, Coordinator, Departure
-from trocar.robots.moving_body import NEVER
+from trocar.robots.coordinator import Blocked, Coordinator
+from trocar.robots.traffic import NEVER, Departure
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
 from trocar.tasks.peg_transfer.agents.table import Eyes, Table
 from trocar.tasks.peg_transfer.grasps import Grasp

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC, fk
 from trocar.geometry import SE3, SO3
-from trocar.sim.record import CollidingPair
-from trocar.sim.recorder import ContactMonitor, Recorder, fixed_poses, solids_of
+from trocar.sim.record import CollidingPair, ContactMonitor, Recorder, fixed_poses, solids_of
 from trocar.sim.world import TaskWorld, World
 
 PLACED = SE3.from_parts(SO3.exp([0.1, 0.2, 0.3]), [0.3, 0.0, 0.2])
@@ -187,7 +186,7 @@ def test_the_task_is_asked_about_everything_else(owners):
 def test_half_a_newton_is_a_hit_and_the_first_of_equal_forces_gives_the_place(press, monkeypatch):
     force_n = []
     monkeypatch.setattr(
-        "trocar.sim.recorder.mujoco.mj_contactForce", lambda m, d, k, into: into.__setitem__(0, force_n[-1])
+        "trocar.sim.record.mujoco.mj_contactForce", lambda m, d, k, into: into.__setitem__(0, force_n[-1])
     )
     for tick, force in enumerate((0.45, 0.7, 0.7, 0.6)):
         force_n.append(force)

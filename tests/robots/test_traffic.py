@@ -1,6 +1,7 @@
 """How long a body waits for another one, beside a search by hand."""
 
 from math import inf
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from simulated import STATION, joints_at
 from trocar.arms import capsules, fk
 from trocar.geometry.capsules import Capsules, capsule_distances_m
 from trocar.motion import MovingArm, rest_to_rest
-from trocar.robots.moving_body import NEVER, MovingBody, distance_m, min_delay_s
+from trocar.robots import traffic
+from trocar.robots.traffic import NEVER, MovingBody, Traffic, distance_m, min_delay_s
 
 NOW_S, MARGIN_M = 7.0, 4e-3
 DELAYS_S = np.arange(0.0, 2.0, 0.08).tolist()
@@ -64,3 +66,29 @@ def test_a_body_waits_as_long_as_the_other_one_is_in_its_way(held, contact_s, le
     assert distance_m(mover, 0.3, other, NOW_S + 0.2) == pytest.approx(apart_m(mover, 0.3, other, NOW_S + 0.2))
     empty = apart_m(mover, 0.3, other, NOW_S, with_held=False)
     assert distance_m(mover, 0.3, other.empty(), NOW_S) == pytest.approx(empty)
+
+
+@pytest.mark.parametrize(
+    ("to_m", "goes_to_m", "delay_s"),
+    [
+        ((-0.01, 0.05), None, None),
+        ((-0.01, 0.05), (-0.01, 0.0), traffic.DELAY_STEP_S),  # it has arrived, and will do something else
+        ((-0.01, 0.05), (-0.07, 0.0), 0.0),  # it leaves before
+        ((0.03, -0.05), None, 0.0),
+    ],
+)
+def test_between_its_samples_a_motion_is_checked_too(monkeypatch, to_m, goes_to_m, delay_s):
+    """Past the place of the other arm, which no sample is said to show; and away from it."""
+    monkeypatch.setattr(traffic, "min_delay_s", lambda *args: 0.0)
+    other = body("psm2", (-0.01, 0.0), goes_to_m or (-0.01, 0.0), NOW_S)
+    here = SimpleNamespace(moving=other.arm.trajectory.duration_s > 0.1, q=other.arm.joints(NOW_S), path_s=0.0)
+    robot = SimpleNamespace(setpoint=lambda arm: here, read=lambda arm: SimpleNamespace(jaw_rad=0.2))
+    bases = {name: arm.T_world_base for name, arm in STATION.arms.items()}
+    clock = SimpleNamespace(now_s=lambda: NOW_S)
+    cell = SimpleNamespace(arms=STATION.models, T_world_base_registered=bases, robot=robot, clock=clock)
+    both = Traffic(cell, ("psm1", "psm2"), 2e-3)
+    both.lanes["psm2"].announced = other.arm.trajectory if goes_to_m else None
+    mover = body("psm1", (-0.01, -0.05), to_m, NOW_S)
+    for at_s, until_s in ((NOW_S, NOW_S), (mover.arm.end_s, other.arm.end_s)):
+        assert distance_m(mover, at_s, other, until_s) > 2 * MARGIN_M
+    assert both.delay_s("psm1", mover.arm.trajectory, MARGIN_M, NEVER, None) == delay_s
