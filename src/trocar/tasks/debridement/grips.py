@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.truth import DebridementTruth
 
 CLOSING_RAD = 0.15
@@ -35,11 +36,6 @@ CARRIED_M = 0.020
 REST_S = 0.5
 """A free fragment is judged after this time: it falls 10 cm in .14 s, and then it may roll."""
 
-PICKUP, DROP, DROPOFF, STUCK, PUT_BACK, DELIVERED, KEPT = (
-    "pickup failure", "drop en route", "dropoff failure", "stuck", "put back", "delivered", "kept"
-)  # fmt: skip
-"""Possible fates of a fragment between closed jaws."""
-
 
 @dataclass(frozen=True)
 class Closing:
@@ -47,11 +43,11 @@ class Closing:
 
     Attributes:
         arm: whose.
-        start: row at which the jaws began to close.
-        closed: row at which they had closed.
-        opened: row at which they began to open again; the last row if they did not.
-        next: row at which the arm's next closing begins; the last row if there is none.
-        gripped: fragments that were between the fingers then.
+        start: when the jaws began to close.
+        closed: when they had closed.
+        opened: when they began to open again; the last row if they did not.
+        next: when the arm's next closing begins; the last row if there is none.
+        gripped: fragments that were between the closed fingers.
     """
 
     arm: str
@@ -68,32 +64,34 @@ def closings_of(truth: DebridementTruth) -> list[Closing]:
     return sorted(found, key=lambda closing: (closing.start, closing.arm))
 
 
-def fate(truth: DebridementTruth, closing: Closing, fragment: int, meant_to_release: bool) -> tuple[str, int]:
-    """Return what happened to a fragment that was gripped, and the row at which it left the jaws.
+def loss(
+    truth: DebridementTruth, closing: Closing, fragment: int, announced: bool
+) -> tuple[FragmentOutcome | None, int]:
+    """Return how a fragment that was gripped was lost, and the row at which it left the jaws.
+
+    None if it was delivered, put back where it lay, or kept to the end.
 
     Args:
         truth: what happened.
         closing: the grip.
         fragment: one of those gripped.
-        meant_to_release: whether the agent announced a release over the receptacle then; this only distinguishes a
-            regrasp from a release far beside the receptacle.
+        announced: whether the agent announced a release over the receptacle then; this only distinguishes a regrasp
+            from a release far beside the receptacle.
     """
     held = truth.held_by[closing.arm][:, fragment]
     tip = truth.T_world_tips[closing.arm].translation_m
     left = _left(truth, held, closing)
     if left is None:
-        return (STUCK if closing.opened < len(held) - 1 else KEPT), len(held) - 1
+        return (FragmentOutcome.STUCK_IN_JAWS if closing.opened < len(held) - 1 else None), len(held) - 1
     rise = float(tip[left, 2] - tip[closing.closed, 2])
     over = bool(truth.over_receptacle(tip[left]))
     if left < closing.opened - _rows(truth, FLICKER_S):  # the jaws were closed
-        if rise < LIFTED_M and not over:
-            return PICKUP, left
-        return (_landed(truth, closing, fragment, left), left) if over else (DROP, left)
+        if over:
+            return _landed(truth, closing, fragment, left), left
+        return (FragmentOutcome.PICKUP_FAILURE if rise < LIFTED_M else FragmentOutcome.DROPPED_EN_ROUTE), left
     carried = float(np.linalg.norm(tip[left, :2] - tip[closing.closed, :2])) > CARRIED_M
     near = carried and bool(truth.over_receptacle(tip[left], BESIDE_M))
-    if over or near or meant_to_release:
-        return _landed(truth, closing, fragment, left), left
-    return PUT_BACK, left
+    return (_landed(truth, closing, fragment, left) if over or near or announced else None), left
 
 
 def legs(jaw_rad: NDArray[np.float64]) -> list[tuple[int, int]]:
@@ -166,8 +164,8 @@ def _left(truth: DebridementTruth, held: NDArray[np.bool_], closing: Closing) ->
     return None if truth.times_s[-1] - truth.times_s[last] <= FLICKER_S else last
 
 
-def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int) -> str:
-    """Return what happened to a fragment released at the receptacle, judged once no finger has touched it for a while.
+def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int) -> FragmentOutcome | None:
+    """Return how a release at the receptacle failed, judged once no finger has touched the fragment for a while.
 
     A charged one may cling to a finger for longer, touching it now and then.
     """
@@ -180,8 +178,8 @@ def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int)
     elif ends[-1] > begins[-1]:
         judged = len(truth.times_s) - 1
     else:
-        return STUCK
-    return DELIVERED if truth.between_walls[judged, fragment] else DROPOFF
+        return FragmentOutcome.STUCK_IN_JAWS
+    return None if truth.between_walls[judged, fragment] else FragmentOutcome.DROPOFF_FAILURE
 
 
 def _rows(truth: DebridementTruth, seconds: float) -> int:

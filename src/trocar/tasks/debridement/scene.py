@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3, SO3, TURN
-from trocar.tasks.debridement.workspace import Receptacle, Workspace
+from trocar.tasks.debridement.goals import Receptacle, Workspace
 
 HALF_M = (0.16, 0.13)
 """Half the sides of the covered area round the table's origin."""

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.eval import Score, agent_explanation
-from trocar.tasks.debridement.goals import FragmentOutcome
-from trocar.tasks.debridement.grips import DROP, DROPOFF, PICKUP, STUCK, Closing, closings_of, fate
+from trocar.tasks.debridement.goals import FragmentOutcome, Workspace
+from trocar.tasks.debridement.grips import Closing, closings_of, loss
 from trocar.tasks.debridement.truth import DebridementTruth
-from trocar.tasks.debridement.workspace import Workspace
 
 Event = Mapping[str, Any]
 
@@ -71,15 +70,14 @@ class FragmentScore(Score):
 
 @dataclass
 class _Tally:
-    """The closings at one fragment: failures (row, arm, what), and rows at which closings began."""
+    """The closings at one fragment: (row, arm) of their beginnings, (row, what) of their failures."""
 
-    began: list[int] = field(default_factory=list)
-    failures: list[tuple[int, str, FragmentOutcome]] = field(default_factory=list)
-    arms: list[tuple[int, str]] = field(default_factory=list)
+    began: list[tuple[int, str]] = field(default_factory=list)
+    failures: list[tuple[int, FragmentOutcome]] = field(default_factory=list)
 
     def count(self, *kinds: FragmentOutcome) -> int:
         """Return how many failures were of one of these kinds."""
-        return sum(kind in kinds for _, _, kind in self.failures)
+        return sum(kind in kinds for _, kind in self.failures)
 
 
 def score_fragments(truth: DebridementTruth, events: Sequence[Event]) -> list[FragmentScore]:
@@ -142,13 +140,6 @@ MOVEMENT = (
 )
 """After these outcomes a fragment has to be fetched again."""
 
-_OF_FATE = {
-    PICKUP: FragmentOutcome.PICKUP_FAILURE,
-    DROP: FragmentOutcome.DROPPED_EN_ROUTE,
-    DROPOFF: FragmentOutcome.DROPOFF_FAILURE,
-    STUCK: FragmentOutcome.STUCK_IN_JAWS,
-}
-
 
 def cleared_at(truth: DebridementTruth) -> NDArray[np.intp]:
     """Return the row (k,) from which each fragment stays in the receptacle; -1 if it does not rest there."""
@@ -184,16 +175,15 @@ def _tallies(
         gripped = closing.gripped
         target = aim if aim in gripped or not gripped else gripped[0]
         for k in {target, *gripped}:
-            tallies[k].began.append(closing.start)
-            tallies[k].arms.append((closing.start, closing.arm))
+            tallies[k].began.append((closing.start, closing.arm))
         if not gripped:
-            tallies[target].failures.append((closing.closed, closing.arm, FragmentOutcome.GRASP_FAILURE))
+            tallies[target].failures.append((closing.closed, FragmentOutcome.GRASP_FAILURE))
         if len(gripped) > 1:
-            tallies[target].failures.append((closing.closed, closing.arm, FragmentOutcome.MULTIPLE_GRASP))
+            tallies[target].failures.append((closing.closed, FragmentOutcome.MULTIPLE_GRASP))
         for k in gripped:
-            what, row = fate(truth, closing, k, _let_go(truth, events, closing))
-            if what in _OF_FATE:
-                tallies[k].failures.append((row, closing.arm, _OF_FATE[what]))
+            lost, row = loss(truth, closing, k, _let_go(truth, events, closing))
+            if lost is not None:
+                tallies[k].failures.append((row, lost))
     return tallies
 
 
@@ -206,7 +196,7 @@ def _let_go(truth: DebridementTruth, events: Sequence[Event], closing: Closing) 
 
 def _start(truth: DebridementTruth, events: Sequence[Event], tally: _Tally, fragment: int) -> float:
     """Return when a fragment was first approached: allocated, or else jaws closed for it; the end if never."""
-    times = [float(truth.times_s[row]) for row in tally.began]
+    times = [float(truth.times_s[row]) for row, _ in tally.began]
     for event in events:
         if event["name"] == "allocated":
             there = truth.p_world_fragments_m[truth.row(float(event["time_s"])), fragment]
@@ -217,16 +207,16 @@ def _start(truth: DebridementTruth, events: Sequence[Event], tally: _Tally, frag
 
 def _noted(truth: DebridementTruth, events: Sequence[Event], tally: _Tally) -> Event | None:
     """Return the event with which the arm that last approached a fragment noted the end; None if it did not."""
-    if not tally.arms:
+    if not tally.began:
         return None
-    row, arm = max(tally.arms)
+    row, arm = max(tally.began)
     after = [e for e in events if e["name"] == "fragment" and e.get("arm") == arm]
     return next((e for e in after if e["time_s"] >= truth.times_s[row]), None)
 
 
 def _why(tally: _Tally, noted: Event | None, overlooked: int, events: Sequence[Event]) -> tuple[str, str]:
     """Return the name of the failure, and a sentence: what happened to it last, else the script's own."""
-    last = max((failure[0], failure[2].name) for failure in tally.failures)[1] if tally.failures else ""
+    last = max(((row, kind.name) for row, kind in tally.failures), default=(0, ""))[1]
     said = agent_explanation(noted, events)
     if last:
         return last, said[1] if said and said[0] == last and said[1] else FragmentOutcome[last].value

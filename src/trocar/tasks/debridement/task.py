@@ -14,11 +14,10 @@ from trocar.eval import Method, Task, check_budget, option
 from trocar.lab import Station, StationArm
 from trocar.perception.image import StereoRig
 from trocar.registry import Lazy
-from trocar.tasks.debridement.goals import Clearing
+from trocar.tasks.debridement.goals import Clearing, Workspace
 from trocar.tasks.debridement.scene import DebridementScene, lay_out
 from trocar.tasks.debridement.score import FragmentScore, score_fragments
 from trocar.tasks.debridement.truth import DebridementTruth
-from trocar.tasks.debridement.workspace import Workspace
 
 if TYPE_CHECKING:
     from trocar.sim.world import TaskWorld
@@ -40,7 +39,7 @@ REGION_M = {
 }
 """Region of the fragments, corners x, y in the world, by the number of arms: where a working arm reaches, with its
 gripper straight down, in at least nine of ten sessions, despite kinematic errors of centimetres (assumed: a person lays
-them there; ``tests/tasks/debridement/test_region.py`` draws 24 sessions)."""
+them there; ``tests/tasks/debridement/test_task.py`` draws 24 sessions)."""
 WITHDRAWN_M = 0.10
 """An idle arm is withdrawn into its port by this distance, out of the way, by a person."""
 
@@ -52,7 +51,7 @@ _METHOD = {
     "planner": "convex",
     "perception": "stereo",
 }
-_WORLD = Lazy("trocar.tasks.debridement.world.debridement_world:DebridementWorld")
+_WORLD = Lazy("trocar.tasks.debridement.world:DebridementWorld")
 
 
 @dataclass(frozen=True)

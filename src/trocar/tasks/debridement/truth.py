@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.tasks.debridement.workspace import Receptacle
+from trocar.tasks.debridement.goals import Receptacle
 
 HEAP_M = 0.015
 """Fragments that lie on others inside the walls are in the receptacle: two more layers above its edge."""
@@ -36,7 +36,6 @@ class DebridementTruth:
     Attributes:
         times_s: (n,) trial clock.
         T_world_fragments: poses (n, k).
-        fragments_m: corners (c, 3) of each fragment in its own frame.
         held_by: (n, k) whether a fragment is between the fingers of an arm, by the arm's name: both touch it, or each
             touches one of two that press on each other.
         touched_by: (n, k) whether any finger of an arm touches it.
@@ -50,7 +49,6 @@ class DebridementTruth:
 
     times_s: NDArray[np.float64]
     T_world_fragments: SE3
-    fragments_m: tuple[NDArray[np.float64], ...]
     held_by: Mapping[str, NDArray[np.bool_]]
     touched_by: Mapping[str, NDArray[np.bool_]]
     jaw_rad: Mapping[str, NDArray[np.float64]]

@@ -18,8 +18,8 @@ from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.observer import CameraFrozen, Observation
 from trocar.tasks.debridement.agents.raven_arm import WAYS
 from trocar.tasks.debridement.agents.settings import best, paper
-from trocar.tasks.debridement.perception.seen import SeenFragment
-from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.debridement.goals import Workspace
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 TABLE = SE3.from_parts(translation_m=[-0.0745, 0.0, -0.162])
 LEFT_M, RIGHT_M = (-0.03, -0.07), (-0.12, -0.06)
@@ -29,7 +29,7 @@ STEP_S = 1.0
 
 def lying(place_m, height_m=0.004):
     p = np.array([*place_m, TABLE.translation_m[2] + height_m])
-    return SeenFragment(p, np.array([0.012, 0.009]), 0.0, height_m, p, False, 500, False)
+    return SeenFragment(p, np.array([0.012, 0.009]), 0.0, height_m, 500)
 
 
 class Arm:

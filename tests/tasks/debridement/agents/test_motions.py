@@ -20,7 +20,7 @@ from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import StepEnded
 from trocar.tasks.debridement.agents.motions import HIGHER_M, MotionProblems, MotionRunner, NoMotion, TipGoal
 from trocar.tasks.debridement.agents.settings import best, paper
-from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.debridement.goals import Workspace
 
 GOAL = TipGoal(SE3.identity(), 0.05)
 ARMS = {"left": ARM, "right": ARM}

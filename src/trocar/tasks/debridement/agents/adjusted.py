@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import trio
@@ -37,12 +37,12 @@ class StepEnded(ArmStopped):
         super().__init__(arm, "a step of the way is done")
 
 
+@dataclass(eq=False)
 class Successor:
-    """The result of commands that took over from others."""
+    """Corrected commands that took over from others: whether they have ended, and how."""
 
-    def __init__(self) -> None:
-        self.ended = trio.Event()
-        self.result: MotionResult | None = None
+    ended: trio.Event = field(default_factory=trio.Event)
+    result: MotionResult | None = None
 
 
 @dataclass(eq=False)
@@ -53,7 +53,7 @@ class Course:
         desired: motion of the estimated joints.
         commands: those sent for it, on the same time.
         stop_s: time of the motion at which it is going to be stopped; None: at its end.
-        successor: corrected commands that took over, if any.
+        successor: what took over, if anything.
     """
 
     desired: Trajectory
@@ -103,34 +103,24 @@ class Adjusted:
         self._braking: set[str] = set()
 
     def saw(self, arm: str, time_s: float, T_base_kinematic: SE3, T_world_tip: SE3) -> None:
-        """Learn from the detected and the kinematic pose of the tip in an image; older images are ignored.
-
-        Args:
-            arm: the arm.
-            time_s: of the image.
-            T_base_kinematic: by the encoders at that time.
-            T_world_tip: as detected.
-        """
+        """Learn from the kinematic and the detected pose of the tip in an image; older images are ignored."""
         if arm in self._later:
             self._later[arm].append((time_s, T_base_kinematic, T_world_tip))
             return
         if time_s <= self._seen_s.get(arm, -np.inf):
             return
-        T_base_detected = self._T_world_base[arm].inverse() @ T_world_tip
-        self._estimators[arm].update(time_s, T_base_kinematic, T_base_detected)
+        self._estimators[arm].learn(T_base_kinematic, self._T_world_base[arm].inverse() @ T_world_tip)
         self._seen_s[arm] = time_s
         self._learn_offset(arm)
 
-    def keep(self, *arms: str) -> None:
-        """Stop learning about these arms until they move, or ``learn``, to plan from a fixed estimate."""
-        for arm in arms:
-            self._later.setdefault(arm, [])
+    def keep(self, arm: str) -> None:
+        """Stop learning about an arm until it moves, or ``learn``, to plan from a fixed estimate."""
+        self._later.setdefault(arm, [])
 
-    def learn(self, *arms: str) -> None:
+    def learn(self, arm: str) -> None:
         """Learn from what was seen meanwhile."""
-        for arm in arms:
-            for sight in self._later.pop(arm, []):
-                self.saw(arm, *sight)
+        for sight in self._later.pop(arm, []):
+            self.saw(arm, *sight)
 
     def age_s(self, arm: str) -> float:
         """Return the time since the image in which the arm was last seen; infinite before the first."""
@@ -142,9 +132,7 @@ class Adjusted:
 
     def T_world_tip(self, arm: str) -> SE3:
         """Return where the tip is estimated to be now."""
-        T_base_kinematic = self.kinematic(arm)
-        now = max(self._clock.now_s(), self._seen_s.get(arm, 0.0))
-        return self._T_world_base[arm] @ self._estimators[arm].estimate(now, T_base_kinematic)
+        return self._T_world_base[arm] @ self._estimators[arm].estimate(self.kinematic(arm))
 
     def reaches(self, arm: str, T_world_tip: SE3) -> bool:
         """Return whether the tip can be brought to a pose, by the estimated joints and by the commanded ones."""
@@ -153,7 +141,7 @@ class Adjusted:
         try:
             reached = [ik(model, T_base_tip, reference=sent + self._off[arm])]
             if self._estimators[arm].foresees:
-                reached.append(command_for(model, T_base_tip, self._estimators[arm].settled, reference=sent))
+                reached.append(command_for(model, T_base_tip, self._estimators[arm].estimate, reference=sent))
         except OutOfReach:
             return False
         slack = INSIDE * (model.upper - model.lower)
@@ -162,20 +150,16 @@ class Adjusted:
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state, with the joints as estimated."""
         reading = self._robot.read(arm)
-        return JointReading(reading.time_s, reading.q + self._off[arm], reading.jaw_rad)
+        return replace(reading, q=reading.q + self._off[arm])
 
     def setpoint(self, arm: str) -> SetPoint:
         """Return where the joints are estimated to be commanded now."""
         sent = self._robot.setpoint(arm)
         rested = self._rested.get(arm)
-        if not sent.moving and rested is not None and np.array_equal(rested, sent.q):
-            q = sent.q + self._off[arm]
-        else:
-            if not sent.moving:
-                self._learn_offset(arm)
-            q = sent.q + self._off[arm] + self._drift(arm, sent)
-        q = np.clip(q, self._arms[arm].lower, self._arms[arm].upper)
-        return SetPoint(sent.time_s, q, sent.velocity, sent.moving, sent.path_s, sent.path_rate, sent.on_path)
+        if not sent.moving and (rested is None or not np.array_equal(rested, sent.q)):
+            self._learn_offset(arm)
+        q = sent.q + self._off[arm] + self._drift(arm, sent)
+        return replace(sent, q=np.clip(q, self._arms[arm].lower, self._arms[arm].upper))
 
     def expected(self, arm: str) -> Trajectory | None:
         """Return the estimated motion of the joints while the arm plays its commands, on their time."""
@@ -232,8 +216,8 @@ class Adjusted:
             return
         successor = course.successor = Successor()
         try:
-            model, until_s, settled = self._arms[arm], self._foreseen(arm, left.stop_s), self._estimators[arm].settled
-            commands = corrected(model, left.desired, left.commands, settled, model.motion_limits, until_s)
+            model, until_s, estimate = self._arms[arm], self._foreseen(arm, left.stop_s), self._estimators[arm].estimate
+            commands = corrected(model, left.desired, left.commands, estimate, model.motion_limits, until_s)
             self._courses[arm] = replace(left, commands=commands)
             successor.result = (await self._robot.replace({arm: commands}))[arm]
         except MotionRefused:  # exceeds the limits: the current motion goes on
@@ -250,7 +234,7 @@ class Adjusted:
         return await self._robot.jaw(arm, angle_rad)
 
     def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
-        """Bring these arms, or all, to rest."""
+        """Bring these arms, or all, to rest; nothing corrects them while they brake."""
         self._braking.update(arms or self._arms)
         self._robot.hold(*arms, reason=reason)
 
@@ -262,7 +246,7 @@ class Adjusted:
         """Update the difference between the estimated and the commanded joints where the arm is now."""
         model, sent = self._arms[arm], self._robot.setpoint(arm)
         with suppress(OutOfReach):  # out of a joint's range by less than the uncertainty: keep the last offset
-            T_base_tip = self._estimators[arm].settled(fk(model, sent.q))
+            T_base_tip = self._estimators[arm].estimate(fk(model, sent.q))
             self._off[arm] = ik(model, T_base_tip, reference=sent.q + self._off[arm]) - sent.q
         course = self._courses.get(arm)
         if sent.moving and course is not None:
@@ -284,7 +268,8 @@ class Adjusted:
         before = {arm: self._courses.get(arm) for arm in motions}
         self._courses.update(courses)
         self._braking.difference_update(motions)
-        self.learn(*motions)
+        for arm in motions:
+            self.learn(arm)
         try:
             results = await verb({arm: course.commands for arm, course in courses.items()})
             return {arm: await self._last(arm, results[arm], course) for arm, course in courses.items()}
@@ -316,9 +301,9 @@ class Adjusted:
         if off > MOST_OFF_RAD:
             problem = f"starts {off:.4f} rad (or m) away from where it is estimated to be"
             raise StartMismatch(arm, problem, "plan it from its set-point")
-        sent, settled = self._robot.setpoint(arm), self._estimators[arm].settled
+        sent, estimate = self._robot.setpoint(arm), self._estimators[arm].estimate
         start = {"q_start": sent.q, "velocity": sent.velocity}
-        commands = commands_for(self._arms[arm], desired, settled, **start, until_s=self._foreseen(arm, stop_s))
+        commands = commands_for(self._arms[arm], desired, estimate, **start, until_s=self._foreseen(arm, stop_s))
         return Course(desired, commands, stop_s)
 
     def _foreseen(self, arm: str, stop_s: float | None) -> float | None:

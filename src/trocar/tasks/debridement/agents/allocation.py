@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from trocar.geometry import SE3
 from trocar.robots.coordinator import Coordinator
-from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
-from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.debridement.goals import Workspace
+from trocar.tasks.debridement.perception.fragments import SAME_M, SeenFragment
 
 BESIDE_REGION_M = 0.025
 """Fragments that rolled, or were pushed, may be this far outside the region in which they were laid."""
@@ -93,7 +93,7 @@ class Allocation:
             and f.p_world_m[2] - table < IN_THE_AIR_M
             and not self.workspace.receptacle.holds(T_receptacle_world.apply(f.p_world_m))
         ]
-        return [f for f in lying if not any(away_m(f, g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
+        return [f for f in lying if not any(f.away_m(g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
 
     def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
         """Return whether the receptacle's content stands out of it; what is near a tip (3,) may be in its jaws."""
@@ -115,14 +115,14 @@ class Allocation:
         still working.
         """
         others = [place for name, place in self.claimed.items() if name != arm]
-        free = [f for f in fragments if all(away_m(f, place) > apart_m for place in others)]
+        free = [f for f in fragments if all(f.away_m(place) > apart_m for place in others)]
         side = self.sides[arm]
         free.sort(key=lambda f: -side * float(f.p_world_m[0]))
         recent = [failure for failure in self.failures if now_s - failure.time_s < PATIENCE_S]
         if self.busy - {arm}:
             blocked = [failure for failure in recent if failure.blocked and failure.arm == arm]
-            free = [f for f in free if all(away_m(f, failure.p_world_m) >= SAME_M for failure in blocked)]
-        bad = [f for f in free if any(away_m(f, failure.p_world_m) < SAME_M for failure in recent)]
+            free = [f for f in free if all(f.away_m(failure.p_world_m) >= SAME_M for failure in blocked)]
+        bad = [f for f in free if any(f.away_m(failure.p_world_m) < SAME_M for failure in recent)]
         return [f for f in free if f not in bad] + bad
 
     def failures_at(self, place: NDArray[np.float64]) -> int:

@@ -14,7 +14,7 @@ from trocar.tasks.debridement.agents.observer import CameraFrozen
 from trocar.tasks.debridement.agents.places import Grasp
 from trocar.tasks.debridement.agents.raven_arm import WAYS, RavenArm
 from trocar.tasks.debridement.goals import FragmentOutcome
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 TOO_MANY = 8
 """An arm that fails this many times in a row gives up."""

@@ -36,7 +36,7 @@ ROUNDS = 4
 def commands_for(
     arm: ArmModel,
     desired: Trajectory,
-    settled: Callable[[SE3], SE3],
+    estimate: Callable[[SE3], SE3],
     *,
     q_start: NDArray[np.float64],
     velocity: NDArray[np.float64],
@@ -47,7 +47,7 @@ def commands_for(
     Args:
         arm: the model.
         desired: of the joints as a camera would confirm them.
-        settled: the pose in the base that is expected at a kinematic pose.
+        estimate: the pose in the base that is expected at a kinematic pose.
         q_start: (6,) current command; its difference to the first command fades out along the way.
         velocity: (6,) of the commands now.
         until_s: time of the motion at which the arm will stop, if estimates further on are to be ignored. Then commands
@@ -57,7 +57,7 @@ def commands_for(
         OutOfReach: a command would leave a joint's range.
     """
     times = _moments(desired)
-    commands = _followed(arm, desired, times, settled, q_start, until_s)
+    commands = _followed(arm, desired, times, estimate, q_start, until_s)
     # after a change of its estimate, an arm may be where no command would bring it; only the sent commands count
     commands = commands + (q_start - commands[0]) * (1 - _ramp(times))[:, None]
     commands = np.concatenate([q_start[None], _inside(arm, commands[1:], clamps=until_s is not None)])
@@ -69,7 +69,7 @@ def corrected(
     arm: ArmModel,
     desired: Trajectory,
     sent: Trajectory,
-    settled: Callable[[SE3], SE3],
+    estimate: Callable[[SE3], SE3],
     limits: MotionLimits,
     until_s: float | None = None,
 ) -> Trajectory:
@@ -83,7 +83,7 @@ def corrected(
         arm: the model.
         desired: of the joints as a camera would confirm them, from now on.
         sent: the current commands, on the same time.
-        settled: the pose in the base that is expected at a kinematic pose.
+        estimate: the pose in the base that is expected at a kinematic pose.
         limits: of the commands.
         until_s: as for ``commands_for``.
 
@@ -91,7 +91,7 @@ def corrected(
         OutOfReach: a command would leave a joint's range.
     """
     times = _moments(desired)
-    followed = _followed(arm, desired, times, settled, sent(times[0]), until_s)
+    followed = _followed(arm, desired, times, estimate, sent(times[0]), until_s)
     wanted = _inside(arm, followed, clamps=until_s is not None) - sent(times)
     fine = _where_it_peaks(times, sent)
     left_s = float(times[-1] - times[0])
@@ -137,17 +137,17 @@ def _followed(
     arm: ArmModel,
     desired: Trajectory,
     times: NDArray[np.float64],
-    settled: Callable[[SE3], SE3],
+    estimate: Callable[[SE3], SE3],
     q_sent: NDArray[np.float64],
     until_s: float | None,
 ) -> NDArray[np.float64]:
     """Return commands (n, 6) for a motion at these times; after ``until_s`` their correction soon becomes constant."""
     q = desired(times)
     if until_s is None:
-        return _commands(arm, q, settled, q_sent)
+        return _commands(arm, q, estimate, q_sent)
     near = max(2, int(np.searchsorted(times, until_s, side="right")))
     try:
-        commands = _commands(arm, q[:near], settled, q_sent)
+        commands = _commands(arm, q[:near], estimate, q_sent)
     except OutOfReach:  # the present correction is still added
         return q + (q_sent - q[0])
     if near >= len(times):
@@ -159,7 +159,7 @@ def _followed(
 
 
 def _commands(
-    arm: ArmModel, q: NDArray[np.float64], settled: Callable[[SE3], SE3], q_sent: NDArray[np.float64]
+    arm: ArmModel, q: NDArray[np.float64], estimate: Callable[[SE3], SE3], q_sent: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the joints (n, 6) to be commanded for estimated ones (n, 6), whether within the joints' ranges or not.
 
@@ -173,7 +173,7 @@ def _commands(
     nodes = nodes[np.diff(way[nodes], prepend=-1.0) > APART_M]
     found, added = [], q_sent - q[0]
     for node in nodes:
-        added = _added(arm, q[node], settled, added)
+        added = _added(arm, q[node], estimate, added)
         found.append(added)
     if len(nodes) == 1:
         return q + found[0]
@@ -182,7 +182,7 @@ def _commands(
 
 
 def _added(
-    arm: ArmModel, q_wanted: NDArray[np.float64], settled: Callable[[SE3], SE3], added: NDArray[np.float64]
+    arm: ArmModel, q_wanted: NDArray[np.float64], estimate: Callable[[SE3], SE3], added: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the correction (6,) that a command adds to the wanted joints, starting from a guess.
 
@@ -190,7 +190,7 @@ def _added(
     whose errors rotate with the gripper, the same iteration need not converge.
     """
     for _ in range(ROUNDS):
-        added = added + q_wanted - ik_near(arm, settled(fk(arm, q_wanted + added)), q_wanted)
+        added = added + q_wanted - ik_near(arm, estimate(fk(arm, q_wanted + added)), q_wanted)
     return added
 
 
@@ -219,7 +219,7 @@ def _spline(times: NDArray[np.float64], q: NDArray[np.float64], velocity: NDArra
 
 
 def command_for(
-    arm: ArmModel, T_wanted: SE3, settled: Callable[[SE3], SE3], reference: NDArray[np.float64]
+    arm: ArmModel, T_wanted: SE3, estimate: Callable[[SE3], SE3], reference: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the joints (6,) to be commanded so that the tip comes to rest at one pose in the base.
 
@@ -227,5 +227,5 @@ def command_for(
         OutOfReach: they would leave a joint's range.
     """
     q_wanted = ik_near(arm, T_wanted, reference)
-    guess = reference - ik_near(arm, settled(fk(arm, reference)), reference)
-    return _inside(arm, q_wanted + _added(arm, q_wanted, settled, guess))
+    guess = reference - ik_near(arm, estimate(fk(arm, reference)), reference)
+    return _inside(arm, q_wanted + _added(arm, q_wanted, estimate, guess))

@@ -21,7 +21,7 @@ from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import Adjusted, StepEnded
 from trocar.tasks.debridement.agents.observer import CAMERA
 from trocar.tasks.debridement.agents.settings import Settings
-from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.debridement.goals import Workspace
 from trocar.trajectory import Trajectory
 
 JAW_AXIS = (0.0, 1.0, 0.0)
@@ -41,9 +41,6 @@ LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1
 
 class NotItsTurn(MotionRefused):
     """No plan for both arms was found; the other one moves first."""
-
-    def __init__(self) -> None:
-        super().__init__("nothing was planned")
 
 
 class NoMotion(MotionRefused):
@@ -92,14 +89,6 @@ class TipGoal:
     straight: bool = False
     beside_wall: bool = False
     T_world_through: SE3 | None = None
-
-
-@dataclass(frozen=True)
-class _Step:
-    """A goal, and how far (m) the tip goes towards it before the arm plans again."""
-
-    goal: TipGoal
-    length_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,11 +212,10 @@ class MotionRunner:
             NoMotion: there is no plan, or the robot refuses it.
             ArmStopped: the arm did not move as commanded.
         """
-        step = _Step(goal, self._settings.step_m)
         if self._settings.centralised:
-            answer: _Answer = await self._coordinator.decide_together(arm, step, self._plan_together)
+            answer: _Answer = await self._coordinator.decide_together(arm, goal, self._plan_together)
         else:
-            answer = await self._plan_beside(arm, step)
+            answer = await self._plan_beside(arm, goal)
         if answer.refusal is not None:
             self._cell.log.event("no_way", arm=arm, reason=str(answer.refusal))
             lasting = not (isinstance(answer.refusal, NotItsTurn) or near_another_arm(arm, answer.refusal))
@@ -267,30 +255,29 @@ class MotionRunner:
             await self._cell.clock.sleep(float(np.clip(self._robot.to_stop_s(arm), LEAST_WAIT_S, MOST_WAIT_S)))
         self._robot.hold(arm, reason=StepEnded(arm))
 
-    async def _plan_beside(self, arm: str, step: _Step) -> _Answer:
+    async def _plan_beside(self, arm: str, goal: TipGoal) -> _Answer:
         """Plan around what the others are doing, while no other arm plans."""
         with self._cell.log.span(arm, "waiting"):
             await self._planning.acquire()
         try:
             budget_s = self._settings.plan_budget_s
             self._robot.keep(arm)
-            plan = await self._cell.compute(arm, "planning", lambda: self._plan({arm: step.goal}), budget_s)
+            plan = await self._cell.compute(arm, "planning", lambda: self._plan({arm: goal}), budget_s)
         finally:
             self._planning.release()  # nothing may come between this and the start of the motion, which waits later
         if not plan.found:
             self._robot.learn(arm)
             return _unmoved(plan)
         motion = plan.trajectories[arm]
-        return _Answer(motion, self._time_to_stop(arm, motion, step))
+        return _Answer(motion, self._time_to_stop(arm, motion))
 
-    async def _plan_together(self, steps: Mapping[str, _Step]) -> dict[str, _Answer]:
+    async def _plan_together(self, goals: Mapping[str, TipGoal]) -> dict[str, _Answer]:
         """Plan for all arms that have asked; if that fails, for one by itself, while the other one is at rest.
 
         All jointly planned motions stop when the first arm has covered its distance.
         """
 
         def compute() -> dict[str, MotionPlan]:
-            goals = {name: step.goal for name, step in steps.items()}
             plan = self._plan(goals)
             if plan.found:
                 return dict.fromkeys(goals, plan)
@@ -302,22 +289,22 @@ class MotionRunner:
                     break
             return found
 
-        plans = await self._cell.compute(min(steps), "planning", compute, self._settings.plan_budget_s)
+        plans = await self._cell.compute(min(goals), "planning", compute, self._settings.plan_budget_s)
         motions = {name: plan.trajectories[name] for name, plan in plans.items() if plan.found}
-        times = [self._time_to_stop(name, motion, steps[name]) for name, motion in motions.items()]
+        times = [self._time_to_stop(name, motion) for name, motion in motions.items()]
         stop_s = min((time_s for time_s in times if time_s is not None), default=None)
         unmoved = {name: _unmoved(plan) for name, plan in plans.items() if not plan.found}
         moved = {name: _Answer(motion, stop_s) for name, motion in motions.items()}
-        return dict.fromkeys(steps, _Answer(refusal=NotItsTurn())) | unmoved | moved
+        return dict.fromkeys(goals, _Answer(refusal=NotItsTurn("nothing was planned"))) | unmoved | moved
 
     def _plan(self, goals: Mapping[str, TipGoal]) -> MotionPlan:
         return plan_motion(self._problems.of(goals, self._settings.plan_budget_s), self._planner)
 
-    def _time_to_stop(self, arm: str, motion: Trajectory, step: _Step) -> float | None:
-        """Return the time at which the tip has gone as far as a step; None if the motion is shorter."""
+    def _time_to_stop(self, arm: str, motion: Trajectory) -> float | None:
+        """Return the time at which the tip has gone as far as a step, after which it plans again; None: less far."""
         times, q = motion.sample(PATH_STEP_S)
         gone = np.cumsum(np.linalg.norm(np.diff(fk(self._cell.arms[arm], q).translation_m, axis=0), axis=-1))
-        beyond = np.flatnonzero(gone > step.length_m)
+        beyond = np.flatnonzero(gone > self._settings.step_m)
         return None if not len(beyond) else float(times[beyond[0]])
 
 

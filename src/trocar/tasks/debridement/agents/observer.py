@@ -19,7 +19,7 @@ from trocar.perception.image import StereoImage, StereoRig, StereoWindow
 from trocar.robots.concurrency import with_helpers
 from trocar.tasks.debridement.agents.adjusted import Adjusted, StepEnded
 from trocar.tasks.debridement.agents.settings import Settings
-from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
+from trocar.tasks.debridement.perception.fragments import SAME_M, SeenFragment
 
 CAMERA = "stereo"
 FROZEN = 3
@@ -69,12 +69,12 @@ class FragmentMemory:
         """
         fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
         shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
-        appeared = [new for new in shown if all(away_m(new, old.p_world_m) > SAME_M for old in self._lying)]
+        appeared = [new for new in shown if all(new.away_m(old.p_world_m) > SAME_M for old in self._lying)]
         hidden = [
             old
             for old in self._lying
-            if all(away_m(old, new.p_world_m) > SAME_M for new in shown)
-            and all(away_m(old, new.p_world_m) > SHIFTED_M for new in appeared)
+            if all(old.away_m(new.p_world_m) > SAME_M for new in shown)
+            and all(old.away_m(new.p_world_m) > SHIFTED_M for new in appeared)
             and _is_behind(old, p_world_eyes_m, arms.values())
         ]
         self._lying = [*(fragment for fragment in shown if fragment.height_m < LYING_M), *hidden]
@@ -82,7 +82,7 @@ class FragmentMemory:
 
     def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
         """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there."""
-        self._lying = [old for old in self._lying if away_m(old, p_world_m) > SHIFTED_M]
+        self._lying = [old for old in self._lying if old.away_m(p_world_m) > SHIFTED_M]
         self._carrying.add(arm)
 
     def let_go(self, arm: str) -> None:

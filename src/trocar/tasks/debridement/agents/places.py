@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.geometry import SE3, SO3
 from trocar.tasks.debridement.agents.settings import Settings
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 TILT_RAD = np.radians(8.0)
 """The gripper leans back by this, so that the marks on its fingers face a camera at the front."""

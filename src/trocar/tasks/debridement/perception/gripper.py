@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -11,22 +11,19 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
 from trocar.geometry import SE3
-from trocar.perception.color import to_hsv
 from trocar.perception.depth import project
 from trocar.perception.image import StereoImage, StereoRig
 from trocar.tasks.debridement.perception.mark_picture import Drawing, draw_marks
 from trocar.tasks.debridement.perception.marks import (
     JAW_RANGE,
     Fit,
-    MarkPair,
     Spot,
     fit_marks,
     mark_points_m,
     pair_blobs,
     rough_fit,
     seen_blobs,
-)
-from trocar.tasks.debridement.perception.seen import SeenGripper
+)  # fmt: skip
 
 MIN_MARKS, MIN_SPOTS = 3, 6
 """With fewer, a direction is undetermined, or hardly anything would reveal a wrong pose."""
@@ -40,6 +37,19 @@ drawing, since the first drawings are of poses that are not accurate yet."""
 FINE, SETTLED = (1.0, 1.0, 2.0, 2.0), 1e-2
 """Pixels of each drawing per pixel of the picture, at that focal length: the gripper is drawn from a better pose each
 time. Once the pose changes by less than the second value (m and rad), occlusions by the fingers no longer change."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenGripper:
+    """A gripper as found from the marks on its fingers.
+
+    Attributes:
+        T_world_tip: pose of the controlled point between the jaws, as the arm's model has it.
+        jaw_rad: opening of the jaws.
+    """
+
+    T_world_tip: SE3
+    jaw_rad: float
 
 
 def find_gripper(image: StereoImage, T_world_camera: SE3, arm: ArmModel) -> SeenGripper | None:
@@ -57,18 +67,26 @@ def find_gripper(image: StereoImage, T_world_camera: SE3, arm: ArmModel) -> Seen
     marks = arm.instrument.marks
     if marks is None:
         return None
-    spots_of = seen_blobs(image, [to_hsv(image.left), to_hsv(image.right)], marks)
-    options = [pair_blobs(image.rig, left, right, marks) for left, right in spots_of]
+    options = [pair_blobs(image.rig, left, right, marks) for left, right in seen_blobs(image, marks)]
     up = T_world_camera.rotation.matrix[2]
     for pairs in product(*options):
         if sum(map(len, pairs)) < MIN_MARKS:
             continue
         fits = []
         for order in product((0, 1), repeat=2):
-            named = _named(pairs, order)
+            # 1 takes a finger's far mark first
+            named = {
+                2 * finger + (number ^ order[finger]): pair
+                for finger, found in enumerate(pairs)
+                for number, pair in enumerate(found)
+            }
             rough = rough_fit(named, marks, arm.tip_length_m)
             if rough is not None:
-                spots = _spots(named)
+                spots = [
+                    Spot(mark, right, blob, blob.middle_px)
+                    for mark, pair in named.items()
+                    for right, blob in ((False, pair.left), (True, pair.right))
+                ]
                 fit = fit_marks(spots, image.rig, marks, arm.tip_length_m, rough)
                 if _credible(fit, image.rig, ROUGH_PX):
                     fits.append((fit, spots))
@@ -77,8 +95,7 @@ def find_gripper(image: StereoImage, T_world_camera: SE3, arm: ArmModel) -> Seen
         for fit, spots in sorted(hanging, key=lambda found: found[0].residual_px):
             best = _refined(fit, spots, image.rig, arm)
             if best is not None:
-                residual_m = best.residual_px / image.rig.left.fx * float(best.T_camera_tip.translation_m[2])
-                return SeenGripper(T_world_camera @ best.T_camera_tip, best.jaw_rad, best.marks, residual_m)
+                return SeenGripper(T_world_camera @ best.T_camera_tip, best.jaw_rad)
     return None
 
 
@@ -136,21 +153,3 @@ def _compared(spot: Spot, drawing: Drawing, center_px: NDArray[np.float64], leas
     if not least <= share <= 1 / least:
         return None
     return replace(spot, middle_px=middle + center_px - drawn.mean(0))
-
-
-def _named(pairs: Sequence[Sequence[MarkPair]], order: Sequence[int]) -> dict[int, MarkPair]:
-    """Return the pairs by the marks assigned to them; ``order`` 1 takes a finger's far mark first."""
-    return {
-        2 * finger + (number ^ order[finger]): pair
-        for finger, found in enumerate(pairs)
-        for number, pair in enumerate(found)
-    }
-
-
-def _spots(named: Mapping[int, MarkPair]) -> list[Spot]:
-    """Return the spots of the marks, each in both eyes."""
-    return [
-        Spot(mark, right, blob, blob.middle_px)
-        for mark, pair in named.items()
-        for right, blob in ((False, pair.left), (True, pair.right))
-    ]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.arms.instrument import FingerMarks
 from trocar.geometry import SE3, SO3
-from trocar.perception.color import HueRange
+from trocar.perception.color import HueRange, to_hsv
 from trocar.perception.depth import rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.perception.stereo import triangulate
@@ -126,20 +126,11 @@ def tip_from_finger(points_m: NDArray[np.float64], tip_length_m: float) -> NDArr
     return np.stack([y, -z, tip_length_m - x], -1)
 
 
-def mark_colors(marks: FingerMarks) -> tuple[HueRange, HueRange]:
-    """Return the colours of the left and the right finger's marks in a picture."""
-    return HueRange.around(marks.colors[0]), HueRange.around(marks.colors[1])
-
-
-def seen_blobs(
-    image: StereoImage, hsv: list[NDArray[np.uint8]], marks: FingerMarks
-) -> list[tuple[list[Blob], list[Blob]]]:
+def seen_blobs(image: StereoImage, marks: FingerMarks) -> list[tuple[list[Blob], list[Blob]]]:
     """Return for the left and the right finger the spots in the left and in the right picture."""
-    lenses = (image.rig.left, image.rig.right)
-    return [
-        (find_blobs(hsv[0], color, lenses[0], marks), find_blobs(hsv[1], color, lenses[1], marks))
-        for color in mark_colors(marks)
-    ]
+    eyes = [(to_hsv(image.left), image.rig.left), (to_hsv(image.right), image.rig.right)]
+    found = [[find_blobs(hsv, HueRange.around(color), lens, marks) for hsv, lens in eyes] for color in marks.colors]
+    return [(left, right) for left, right in found]
 
 
 JAW_GUESSES = np.radians(np.arange(0.0, 125.0, 15.0))
@@ -179,7 +170,6 @@ class Fit:
         residual_px: root mean square of u and v.
         sd_m: standard deviation of the place, in its worst direction.
         sd_rad: likewise of the rotation.
-        marks: how many were used.
     """
 
     T_camera_tip: SE3
@@ -187,7 +177,6 @@ class Fit:
     residual_px: float = np.inf
     sd_m: float = np.inf
     sd_rad: float = np.inf
-    marks: int = 0
 
 
 def rough_fit(named: Mapping[int, MarkPair], marks: FingerMarks, tip_length_m: float) -> Fit | None:
@@ -238,7 +227,7 @@ def fit_marks(spots: Sequence[Spot], rig: StereoRig, marks: FingerMarks, tip_len
     rms = float(np.sqrt(np.mean(residual**2)))
     covariance = np.linalg.pinv(full.T @ full) * (SPOT_SD_PX / rig.left.fx) ** 2
     sd_m, sd_rad = (float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (covariance[:3, :3], covariance[3:6, 3:6]))
-    return Fit(SE3.from_parts(SO3.unchecked(R), t), jaw, rms * rig.left.fx, sd_m, sd_rad, len(set(mark.tolist())))
+    return Fit(SE3.from_parts(SO3.unchecked(R), t), jaw, rms * rig.left.fx, sd_m, sd_rad)
 
 
 def _model(marks: FingerMarks, tip_length_m: float, jaw_rad: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

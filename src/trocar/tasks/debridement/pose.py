@@ -1,8 +1,9 @@
-"""The estimator used by ``best``: the errors of the joints as a smooth field over joint space."""
+"""Where the gripper really is, from kinematics at all times and detections now and then (Kehoe 2014, V-A.2)."""
 
 from __future__ import annotations
 
 from contextlib import suppress
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,91 @@ from scipy.stats import chi2
 
 from trocar.arms import ArmModel, fk, ik_near
 from trocar.errors import OutOfReach
-from trocar.geometry import SE3
-from trocar.tasks.debridement.pose.estimators import check_order
+from trocar.geometry import SE3, SO3
+
+
+class PoseEstimator(Protocol):
+    """Estimates the pose that the camera would detect, from past detections.
+
+    Example:
+        >>> from trocar.geometry import SE3
+        >>> from trocar.tasks.debridement.pose import PaperAdjustment
+        >>> estimator = PaperAdjustment()
+        >>> estimator.learn(SE3.identity(), SE3.from_parts(translation_m=(0.02, 0.0, 0.0)))
+        >>> T_base_kinematic = SE3.from_parts(translation_m=(0.0, 0.01, 0.0))
+        >>> estimator.estimate(T_base_kinematic).translation_m.tolist()
+        [0.02, 0.01, 0.0]
+
+    Attributes:
+        foresees: whether estimates are valid centimetres away from where the gripper was last seen, not only near it.
+    """
+
+    foresees: bool
+
+    def learn(self, T_base_kinematic: SE3, T_base_detected: SE3) -> None:
+        """Learn from a detected pose and the kinematic pose of the same moment, later than the ones before."""
+        ...
+
+    def estimate(self, T_base_kinematic: SE3) -> SE3:
+        """Return the pose expected at this kinematic pose; before any detection, the kinematic pose itself."""
+        ...
+
+
+STILL_M, STILL_RAD = 1e-4, 1e-3
+"""An arm whose encoders moved no further since the last detection is taken to be where it was detected."""
+SHARE = 0.5
+"""Each detection adjusts by this share of the way to the exact adjustment, as in the authors' program."""
+
+
+class PaperAdjustment:
+    """Extends the last detection by the kinematic increment between two adjustments (Kehoe 2014, V-A.2).
+
+    ``dT_c = L dT_K R``, with increments ``dT = T_before^-1 T_after``. Each detection updates L or R in turn, half-way
+    to what would make the increment since the detection before exact. In print the update of R inverts the detected
+    increment in place of the kinematic one; ``R = (L dT_K)^-1 dT_c`` solves the paper's equation 1.
+
+    It holds only locally, as the paper notes: a path of centimetres is rotated by the orientation error. And it is
+    meant for the time between detections: ``L R`` is not the identity, so an arm at rest is taken to be where it was
+    detected.
+    """
+
+    foresees = False
+
+    def __init__(self) -> None:
+        self.T_left = self.T_right = SE3.identity()
+        self._left_is_next = True
+        self._last: tuple[SE3, SE3] | None = None
+
+    def learn(self, T_base_kinematic: SE3, T_base_detected: SE3) -> None:
+        """Adjust L or R to a detection."""
+        if self._last is not None:
+            before_detected, before_kinematic = self._last
+            detected = before_detected.inverse() @ T_base_detected
+            kinematic = before_kinematic.inverse() @ T_base_kinematic
+            if self._left_is_next:
+                self.T_left = interpolate(self.T_left, detected @ (kinematic @ self.T_right).inverse())
+            else:
+                self.T_right = interpolate(self.T_right, (self.T_left @ kinematic).inverse() @ detected)
+            self._left_is_next = not self._left_is_next
+        self._last = T_base_detected, T_base_kinematic
+
+    def estimate(self, T_base_kinematic: SE3) -> SE3:
+        """Return the last detection extended by the adjusted increment."""
+        if self._last is None:
+            return T_base_kinematic
+        T_base_detected, before_kinematic = self._last
+        increment = before_kinematic.inverse() @ T_base_kinematic
+        if np.linalg.norm(increment.translation_m) < STILL_M and increment.rotation.angle() < STILL_RAD:
+            return T_base_detected
+        return T_base_detected @ self.T_left @ increment @ self.T_right
+
+
+def interpolate(T_from: SE3, T_to: SE3, share: float = SHARE) -> SE3:
+    """Return the interpolated pose: positions along a line, rotations about one axis (slerp)."""
+    turn = (T_from.rotation.inverse() @ T_to.rotation).log()
+    translation_m = (1 - share) * T_from.translation_m + share * T_to.translation_m
+    return SE3.from_parts(T_from.rotation @ SO3.exp(share * turn), translation_m)
+
 
 FIELD_SD = np.array([0.04, 0.04, 0.007, 0.1, 0.1, 0.1])
 """SD of the part of a joint's error that changes with position, rad and m: 7 mm at 17 cm, the error of the recorded
@@ -50,36 +134,29 @@ class ErrorField:
         self._arm = arm
         self._places, self._ways = np.zeros((0, 6)), np.zeros(0)
         self._errors, self._noises = np.zeros((0, 6)), np.zeros(0)
-        self._way, self._last = 0.0, np.zeros(6)
+        self._way = 0.0
+        self._last: NDArray[np.float64] | None = None
         self._factor: tuple[NDArray[np.float64], bool] | None = None
         self._weights = np.zeros((0, 6))
-        self._t_s: float | None = None
         self._surprises = 0
 
-    def update(self, t_s: float, T_base_kinematic: SE3, T_base_detected: SE3 | None) -> None:
-        """Follow the kinematics, and learn from a detection."""
-        check_order(t_s, self._t_s)
+    def learn(self, T_base_kinematic: SE3, T_base_detected: SE3) -> None:
+        """Add the errors of the joints at this place, unless no joints of this arm have the detected pose."""
         q = ik_near(self._arm, T_base_kinematic, self._arm.middle)
         place = q / LENGTH
-        if self._t_s is not None:
+        if self._last is not None:
             self._way += float(np.linalg.norm(place - self._last))
-        self._t_s, self._last = t_s, place
-        if T_base_detected is not None:
-            with suppress(OutOfReach):  # not a reachable pose of this arm's gripper
-                self._learn(place, (ik_near(self._arm, T_base_detected, q) - q) / FIELD_SD)
+        self._last = place
+        with suppress(OutOfReach):
+            self._learn(place, (ik_near(self._arm, T_base_detected, q) - q) / FIELD_SD)
 
-    def estimate(self, t_s: float, T_base_kinematic: SE3) -> SE3:
-        """Return the pose with the joints' estimated errors corrected."""
-        check_order(t_s, self._t_s)
-        return self.settled(T_base_kinematic)
-
-    def settled(self, T_base_kinematic: SE3) -> SE3:
-        """Return the same, since the model has no lag.
+    def estimate(self, T_base_kinematic: SE3) -> SE3:
+        """Return the pose with the joints' estimated errors corrected.
 
         Raises:
             OutOfReach: no joints have this kinematic pose.
         """
-        if self._factor is None:
+        if self._factor is None or self._last is None:
             return T_base_kinematic
         q = ik_near(self._arm, T_base_kinematic, self._arm.middle)
         place = q / LENGTH
