@@ -48,7 +48,7 @@ def test_nothing_cleared_gives_no_time():
     figures = figures_of([row_of(made_up(scores=scores))])
     assert figures["s_per_fragment"] is None and figures["failure_modes"]["grasp_failures"]["rate"] is None
     json.dumps(figures, allow_nan=False)
-    line = next(line for line in lines_of({"two-arms": figures}) if line[0].startswith("grasp"))
+    line = next(line for line in lines_of("two-arms", figures) if line[0].startswith("grasp"))
     assert line[-2:] == ["-", "-"]
 
 

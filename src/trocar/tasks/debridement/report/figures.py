@@ -40,7 +40,7 @@ class Row:
         index: of the trial in its session.
         fragments: their number.
         cleared: how many were cleared.
-        first_attempts: fragments that were cleared at the first attempt, without any failure on the way.
+        first_attempts: how many at the first attempt, without any failure on the way.
         attempts: closings of jaws, at all fragments.
         recoveries: failures of grasping or movement after which the fragment was still cleared.
         duration_s: of the whole trial.
@@ -120,9 +120,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
     cleared = sum(row.cleared for row in rows)
     seconds = {part: sum(row.parts_s[part] for row in rows) for part in PARTS}
     total_s = sum(seconds.values())
-    failures: Counter[str] = Counter()
-    for row in rows:
-        failures.update(row.failures)
+    failures = sum((Counter(row.failures) for row in rows), Counter[str]())
     return {
         "fragments": sum(row.fragments for row in rows),
         "cleared": cleared,
@@ -131,7 +129,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
         "table_parts_s": {part: s / cleared if cleared else None for part, s in seconds.items()},
         "table_parts_share": {part: s / total_s if total_s else None for part, s in seconds.items()},
         "replans_per_fragment": _per_fragment(rows, lambda row: float(row.plans)),
-        "failure_modes": {mode: rate_of(rows, _mode(mode)) for mode in MODES},
+        "failure_modes": {mode: rate_of(rows, lambda row, mode=mode: row.modes[mode]) for mode in MODES},
         "first_attempt": rate_of(rows, lambda row: (row.first_attempts, row.fragments)),
         "attempts": sum(row.attempts for row in rows),
         "recoveries": sum(row.recoveries for row in rows),
@@ -157,10 +155,6 @@ def rate_of(rows: Sequence[Row], counts: Callable[[Row], Sequence[int]]) -> dict
         "rate": count / of if of else None,
         "ci95": list(session_interval(*([int(pair[k]) for pair in pairs] for k in (0, 1)))),
     }
-
-
-def _mode(mode: str) -> Callable[[Row], Sequence[int]]:
-    return lambda row: row.modes[mode]
 
 
 def _per_fragment(rows: Sequence[Row], value: Callable[[Row], float]) -> dict[str, Any] | None:
