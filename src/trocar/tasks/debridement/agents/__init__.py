@@ -58,7 +58,7 @@ class DebridementAgent:
         }
         problems = MotionProblems(cell, robot, context.nominal, limits, settings.margin_m)
         runner = MotionRunner(problems, coordinator, context.planner, settings)
-        arms = [RavenArm(problems, name, observer, runner, places, settings) for name in context.arms]
+        arms = [RavenArm(name, observer, runner, places, settings) for name in context.arms]
         self._debriders = [Debrider(arm, allocation) for arm in arms]
 
     async def run(self) -> None:

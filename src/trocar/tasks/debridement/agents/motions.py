@@ -200,7 +200,7 @@ class MotionRunner:
     """
 
     def __init__(self, problems: MotionProblems, coordinator: Coordinator, planner: Planner, settings: Settings):
-        self._cell, self._robot, self._problems = problems.cell, problems.robot, problems
+        self._cell, self._robot, self.problems = problems.cell, problems.robot, problems
         self._coordinator, self._planner, self._settings = coordinator, planner, settings
         self._planning = trio.Lock()
         self._moved_alone = ""
@@ -298,7 +298,7 @@ class MotionRunner:
         return dict.fromkeys(goals, _Answer(refusal=NotItsTurn("nothing was planned"))) | unmoved | moved
 
     def _plan(self, goals: Mapping[str, TipGoal]) -> MotionPlan:
-        return plan_motion(self._problems.of(goals, self._settings.plan_budget_s), self._planner)
+        return plan_motion(self.problems.of(goals, self._settings.plan_budget_s), self._planner)
 
     def _time_to_stop(self, arm: str, motion: Trajectory) -> float | None:
         """Return the time at which the tip has gone as far as a step, after which it plans again; None: less far."""

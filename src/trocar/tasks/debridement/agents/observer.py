@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from contextlib import nullcontext
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import trio
@@ -47,6 +48,17 @@ HIDDEN_LOOKS = 8
 """Number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on."""
 
 
+class CameraFrozen(TrocarError):
+    """The camera delivers no new images."""
+
+
+class Observation(NamedTuple):
+    """What one pair of images showed, wherever it is, and the fragments on the work surface that an arm hides in it."""
+
+    fragments: Sequence[SeenFragment]
+    hidden: Sequence[SeenFragment] = ()
+
+
 class FragmentMemory:
     """The fragments on the work surface as last seen, and which arms carry something."""
 
@@ -56,7 +68,7 @@ class FragmentMemory:
 
     def update(
         self, seen: Sequence[SeenFragment], p_world_eyes_m: NDArray[np.float64], arms: Mapping[str, Capsules]
-    ) -> tuple[list[SeenFragment], list[SeenFragment]]:
+    ) -> Observation:
         """Return what a pair of images shows outside the jaws, and the fragments that arms hide in it.
 
         A fragment that is neither seen nor hidden is gone, and is forgotten. One that appears beside a hidden one is
@@ -78,7 +90,7 @@ class FragmentMemory:
             and _is_behind(old, p_world_eyes_m, arms.values())
         ]
         self._lying = [*(fragment for fragment in shown if fragment.height_m < LYING_M), *hidden]
-        return shown, hidden
+        return Observation(shown, hidden)
 
     def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
         """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there."""
@@ -88,23 +100,6 @@ class FragmentMemory:
     def let_go(self, arm: str) -> None:
         """Record that the jaws of an arm have opened again."""
         self._carrying.discard(arm)
-
-
-class CameraFrozen(TrocarError):
-    """The camera delivers no new images."""
-
-
-@dataclass(frozen=True)
-class Observation:
-    """What one pair of images showed, and what was hidden in it.
-
-    Attributes:
-        fragments: everything that looks like one, wherever it is.
-        hidden: fragments on the work surface that an arm hides now, as last seen.
-    """
-
-    fragments: Sequence[SeenFragment]
-    hidden: Sequence[SeenFragment] = ()
 
 
 class StereoObserver:
@@ -128,17 +123,14 @@ class StereoObserver:
             CameraFrozen: images do not change any more.
         """
         image, kinematic = await self._captured(arm, "whole")
-        table, arms = self._cell.T_world_fixture["table"], self._cell.arms
-        found = await self._cell.compute(
-            arm,
-            "perception",
-            lambda: (
-                self._perception.fragments(image, self._T_world_camera, table, arms),
-                {name: self._perception.gripper(image, self._T_world_camera, model) for name, model in arms.items()},
-            ),
-            self._settings.fragments_budget_s,
-        )
-        fragments, grippers = found
+        see, T_world_camera, arms = self._perception, self._T_world_camera, self._cell.arms
+
+        def find():
+            fragments = see.fragments(image, T_world_camera, self._cell.T_world_fixture["table"], arms)
+            return fragments, {name: see.gripper(image, T_world_camera, model) for name, model in arms.items()}
+
+        budget_s = self._settings.fragments_budget_s
+        fragments, grippers = await self._cell.compute(arm, "perception", find, budget_s)
         for name, gripper in grippers.items():
             if gripper is not None:
                 self._robot.saw(name, image.time_s, kinematic[name], gripper.T_world_tip)
@@ -158,39 +150,33 @@ class StereoObserver:
             solids[name] = expected.moved(self._cell.T_world_base_registered[name])
         T_world_right = self._T_world_camera @ rig.T_left_right
         eyes_m = np.stack([self._T_world_camera.translation_m, T_world_right.translation_m])
-        return Observation(*self.memory.update(seen, eyes_m, solids))
+        return self.memory.update(seen, eyes_m, solids)
 
-    async def track(self, arm: str, span: bool = True) -> None:
-        """Take an image around a gripper, and learn where it is if it is seen.
+    async def track(
+        self, arm: str, *, waits: bool = True, margin_m: float = MARGIN_M
+    ) -> tuple[StereoImage, SE3 | None]:
+        """Take an image round a gripper, and learn where it is if its marks are seen.
 
         Args:
             arm: the arm.
-            span: whether the arm waits for the image; else it continues meanwhile.
+            waits: whether the arm waits for the image; else it continues meanwhile.
+            margin_m: of the window round it.
+
+        Returns:
+            the image, and the tip in the world as seen in it; None: the marks are hidden.
         """
-        await self._tracked(arm, span, MARGIN_M)
-
-    async def _tracked(self, arm: str, span: bool, margin_m: float) -> tuple[StereoImage, SE3 | None]:
-        """Return an image with this margin round a gripper, and its tip as seen in it; None: the marks are hidden."""
-        model = self._cell.arms[arm]
-        rig = self._camera.model
         margin_m = margin_m if self._robot.age_s(arm) < LOST_S else max(margin_m, LOST_MARGIN_M)
+        tip, binning = self._robot.T_world_tip(arm), 1 if waits else self._settings.watch_binning
         window = self._perception.gripper_window(
-            self._robot.T_world_tip(arm),
-            self._T_world_camera,
-            rig,
-            margin_m=margin_m,
-            binning=1 if span else self._settings.watch_binning,
+            tip, self._T_world_camera, self._camera.model, margin_m=margin_m, binning=binning
         )
-        image, kinematic = await self._captured(arm, "window", window, span)
+        image, kinematic = await self._captured(arm, "window", window, waits)
+        find = partial(self._perception.gripper, image, self._T_world_camera, self._cell.arms[arm])
         budget_s = self._settings.gripper_budget_s
-
-        def compute():
-            return self._perception.gripper(image, self._T_world_camera, model)
-
-        if span:
-            seen = await self._cell.compute(arm, "perception", compute, budget_s)
+        if waits:
+            seen = await self._cell.compute(arm, "perception", find, budget_s)
         else:
-            seen, seconds = await self._cell.clock.compute(compute, budget_s)
+            seen, seconds = await self._cell.clock.compute(find, budget_s)
             self._cell.log.compute("watching", seconds, budget_s)
         if seen is None:
             return image, None
@@ -208,7 +194,7 @@ class StereoObserver:
             while True:
                 began_s = self._cell.clock.now_s()
                 if self._robot.setpoint(arm).moving:
-                    await self.track(arm, span=False)
+                    await self.track(arm, waits=False)
                     if self._robot.astray_m(arm) > self._settings.astray_m:
                         self._robot.hold(arm, reason=StepEnded(arm))
                     else:
@@ -221,10 +207,9 @@ class StereoObserver:
         """Return whether pixels show that a fragment was picked up, and note it; if inconclusive, look again."""
         holding, sure, image_s = await self._check_jaws(arm)
         for _ in range(HIDDEN_LOOKS):
-            if sure:
-                break
-            await self._cell.clock.sleep(AGAIN_S)
-            holding, sure, image_s = await self._check_jaws(arm)
+            if not sure:
+                await self._cell.clock.sleep(AGAIN_S)
+                holding, sure, image_s = await self._check_jaws(arm)
         self._cell.log.event("pickup", arm=arm, holding=holding, image_s=round(image_s, 6))
         return holding
 
@@ -238,18 +223,15 @@ class StereoObserver:
         If the marks are hidden, mostly by the other arm, the content of the jaws may be hidden too, or the jaws may be
         elsewhere; the absence of red then means nothing.
         """
-        image, T_world_seen = await self._tracked(arm, span=True, margin_m=HELD_MARGIN_M)
+        image, T_world_seen = await self.track(arm, margin_m=HELD_MARGIN_M)
         T_world_tip, jaw_rad = T_world_seen or self._robot.T_world_tip(arm), self._robot.read(arm).jaw_rad
-        holding = await self._cell.compute(
-            arm,
-            "perception",
-            lambda: self._perception.holding(image, self._T_world_camera, self._cell.arms[arm], T_world_tip, jaw_rad),
-            self._settings.gripper_budget_s,
-        )
-        return bool(holding), bool(holding) or T_world_seen is not None, image.time_s
+        where = self._T_world_camera, self._cell.arms[arm], T_world_tip, jaw_rad
+        look = partial(self._perception.holding, image, *where)
+        holding = bool(await self._cell.compute(arm, "perception", look, self._settings.gripper_budget_s))
+        return holding, holding or T_world_seen is not None, image.time_s
 
     async def _captured(
-        self, arm: str, kind: str, window: StereoWindow | None = None, span: bool = True
+        self, arm: str, kind: str, window: StereoWindow | None = None, waits: bool = True
     ) -> tuple[StereoImage, dict[str, SE3]]:
         """Return a new image, and the kinematic poses of all arms when it was taken.
 
@@ -257,10 +239,7 @@ class StereoObserver:
             CameraFrozen: the images are not new.
         """
         for _ in range(FROZEN):
-            if span:
-                with self._cell.log.span(arm, "capture"):
-                    image = await self._camera.capture(window)
-            else:
+            with self._cell.log.span(arm, "capture") if waits else nullcontext():
                 image = await self._camera.capture(window)
             if not isinstance(image, StereoImage):
                 raise InvalidInput(f"camera {CAMERA!r}", "has one eye", "debridement needs two")
@@ -274,21 +253,17 @@ class StereoObserver:
         """Return whether an image differs from the last of its kind, if an arm has moved since."""
         tips = np.array([T.translation_m for T in kinematic.values()])
         before = self._last.get(key)
-        if before is not None and np.abs(tips - before[1]).max() > MOVED_M:
-            pixels = before[0]
-            if pixels.shape == image.left.shape and np.array_equal(pixels, image.left):
-                return False
+        if before is not None and np.abs(tips - before[1]).max() > MOVED_M and np.array_equal(before[0], image.left):
+            return False
         self._last[key] = image.left, tips
         return True
 
 
 def _is_behind(fragment: SeenFragment, p_world_eyes_m: NDArray[np.float64], solids: Iterable[Capsules]) -> bool:
     """Return whether the line of sight from one of the eyes to a fragment passes through or close to these solids."""
-    near = ROUND_M + 0.5 * float(fragment.extent_m[0])
-    for solid in solids:
-        ends = solid.ends_m
-        for eye in p_world_eyes_m:
-            away = segment_distances_m(ends[:, 0], ends[:, 1], eye, fragment.p_world_m)
-            if (away < solid.radii_m + near).any():
-                return True
-    return False
+    near, place = ROUND_M + 0.5 * float(fragment.extent_m[0]), fragment.p_world_m
+    return any(
+        (segment_distances_m(solid.ends_m[:, 0], solid.ends_m[:, 1], eye, place) < solid.radii_m + near).any()
+        for solid in solids
+        for eye in p_world_eyes_m
+    )

@@ -143,12 +143,6 @@ class Places:
         return SE3.from_parts(SO3.axis("z", turn_rad) @ SO3.axis("x", TILT_RAD), place)
 
 
-def turn_of(T_world_tip: SE3) -> float:
-    """Return the rotation about the vertical of a gripper that points downwards."""
-    across = T_world_tip.rotation.matrix[:, 0]
-    return float(np.arctan2(across[1], across[0]))
-
-
 def raised(T_world_tip: SE3, by_m: float) -> SE3:
     """Return a pose higher up."""
     return SE3.from_parts(T_world_tip.rotation, T_world_tip.translation_m + [0.0, 0.0, by_m])
