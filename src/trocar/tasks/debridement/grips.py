@@ -16,16 +16,14 @@ ENOUGH_RAD = 0.02
 """Jaws have closed when they are this close to their final opening; foam under the teeth creeps by a hundredth."""
 STALL_S = 0.3
 """Jaws that have not moved for this long have stopped; commands that close them in steps come more often."""
-RISEN_M = 0.005
-"""A closing is over when the jaws have risen this far; later actions are in the air."""
+RISEN_M = 0.005  # a closing is over when the jaws have risen this far; later actions are in the air
 NEAR_TABLE_M = 0.030
 """Jaws that close higher above the surface than this cannot reach a fragment, which is 9 mm high at most: the
 controlled point is 10 mm behind the fingers' ends, and open jaws close downwards by 4 mm."""
 GRIP_S = 0.2
 """Once closed, the jaws are judged for this long: foam that squirts out is gone by then, and no arm has risen by 10 mm,
 at 5 cm/s."""
-FLICKER_S = 0.1
-"""A grip that opens for less was not lost, since contacts flicker for single ticks."""
+FLICKER_S = 0.1  # a grip that opens for less was not lost, since contacts flicker for single ticks
 LIFTED_M = 0.030
 """Lost before the jaws have risen this far: a pickup failure; later: dropped on the way. The paper lifts by 50 mm, and
 from 30 mm on nothing that stays on the surface can hold a fragment back."""
@@ -33,8 +31,7 @@ BESIDE_M = 0.040
 """Jaws that open within this distance of the receptacle were aimed at it: their pose is off by 38 mm at worst."""
 CARRIED_M = 0.020
 """And only if they moved this far, seen from above: jaws that open where they closed put the fragment back."""
-REST_S = 0.5
-"""A free fragment is judged after this time: it falls 10 cm in .14 s, and then it may roll."""
+REST_S = 0.5  # a free fragment is judged after this time: it falls 10 cm in .14 s, and then it may roll
 
 
 @dataclass(frozen=True)

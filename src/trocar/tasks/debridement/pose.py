@@ -44,8 +44,7 @@ class PoseEstimator(Protocol):
 
 STILL_M, STILL_RAD = 1e-4, 1e-3
 """An arm whose encoders moved no further since the last detection is taken to be where it was detected."""
-SHARE = 0.5
-"""Each detection adjusts by this share of the way to the exact adjustment, as in the authors' program."""
+SHARE = 0.5  # each detection adjusts by this share of the way to the exact adjustment, as in the authors' program
 
 
 class PaperAdjustment:
@@ -106,15 +105,12 @@ CONSTANT, HYSTERESIS, NOISE = 3.0, 0.12, 0.08
 that depends on the path, and a detection's noise (.5 mm, .5 deg: see the stereo benchmark)."""
 LENGTH = np.array([0.30, 0.30, 0.07, 1.0, 1.0, 1.0])
 """Length scales of the field in the joints, rad and m: 5 to 7 cm for the outer joints (assumed)."""
-FORGETS = 0.5
-"""Travel, in these lengths, over which the path-dependent part changes."""
+FORGETS = 0.5  # travel, in these lengths, over which the path-dependent part changes
 APART, MOST = 0.2, 250
 """Detections are kept this far apart along the path, in lengths, and only this many of the newest; six fragments of one
 arm leave about as many."""
-GATE = float(chi2.ppf(0.999, 6))
-"""Squared Mahalanobis distance that one in a thousand good detections exceeds."""
-SLIPPED = 5
-"""After this many surprises in a row a cable has slipped, and everything learned before is forgotten."""
+GATE = float(chi2.ppf(0.999, 6))  # squared Mahalanobis distance that one in a thousand good detections exceeds
+SLIPPED = 5  # after this many surprises in a row a cable has slipped, and everything learned before is forgotten
 
 
 class ErrorField:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3, SO3, TURN
 from trocar.tasks.debridement.goals import Receptacle, Workspace
 
-HALF_M = (0.16, 0.13)
-"""Half the sides of the covered area round the table's origin."""
+HALF_M = (0.16, 0.13)  # half the sides of the covered area round the table's origin
 KINDS = {
     "organ": (7, (0.020, 0.045), (0.6, 1.0), (0.62, 0.44, 0.33)),
     "fat": (16, (0.005, 0.014), (0.5, 1.0), (0.72, 0.63, 0.44)),
@@ -21,14 +20,10 @@ KINDS = {
 """Kinds of patches: how many, longest half axis in m, its ratio to the other one, linear colour. None is as red as a
 fragment or as saturated as the marks of a gripper: hues of 20 to 45 and 260 deg, all of them pale
 (``trocar.perception.color``)."""
-GROUND = (0.66, 0.50, 0.39)
-"""Colour of the area between patches."""
-PROUD_M = 0.6e-3
-"""Maximum height of patches; fragments lie on the plane, and 6 to 9 mm of them are visible."""
-SEGMENTS = 20
-"""Number of corners of a patch's outline."""
-SHADE = 0.08
-"""Standard deviation of the brightness from patch to patch."""
+GROUND = (0.66, 0.50, 0.39)  # colour of the area between patches
+PROUD_M = 0.6e-3  # maximum height of patches; fragments lie on the plane, and 6 to 9 mm of them are visible
+SEGMENTS = 20  # number of corners of a patch's outline
+SHADE = 0.08  # standard deviation of the brightness from patch to patch
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +66,13 @@ LENGTH_M, WIDTH_M, HEIGHT_M = (0.010, 0.016), (0.008, 0.012), (0.008, 0.012)
 """Extents of a fragment, smallest and largest: small irregular pieces of foam rubber. Sizes are assumed: jaws that open
 by 22 mm (facts/debridement.md) can take them if the tip is 5 mm off, and 3.5 % of the paper's grasps failed. The paper
 also allowed a tip to be 8 mm off in height; fingers would hardly hold pieces lower than these."""
-CORNERS = 14
-"""Number of random corners; about ten of them are on the hull."""
-DENSITY_KG_M3 = (150.0, 270.0)
-"""Range of densities; a fragment then weighs .05 to .2 g (facts/debridement.md)."""
-CLING_SHARE = 0.25
-"""Share of fragments that are charged (assumed: occasional static cling, Kehoe 2014, VI)."""
-CLING_N = (0.2e-3, 1.5e-3)
-"""Force with which a charged fragment clings to a finger; .1 g weigh 1 mN (assumed)."""
-GAP_M = 0.5e-3
-"""Minimum gap between fragments."""
-SHIFT_M, TURN_RAD = 1.5e-3, np.radians(1.5)
-"""Error with which a person places the receptacle."""
-ABOVE_M = 0.2e-3
-"""Height above the work surface from which fragments are dropped."""
+CORNERS = 14  # number of random corners; about ten of them are on the hull
+DENSITY_KG_M3 = (150.0, 270.0)  # range of densities; a fragment then weighs .05 to .2 g (facts/debridement.md)
+CLING_SHARE = 0.25  # share of fragments that are charged (assumed: occasional static cling, Kehoe 2014, VI)
+CLING_N = (0.2e-3, 1.5e-3)  # force with which a charged fragment clings to a finger; .1 g weigh 1 mN (assumed)
+GAP_M = 0.5e-3  # minimum gap between fragments
+SHIFT_M, TURN_RAD = 1.5e-3, np.radians(1.5)  # error with which a person places the receptacle
+ABOVE_M = 0.2e-3  # height above the work surface from which fragments are dropped
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +122,7 @@ class DebridementScene:
 
 
 def lay_out(
-    T_world_table: SE3,
-    T_world_receptacle: SE3,
-    workspace: Workspace,
-    rng: np.random.Generator,
-    backdrop: str = "plain",
+    T_world_table: SE3, T_world_receptacle: SE3, workspace: Workspace, rng: np.random.Generator, backdrop: str = "plain"
 ) -> DebridementScene:
     """Return a random scene: each fragment anywhere in the region where the previous ones left room."""
     shift = np.append(rng.uniform(-SHIFT_M, SHIFT_M, 2), 0.0)
@@ -176,12 +160,7 @@ def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator
     height = float(T_world_table.translation_m[2]) - corners[:, 2].min() + ABOVE_M
     turn = SO3.axis("z", rng.uniform(0.0, TURN))
     cling = rng.uniform(*CLING_N) if rng.uniform() < CLING_SHARE else 0.0
-    return Fragment(
-        corners,
-        SE3.from_parts(turn, [*place, height]),
-        rng.uniform(*DENSITY_KG_M3),
-        cling,
-    )
+    return Fragment(corners, SE3.from_parts(turn, [*place, height]), rng.uniform(*DENSITY_KG_M3), cling)
 
 
 def _centre(corners: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,13 +24,10 @@ SEEN_SHARE = 0.5
 SIGHT_S = 0.6
 """The referee checks visibility twice a second; for an image further than this from every check, everything counts as
 visible."""
-RELEASE_S = 2.0
-"""An agent's announcement of a release counts for this long."""
-STILL_M = 1e-3
-"""A fragment that moves less than this in a tenth of a second is at rest."""
+RELEASE_S = 2.0  # an agent's announcement of a release counts for this long
+STILL_M = 1e-3  # a fragment that moves less than this in a tenth of a second is at rest
 STILL_S = 0.1
-USES = ("allocated", "fragment", "stopped")
-"""Events that an agent notes when it has acted on a look."""
+USES = ("allocated", "fragment", "stopped")  # events that an agent notes when it has acted on a look
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,7 @@ from trocar.tasks.debridement.truth import DebridementTruth
 if TYPE_CHECKING:
     from trocar.sim.world import TaskWorld
 
-MOST_FRAGMENTS = 12
-"""More would not fit into the region where fragments lie."""
+MOST_FRAGMENTS = 12  # more would not fit into the region where fragments lie
 BACKDROPS = ("plain", "tissue")
 FIXTURES = ("table", "receptacle")
 CAMERA = "stereo"
@@ -33,19 +32,15 @@ SWING = np.array([0.12, 0.12, 0.02, 0.60, 0.40, 0.40])
 PACE = np.array([0.010, 0.010, 0.0015, 0.06, 0.05, 0.05])
 """Its mean step from sample to sample, rad and m, about as in the recordings of the PSM."""
 
-REGION_M = {
-    1: ((-0.092, -0.092), (-0.017, -0.046)),
-    2: ((-0.132, -0.092), (-0.017, -0.046)),
-}
+REGION_M = {1: ((-0.092, -0.092), (-0.017, -0.046)), 2: ((-0.132, -0.092), (-0.017, -0.046))}
 """Region of the fragments, corners x, y in the world, by the number of arms: where a working arm reaches, with its
 gripper straight down, in at least nine of ten sessions, despite kinematic errors of centimetres (assumed: a person lays
 them there; ``tests/tasks/debridement/test_task.py`` draws 24 sessions)."""
-WITHDRAWN_M = 0.10
-"""An idle arm is withdrawn into its port by this distance, out of the way, by a person."""
+WITHDRAWN_M = 0.10  # an idle arm is withdrawn into its port by this distance, out of the way, by a person
 
 _SETTINGS = "trocar.tasks.debridement.agents.settings"
 _METHOD = {
-    "agent": Lazy("trocar.tasks.debridement.agents:agent_of"),
+    "agent": Lazy("trocar.tasks.debridement.agents:DebridementAgent"),
     "calibrated": False,
     "wrap_robot": Lazy("trocar.tasks.debridement.agents:with_adjustment"),
     "planner": "convex",

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3
 from trocar.tasks.debridement.goals import Receptacle
 
-HEAP_M = 0.015
-"""Fragments that lie on others inside the walls are in the receptacle: two more layers above its edge."""
+HEAP_M = 0.015  # fragments that lie on others inside the walls are in the receptacle: two more layers above its edge
 
 
 @dataclass(frozen=True, eq=False)

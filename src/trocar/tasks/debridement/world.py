@@ -28,8 +28,7 @@ FINISHES = {
     "flesh": (0.10, 0.3, 0.4),
 }
 """Grain, brightness and sharpness of wet spots (``trocar.sim.appearance``) by material (assumed)."""
-FLOOR_M = 0.001
-"""Thickness of the receptacle's floor."""
+FLOOR_M = 0.001  # thickness of the receptacle's floor
 
 FOAM_N_M = 2500.0
 """Stiffness of foam under one finger (assumed): that of 65 mm^2 of foam rubber of .3 MPa, 8 mm thick; the jaws' 1.7 N
@@ -37,19 +36,15 @@ sink in by .7 mm on each side."""
 JAW_FRICTION = 1.5, 0.003, 0.0015
 """Friction of foam under a finger: sliding, including the hold of the jaws' teeth that sink in; lengths in m against
 turning and rolling, for the patch of 2 mm radius that 1 mm of indentation makes (assumed)."""
-FOAM_FRICTION = 0.9, 0.002, 0.0005
-"""The same for foam on foam (assumed)."""
+FOAM_FRICTION = 0.9, 0.002, 0.0005  # the same for foam on foam (assumed)
 DRY_FRICTION = 0.6, 0.002, 0.0001
 """The same for foam or steel on the work surface and the receptacle, which determine these contacts (assumed)."""
 FOAM_WEIGHT = 1e6
 """Weight that makes foam, not steel, determine the softness of their contact; of two frictions MuJoCo takes the larger
 one."""
-FOAM_STRONGEST = 0.9995
-"""Maximum impedance of a contact, which MuJoCo requires to stay below 1."""
-CONTACT_S = 0.003
-"""Time constant of foam's contacts: MuJoCo's steps of 1 ms are stable from .002 s on."""
-CLING_REACH_M = 0.3e-3
-"""A charged fragment clings to a finger that it touched until it is this far away."""
+FOAM_STRONGEST = 0.9995  # maximum impedance of a contact, which MuJoCo requires to stay below 1
+CONTACT_S = 0.003  # time constant of foam's contacts: MuJoCo's steps of 1 ms are stable from .002 s on
+CLING_REACH_M = 0.3e-3  # a charged fragment clings to a finger that it touched until it is this far away
 
 DRY = {"priority": 2, "friction": DRY_FRICTION}
 
@@ -58,8 +53,7 @@ GRASP_PRESS_N = 2.0
 """Jaws that approach a fragment may brush the work surface with up to this force: an arm that yields 1 mm/N is 2 mm too
 low then, which is the planned distance between the fingers' ends and the surface. More is a collision, as is any other
 touch of the surface."""
-GRASP_M = 0.030
-"""Jaws approach a fragment if it is within this distance of their tip."""
+GRASP_M = 0.030  # jaws approach a fragment if it is within this distance of their tip
 
 
 class DebridementWorld(TaskWorld):
@@ -150,8 +144,7 @@ class DebridementWorld(TaskWorld):
 
 
 NO_FINGER = -1
-PRESSING = 0
-"""MuJoCo's ``contact.exclude`` for contacts with force; those within the gap are merely close."""
+PRESSING = 0  # MuJoCo's ``contact.exclude`` for contacts with force; those within the gap are merely close
 
 
 class Fingers:
@@ -237,10 +230,8 @@ class Fingers:
         return fingers[contacts], fragments[contacts], data.contact.exclude[contacts] == PRESSING, contacts
 
 
-LOOK_S = 0.5
-"""Interval of the referee's checks; arms take seconds to pass over a fragment."""
-POINTS = 8
-"""Number of each fragment's corners that are checked."""
+LOOK_S = 0.5  # interval of the referee's checks; arms take seconds to pass over a fragment
+POINTS = 8  # number of each fragment's corners that are checked
 GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
 
 

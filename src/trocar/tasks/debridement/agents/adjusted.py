@@ -18,16 +18,13 @@ from trocar.tasks.debridement.agents.inverse_control import command_for, command
 from trocar.tasks.debridement.pose import PoseEstimator
 from trocar.trajectory import Trajectory
 
-REST_STEP_S = 0.05
-"""The rest of a motion is sampled at this interval when it is taken over."""
-LATE_S = 0.25
-"""Nothing is corrected within this time before the end of a motion."""
+REST_STEP_S = 0.05  # the rest of a motion is sampled at this interval when it is taken over
+LATE_S = 0.25  # nothing is corrected within this time before the end of a motion
 MOST_OFF_RAD = 0.05
 """A motion that starts further than this (rad, m) from its arm's estimated place was planned for another moment."""
 INSIDE = 0.012
 """A pose counts as within reach if each joint keeps this share of its range from its ends: estimates change."""
-LEAST_RATE = 0.5
-"""A motion that runs at less than this share of its speed is braking; it is not corrected."""
+LEAST_RATE = 0.5  # a motion that runs at less than this share of its speed is braking; it is not corrected
 
 
 class StepEnded(ArmStopped):
@@ -191,8 +188,8 @@ class Adjusted:
 
         Args:
             motions: by arm.
-            stop_s: time of the motions at which the caller is going to stop them. An estimator that does not foresee is
-                not used beyond that.
+            stop_s: time of the motions at which the caller is going to stop them; estimates beyond that are not used,
+                unless they foresee.
 
         Raises:
             MotionRefused: as the robot; or a pose on the way cannot be commanded.
@@ -265,8 +262,8 @@ class Adjusted:
         motions: Mapping[str, Trajectory], stop_s: float | None = None,
     ) -> Mapping[str, MotionResult]:  # fmt: skip
         courses = {arm: self._course(arm, motion, stop_s) for arm, motion in motions.items()}
-        before = {arm: self._courses.get(arm) for arm in motions}
-        self._courses.update(courses)
+        before = {arm: self._courses[arm] for arm in motions if arm in self._courses}
+        self._courses |= courses
         self._braking.difference_update(motions)
         for arm in motions:
             self.learn(arm)
@@ -274,11 +271,7 @@ class Adjusted:
             results = await verb({arm: course.commands for arm, course in courses.items()})
             return {arm: await self._last(arm, results[arm], course) for arm, course in courses.items()}
         except MotionRefused:  # the current motion goes on
-            for arm, course in before.items():
-                if course is None:
-                    del self._courses[arm]
-                else:
-                    self._courses[arm] = course
+            self._courses = {arm: course for arm, course in self._courses.items() if arm not in motions} | before
             raise
 
     async def _last(self, arm: str, result: MotionResult, course: Course) -> MotionResult:
@@ -301,9 +294,9 @@ class Adjusted:
         if off > MOST_OFF_RAD:
             problem = f"starts {off:.4f} rad (or m) away from where it is estimated to be"
             raise StartMismatch(arm, problem, "plan it from its set-point")
-        sent, estimate = self._robot.setpoint(arm), self._estimators[arm].estimate
-        start = {"q_start": sent.q, "velocity": sent.velocity}
-        commands = commands_for(self._arms[arm], desired, estimate, **start, until_s=self._foreseen(arm, stop_s))
+        sent, estimate, until_s = self._robot.setpoint(arm), self._estimators[arm].estimate, self._foreseen(arm, stop_s)
+        model = self._arms[arm]
+        commands = commands_for(model, desired, estimate, q_start=sent.q, velocity=sent.velocity, until_s=until_s)
         return Course(desired, commands, stop_s)
 
     def _foreseen(self, arm: str, stop_s: float | None) -> float | None:

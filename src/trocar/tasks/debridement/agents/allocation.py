@@ -15,12 +15,10 @@ from trocar.tasks.debridement.perception.fragments import SAME_M, SeenFragment
 
 BESIDE_REGION_M = 0.025
 """Fragments that rolled, or were pushed, may be this far outside the region in which they were laid."""
-IN_THE_AIR_M = 0.014
-"""Anything seen this high above the work surface is held by jaws, or lies in the receptacle."""
+IN_THE_AIR_M = 0.014  # anything seen this high above the work surface is held by jaws, or lies in the receptacle
 FULL_FRAGMENTS = 3
 """A receptacle is full if this many fragments stand out of it; one may lie on another long before that."""
-FULL_LOOKS = 3
-"""This many looks in a row have to show it, since fragments are also seen while they fall."""
+FULL_LOOKS = 3  # this many looks in a row have to show it, since fragments are also seen while they fall
 FULL_M = 3e-3
 """A fragment whose middle is this close to the height of the receptacle's edge lies on others; higher up, jaws hold
 it."""
@@ -29,8 +27,7 @@ IN_JAWS_M = 0.025
 ONE_M = 0.007
 """Two fragments seen this close to each other are parts of one that a finger in front divides; the paper's program
 merges them too (facts/debridement.md)."""
-PATIENCE_S = 20.0
-"""A place where an arm failed is avoided for this long, if there is another one."""
+PATIENCE_S = 20.0  # a place where an arm failed is avoided for this long, if there is another one
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,15 +18,11 @@ from trocar.tasks.debridement.agents.raven_arm import WAYS, RavenArm
 from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.perception.fragments import SeenFragment
 
-TOO_MANY = 8
-"""An arm that fails this many times in a row gives up."""
-LIFTED_SHARE = 0.8
-"""Jaws that have risen by this share of their lift have left the work surface."""
+TOO_MANY = 8  # an arm that fails this many times in a row gives up
+LIFTED_SHARE = 0.8  # jaws that have risen by this share of their lift have left the work surface
 SHORT_S = 0.05
-RECEPTACLE = "receptacle"
-"""The space over the receptacle is for one arm at a time (V-C.2: the arms pass a token)."""
-IDLE_S = 5.0
-"""An idle arm looks again after this time, or once the other one has made progress."""
+RECEPTACLE = "receptacle"  # the space over the receptacle is for one arm at a time (V-C.2: the arms pass a token)
+IDLE_S = 5.0  # an idle arm looks again after this time, or once the other one has made progress
 
 
 class GiveUp(Exception):

@@ -13,22 +13,16 @@ from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.trajectory import Trajectory
 
-STEP_S = 0.05
-"""Commands are found for moments this far apart, and joined by a cubic spline."""
-NODE_M = 0.015
-"""Corrections are computed at places this far apart on the path, and interpolated between them."""
-KEPT_SHARE = 0.97
-"""Share of the limits used by corrected commands, since a guard checks them more finely."""
-RAMPS_S = (0.25, 0.4, 0.6, 0.9)
-"""A correction is made in the shortest of these times that the limits allow."""
+STEP_S = 0.05  # commands are found for moments this far apart, and joined by a cubic spline
+NODE_M = 0.015  # corrections are computed at places this far apart on the path, and interpolated between them
+KEPT_SHARE = 0.97  # share of the limits used by corrected commands, since a guard checks them more finely
+RAMPS_S = (0.25, 0.4, 0.6, 0.9)  # a correction is made in the shortest of these times that the limits allow
 LITTLE = np.array([0.06, 0.06, 1e-3, 0.06, 0.06, 0.06])
 """Tolerated error of a joint's command, rad and m: in the wrist it is 1 mm at the tip, which the camera sees."""
-FADE_S = 0.5
-"""Time constant with which a correction stops changing, after the last place where it is computed."""
+FADE_S = 0.5  # time constant with which a correction stops changing, after the last place where it is computed
 SHORT = 5e-3
 """Commands keep this share of their range from its ends, because a spline through them overshoots a little."""
-APART_M = 1e-3
-"""Places closer to each other than this get the same correction."""
+APART_M = 1e-3  # places closer to each other than this get the same correction
 ROUNDS = 4
 """The error depends on the command that it corrects, but changes by tenths at most, so few rounds are enough."""
 
@@ -73,19 +67,11 @@ def corrected(
     limits: MotionLimits,
     until_s: float | None = None,
 ) -> Trajectory:
-    """Return commands that lead from the current ones to those that follow ``desired``, as far as limits allow.
+    """Return commands that lead from those that are ``sent``, on the same time, to those that follow ``desired``.
 
     They begin like the current ones, in position, velocity and acceleration, and reach the correction as soon as the
     limits allow, at the latest at the end of the motion. If that is too soon for all of it, they reach the largest
-    share that keeps the limits; the rest is left for the next correction.
-
-    Args:
-        arm: the model.
-        desired: of the joints as a camera would confirm them, from now on.
-        sent: the current commands, on the same time.
-        estimate: the pose in the base that is expected at a kinematic pose.
-        limits: of the commands.
-        until_s: as for ``commands_for``.
+    share that keeps the limits; the rest is left for the next correction. Arguments are those of ``commands_for``.
 
     Raises:
         OutOfReach: a command would leave a joint's range.
@@ -165,8 +151,7 @@ def _commands(
 
     The correction is computed at some of them, each starting from the previous one's, and interpolated.
     """
-    places = fk(arm, q).translation_m
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=-1))])
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(fk(arm, q).translation_m, axis=0), axis=-1)))
     count = max(4, int(np.ceil(way[-1] / NODE_M)) + 1)
     near = np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(0, len(way) - 1)
     nodes = np.unique(np.concatenate([[0], near, [len(way) - 1]]))
@@ -184,22 +169,16 @@ def _commands(
 def _added(
     arm: ArmModel, q_wanted: NDArray[np.float64], estimate: Callable[[SE3], SE3], added: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the correction (6,) that a command adds to the wanted joints, starting from a guess.
-
-    It is updated by the difference between expected and wanted joints. An arm's errors are in its joints; with poses,
-    whose errors rotate with the gripper, the same iteration need not converge.
-    """
+    """Return the correction (6,) that a command adds to the wanted joints, starting from a guess."""
+    # Joints, in which an arm errs, are compared; with poses, whose errors rotate with the gripper, the same iteration
+    # need not converge.
     for _ in range(ROUNDS):
         added = added + q_wanted - ik_near(arm, estimate(fk(arm, q_wanted + added)), q_wanted)
     return added
 
 
 def _inside(arm: ArmModel, q: NDArray[np.float64], clamps: bool = False) -> NDArray[np.float64]:
-    """Return commands (..., 6) kept inside the joints' range.
-
-    Raises:
-        OutOfReach: they leave it by more than a small tolerance, and are not clamped.
-    """
+    """Return commands (..., 6) kept inside the joints' range; refuse those far outside unless it ``clamps``."""
     short = SHORT * (arm.upper - arm.lower)
     kept = np.clip(q, arm.lower + short, arm.upper - short)
     beyond = np.abs(q - kept) - short - LITTLE

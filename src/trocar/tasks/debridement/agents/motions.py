@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import trio
@@ -24,10 +24,8 @@ from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.debridement.goals import Workspace
 from trocar.trajectory import Trajectory
 
-JAW_AXIS = (0.0, 1.0, 0.0)
-"""Axis in the tip's frame along which the discs of the marks face."""
-MAX_FACING_RAD = np.radians(75.0)
-"""Beyond this angle the marks are seen too much from the side."""
+JAW_AXIS = (0.0, 1.0, 0.0)  # axis in the tip's frame along which the discs of the marks face
+MAX_FACING_RAD = np.radians(75.0)  # beyond this angle the marks are seen too much from the side
 SUNK_M = 2.5e-3
 """For planning, the work surface is lowered by this and the margin: a finger's capsule is that much thicker than its
 end, and arms come close to the surface to take fragments."""
@@ -35,8 +33,7 @@ HIGHER_M = 10e-3
 """For planning, the receptacle's walls are this much higher, because a carried fragment hangs lower than the
 fingers."""
 PATH_STEP_S = 0.05
-LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1
-"""Interval between two checks of how long an arm has until it is to be stopped."""
+LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1  # interval between two checks of how long an arm has until it is to be stopped
 
 
 class NotItsTurn(MotionRefused):
@@ -47,7 +44,7 @@ class NoMotion(MotionRefused):
     """An arm does not come further: no plan was found, or the robot refused it, or stopped it before a collision.
 
     Attributes:
-        arm: name of the arm.
+        arm: its name.
         cause: why.
         lasting: only other estimates would help, because no other arm is in the way.
     """
@@ -91,8 +88,7 @@ class TipGoal:
     T_world_through: SE3 | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _Answer:
+class _Answer(NamedTuple):
     """What an arm is to do: run a motion up to a time of its own, or nothing, or it cannot."""
 
     motion: Trajectory | None = None
@@ -108,30 +104,23 @@ class MotionProblems:
         cell: the laboratory.
         robot: the same robot, which estimates where the arms are.
         workspace: what is known of the work surface.
-        limits: of velocity and acceleration, by arm.
-        margin_m: to keep between arms and to obstacles.
+        settings: of the method.
     """
 
     cell: Cell
     robot: Adjusted
     workspace: Workspace
-    limits: Mapping[str, MotionLimits]
-    margin_m: float
-
-    @cached_property
-    def table(self) -> HalfSpace:
-        """Return the distance to keep from the work surface."""
-        T_world_table = self.cell.T_world_fixture["table"]
-        normal = T_world_table.rotation.matrix[:, 2]
-        return HalfSpace(T_world_table.translation_m - (SUNK_M + self.margin_m) * normal, normal)
+    settings: Settings
 
     def obstacles(self, beside_wall: bool) -> dict[str, Obstacle]:
         """Return work surface and receptacle as obstacles, for travelling or for going down beside a wall."""
-        box = self.workspace.receptacle
+        T_world_table, box = self.cell.T_world_fixture["table"], self.workspace.receptacle
+        normal = T_world_table.rotation.matrix[:, 2]
+        table = HalfSpace(T_world_table.translation_m - (SUNK_M + self.settings.margin_m) * normal, normal)
         height_m = box.height_m + (0.0 if beside_wall else HIGHER_M)
         T_world_receptacle = self.cell.T_world_fixture["receptacle"]
         walls = open_box("receptacle", T_world_receptacle, inside_m=box.size_m, height_m=height_m, radius_m=box.wall_m)
-        return {"table": self.table, **walls}
+        return {"table": table, **walls}
 
     def of(self, goals: Mapping[str, TipGoal], delay_s: float) -> MotionProblem:
         """Return the problem of these arms beside the others, for motions that start ``delay_s`` from now."""
@@ -141,7 +130,7 @@ class MotionProblems:
             {name: self._motion(name, goal) for name, goal in goals.items()},
             others=others,
             obstacles=self.obstacles(any(goal.beside_wall for goal in goals.values())) if free else {},
-            min_distance_m=self.margin_m,
+            min_distance_m=self.settings.margin_m,
         )
 
     def clear(self, name: str, T_world_tip: SE3, jaw_rad: float, beside_wall: bool) -> bool:
@@ -149,12 +138,13 @@ class MotionProblems:
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
         q = ik(model, T_world_base.inverse() @ T_world_tip, reference=self.robot.setpoint(name).q)
         there = MovingArm.resting(model, q, T_world_base, jaw_rad)
-        found = swept_clearance({name: there}, obstacles=self.obstacles(beside_wall), enough_m=self.margin_m)
-        return found.distance_m >= self.margin_m
+        found = swept_clearance({name: there}, obstacles=self.obstacles(beside_wall), enough_m=self.settings.margin_m)
+        return found.distance_m >= self.settings.margin_m
 
     def _motion(self, name: str, goal: TipGoal) -> ArmMotion:
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
-        q = self.robot.setpoint(name).q
+        q, share, most = self.robot.setpoint(name).q, self.settings.limits_share, model.motion_limits
+        limits = MotionLimits(share * most.velocity, share * most.acceleration)
         through = () if goal.T_world_through is None else (goal.T_world_through,)
         T_world_goals = SE3.unchecked(np.stack([T.matrix for T in (*through, goal.T_world_tip)]))
         T_world_camera = self.cell.T_world_camera_registered[CAMERA]
@@ -163,25 +153,20 @@ class MotionProblems:
             facing.angle_rad(T) < MAX_FACING_RAD for T in (goal.T_world_tip, T_world_base @ fk(model, q))
         )  # an arm whose marks cannot be seen now has to come back first
         return ArmMotion(
-            model,
-            q[None],
-            self.limits[name],
-            T_world_base=T_world_base,
-            T_base_goals=T_world_base.inverse() @ T_world_goals,
-            jaw_rad=self.robot.read(name).jaw_rad,
-            max_tip_m_s=goal.speed_m_s,
-            facing=facing if within else None,
-        )
+            model, q[None], limits, T_world_base=T_world_base,
+            T_base_goals=T_world_base.inverse() @ T_world_goals, jaw_rad=self.robot.read(name).jaw_rad,
+            max_tip_m_s=goal.speed_m_s, facing=facing if within else None,
+        )  # fmt: skip
 
     def _other(self, name: str, delay_s: float) -> MovingArm:
         """Return what another arm is doing, shifted to where it is commanded now."""
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
-        jaw_rad, course = self.robot.read(name).jaw_rad, self.robot.course(name)
+        jaw_rad, course, setpoint = self.robot.read(name).jaw_rad, self.robot.course(name), self.robot.setpoint(name)
         if course is None:
-            return MovingArm.resting(model, self.robot.setpoint(name).q, T_world_base, jaw_rad)
+            return MovingArm.resting(model, setpoint.q, T_world_base, jaw_rad)
         trajectory, began_s = course
         coefficients = trajectory.coefficients.copy()
-        coefficients[-1] += self.robot.setpoint(name).q - trajectory(self.robot.setpoint(name).path_s)
+        coefficients[-1] += setpoint.q - trajectory(setpoint.path_s)
         start_s = began_s - self.cell.clock.now_s() - delay_s
         return MovingArm(model, Trajectory(trajectory.times_s, coefficients), T_world_base, start_s, jaw_rad)
 
@@ -191,17 +176,12 @@ class MotionRunner:
 
     One arm is planned at a time, and what the other does meanwhile is a moving obstacle (V-C.1, decentralised); or, if
     the settings are ``centralised``, both at once as soon as each has asked, with one clock for all plans.
-
-    Args:
-        problems: of the cell.
-        coordinator: of the arms.
-        planner: of motions.
-        settings: of the method.
     """
 
-    def __init__(self, problems: MotionProblems, coordinator: Coordinator, planner: Planner, settings: Settings):
-        self._cell, self._robot, self.problems = problems.cell, problems.robot, problems
-        self._coordinator, self._planner, self._settings = coordinator, planner, settings
+    def __init__(self, problems: MotionProblems, coordinator: Coordinator, planner: Planner):
+        self.problems, self._cell, self._robot = problems, problems.cell, problems.robot
+        self._settings = problems.settings
+        self._coordinator, self._planner = coordinator, planner
         self._planning = trio.Lock()
         self._moved_alone = ""
 

@@ -23,29 +23,21 @@ from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.debridement.perception.fragments import SAME_M, SeenFragment
 
 CAMERA = "stereo"
-FROZEN = 3
-"""After this many identical images in a row, although an arm has moved, the camera counts as frozen."""
+FROZEN = 3  # after this many identical images in a row, although an arm has moved, the camera counts as frozen
 LOST_S = 1.0
 MARGIN_M, LOST_MARGIN_M = 0.008, 0.020
 """Margin of a window round the gripper, and a larger one if it has not been seen for longer than ``LOST_S``."""
-HELD_MARGIN_M = 0.016
-"""Margin if it may hold a fragment, which sticks out of the jaws."""
-MOVED_M = 2e-3
-"""An arm that has moved by this much changes some pixel."""
-SHORT_S = 0.01
-"""Minimum pause between two looks at a gripper."""
-AGAIN_S = 0.2
-"""Pause before another try after an image that shows nothing new, or not what is needed."""
-LYING_M = 0.012
-"""Middles of fragments on the work surface are lower than this; others are held, and not remembered."""
+HELD_MARGIN_M = 0.016  # margin if it may hold a fragment, which sticks out of the jaws
+MOVED_M = 2e-3  # an arm that has moved by this much changes some pixel
+SHORT_S = 0.01  # minimum pause between two looks at a gripper
+AGAIN_S = 0.2  # pause before another try after an image that shows nothing new, or not what is needed
+LYING_M = 0.012  # middles of fragments on the work surface are lower than this; others are held, and not remembered
 ROUND_M = 0.008
 """An arm may hide fragments this far beyond its outline: its pose is an estimate, and what it carries sticks out."""
 SHIFTED_M = 0.016
 """Jaws that approach a fragment may shift it unseen, by half of their opening plus half its length at most."""
-FINGERS = slice(2, 4)
-"""The fingers among an arm's capsules."""
-HIDDEN_LOOKS = 8
-"""Number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on."""
+FINGERS = slice(2, 4)  # the fingers among an arm's capsules
+HIDDEN_LOOKS = 8  # number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on
 
 
 class CameraFrozen(TrocarError):

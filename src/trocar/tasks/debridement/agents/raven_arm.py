@@ -26,20 +26,14 @@ meanwhile."""
 HIDDEN_TRIES = 8
 """It waits for this many looks (3 s) until its marks are visible. In that time the other arm passes, or it rests in
 front of them; then the fragment is left to that arm, which would otherwise stay where it hides the marks."""
-ENOUGH_PLACES = 6
-"""This many of several reachable places are tried, since the path to one may leave a joint's range."""
-RISE_SHARES = (1.0, 0.6, 0.3)
-"""Shares of the height by which an arm is to rise, if it cannot go that high."""
-FEW = 2
-"""If no other arm is in the way, it asks again only this many times, since estimates change only a little."""
+ENOUGH_PLACES = 6  # this many of several reachable places are tried, since the path to one may leave a joint's range
+RISE_SHARES = (1.0, 0.6, 0.3)  # shares of the height by which an arm is to rise, if it cannot go that high
+FEW = 2  # if no other arm is in the way, it asks again only this many times, since estimates change only a little
 LOW_M = 0.020
 """A tip lower than this over the work surface rises before moving elsewhere: open fingers end 9 mm below it."""
-WITHDRAWN_M = 0.006
-"""An arm that is too close to something rises by this, or moves aside as far."""
-ASKEW_RAD = 0.12
-"""In the last millimetres, a gripper is not turned again if its rotation is within this of the plan."""
-ARRIVED_HIGH_M = 6e-3
-"""Accuracy of heights in the air, where fragments are below the fingers."""
+WITHDRAWN_M = 0.006  # an arm that is too close to something rises by this, or moves aside as far
+ASKEW_RAD = 0.12  # in the last millimetres, a gripper is not turned again if its rotation is within this of the plan
+ARRIVED_HIGH_M = 6e-3  # accuracy of heights in the air, where fragments are below the fingers
 NEARER_M, IN_VAIN = 1e-3, 8
 """An arm gives up its goal after this many steps in a row, each of which brings it no closer than by this."""
 PRESSING_M, PRESSING = 2e-3, 2
@@ -47,8 +41,7 @@ PRESSING_M, PRESSING = 2e-3, 2
 neighbour. Further corrections would press until it slips away."""
 FIRST_SHARE = 0.5
 """The first descent is slower by this factor, because the change of kinematic errors with height is not known yet."""
-CLOSING_STEPS = 25
-"""A slow closing of the jaws consists of this many small steps."""
+CLOSING_STEPS = 25  # a slow closing of the jaws consists of this many small steps
 
 SEARCH_M = 0.01 * np.array([
     [0, 0, 0], [0, 0, -2], [-2, 0, -2], [-4, 0, -2], [-2, 2, -4],

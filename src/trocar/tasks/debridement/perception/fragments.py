@@ -24,36 +24,26 @@ from trocar.tasks.debridement.perception.regions import (
     split_convex,
 )  # fmt: skip
 
-SAME_M = 0.010
-"""Two places this close, seen from above, are the same fragment."""
-MIDDLE_M = 3.8e-3
-"""Assumed height of the middle of a fragment on the table, before it has been measured."""
+SAME_M = 0.010  # two places this close, seen from above, are the same fragment
+MIDDLE_M = 3.8e-3  # assumed height of the middle of a fragment on the table, before it has been measured
 MIDDLE_OF_MEAN = 0.6e-3, 0.54
 """Height of a fragment's middle from the mean height of its visible surface, constant and factor: a fit to random
 convex pieces with flat bottoms, which scatter about it by .2 mm."""
-USUAL_MEAN_M = 5.9e-3
-"""Mean height of the visible surface, if it cannot be measured."""
-BACK_M = 0.2e-3
-"""The middle of such a piece is this much farther from the eyes than the middle of its outline."""
-LYING_M = 11e-3
-"""Mean height of the visible surface above which a fragment is not on the table."""
-BEHIND_M = 2.2e-3
-"""Distance of a fragment's middle behind the mean of its visible surface."""
+USUAL_MEAN_M = 5.9e-3  # mean height of the visible surface, if it cannot be measured
+BACK_M = 0.2e-3  # the middle of such a piece is this much farther from the eyes than the middle of its outline
+LYING_M = 11e-3  # mean height of the visible surface above which a fragment is not on the table
+BEHIND_M = 2.2e-3  # distance of a fragment's middle behind the mean of its visible surface
 SINGLE_M2 = 75e-6
 """Largest outline of a single fragment with a notch: ragged foam is not two fragments, nor is one behind a finger."""
-LARGEST_M2, LONGEST_M = 150e-6, 20e-3
-"""Largest outline of one fragment; larger ones are several."""
+LARGEST_M2, LONGEST_M = 150e-6, 20e-3  # largest outline of one fragment; larger ones are several
 NOTCH_M = 0.7e-3
 SOLID = 0.93
-ALIKE = 0.85
-"""If the ratio of the areas in both eyes is below this, one of them sees only a part."""
+ALIKE = 0.85  # if the ratio of the areas in both eyes is below this, one of them sees only a part
 COMMON = 0.6
 """Share of the smaller outline that must overlap the other once both are shifted by the surface's disparity."""
 MIN_MATCHES = 25
-RIM_M = 0.35e-3
-"""This close to the outline, the matched windows also see the table."""
-WINDOW_M, WINDOW_PX = 1.7e-3, 7
-"""Width of the matched windows, and least width."""
+RIM_M = 0.35e-3  # this close to the outline, the matched windows also see the table
+WINDOW_M, WINDOW_PX = 1.7e-3, 7  # width of the matched windows, and least width
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +71,7 @@ class SeenFragment:
 
 @dataclass(frozen=True, eq=False)
 class TableView:
-    """A rectified pair over a table.
-
-    Attributes:
-        image: the pictures.
-        T_table_camera: pose of the left eye.
-        T_world_table: of the table.
-    """
+    """A rectified pair over a table, and the pose of its left eye."""
 
     image: StereoImage
     T_table_camera: SE3
@@ -100,7 +84,7 @@ class TableView:
         return eye + turned * ((height_m - eye[2]) / turned[..., 2])[..., None]
 
     def point(self, pixels: NDArray[np.float64], disparity_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (..., 3) in the table's frame for pixels of the left eye at a disparity."""
+        """Return points (..., 3) in the table's frame of pixels of the left eye at a disparity."""
         rig = self.image.rig
         ahead = rig.left.fx * rig.T_left_right.translation_m[0] / (disparity_px - rig.left.cx + rig.right.cx)
         return self.T_table_camera.apply(rays_through(rig.left, pixels) * ahead[..., None])
@@ -112,10 +96,8 @@ class TableView:
 
     def pixel_m(self, pixel: NDArray[np.float64]) -> float:
         """Return how wide a pixel of the left eye is on the table, across its view."""
-        ray = rays_through(self.image.rig.left, pixel)
-        return float(self.T_table_camera.translation_m[2] / -self.T_table_camera.rotation.apply(ray)[2]) / (
-            self.image.rig.left.fx
-        )
+        lens, T = self.image.rig.left, self.T_table_camera
+        return float(T.translation_m[2] / -T.rotation.apply(rays_through(lens, pixel))[2]) / lens.fx
 
 
 def find_fragments(image: StereoImage, T_world_camera: SE3, T_world_table: SE3) -> list[SeenFragment]:
@@ -141,7 +123,8 @@ def _singles(view: TableView, left: Region, right: Region) -> list[tuple[Region,
 
     Both outlines are superimposed: a notch in both is between two fragments; a notch in one eye only is from a finger.
     """
-    disparity = _shift(view, left, right)
+    partly = min(left.area_px, right.area_px) <= ALIKE * max(left.area_px, right.area_px)
+    disparity = view.plane(left.middle_px, MIDDLE_M) if partly else float(left.middle_px[0] - right.middle_px[0])
     both = left.mask | shifted_onto(left, right, disparity)
     pixel_m = view.pixel_m(left.middle_px)
     v, u = np.nonzero(both)
@@ -159,13 +142,6 @@ def _singles(view: TableView, left: Region, right: Region) -> list[tuple[Region,
     return found
 
 
-def _shift(view: TableView, left: Region, right: Region) -> float:
-    """Return the disparity that superimposes both outlines best."""
-    if min(left.area_px, right.area_px) > ALIKE * max(left.area_px, right.area_px):
-        return float(left.middle_px[0] - right.middle_px[0])
-    return view.plane(left.middle_px, MIDDLE_M)
-
-
 def _depth(view: TableView, left: Region, right: Region) -> tuple[float, float] | None:
     """Return disparity in px and mean height above the table of an object's visible part; None if the eyes disagree.
 
@@ -181,9 +157,9 @@ def _depth(view: TableView, left: Region, right: Region) -> tuple[float, float] 
         return bool(np.count_nonzero(left.mask & shifted_onto(left, right, disparity)) >= least)
 
     for top_m in (1.3 * LYING_M, HIGHEST_M):
-        surface = _matched(view, left, (lowest, max(view.plane(corner, top_m) for corner in corners)))
-        if surface is not None and agrees(disparity := float(np.median(surface[1]))):
-            return disparity, float(surface[0][:, 2].mean())
+        matched = _matched(view, left, (lowest, max(view.plane(corner, top_m) for corner in corners)))
+        if matched is not None and agrees(disparity := float(np.median(matched[1]))):
+            return disparity, float(view.point(*matched)[:, 2].mean())
     disparity = view.plane(left.middle_px, MIDDLE_M)
     return (disparity, USUAL_MEAN_M) if agrees(disparity) else None
 
@@ -191,20 +167,18 @@ def _depth(view: TableView, left: Region, right: Region) -> tuple[float, float] 
 def _matched(
     view: TableView, left: Region, disparity_px: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    image, (u, v), (high, wide) = view.image, left.corner_px, left.mask.shape
-    window = 2 * round(0.5 * WINDOW_M / view.pixel_m(left.middle_px)) + 1
-    found = disparity_map(
-        image.left[..., 0], image.right[..., 0], (u, v, wide, high), disparity_px, max(window, WINDOW_PX)
-    )
-    rim = max(1, round(RIM_M / view.pixel_m(left.middle_px)))
+    """Return the pixels (n, 2) of the left region away from its rim that are matched, and their disparities (n,)."""
+    image, (u, v), (high, wide), pixel_m = view.image, left.corner_px, left.mask.shape, view.pixel_m(left.middle_px)
+    window = max(2 * round(0.5 * WINDOW_M / pixel_m) + 1, WINDOW_PX)
+    found = disparity_map(image.left[..., 0], image.right[..., 0], (u, v, wide, high), disparity_px, window)
+    rim = max(1, round(RIM_M / pixel_m))
     framed = cv2.copyMakeBorder(left.mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
     inner = cv2.erode(framed, np.ones((3, 3), np.uint8), iterations=rim)
     good = np.isfinite(found) & (inner[1:-1, 1:-1] > 0)
     if good.sum() < max(MIN_MATCHES, 0.2 * np.count_nonzero(inner)):
         return None
     rows, columns = np.nonzero(good)
-    disparities = found[good]
-    return view.point(np.column_stack([columns + u, rows + v]).astype(np.float64), disparities), disparities
+    return np.column_stack([columns + u, rows + v]).astype(np.float64), found[good]
 
 
 def _fragment(view: TableView, left: Region, right: Region) -> SeenFragment | None:

@@ -25,12 +25,10 @@ from trocar.tasks.debridement.perception.marks import (
     seen_blobs,
 )  # fmt: skip
 
-MIN_MARKS, MIN_SPOTS = 3, 6
-"""With fewer, a direction is undetermined, or hardly anything would reveal a wrong pose."""
+MIN_MARKS, MIN_SPOTS = 3, 6  # with fewer, a direction is undetermined, or hardly anything would reveal a wrong pose
 ROUGH_PX, FINAL_PX, FOCAL_PX = 5.0, 0.7, 1600.0
 """Maximum RMS distance of the spots from the marks, at this focal length: before and after occlusions are known."""
-MAX_SD_M, MAX_SD_RAD = 0.6e-3, np.radians(4.0)
-"""A pose that the spots determine less precisely is rejected."""
+MAX_SD_M, MAX_SD_RAD = 0.6e-3, np.radians(4.0)  # a pose that the spots determine less precisely is rejected
 HIDDEN = (0.4, 0.6, 0.75, 0.75)
 """A spot with less than this share of its area in the drawing is partly hidden by something else; one value per
 drawing, since the first drawings are of poses that are not accurate yet."""

@@ -15,10 +15,8 @@ from trocar.perception.depth import distort
 from trocar.perception.image import Intrinsics
 from trocar.tasks.debridement.perception.marks import tip_from_finger
 
-SIDES = 10
-"""Number of sides of the prism that represents a mark."""
-NEAREST_M, LARGEST_PX = 1e-2, 1200
-"""A drawing that would be nearer or larger belongs to an impossible pose."""
+SIDES = 10  # number of sides of the prism that represents a mark
+NEAREST_M, LARGEST_PX = 1e-2, 1200  # a drawing that would be nearer or larger belongs to an impossible pose
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,19 +18,16 @@ from trocar.perception.depth import rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.perception.stereo import triangulate
 
-FARTHEST_M = 0.6
-"""A mark farther away than this is too small to be trusted."""
+FARTHEST_M = 0.6  # a mark farther away than this is too small to be trusted
 NEAREST_M = 0.08
 MIN_SHARE = 0.12
 """Least share of a mark's disc at the greatest distance; smaller spots are noise, or slivers beside what hides the
 mark."""
-MAX_BLOBS = 4
-"""Maximum number of spots of one colour in one picture that are considered, the largest first."""
+MAX_BLOBS = 4  # maximum number of spots of one colour in one picture that are considered, the largest first
 MAX_MISS_M = 1.2e-3
 """Maximum distance by which the rays to one mark may miss each other; if half of a mark is hidden from one eye, it
 shifts this far."""
-SPACING_OFF_M = 2.5e-3
-"""Maximum error of the distance between a finger's two marks."""
+SPACING_OFF_M = 2.5e-3  # maximum error of the distance between a finger's two marks
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,12 +132,10 @@ def seen_blobs(image: StereoImage, marks: FingerMarks) -> list[tuple[list[Blob],
 
 JAW_GUESSES = np.radians(np.arange(0.0, 125.0, 15.0))
 JAW_RANGE = np.radians([-12.0, 135.0])
-MAX_ROUGH_M = 3e-3
-"""Maximum RMS distance of the marks from their places for a guess good enough to refine."""
+MAX_ROUGH_M = 3e-3  # maximum RMS distance of the marks from their places for a guess good enough to refine
 STEPS = 8
 STEP_DONE = 1e-6
-SPOT_SD_PX = 0.25
-"""Standard deviation of a spot's middle from which the uncertainty of a fit is computed."""
+SPOT_SD_PX = 0.25  # standard deviation of a spot's middle from which the uncertainty of a fit is computed
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,16 +13,12 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3
 from trocar.perception.image import StereoRig
 
-MIN_AREA_M2 = 3e-6
-"""Least visible area of a fragment, at the table; smaller spots are noise."""
-OVERLAP = 0.25
-"""Regions whose overlap is a larger share of the smaller one show the same object."""
+MIN_AREA_M2 = 3e-6  # least visible area of a fragment, at the table; smaller spots are noise
+OVERLAP = 0.25  # regions whose overlap is a larger share of the smaller one show the same object
 ROW_PX = 0.012
 """Maximum difference in rows between the middles of one object (when half hidden), as a share of the focal length."""
-HIGHEST_M = 0.15
-"""Maximum height above the table at which fragments are carried."""
-ACROSS = 0.15
-"""Least distance along the outline between the ends of a cut, as a share of the outline's length."""
+HIGHEST_M = 0.15  # maximum height above the table at which fragments are carried
+ACROSS = 0.15  # least distance along the outline between the ends of a cut, as a share of the outline's length
 CUT_PX = 2
 CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
@@ -69,14 +65,12 @@ class Region:
 
     def united(self, right: Region, disparity_px: float) -> Region:
         """Return the union of this left region and a right one shifted by a disparity."""
-        shifts = ((self, 0), (right, round(disparity_px)))
-        ends = [(region.corner_px[0] + shift, region.corner_px[1], region.mask) for region, shift in shifts]
-        u, v = min(end[0] for end in ends), min(end[1] for end in ends)
-        wide = max(end[0] + end[2].shape[1] for end in ends) - u
-        high = max(end[1] + end[2].shape[0] for end in ends) - v
-        mask = np.zeros((high, wide), dtype=np.uint8)
-        for left, top, part in ends:
-            mask[top - v : top - v + part.shape[0], left - u : left - u + part.shape[1]] |= part
+        (u0, v0), (u1, v1) = self.corner_px, (right.corner_px[0] + round(disparity_px), right.corner_px[1])
+        (high0, wide0), (high1, wide1) = self.mask.shape, right.mask.shape
+        u, v = min(u0, u1), min(v0, v1)
+        size = max(v0 + high0, v1 + high1) - v, max(u0 + wide0, u1 + wide1) - u
+        canvas = Region(np.zeros(size, np.uint8), (u, v))
+        mask = shifted_onto(canvas, self, 0) | shifted_onto(canvas, right, disparity_px)
         return Region(mask, (u, v), max(self.pieces, right.pieces))
 
 
@@ -108,14 +102,8 @@ def group_regions(
 ) -> list[tuple[Region, Region]]:
     """Return the objects that both eyes of a rectified pair see.
 
-    Objects on the table appear at the same place once the right picture is shifted by the disparity of the table; this
-    joins the pieces of an object that is split in one eye. The rest is paired by rows, at greater heights.
-
-    Args:
-        masks: 255 at the red pixels of the left and the right picture.
-        rig: the rectified cameras.
-        T_table_camera: pose of the left one.
-        height_m: above the table, at which the pictures are superimposed.
+    Objects on the table appear at the same place once the right picture is shifted by the disparity of a height above
+    the table; this joins the pieces of an object that is split in one eye. The rest is paired by rows, further up.
     """
     least = MIN_AREA_M2 * rig.left.fx**2 / T_table_camera.translation_m[2] ** 2 / 2
     labels = [_labelled(mask, least) for mask in masks]
@@ -203,12 +191,8 @@ def split_convex(mask: NDArray[np.uint8], notch_px: float, least_px: float) -> l
     """Return the parts of a mask (h, w), cut between its notches until each is roughly convex; 255 inside a part.
 
     Convex objects whose outlines overlap leave notches where they meet. A cut goes from the deepest notch to the
-    nearest other one of similar depth, or straight across.
-
-    Args:
-        mask: 255 inside the objects, one connected piece or several.
-        notch_px: depth from which on a notch counts.
-        least_px: area of a part; a cut that would leave less is not made.
+    nearest other one of similar depth, or straight across. Notches less deep than ``notch_px`` do not count, and no cut
+    leaves a part of less than ``least_px``.
     """
     parts: list[NDArray[np.uint8]] = []
     rest = _pieces(mask, least_px)
@@ -236,11 +220,8 @@ def solidity(mask: NDArray[np.uint8]) -> float:
 
 def _pieces(mask: NDArray[np.uint8], least_px: float) -> list[NDArray[np.uint8]]:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    return [
-        np.where(labels == k, 255, 0).astype(np.uint8)
-        for k in range(1, count)
-        if stats[k, cv2.CC_STAT_AREA] >= least_px
-    ]
+    large = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= least_px]
+    return [np.where(labels == k, 255, 0).astype(np.uint8) for k in large]
 
 
 def _cut(mask: NDArray[np.uint8], notch_px: float) -> NDArray[np.uint8] | None:

@@ -18,16 +18,13 @@ from trocar.tasks.debridement.perception.fragments import SeenFragment, find_fra
 from trocar.tasks.debridement.perception.gripper import SeenGripper, find_gripper
 
 MARGIN_M = 0.02
-JAWS_M = 0.012
-"""Half the size of the box round the controlled point that contains both fingers."""
-LEAST_PX = 32
-"""Least width and height of a window."""
+JAWS_M = 0.012  # half the size of the box round the controlled point that contains both fingers
+LEAST_PX = 32  # least width and height of a window
 BEYOND_AXIS_M = (4e-3, 28e-3)
 """Range, beyond the jaw axis, of the middle of a held fragment; the fingers end at 20 mm."""
 ASIDE_M = 9e-3
 """Half-width of that box along the jaw axis and across; across, the distance of the fingers' ends is added."""
-MIN_AREA_M2 = 6e-6
-"""Least red area between the fingers, as seen by the left eye; a fragment has 60 mm^2."""
+MIN_AREA_M2 = 6e-6  # least red area between the fingers, as seen by the left eye; a fragment has 60 mm^2
 BEHIND_M = 0.04
 """The background of the jaws is up to this much further away: on the work surface, or in the receptacle."""
 CORNERS = np.array([[i >> k & 1 for k in range(3)] for i in range(8)])

@@ -23,11 +23,9 @@ if TYPE_CHECKING:
 ROOM_M, ABOVE_M = 0.012, 0.035
 """Margin round a fragment, and above it and the receptacle's floor, in a picture's frame."""
 
-MAX_FAILURES = 3
-"""Maximum number of failures noted by a script that get a picture."""
+MAX_FAILURES = 3  # maximum number of failures noted by a script that get a picture
 
-APART_S = 0.5
-"""Anything earlier than this looks like the start."""
+APART_S = 0.5  # anything earlier than this looks like the start
 
 STEPS = {"closing": "jaws open round it", "pickup": "lifted, and looked at", "releasing": "over the receptacle"}
 """Events of the first grasp, in order, with their captions."""

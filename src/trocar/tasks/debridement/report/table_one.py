@@ -12,8 +12,7 @@ from scipy.stats import beta
 
 from trocar.report.tables import figure
 
-PARTS = ("perception", "planning", "motion", "waiting")
-"""The parts of the time per fragment in Table I."""
+PARTS = ("perception", "planning", "motion", "waiting")  # the parts of the time per fragment in Table I
 
 MODES = {
     "fragment_false_negatives": "fragment false negative",
@@ -97,8 +96,7 @@ TABLE_1 = {
 }
 """The robot's columns, by variant of the task."""
 
-SPEEDUP = 1.5
-"""The two-arm system was faster than the one-arm system by this factor on average (VI-A)."""
+SPEEDUP = 1.5  # the two-arm system was faster than the one-arm system by this factor on average (VI-A)
 
 HEAD = ("", "person", "paper", "ours", "within")
 
