@@ -19,17 +19,11 @@ class Clearing(NamedTuple):
 
 @dataclass(frozen=True)
 class Receptacle:
-    """An open box on the work surface; its frame has the origin in the middle of its floor, z up, x along its length.
+    """An open box on the work surface; origin of its frame in the middle of its floor, z up, x along its length."""
 
-    Attributes:
-        size_m: inner length and width; 11 x 7 cm (Kehoe 2014, VI).
-        height_m: of its walls (assumed).
-        wall_m: their thickness (assumed).
-    """
-
-    size_m: tuple[float, float] = (0.110, 0.070)
-    height_m: float = 0.012
-    wall_m: float = 0.002
+    size_m: tuple[float, float] = (0.110, 0.070)  # inner length and width; 11 x 7 cm (Kehoe 2014, VI)
+    height_m: float = 0.012  # of its walls (assumed)
+    wall_m: float = 0.002  # their thickness (assumed)
 
     def holds(self, p_receptacle: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether points (..., 3) in the receptacle's frame lie between its walls, below their edge."""

@@ -36,23 +36,14 @@ REST_S = 0.5  # a free fragment is judged after this time: it falls 10 cm in .14
 
 @dataclass(frozen=True)
 class Closing:
-    """One closing of an arm's jaws near the work surface; rows of the truth.
+    """One closing of an arm's jaws near the work surface; rows of the truth."""
 
-    Attributes:
-        arm: whose.
-        start: when the jaws began to close.
-        closed: when they had closed.
-        opened: when they began to open again; the last row if they did not.
-        next: when the arm's next closing begins; the last row if there is none.
-        gripped: fragments that were between the closed fingers.
-    """
-
-    arm: str
-    start: int
-    closed: int
-    opened: int
-    next: int
-    gripped: tuple[int, ...]
+    arm: str  # whose
+    start: int  # when the jaws began to close
+    closed: int  # when they had closed
+    opened: int  # when they began to open again; the last row if they did not
+    next: int  # when the arm's next closing begins; the last row if there is none
+    gripped: tuple[int, ...]  # fragments that were between the closed fingers
 
 
 def closings_of(truth: DebridementTruth) -> list[Closing]:

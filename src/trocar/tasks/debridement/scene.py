@@ -28,17 +28,11 @@ SHADE = 0.08  # standard deviation of the brightness from patch to patch
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A flat mound that collides with nothing.
+    """A flat mound that collides with nothing."""
 
-    Attributes:
-        half_m: (3,) half axes, and height.
-        T_world_patch: pose of its foot.
-        color: linear RGB in [0, 1].
-    """
-
-    half_m: NDArray[np.float64]
-    T_world_patch: SE3
-    color: tuple[float, float, float]
+    half_m: NDArray[np.float64]  # (3,) half axes, and height
+    T_world_patch: SE3  # pose of its foot
+    color: tuple[float, float, float]  # linear RGB in [0, 1]
 
     def corners_m(self) -> NDArray[np.float64]:
         """Return the corners (n, 3) of its convex hull in its frame."""
@@ -77,19 +71,12 @@ ABOVE_M = 0.2e-3  # height above the work surface from which fragments are dropp
 
 @dataclass(frozen=True, eq=False)
 class Fragment:
-    """One piece of foam.
+    """One piece of foam."""
 
-    Attributes:
-        vertices_m: (n, 3) corners of its convex hull in its frame, whose origin is its centre of mass.
-        T_world_fragment: where it is dropped.
-        density_kg_m3: of the foam.
-        cling_n: force of static cling to a finger that touches it.
-    """
-
-    vertices_m: NDArray[np.float64]
-    T_world_fragment: SE3
-    density_kg_m3: float
-    cling_n: float
+    vertices_m: NDArray[np.float64]  # (n, 3) corners of its convex hull; the origin is its centre of mass
+    T_world_fragment: SE3  # where it is dropped
+    density_kg_m3: float  # of the foam
+    cling_n: float  # force of static cling to a finger that touches it
 
     @property
     def reach_m(self) -> float:
@@ -99,26 +86,14 @@ class Fragment:
 
 @dataclass(frozen=True, eq=False)
 class DebridementScene:
-    """The objects on the work surface in one trial.
+    """The objects on the work surface in one trial."""
 
-    Attributes:
-        T_world_table: the work surface: z up.
-        T_world_receptacle: true pose of the receptacle.
-        receptacle: its shape.
-        fragments: in any order.
-        backdrop: what covers the work surface: ``plain`` or ``tissue``.
-        tissue: patches on it, if it is tissue.
-        p_world_eyes_m: (n, 3) positions of the cameras' eyes, from which the referee checks which fragments could be
-            seen.
-    """
-
-    T_world_table: SE3
-    T_world_receptacle: SE3
-    receptacle: Receptacle
-    fragments: tuple[Fragment, ...]
-    backdrop: str = "plain"
-    tissue: tuple[Patch, ...] = ()
-    p_world_eyes_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    T_world_table: SE3  # the work surface: z up
+    T_world_receptacle: SE3  # true pose of the receptacle
+    receptacle: Receptacle  # its shape
+    fragments: tuple[Fragment, ...]  # in any order
+    tissue: tuple[Patch, ...] = ()  # patches on the work surface, if it looks like tissue
+    p_world_eyes_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) the cameras' eyes
 
 
 def lay_out(
@@ -137,13 +112,12 @@ def lay_out(
         T_world_receptacle @ SE3.from_parts(turn, shift),
         workspace.receptacle,
         tuple(fragments),
-        backdrop,
         lay_tissue(T_world_table, rng) if backdrop == "tissue" else (),
     )
 
 
 def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator) -> Fragment:
-    """Return a piece with a flat bottom, somewhere in the region."""
+    """Return a piece with a flat bottom, somewhere in the region; its origin is its centre of mass."""
     from scipy.spatial import ConvexHull  # slow to import; help of the task does not need it
 
     size = np.array([rng.uniform(*extent) for extent in (LENGTH_M, WIDTH_M, HEIGHT_M)])
@@ -153,24 +127,16 @@ def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator
     bottom = corners[:, 2] < -0.3
     corners[bottom, 2] = -0.6  # pieces are cut flat at the bottom, not torn, so they do not roll
     corners *= size / np.ptp(corners, axis=0)
-    hull = ConvexHull(corners)
-    corners = corners[hull.vertices]
-    corners -= _centre(corners)
+    corners = corners[ConvexHull(corners).vertices]
+    middle = corners.mean(axis=0)
+    faces = corners[ConvexHull(corners).simplices] - middle  # the bases of tetrahedra whose apex is the middle
+    volumes = np.abs(np.linalg.det(faces))
+    corners -= middle + (volumes[:, None] * faces.sum(axis=1) / 4).sum(axis=0) / volumes.sum()
     place = rng.uniform(*np.array(workspace.region_m))
     height = float(T_world_table.translation_m[2]) - corners[:, 2].min() + ABOVE_M
     turn = SO3.axis("z", rng.uniform(0.0, TURN))
     cling = rng.uniform(*CLING_N) if rng.uniform() < CLING_SHARE else 0.0
     return Fragment(corners, SE3.from_parts(turn, [*place, height]), rng.uniform(*DENSITY_KG_M3), cling)
-
-
-def _centre(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the centre of mass (3,) of a convex hull, from the tetrahedra between its middle and its faces."""
-    from scipy.spatial import ConvexHull
-
-    hull, middle = ConvexHull(corners), corners.mean(axis=0)
-    faces = corners[hull.simplices] - middle
-    volumes = np.abs(np.linalg.det(faces))
-    return middle + (volumes[:, None] * faces.sum(axis=1) / 4).sum(axis=0) / volumes.sum()
 
 
 def _apart(one: Fragment, other: Fragment) -> bool:

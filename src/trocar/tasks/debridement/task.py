@@ -38,7 +38,6 @@ gripper straight down, in at least nine of ten sessions, despite kinematic error
 them there; ``tests/tasks/debridement/test_task.py`` draws 24 sessions)."""
 WITHDRAWN_M = 0.10  # an idle arm is withdrawn into its port by this distance, out of the way, by a person
 
-_SETTINGS = "trocar.tasks.debridement.agents.settings"
 _METHOD = {
     "agent": Lazy("trocar.tasks.debridement.agents:DebridementAgent"),
     "calibrated": False,
@@ -55,8 +54,7 @@ class Debridement(Task):
 
     arms: int = option(2, "How many arms work, 1 or 2; with 1 the other stays parked.", metavar="N")
     fragments: int = option(6, f"How many fragments there are, 1 to {MOST_FRAGMENTS}.", metavar="N")
-    backdrop: str = option("plain", "What the fragments lie on: a white surface, or a likeness of tissue.",
-                           choices=BACKDROPS)  # fmt: skip
+    backdrop: str = option("plain", "What the fragments lie on: white, or a likeness of tissue.", choices=BACKDROPS)
     budget_s: float = option(1800.0, "A trial that takes longer is stopped.", flag="budget", metavar="S")
 
     name = "debridement"
@@ -66,15 +64,12 @@ class Debridement(Task):
     study = Lazy("trocar.tasks.debridement.report.study:DebridementStudy")
     station = "raven-pair"
     methods: ClassVar = {
-        "best": Method(
-            "joint errors are remembered by place, few stops, 5 cm/s", settings=Lazy(f"{_SETTINGS}:best"), **_METHOD
-        ),
-        "best-1cm": Method("the same at the paper's 1 cm/s", settings=Lazy(f"{_SETTINGS}:slow"), **_METHOD),
-        "paper": Method(
-            "the paper's rule and program: 1 cm/s, a new plan every 2.5 cm",
-            settings=Lazy(f"{_SETTINGS}:paper"),
-            **_METHOD,
-        ),
+        name: Method(about, settings=Lazy(f"trocar.tasks.debridement.agents.settings:{settings}"), **_METHOD)
+        for name, settings, about in (
+            ("best", "best", "joint errors are remembered by place, few stops, 5 cm/s"),
+            ("best-1cm", "slow", "the same at the paper's 1 cm/s"),
+            ("paper", "paper", "the paper's rule and program: 1 cm/s, a new plan every 2.5 cm"),
+        )
     }
     perceptions: ClassVar = {"stereo": Lazy("trocar.tasks.debridement.perception.stereo_view:StereoView")}
 
@@ -82,9 +77,8 @@ class Debridement(Task):
         if self.arms not in (1, 2):
             raise InvalidValue("the number of arms", self.arms, "give 1 or 2 with --arms")
         if not 1 <= self.fragments <= MOST_FRAGMENTS:
-            raise InvalidValue(
-                "the number of fragments", self.fragments, f"give 1 to {MOST_FRAGMENTS} with --fragments"
-            )
+            remedy = f"give 1 to {MOST_FRAGMENTS} with --fragments"
+            raise InvalidValue("the number of fragments", self.fragments, remedy)
         if self.backdrop not in BACKDROPS:
             raise UnknownName("backdrop", self.backdrop, BACKDROPS)
         check_budget(self.budget_s)

@@ -105,6 +105,6 @@ def test_drawings_look_as_the_marks_do(stage, turn, place, jaw_rad):
     drawing = draw_marks(ARM.instrument, ARM.tip_length_m, eye.intrinsics, T_eye_tip, jaw_rad, 4.0)
     for number, geom in enumerate(marks_of(stage, "left0", "left1", "right0", "right1")):
         v, u = np.nonzero(shown.ids[0] == geom)
-        drawn = drawing.pixels[number]
+        drawn = drawing[number]
         assert np.linalg.norm(drawn.mean(0) - [u.mean(), v.mean()]) < 0.3
-        assert len(drawn) * drawing.pixel_area == pytest.approx(len(u), rel=0.15)
+        assert len(drawn) / 4.0**2 == pytest.approx(len(u), rel=0.15)

@@ -44,19 +44,12 @@ class Successor:
 
 @dataclass(eq=False)
 class Course:
-    """The last motion of an arm.
+    """The last motion of an arm."""
 
-    Attributes:
-        desired: motion of the estimated joints.
-        commands: those sent for it, on the same time.
-        stop_s: time of the motion at which it is going to be stopped; None: at its end.
-        successor: what took over, if anything.
-    """
-
-    desired: Trajectory
-    commands: Trajectory
-    stop_s: float | None = None
-    successor: Successor | None = None
+    desired: Trajectory  # motion of the estimated joints
+    commands: Trajectory  # those sent for it, on the same time
+    stop_s: float | None = None  # time of the motion at which it is going to be stopped; None: at its end
+    successor: Successor | None = None  # what took over, if anything
 
     def drift(self, path_s: float) -> NDArray[np.float64]:
         """Return the change (6,) of estimated joints minus commands from its start to this time of it."""

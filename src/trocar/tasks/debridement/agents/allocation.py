@@ -32,48 +32,28 @@ PATIENCE_S = 20.0  # a place where an arm failed is avoided for this long, if th
 
 @dataclass(frozen=True, eq=False)
 class Failure:
-    """A fragment that an arm did not clear.
+    """A fragment that an arm did not clear."""
 
-    Attributes:
-        arm: which.
-        p_world_m: (3,) where the fragment lay.
-        time_s: when.
-        blocked: whether the arm found no path.
-    """
-
-    arm: str
-    p_world_m: NDArray[np.float64]
-    time_s: float
-    blocked: bool
+    arm: str  # which
+    p_world_m: NDArray[np.float64]  # (3,) where the fragment lay
+    time_s: float  # when
+    blocked: bool  # whether the arm found no path
 
 
 @dataclass
 class Allocation:
-    """Fragments that arms have claimed, cleared and failed at; all arms share it.
+    """Fragments that arms have claimed, cleared and failed at; all arms share it."""
 
-    Attributes:
-        coordinator: of the arms.
-        workspace: what is known of the work surface.
-        T_world_table: the work surface.
-        T_world_receptacle: where the receptacle is.
-        sides: of every arm that takes part: +1 at +x, the left one; -1 the right one.
-        goals: how many fragments are to be cleared.
-        claimed: position of the fragment claimed by each arm.
-        busy: arms that are not done.
-        cleared: fragments that arms let go over the receptacle.
-        failures: what went wrong, where and when.
-    """
-
-    coordinator: Coordinator
-    workspace: Workspace
-    T_world_table: SE3
-    T_world_receptacle: SE3
-    sides: dict[str, int]
-    goals: int
-    claimed: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    busy: set[str] = field(default_factory=set)
-    cleared: int = 0
-    failures: list[Failure] = field(default_factory=list)
+    coordinator: Coordinator  # of the arms
+    workspace: Workspace  # what is known of the work surface
+    T_world_table: SE3  # the work surface
+    T_world_receptacle: SE3  # where the receptacle is
+    sides: dict[str, int]  # of every arm that takes part: +1 at +x, the left one; -1 the right one
+    goals: int  # how many fragments are to be cleared
+    claimed: dict[str, NDArray[np.float64]] = field(default_factory=dict)  # place of each arm's fragment
+    busy: set[str] = field(default_factory=set)  # arms that are not done
+    cleared: int = 0  # fragments that arms let go over the receptacle
+    failures: list[Failure] = field(default_factory=list)  # what went wrong, where and when
     _full: int = 0
 
     def loose(self, fragments: Sequence[SeenFragment]) -> list[SeenFragment]:

@@ -71,21 +71,13 @@ def near_another_arm(arm: str, refusal: MotionRefused) -> bool:
 
 @dataclass(frozen=True)
 class TipGoal:
-    """One arm's next motion.
+    """One arm's next motion."""
 
-    Attributes:
-        T_world_tip: where its tip is to go.
-        speed_m_s: of the tip at most.
-        straight: a short piece down to a fragment or up from it: the fingers may be near the work surface.
-        beside_wall: a place so close to the receptacle that the true height of its walls has to be used.
-        T_world_through: a pose of the tip to pass on the way without a stop; None: none.
-    """
-
-    T_world_tip: SE3
-    speed_m_s: float
-    straight: bool = False
-    beside_wall: bool = False
-    T_world_through: SE3 | None = None
+    T_world_tip: SE3  # where its tip is to go
+    speed_m_s: float  # of the tip at most
+    straight: bool = False  # a short piece down to a fragment or up from it: the fingers may be near the work surface
+    beside_wall: bool = False  # a place so close to the receptacle that the true height of its walls has to be used
+    T_world_through: SE3 | None = None  # a pose of the tip to pass on the way without a stop; None: none
 
 
 class _Answer(NamedTuple):
@@ -98,19 +90,12 @@ class _Answer(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MotionProblems:
-    """Makes motion problems from goals, starting from the estimated state of everything.
+    """Makes motion problems from goals, starting from the estimated state of everything."""
 
-    Attributes:
-        cell: the laboratory.
-        robot: the same robot, which estimates where the arms are.
-        workspace: what is known of the work surface.
-        settings: of the method.
-    """
-
-    cell: Cell
-    robot: Adjusted
-    workspace: Workspace
-    settings: Settings
+    cell: Cell  # the laboratory
+    robot: Adjusted  # the same robot, which estimates where the arms are
+    workspace: Workspace  # what is known of the work surface
+    settings: Settings  # of the method
 
     def obstacles(self, beside_wall: bool) -> dict[str, Obstacle]:
         """Return work surface and receptacle as obstacles, for travelling or for going down beside a wall."""

@@ -35,19 +35,12 @@ ROOM_M = 1.0e-3  # least distance between the open jaws and a neighbouring fragm
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """How one fragment is grasped.
+    """How one fragment is grasped."""
 
-    Attributes:
-        T_world_above: tip above it.
-        T_world_grasp: tip with the fragment between the jaws.
-        open_rad: jaw opening before the grasp.
-        crowded: how many other fragments the jaws may catch.
-    """
-
-    T_world_above: SE3
-    T_world_grasp: SE3
-    open_rad: float
-    crowded: int
+    T_world_above: SE3  # tip above it
+    T_world_grasp: SE3  # tip with the fragment between the jaws
+    open_rad: float  # jaw opening before the grasp
+    crowded: int  # how many other fragments the jaws may catch
 
 
 class Places:

@@ -48,21 +48,13 @@ WINDOW_M, WINDOW_PX = 1.7e-3, 7  # width of the matched windows, and least width
 
 @dataclass(frozen=True, eq=False)
 class SeenFragment:
-    """One fragment, or a heap of them that cannot be told apart.
+    """One fragment, or a heap of them that cannot be told apart."""
 
-    Attributes:
-        p_world_m: (3,) best estimate of its centre of volume.
-        extent_m: (2,) long and short extent, seen from above.
-        yaw_rad: direction of the long extent in the world's x-y plane, [0, pi).
-        height_m: of its middle above the table.
-        area_px: of its pixels in the left picture.
-    """
-
-    p_world_m: NDArray[np.float64]
-    extent_m: NDArray[np.float64]
-    yaw_rad: float
-    height_m: float
-    area_px: int
+    p_world_m: NDArray[np.float64]  # (3,) best estimate of its centre of volume
+    extent_m: NDArray[np.float64]  # (2,) long and short extent, seen from above
+    yaw_rad: float  # direction of the long extent in the world's x-y plane, [0, pi)
+    height_m: float  # of its middle above the table
+    area_px: int  # of its pixels in the left picture
 
     def away_m(self, p_world_m: NDArray[np.float64]) -> float:
         """Return how far it is from a place (3,), seen from above."""

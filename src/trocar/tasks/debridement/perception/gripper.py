@@ -13,7 +13,7 @@ from trocar.arms import ArmModel
 from trocar.geometry import SE3
 from trocar.perception.depth import project
 from trocar.perception.image import StereoImage, StereoRig
-from trocar.tasks.debridement.perception.mark_picture import Drawing, draw_marks
+from trocar.tasks.debridement.perception.mark_picture import draw_marks
 from trocar.tasks.debridement.perception.marks import (
     JAW_RANGE,
     Fit,
@@ -39,15 +39,10 @@ time. Once the pose changes by less than the second value (m and rad), occlusion
 
 @dataclass(frozen=True, eq=False)
 class SeenGripper:
-    """A gripper as found from the marks on its fingers.
+    """A gripper as found from the marks on its fingers."""
 
-    Attributes:
-        T_world_tip: pose of the controlled point between the jaws, as the arm's model has it.
-        jaw_rad: opening of the jaws.
-    """
-
-    T_world_tip: SE3
-    jaw_rad: float
+    T_world_tip: SE3  # pose of the controlled point between the jaws, as the arm's model has it
+    jaw_rad: float  # opening of the jaws
 
 
 def find_gripper(image: StereoImage, T_world_camera: SE3, arm: ArmModel) -> SeenGripper | None:
@@ -105,8 +100,7 @@ def _credible(fit: Fit, rig: StereoRig, limit_px: float) -> bool:
 def _refined(fit: Fit, spots: Sequence[Spot], rig: StereoRig, arm: ArmModel) -> Fit | None:
     """Return the fit to spots corrected for occlusion by the fingers, without spots that something else hides."""
     marks, tip_length_m = arm.instrument.marks, arm.tip_length_m
-    if marks is None:
-        return None
+    assert marks is not None  # spots have been found
     finer = max(1.0, FOCAL_PX / rig.left.fx)
     for number, (fine, least) in enumerate(zip(FINE, HIDDEN, strict=True)):
         centers = fit.T_camera_tip.apply(mark_points_m(marks, tip_length_m, fit.jaw_rad))
@@ -117,8 +111,9 @@ def _refined(fit: Fit, spots: Sequence[Spot], rig: StereoRig, arm: ArmModel) -> 
             drawing = draw_marks(arm.instrument, tip_length_m, lens, T_eye_tip, fit.jaw_rad, fine * finer)
             if drawing is None:
                 return None
-            middles = project(lens, T_eye_left.apply(centers))
-            better += [_compared(spot, drawing, middles[spot.mark], least) for spot in spots if spot.right == right]
+            middles, pixel_area = project(lens, T_eye_left.apply(centers)), 1.0 / (fine * finer) ** 2
+            mine = [spot for spot in spots if spot.right == right]
+            better += [_compared(spot, drawing, pixel_area, middles[spot.mark], least) for spot in mine]
         known = [spot for spot in better if spot is not None]
         if len(known) < MIN_SPOTS or len({spot.mark for spot in known}) < MIN_MARKS:
             return None
@@ -130,14 +125,16 @@ def _refined(fit: Fit, spots: Sequence[Spot], rig: StereoRig, arm: ArmModel) -> 
     return fit if _credible(fit, rig, FINAL_PX) else None
 
 
-def _compared(spot: Spot, drawing: Drawing, center_px: NDArray[np.float64], least: float) -> Spot | None:
+def _compared(
+    spot: Spot, drawing: list[NDArray[np.float64]], pixel_area: float, center_px: NDArray[np.float64], least: float
+) -> Spot | None:
     """Return a spot with the middle of its mark, or None if it looks unlike its drawing."""
-    drawn, merged = drawing.pixels[spot.mark], spot.blob.merged_px
+    drawn, merged = drawing[spot.mark], spot.blob.merged_px
     middle, area = spot.blob.middle_px, spot.blob.area_px
     if not len(drawn):
         return None
     if merged is not None:
-        neighbour = drawing.pixels[spot.mark ^ 1]
+        neighbour = drawing[spot.mark ^ 1]
         if not len(neighbour):
             return None
         # cut the seen and the drawn spot along the same line
@@ -147,7 +144,7 @@ def _compared(spot: Spot, drawing: Drawing, center_px: NDArray[np.float64], leas
         if not len(seen) or not len(drawn):
             return None
         middle, area = seen.mean(0), float(len(seen))
-    share = area / (len(drawn) * drawing.pixel_area)
+    share = area / (len(drawn) * pixel_area)
     if not least <= share <= 1 / least:
         return None
     return replace(spot, middle_px=middle + center_px - drawn.mean(0))

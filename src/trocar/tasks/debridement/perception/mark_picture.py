@@ -21,21 +21,13 @@ NEAREST_M, LARGEST_PX = 1e-2, 1200  # a drawing that would be nearer or larger b
 
 @dataclass(frozen=True, eq=False)
 class _Faces:
-    """Flat faces of both fingers and their marks, jaws closed.
+    """Flat faces of both fingers and their marks, jaws closed."""
 
-    Attributes:
-        corners_m: (n, 3) of all faces one after another, in their finger's frame.
-        ends: (faces,) where each face's corners end.
-        normals: (faces, 3) outward.
-        side: (faces,) +1 of the left finger, -1 of the right one.
-        mark: (faces,) number of the mark, -1 for a finger.
-    """
-
-    corners_m: NDArray[np.float64]
-    ends: NDArray[np.intp]
-    normals: NDArray[np.float64]
-    side: NDArray[np.intp]
-    mark: NDArray[np.intp]
+    corners_m: NDArray[np.float64]  # (n, 3) of all faces one after another, in their finger's frame
+    ends: NDArray[np.intp]  # (faces,) where each face's corners end
+    normals: NDArray[np.float64]  # (faces, 3) outward
+    side: NDArray[np.intp]  # (faces,) +1 of the left finger, -1 of the right one
+    mark: NDArray[np.intp]  # (faces,) number of the mark, -1 for a finger
 
 
 @lru_cache(maxsize=16)
@@ -70,23 +62,10 @@ def _faces(shape: Instrument, marks: FingerMarks) -> _Faces:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """A gripper's marks as seen by an eye.
-
-    Attributes:
-        pixels: for each mark u, v (n, 2) of its visible pixels in the eye's picture.
-        pixel_area: of each of these, in pixels of the picture.
-    """
-
-    pixels: tuple[NDArray[np.float64], ...]
-    pixel_area: float
-
-
 def draw_marks(
     shape: Instrument, tip_length_m: float, lens: Intrinsics, T_eye_tip: SE3, jaw_rad: float, fine: float
-) -> Drawing | None:
-    """Return how an eye sees the marks of a gripper in a pose, or None if they cannot all be in front of it.
+) -> list[NDArray[np.float64]] | None:
+    """Return u, v (n, 2) of each mark's visible pixels as an eye sees a gripper, or None if it cannot be before it.
 
     Args:
         shape: an instrument with marks.
@@ -114,7 +93,7 @@ def draw_marks(
     owner = _drawn(faces, (pixels - first) * fine, corners, normals, (high, wide), rays)
     v, u = np.nonzero(owner >= 0)
     marks, places = owner[v, u], np.column_stack([u, v]) / fine + first + [lens.cx, lens.cy]
-    return Drawing(tuple(places[marks == mark] for mark in range(4)), 1.0 / fine**2)
+    return [places[marks == mark] for mark in range(4)]
 
 
 def _opened(points: NDArray[np.float64], side: NDArray[np.intp], jaw_rad: float) -> NDArray[np.float64]:

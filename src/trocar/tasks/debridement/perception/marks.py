@@ -37,7 +37,7 @@ class Blob:
     Attributes:
         middle_px: (2,) u, v of its centroid.
         area_px: number of its pixels.
-        merged_px: (n, 2) pixels of the whole spot if this is one half of it: two marks may look like one spot.
+        merged_px: (n, 2) the whole spot if this is a half of it: two marks may look like one.
     """
 
     middle_px: NDArray[np.float64]
@@ -47,11 +47,12 @@ class Blob:
 
 @dataclass(frozen=True, eq=False)
 class MarkPair:
-    """One mark in both eyes, and where it is: (3,) in the left camera's frame."""
+    """One mark in both eyes, where it is (3,) in the left camera's frame, and how far the rays to it miss."""
 
     left: Blob
     right: Blob
     point_m: NDArray[np.float64]
+    miss_m: float
 
 
 def find_blobs(hsv: NDArray[np.uint8], color: HueRange, lens: Intrinsics, marks: FingerMarks) -> list[Blob]:
@@ -82,26 +83,18 @@ def pair_blobs(rig: StereoRig, left: list[Blob], right: list[Blob], marks: Finge
 
     Two marks are two pairs of spots whose rays meet, at the known distance; one mark is a whole spot in both eyes.
     """
-    pairs, misses = [], []
+    pairs = []
     for one, other in product(left, right):
         point, miss = triangulate(rig, one.middle_px, other.middle_px)
         if miss <= MAX_MISS_M and NEAREST_M <= point[2] <= FARTHEST_M:
-            pairs.append(MarkPair(one, other, point))
-            misses.append(float(miss))
+            pairs.append(MarkPair(one, other, point, float(miss)))
     spacing = marks.along_m[1] - marks.along_m[0]
     couples = []
-    for a, b in combinations(range(len(pairs)), 2):
-        one, two = pairs[a], pairs[b]
-        if not (_apart(one.left, two.left) and _apart(one.right, two.right)):
-            continue
+    for one, two in combinations(pairs, 2):
         off = abs(float(np.linalg.norm(one.point_m - two.point_m)) - spacing)
-        if off <= SPACING_OFF_M:
-            couples.append((off + misses[a] + misses[b], [one, two]))
-    whole = [
-        (miss, [pair])
-        for miss, pair in zip(misses, pairs, strict=True)
-        if pair.left.merged_px is None and pair.right.merged_px is None
-    ]
+        if _apart(one.left, two.left) and _apart(one.right, two.right) and off <= SPACING_OFF_M:
+            couples.append((off + one.miss_m + two.miss_m, [one, two]))
+    whole = [(pair.miss_m, [pair]) for pair in pairs if pair.left.merged_px is None and pair.right.merged_px is None]
     options = [min(found, key=lambda option: option[0])[1] for found in (couples, whole) if found]
     return [*options, []]
 
@@ -140,38 +133,23 @@ SPOT_SD_PX = 0.25  # standard deviation of a spot's middle from which the uncert
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """A mark as seen by one eye.
+    """A mark as seen by one eye."""
 
-    Attributes:
-        mark: its number, as in ``mark_points_m``.
-        right: whether the right eye saw it.
-        blob: the spot.
-        middle_px: (2,) u, v of the mark's middle: that of the spot, corrected for occlusion by the fingers.
-    """
-
-    mark: int
-    right: bool
-    blob: Blob
-    middle_px: NDArray[np.float64]
+    mark: int  # its number, as in ``mark_points_m``
+    right: bool  # whether the right eye saw it
+    blob: Blob  # the spot
+    middle_px: NDArray[np.float64]  # (2,) u, v of the spot, corrected for occlusion by the fingers
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A gripper that explains the spots.
-
-    Attributes:
-        T_camera_tip: pose in the left eye's frame.
-        jaw_rad: opening.
-        residual_px: root mean square of u and v.
-        sd_m: standard deviation of the place, in its worst direction.
-        sd_rad: likewise of the rotation.
-    """
+    """A gripper that explains the spots: its pose in the left eye's frame, and its opening."""
 
     T_camera_tip: SE3
     jaw_rad: float
-    residual_px: float = np.inf
-    sd_m: float = np.inf
-    sd_rad: float = np.inf
+    residual_px: float = np.inf  # root mean square of u and v
+    sd_m: float = np.inf  # standard deviation of the place, in its worst direction
+    sd_rad: float = np.inf  # likewise of the rotation
 
 
 def rough_fit(named: Mapping[int, MarkPair], marks: FingerMarks, tip_length_m: float) -> Fit | None:

@@ -25,17 +25,11 @@ CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """One object as seen by one eye.
+    """One object as seen by one eye."""
 
-    Attributes:
-        mask: (h, w) 255 where it is, in a rectangle of the picture; not empty.
-        corner_px: (u, v) of this rectangle's first pixel.
-        pieces: number of pieces in which it is seen.
-    """
-
-    mask: NDArray[np.uint8]
-    corner_px: tuple[int, int]
-    pieces: int = 1
+    mask: NDArray[np.uint8]  # (h, w) 255 where it is, in a rectangle of the picture; not empty
+    corner_px: tuple[int, int]  # (u, v) of this rectangle's first pixel
+    pieces: int = 1  # number of pieces in which it is seen
 
     @cached_property
     def middle_px(self) -> NDArray[np.float64]:

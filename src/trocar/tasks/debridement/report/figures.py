@@ -32,43 +32,24 @@ OF_FRAGMENTS = ("fragment_false_negatives", "fragment_false_positives")
 
 @dataclass(frozen=True)
 class Row:
-    """One trial.
+    """One trial."""
 
-    Attributes:
-        fingerprint: of its run.
-        session: number.
-        index: of the trial in its session.
-        fragments: their number.
-        cleared: how many were cleared.
-        first_attempts: how many at the first attempt, without any failure on the way.
-        attempts: closings of jaws, at all fragments.
-        recoveries: failures of grasping or movement after which the fragment was still cleared.
-        duration_s: of the whole trial.
-        parts_s: by part of Table I, mean of the working arms; they add up to the duration.
-        plans: requested by all arms.
-        modes: for each failure mode, how often it occurred, and out of how many fragments or attempts.
-        collisions: contacts of arms with the receptacle, the table and each other.
-        ended: ``done``, or what stopped the script.
-        failures: names of the outcomes of fragments that were not cleared, with their number.
-        wall_s: real time of the trial; 0 if it was lost.
-    """
-
-    fingerprint: str
-    session: int
-    index: int
-    fragments: int
-    cleared: int
-    first_attempts: int
-    attempts: int
-    recoveries: int
-    duration_s: float
-    parts_s: dict[str, float]
-    plans: int
-    modes: dict[str, list[int]]
-    collisions: int
-    ended: str
-    failures: dict[str, int]
-    wall_s: float
+    fingerprint: str  # of its run
+    session: int  # number
+    index: int  # of the trial in its session
+    fragments: int  # their number
+    cleared: int  # how many were cleared
+    first_attempts: int  # how many at the first attempt, without any failure on the way
+    attempts: int  # closings of jaws, at all fragments
+    recoveries: int  # failures of grasping or movement after which the fragment was still cleared
+    duration_s: float  # of the whole trial
+    parts_s: dict[str, float]  # by part of Table I, mean of the working arms; they add up to the duration
+    plans: int  # requested by all arms
+    modes: dict[str, list[int]]  # how often each failure mode occurred, and out of how many fragments or attempts
+    collisions: int  # contacts of arms with the receptacle, the table and each other
+    ended: str  # ``done``, or what stopped the script
+    failures: dict[str, int]  # names of the outcomes of fragments that were not cleared, with their number
+    wall_s: float  # real time of the trial; 0 if it was lost
 
 
 def row_of(trial: Trial) -> Row:

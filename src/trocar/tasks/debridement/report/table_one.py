@@ -32,23 +32,14 @@ TAIL = 0.025
 
 @dataclass(frozen=True)
 class Column:
-    """One column of Table I.
+    """One column of Table I."""
 
-    Attributes:
-        who: the condition.
-        fragments: in all trials; all were cleared (VI-A).
-        s_per_fragment: average time per fragment.
-        shares: of that time, in %, by part.
-        replans: average per fragment; None if nothing was planned.
-        failures: rate of each mode that occurred, in %.
-    """
-
-    who: str
-    fragments: int
-    s_per_fragment: float
-    shares: dict[str, float] = field(default_factory=dict)
-    replans: float | None = None
-    failures: dict[str, float] = field(default_factory=dict)
+    who: str  # the condition
+    fragments: int  # in all trials; all were cleared (VI-A)
+    s_per_fragment: float  # average time per fragment
+    shares: dict[str, float] = field(default_factory=dict)  # of that time, in %, by part
+    replans: float | None = None  # average per fragment; None if nothing was planned
+    failures: dict[str, float] = field(default_factory=dict)  # rate of each mode that occurred, in %
 
     @property
     def parts_s(self) -> dict[str, float]:
