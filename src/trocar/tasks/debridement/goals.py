@@ -33,15 +33,10 @@ class Receptacle:
 
 @dataclass(frozen=True)
 class Workspace:
-    """The plane work surface as given to an agent.
+    """The plane work surface as given to an agent."""
 
-    Attributes:
-        receptacle: shape of the receptacle; its pose is the fixture ``receptacle``.
-        region_m: (2, 2) corners x, y in the world of the rectangle in which fragments may lie.
-        fragments: their number.
-    """
-
-    receptacle: Receptacle = field(default_factory=Receptacle)
+    receptacle: Receptacle = field(default_factory=Receptacle)  # its pose is the fixture ``receptacle``
+    # Corners x, y in the world of the rectangle in which fragments may lie.
     region_m: tuple[tuple[float, float], tuple[float, float]] = ((-0.132, -0.092), (-0.017, -0.046))
     fragments: int = 6
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,14 +58,8 @@ def loss(
 ) -> tuple[FragmentOutcome | None, int]:
     """Return how a fragment that was gripped was lost, and the row at which it left the jaws.
 
-    None if it was delivered, put back where it lay, or kept to the end.
-
-    Args:
-        truth: what happened.
-        closing: the grip.
-        fragment: one of those gripped.
-        announced: whether the agent announced a release over the receptacle then; this only distinguishes a regrasp
-            from a release far beside the receptacle.
+    None if it was delivered, put back where it lay, or kept to the end. Whether the agent announced a release over the
+    receptacle only distinguishes a regrasp from a release far beside the receptacle.
     """
     held = truth.held_by[closing.arm][:, fragment]
     tip = truth.T_world_tips[closing.arm].translation_m
@@ -102,12 +97,8 @@ def legs(jaw_rad: NDArray[np.float64]) -> list[tuple[int, int]]:
 
 
 def _of_arm(truth: DebridementTruth, arm: str) -> list[Closing]:
-    jaw, last = truth.jaw_rad[arm], len(truth.times_s) - 1
-    tip = truth.T_world_tips[arm].translation_m
-    found = []
-    all_legs = legs(jaw)
-    for number, (start, low) in enumerate(all_legs):
-        following = all_legs[number + 1][0] if number + 1 < len(all_legs) else last
+    jaw, tip, found = truth.jaw_rad[arm], truth.T_world_tips[arm].translation_m, []
+    for (start, low), (following, _) in pairwise([*legs(jaw), (len(jaw) - 1, 0)]):
         stop = next((row for row in _stalls(truth, jaw, start, low) if _at_work(truth, tip[row])), None)
         if stop is None:
             continue
@@ -131,11 +122,7 @@ def _at_work(truth: DebridementTruth, tip_m: NDArray[np.float64]) -> bool:
 
 
 def _stalls(truth: DebridementTruth, jaw: NDArray[np.float64], start: int, low: int) -> list[int]:
-    """Return the rows of a closing at which the jaws came to a stop.
-
-    They close further if they lose what they hold; and they may have closed a little beforehand, to open no wider than
-    a fragment needs.
-    """
+    """Return the rows of a closing at which the jaws came to a stop; they close further if they lose what they hold."""
     later = np.minimum(np.arange(start, low + 1) + _rows(truth, STALL_S), low)
     still = (jaw[start] - jaw[start : low + 1] > CLOSING_RAD) & (jaw[start : low + 1] - jaw[later] < ENOUGH_RAD)
     begins = np.flatnonzero(still & ~np.append(False, still[:-1]))

@@ -119,9 +119,6 @@ class ErrorField:
     An encoder at the motor does not see what the cables do between it and the joint, which depends on where the joints
     are, a little on how they got there, and not on time. All six errors share one kernel: constant, field, hysteresis.
     The more surprising a detection is, the less it counts.
-
-    Args:
-        arm: the arm of the gripper.
     """
 
     foresees = True

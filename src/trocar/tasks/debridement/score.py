@@ -64,12 +64,8 @@ class _Tally:
 def score_fragments(truth: DebridementTruth, events: Sequence[Event]) -> list[FragmentScore]:
     """Return one score for each fragment, in the order in which they were cleared.
 
-    Fragments are interchangeable: clearing any three of six reaches the first three goals.
-
-    Args:
-        truth: what happened; it alone decides.
-        events: what scripts noted: modes 1 to 4 compare their claims with the truth; otherwise they only give times and
-            descriptions.
+    Fragments are interchangeable: clearing any three of six reaches the first three goals. The truth alone decides;
+    modes 1 to 4 compare what scripts noted with it, and events otherwise only give times and descriptions.
     """
     closings = closings_of(truth)
     meant = [_meant(truth, events, closing) for closing in closings]

@@ -148,12 +148,7 @@ PRESSING = 0  # MuJoCo's ``contact.exclude`` for contacts with force; those with
 
 
 class Fingers:
-    """Evaluates the contacts between fingers and fragments.
-
-    Args:
-        world: arms and fragments in their places; fragment k is the geom and the body ``fragment{k}``.
-        fragments: in that order.
-    """
+    """Evaluates the contacts between fingers and fragments; fragment k is the geom and the body ``fragment{k}``."""
 
     def __init__(self, world: World, fragments: tuple[Fragment, ...]):
         model, self._world = world.model, world
@@ -175,12 +170,9 @@ class Fingers:
         return found.reshape(-1, 2, found.shape[1])
 
     def held(self, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return which fragments are between the fingers of which arm: (arms, fragments).
+        """Return which fragments are between the fingers of which arm (arms, fragments), given ``touched()``.
 
         Both fingers touch the same one; or each touches a different one, and these press on each other.
-
-        Args:
-            touched: (arms, 2, fragments), by finger.
         """
         held: NDArray[np.bool_] = np.all(touched, axis=1)
         one = touched & ~held[:, None]
@@ -208,12 +200,11 @@ class Fingers:
         self._clings &= near
         self._clings[fingers[solid], fragments[solid]] = True
         self._clings &= self._cling_n > 0
-        pulls = {
-            (int(finger), int(fragment)): int(contact)
-            for finger, fragment, contact in zip(fingers, fragments, contacts, strict=True)
-            if self._clings[finger, fragment]
-        }
-        for (_, fragment), contact in pulls.items():
+        # one pull for each finger and fragment, at the last of their contacts
+        pulls = dict(zip(zip(fingers.tolist(), fragments.tolist(), strict=True), contacts.tolist(), strict=True))
+        for (finger, fragment), contact in pulls.items():
+            if not self._clings[finger, fragment]:
+                continue
             body = self._body[fragment]
             out = data.contact.frame[contact][:3]  # from the first geom to the second
             towards = out if self.fragment[data.contact.geom[contact][0]] >= 0 else -out
@@ -236,12 +227,7 @@ GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
 
 
 class Visibility:
-    """Checks at intervals which fragments could be seen, by rays from all eyes to points on them.
-
-    Args:
-        world: arms and fragments in their places.
-        scene: with the fragments and the eyes.
-    """
+    """Checks at intervals which fragments could be seen, by rays from all eyes to points on them."""
 
     def __init__(self, world: World, scene: DebridementScene):
         self._world, self._eyes_m = world, scene.p_world_eyes_m

@@ -35,21 +35,15 @@ class StepEnded(ArmStopped):
 
 
 @dataclass(eq=False)
-class Successor:
-    """Corrected commands that took over from others: whether they have ended, and how."""
-
-    ended: trio.Event = field(default_factory=trio.Event)
-    result: MotionResult | None = None
-
-
-@dataclass(eq=False)
 class Course:
-    """The last motion of an arm."""
+    """The last motion of an arm; or the rest of one, with corrected commands."""
 
     desired: Trajectory  # motion of the estimated joints
     commands: Trajectory  # those sent for it, on the same time
     stop_s: float | None = None  # time of the motion at which it is going to be stopped; None: at its end
-    successor: Successor | None = None  # what took over, if anything
+    successor: Course | None = None  # the corrected rest that took over, if any
+    ended: trio.Event = field(default_factory=trio.Event)  # of a corrected rest
+    result: MotionResult | None = None  # how that ended; None: it was refused
 
     def drift(self, path_s: float) -> NDArray[np.float64]:
         """Return the change (6,) of estimated joints minus commands from its start to this time of it."""
@@ -204,17 +198,16 @@ class Adjusted:
         left = course.left(sent.path_s, sent.path_rate)
         if left is None:
             return
-        successor = course.successor = Successor()
         try:
             model, until_s, estimate = self._arms[arm], self._foreseen(arm, left.stop_s), self._estimators[arm].estimate
-            commands = corrected(model, left.desired, left.commands, estimate, model.motion_limits, until_s)
-            self._courses[arm] = replace(left, commands=commands)
-            successor.result = (await self._robot.replace({arm: commands}))[arm]
+            left.commands = corrected(model, left.desired, left.commands, estimate, model.motion_limits, until_s)
+            course.successor = self._courses[arm] = left
+            left.result = (await self._robot.replace({arm: left.commands}))[arm]
         except MotionRefused:  # exceeds the limits: the current motion goes on
             course.successor = None
             self._courses[arm] = course
         finally:
-            successor.ended.set()
+            left.ended.set()
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Do nothing: commands are found when a motion starts, from the newest estimate."""
@@ -270,15 +263,15 @@ class Adjusted:
     async def _last(self, arm: str, result: MotionResult, course: Course) -> MotionResult:
         """Return how a motion ended, whichever of its commands were the last."""
         while result.ended is MotionEnd.REPLACED and course.successor is not None:
-            successor, course = course.successor, self._courses[arm]
+            course = course.successor
             try:
-                await successor.ended.wait()
+                await course.ended.wait()
             except trio.Cancelled:  # the robot brakes for the script that waits, which is not the cancelled one here
                 self.hold(arm, reason="nobody waits for the motion any more")
                 raise
-            if successor.result is None:
+            if course.result is None:
                 break
-            result = successor.result
+            result = course.result
         return result
 
     def _course(self, arm: str, desired: Trajectory, stop_s: float | None) -> Course:

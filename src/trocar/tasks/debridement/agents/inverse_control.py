@@ -39,8 +39,8 @@ def commands_for(
     """Return the joints to be commanded so that the tip follows ``desired``.
 
     Args:
-        arm: the model.
-        desired: of the joints as a camera would confirm them.
+        arm: its model.
+        desired: motion of the joints as a camera would confirm them.
         estimate: the pose in the base that is expected at a kinematic pose.
         q_start: (6,) current command; its difference to the first command fades out along the way.
         velocity: (6,) of the commands now.

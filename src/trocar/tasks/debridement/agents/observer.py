@@ -61,15 +61,10 @@ class FragmentMemory:
     def update(
         self, seen: Sequence[SeenFragment], p_world_eyes_m: NDArray[np.float64], arms: Mapping[str, Capsules]
     ) -> Observation:
-        """Return what a pair of images shows outside the jaws, and the fragments that arms hide in it.
+        """Return what a pair of images from eyes (2, 3) shows outside the jaws, and the fragments that arms hide in it.
 
         A fragment that is neither seen nor hidden is gone, and is forgotten. One that appears beside a hidden one is
-        that one, shifted.
-
-        Args:
-            seen: in the images.
-            p_world_eyes_m: (2, 3) where both eyes are, the left one first.
-            arms: their solids in the world, approximately where they were in the images.
+        that one, shifted. The arms' solids are in the world, approximately where they were in the images.
         """
         fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
         shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
@@ -95,11 +90,7 @@ class FragmentMemory:
 
 
 class StereoObserver:
-    """The stereo camera that the arms share.
-
-    Attributes:
-        memory: of fragments that arms hide or carry.
-    """
+    """The stereo camera that the arms share, with a memory of the fragments that arms hide or carry."""
 
     def __init__(self, cell: Cell, perception: Any, robot: Adjusted, settings: Settings):
         self._cell, self._perception, self._robot, self._settings = cell, perception, robot, settings
@@ -147,15 +138,9 @@ class StereoObserver:
     async def track(
         self, arm: str, *, waits: bool = True, margin_m: float = MARGIN_M
     ) -> tuple[StereoImage, SE3 | None]:
-        """Take an image round a gripper, and learn where it is if its marks are seen.
+        """Learn where a gripper is from an image round it; return that, and the tip as seen; None: marks are hidden.
 
-        Args:
-            arm: the arm.
-            waits: whether the arm waits for the image; else it continues meanwhile.
-            margin_m: of the window round it.
-
-        Returns:
-            the image, and the tip in the world as seen in it; None: the marks are hidden.
+        The arm waits for the image, or continues meanwhile.
         """
         margin_m = margin_m if self._robot.age_s(arm) < LOST_S else max(margin_m, LOST_MARGIN_M)
         tip, binning = self._robot.T_world_tip(arm), 1 if waits else self._settings.watch_binning

@@ -87,8 +87,8 @@ class RavenArm:
         Args:
             T_world_goal: of the tip.
             precise: whether the camera has to confirm that it is there.
-            straight: a short piece near a fragment.
-            beside_wall: a place beside the receptacle's wall, below its edge.
+            straight: as in ``TipGoal``.
+            beside_wall: likewise.
             speed_m_s: default: the method's.
             lift_m: the first step begins straight up by this height.
 
@@ -97,10 +97,8 @@ class RavenArm:
             ArmStopped: the arm does not move as commanded.
         """
         speed = speed_m_s or self.s.tip_speed_m_s
-        if precise:
-            aside_m, high_m = self.s.reached_m, self.s.reached_high_m
-        else:
-            aside_m, high_m = self.s.arrived_m, min(self.s.arrived_m, ARRIVED_HIGH_M)
+        air_m = self.s.arrived_m, min(self.s.arrived_m, ARRIVED_HIGH_M)
+        aside_m, high_m = (self.s.reached_m, self.s.reached_high_m) if precise else air_m
         visits, nearest_m, in_vain = 0, np.inf, 0
         while True:
             if lift_m > 0:
@@ -123,11 +121,11 @@ class RavenArm:
                 return
             if in_vain == IN_VAIN:
                 reason = f"arm {self.name!r} gets no nearer than {1e3 * nearest_m:.0f} mm to its goal"
-                raise self._no_motion(reason, lasting=True)
+                raise NoMotion(self.name, NoPlan(reason), lasting=True)
             high = float(T_world_tip.translation_m[2] - T_world_goal.translation_m[2])
             if precise and straight and in_vain >= PRESSING and high > PRESSING_M:
                 reason = f"the fingers of arm {self.name!r} stand on something {1e3 * high:.0f} mm over the grasp"
-                raise self._no_motion(reason)
+                raise NoMotion(self.name, NoPlan(reason))
             if straight and (T_world_tip.rotation.inverse() @ T_world_goal.rotation).angle() < ASKEW_RAD:
                 T_world_goal = SE3.from_parts(T_world_tip.rotation, T_world_goal.translation_m)
 
@@ -179,9 +177,6 @@ class RavenArm:
             except (NoMotion, OutOfReach):
                 continue
 
-    def _no_motion(self, reason: str, lasting: bool = False) -> NoMotion:
-        return NoMotion(self.name, NoPlan(reason), lasting=lasting)
-
     @property
     def turn_rad(self) -> float:
         """Return the rotation of the gripper, which points downwards, about the vertical."""
@@ -199,7 +194,8 @@ class RavenArm:
         Raises:
             NoMotion: none is; or as ``go``.
         """
-        refusal = self._no_motion(f"no place of {len(places)} is within reach of arm {self.name!r}", lasting=True)
+        none = NoPlan(f"no place of {len(places)} is within reach of arm {self.name!r}")
+        refusal = NoMotion(self.name, none, lasting=True)
         # each is within reach according to the estimate when its turn comes
         reachable = (place for place in places if self.robot.reaches(self.name, place))
         for place in islice(reachable, ENOUGH_PLACES):
@@ -288,7 +284,7 @@ class RavenArm:
             await self.observer.track(self.name)
             with self.cell.log.span(self.name, "waiting"):
                 await self.cell.clock.sleep(WAIT_S)
-        raise self._no_motion("the marks on the gripper are hidden")
+        raise NoMotion(self.name, NoPlan("the marks on the gripper are hidden"))
 
     async def come_into_sight(self) -> None:
         """Get the gripper seen once, however wrong its kinematics are.

@@ -93,13 +93,7 @@ class TableView:
 
 
 def find_fragments(image: StereoImage, T_world_camera: SE3, T_world_table: SE3) -> list[SeenFragment]:
-    """Return the fragments that both eyes see, on the table, in the receptacle or held.
-
-    Args:
-        image: the pair, whole or windows.
-        T_world_camera: pose of the left eye.
-        T_world_table: pose of the work surface, z up.
-    """
+    """Return the fragments that both eyes see, on the table, in the receptacle or held."""
     image, R_left_rectified = rectify(image)
     T_table_camera = T_world_table.inverse() @ T_world_camera @ SE3.from_parts(R_left_rectified)
     view = TableView(image, T_table_camera, T_world_table)

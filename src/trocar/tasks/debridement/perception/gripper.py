@@ -51,11 +51,6 @@ def find_gripper(image: StereoImage, T_world_camera: SE3, arm: ArmModel) -> Seen
     The marks' middles are fitted to the spots first. Then the gripper is drawn in this pose; the parts of its marks
     that its own fingers hide tell the offset of each spot's middle from its mark's, and the fit is repeated without
     these offsets. A spot partly hidden by something else has less area than its drawing, and is left out.
-
-    Args:
-        image: the pair, whole or windows.
-        T_world_camera: pose of the left eye.
-        arm: whose instrument has marks.
     """
     marks = arm.instrument.marks
     if marks is None:

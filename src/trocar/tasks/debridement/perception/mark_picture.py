@@ -67,13 +67,7 @@ def draw_marks(
 ) -> list[NDArray[np.float64]] | None:
     """Return u, v (n, 2) of each mark's visible pixels as an eye sees a gripper, or None if it cannot be before it.
 
-    Args:
-        shape: an instrument with marks.
-        tip_length_m: from the jaw axis to the controlled point.
-        lens: of the eye.
-        T_eye_tip: pose of the gripper.
-        jaw_rad: opening of the jaws.
-        fine: pixels of the drawing per pixel of the picture, in each direction.
+    The controlled point is ``tip_length_m`` beyond the jaw axis; a pixel of the picture is ``fine`` x ``fine`` pixels.
     """
     if shape.marks is None:
         return None

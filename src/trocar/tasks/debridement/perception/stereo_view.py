@@ -65,13 +65,8 @@ class StereoView:
     def holding(self, image: StereoImage, T_world_camera: SE3, arm: ArmModel, T_world_tip: SE3, jaw_rad: float) -> bool:
         """Return whether something red is between the fingers, by its disparity, and not merely in line with them.
 
-        Args:
-            image: the pair, whole or windows.
-            T_world_camera: pose of the left eye.
-            arm: whose gripper it is.
-            T_world_tip: where the gripper is, within some millimetres.
-            jaw_rad: opening of its jaws; a fragment held by them, or hanging from a finger's end, is no farther to the
-                side.
+        The tip may be off by some millimetres. A fragment held by jaws with this opening, or hanging from a finger's
+        end, is no farther to the side than the fingers.
         """
         T_camera_tip, rig = T_world_camera.inverse() @ T_world_tip, image.rig
         aside_m = ASIDE_M + arm.instrument.finger_length_m * float(np.sin(0.5 * max(jaw_rad, 0.0)))

@@ -122,12 +122,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def rate_of(rows: Sequence[Row], counts: Callable[[Row], Sequence[int]]) -> dict[str, Any]:
-    """Return a rate with its interval over sessions.
-
-    Args:
-        rows: of trials.
-        counts: how often something occurred in a trial, and out of how many.
-    """
+    """Return a rate, of how often something occurred in each trial and out of how many, with its interval."""
     pairs = [np.sum(values, axis=0) for values in by_session(rows, counts).values()]
     count, of = (int(sum(pair[k] for pair in pairs)) for k in (0, 1))
     return {
