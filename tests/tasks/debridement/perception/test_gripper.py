@@ -8,7 +8,7 @@ from stereo_scenes import RIG, STATION
 
 from trocar.geometry import SE3, SO3
 from trocar.perception.image import StereoImage, StereoRig
-from trocar.tasks.debridement.perception.mark_picture import draw_marks
+from trocar.tasks.debridement.perception.gripper import draw_marks
 from trocar.tasks.debridement.perception.stereo_view import StereoView
 
 VIEW = StereoView()

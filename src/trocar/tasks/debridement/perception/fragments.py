@@ -22,7 +22,7 @@ from trocar.tasks.debridement.perception.regions import (
     shifted_onto,
     solidity,
     split_convex,
-)  # fmt: skip
+)
 
 SAME_M = 0.010  # two places this close, seen from above, are the same fragment
 MIDDLE_M = 3.8e-3  # assumed height of the middle of a fragment on the table, before it has been measured
