@@ -24,7 +24,6 @@ DEPTH = np.array([0.24, 0.80, 0.55])
 NOISE_M = 0.0005 * np.eye(3) + 0.0032 * np.outer(DEPTH, DEPTH) / (DEPTH @ DEPTH)
 STEP_S = 0.2
 OFFSET_M, OFFSET_R = np.array([0.02, -0.005, 0.03]), SO3.exp([0.3, -0.2, 0.25])
-ALL = pytest.mark.parametrize("make", [RawKinematics, PapersRule, HeldError, ErrorFilter])
 
 
 def kinematics(rng, n):
@@ -92,13 +91,12 @@ def distance_m(T, other):
     return float(np.linalg.norm(T.translation_m - other.translation_m))
 
 
-def fed(n, outlier=None, seed=1):
+def fed(n, last=None):
     """Return the filter after n detections with a constant offset, the times and kinematic poses; one more is free."""
-    t, kinematic = kinematics(np.random.default_rng(seed), n + 1)
+    t, kinematic = kinematics(np.random.default_rng(1), n + 1)
     estimator = ErrorFilter()
     for i in range(n):
-        T_detected = shifted(kinematic[i])
-        estimator.update(t[i], kinematic[i], outlier @ T_detected if outlier and i == n - 1 else T_detected)
+        estimator.update(t[i], kinematic[i], shifted(kinematic[i]) if last is None or i < n - 1 else last)
     return estimator, t, kinematic
 
 
@@ -122,10 +120,8 @@ def test_a_lag_is_recovered():
 
 
 def test_one_outlier_moves_it_little():
-    outlier = SE3.exp([0.1, 0.1, 0.0, 1.0, 0.0, 0.0])
     clean, t, kinematic = fed(30)
-    struck, _, _ = fed(30, outlier)
-    assert distance_m(outlier @ shifted(kinematic[29]), shifted(kinematic[29])) > 0.1
+    struck, _, _ = fed(30, SE3.exp([0.1, 0.1, 0.0, 1.0, 0.0, 0.0]) @ shifted(kinematic[29]))
     ours, theirs = (e.estimate(t[30], kinematic[30]) for e in (struck, clean))
     assert distance_m(ours, theirs) < 0.003
     assert (ours.rotation.inverse() @ theirs.rotation).angle() < 0.03
@@ -145,12 +141,6 @@ def test_two_messages_of_one_image_count_as_little_more_than_one():
     twice.update(t[9] + 0.001, kinematic[9], shifted(kinematic[9]))
     moment = t[10], kinematic[10]
     assert np.allclose(twice.belief(*moment).covariance, once.belief(*moment).covariance, rtol=0.03, atol=1e-9)
-
-
-def test_it_grows_less_sure_with_time():
-    estimator, t, kinematic = fed(20)
-    traces = [np.trace(estimator.belief(t[20] + wait, kinematic[20]).covariance[:3, :3]) for wait in (0, 1, 5, 50)]
-    assert traces == sorted(traces)
 
 
 def test_the_noise_and_its_direction_are_learned():
@@ -213,18 +203,6 @@ def test_detections_are_known_up_to_the_horizon_and_kinematics_up_to_the_target(
     assert told[3] == (0, [(0.0, True), (0.5, False), (1.0, False)])
     assert told[4] == (3, [(0.0, True), (0.5, True), (1.0, True), (1.2, True)])
     assert list(told) == [2, 3, 4]
-
-
-@ALL
-def test_estimating_changes_nothing(make):
-    pairs, _ = of_its_kind(np.random.default_rng(2), 12)
-    asked, silent = make(), make()
-    for i in range(11):
-        for estimator in (asked, silent):
-            estimator.update(pairs.times_s[i], pairs.T_base_kinematic[i], pairs.T_base_detected[i])
-        asked.estimate(pairs.times_s[i] + 9.0, pairs.T_base_kinematic[0])
-    last = pairs.times_s[11], pairs.T_base_kinematic[11]
-    assert np.array_equal(asked.estimate(*last).matrix, silent.estimate(*last).matrix)
 
 
 def test_errors_are_those_of_the_estimate():

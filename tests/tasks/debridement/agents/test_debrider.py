@@ -255,6 +255,16 @@ def test_a_full_receptacle_is_for_a_person():
     played(script, [lying(LEFT_M), *heap], goals=1)
 
 
+def test_an_arm_that_stops_on_its_way_home_after_giving_up_keeps_its_place():
+    async def script(stage):
+        arm = stage.arms["left"]
+        arm.clinging, arm.fails = 99, {"go": [None, ArmStopped("left", "left does not answer")]}
+        await stage.run("left")
+        assert stage.outcomes() == ["STUCK_IN_JAWS", "ARM_STOPPED"] and "left" in stage.allocation.claimed
+
+    played(script, [lying(LEFT_M)])
+
+
 def test_a_frozen_camera_ends_both_scripts_where_the_arms_are():
     async def script(stage):
         stage.arms["right"].fails = {"look": [CameraFrozen("no new image")]}

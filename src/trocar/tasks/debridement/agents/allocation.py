@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +31,13 @@ merges them too (facts/debridement.md)."""
 PATIENCE_S = 20.0  # a place where an arm failed is avoided for this long, if there is another one
 
 
-@dataclass(frozen=True, eq=False)
-class Failure:
-    """A fragment that an arm did not clear."""
+class Failure(NamedTuple):
+    """A fragment that an arm did not clear: where it lay (3,), when, and whether the arm found no path."""
 
-    arm: str  # which
-    p_world_m: NDArray[np.float64]  # (3,) where the fragment lay
-    time_s: float  # when
-    blocked: bool  # whether the arm found no path
+    arm: str
+    p_world_m: NDArray[np.float64]
+    time_s: float
+    blocked: bool
 
 
 @dataclass
@@ -58,16 +58,13 @@ class Allocation:
 
     def loose(self, fragments: Sequence[SeenFragment]) -> list[SeenFragment]:
         """Return the fragments on the work surface outside the receptacle; of the parts of one, the largest."""
-        (x0, y0), (x1, y1) = self.workspace.region_m
-        low = np.array([min(x0, x1), min(y0, y1)]) - BESIDE_REGION_M
-        high = np.array([max(x0, x1), max(y0, y1)]) + BESIDE_REGION_M
-        T_receptacle_world = self.T_world_receptacle.inverse()
-        table = self.T_world_table.translation_m[2]
+        low, high = np.sort(self.workspace.region_m, axis=0) + [[-BESIDE_REGION_M], [BESIDE_REGION_M]]
+        T_receptacle_world, table_m = self.T_world_receptacle.inverse(), self.T_world_table.translation_m[2]
         lying = [
             f
             for f in fragments
-            if np.all((low < f.p_world_m[:2]) & (f.p_world_m[:2] < high))
-            and f.p_world_m[2] - table < IN_THE_AIR_M
+            if ((low < f.p_world_m[:2]) & (f.p_world_m[:2] < high)).all()
+            and f.p_world_m[2] - table_m < IN_THE_AIR_M
             and not self.workspace.receptacle.holds(T_receptacle_world.apply(f.p_world_m))
         ]
         return [f for f in lying if not any(f.away_m(g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]

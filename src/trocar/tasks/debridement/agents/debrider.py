@@ -49,17 +49,16 @@ class Debrider:
         self.allocation.busy.add(self.name)
         try:
             await self.arm.come_into_sight()
-            while await self._one_more():
-                pass
+            try:
+                while await self._one_more():
+                    pass
+            except GiveUp as end:
+                self.note(*end.args)
             await self._home()
             self.allocation.claim(self.name, None)
         except ArmStopped as stop:  # where it is now, it blocks the other arm
             self.allocation.claim(self.name, self.arm.robot.T_world_tip(self.name).translation_m)
             self.note(FragmentOutcome.ARM_STOPPED, str(stop))
-        except GiveUp as end:
-            self.note(*end.args)
-            await self._home()
-            self.allocation.claim(self.name, None)
         finally:
             self.allocation.busy.discard(self.name)
             self.coordinator.progress()

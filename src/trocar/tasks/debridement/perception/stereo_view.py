@@ -82,8 +82,8 @@ class StereoView:
 
 def _window(box: tuple[int, int, int, int], binning: int) -> Window:
     """Return the largest window in a box whose corner and size are multiples of the binning."""
-    left, top, right, bottom = (-(-box[0] // binning), -(-box[1] // binning), box[2] // binning, box[3] // binning)
-    return Window((binning * left, binning * top), (binning * (right - left), binning * (bottom - top)))
+    u, v, right, bottom = -(-box[0] // binning), -(-box[1] // binning), box[2] // binning, box[3] // binning
+    return Window((binning * u, binning * v), (binning * (right - u), binning * (bottom - v)))
 
 
 def _box(lens: Intrinsics, points_m: NDArray[np.float64]) -> tuple[int, int, int, int] | None:
