@@ -9,7 +9,7 @@ import trio.testing
 
 from trocar.arms import MotionLimits, fk
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
-from trocar.errors import OutOfReach
+from trocar.errors import OutOfReach, TooNear
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.motion import rest_to_rest
@@ -119,6 +119,27 @@ def test_a_motion_under_way_is_corrected_by_what_is_seen():
 )
 def test_an_arm_that_is_braking_is_not_set_in_motion_again_by_a_correction(braking):
     assert trio.run(tried, braking).replaced == []
+
+
+def test_a_motion_that_is_refused_leaves_the_one_before_it():
+    async def refused(motions):
+        raise TooNear("left", arms=("left",), first="left", second="table", distance_m=0.0, required_m=1e-3)
+
+    async def tried_in_vain():
+        resting, robot = adjusted()
+        robot.move = refused
+        with pytest.raises(TooNear):
+            await resting.move({"left": MOTION})
+        async with trio.open_nursery() as nursery:
+            wrapped, robot = await under_way(nursery)
+            robot.replace = refused
+            here = wrapped.setpoint("left").q
+            with pytest.raises(TooNear):
+                await wrapped.replace({"left": rest_to_rest(here, here + 0.02, LIMITS)})
+            nursery.cancel_scope.cancel()
+        return resting.expected("left"), wrapped.expected("left")
+
+    assert trio.run(tried_in_vain) == (None, MOTION)
 
 
 def test_it_says_how_far_the_tip_is_from_its_way():

@@ -8,7 +8,7 @@ import pytest
 
 from trocar.perception.depth import project
 from trocar.perception.image import StereoImage
-from trocar.tasks.debridement.perception.regions import solidity, split_convex
+from trocar.tasks.debridement.perception.regions import Region, shifted_onto, solidity, split_convex
 from trocar.tasks.debridement.perception.stereo_view import StereoView
 
 VIEW = StereoView()
@@ -95,7 +95,16 @@ def test_nothing_is_seen_in_the_dark_or_by_one_eye(stage):
     assert look(stage, StereoImage(image.left, image.left, image.rig)) == [], "a right eye that shows the left picture"
 
 
-# Outlines that are cut between their notches.
+# What both eyes see of one object, and outlines that are cut between their notches.
+
+
+def test_what_one_eye_sees_is_put_where_the_other_one_has_it():
+    whole = np.pad(np.full((4, 6), 255, np.uint8), 1)
+    left = Region(whole[:, :4], (50, 10))
+    right = Region(whole[:, 2:], (32, 10), pieces=2)
+    both = left.united(right, 20.0)
+    assert (both.corner_px, both.pieces) == ((50, 10), 2) and np.array_equal(both.mask, whole)
+    assert np.array_equal(shifted_onto(left, right, 20.0)[:, 2:], whole[:, 2:4])
 
 
 def discs(*centers):
