@@ -6,16 +6,14 @@ from debridement_stage import Eyes, play
 from trocar.geometry.capsules import Capsules
 from trocar.tasks.debridement.agents.observer import FragmentMemory
 from trocar.tasks.debridement.agents.raven_arm import RavenArm
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 EYES = np.array([[0.0, 0.1, 0.25], [0.047, 0.1, 0.25]])
 PLACE = np.array([0.0, 0.0, 0.004])
 
 
 def fragment(place=PLACE, height_m=0.004):
-    return SeenFragment(
-        np.asarray(place), np.array([0.012, 0.009]), 0.3, height_m, np.asarray(place), False, 500, False
-    )
+    return SeenFragment(np.asarray(place), np.array([0.012, 0.009]), 0.3, height_m, 500)
 
 
 def arm(shift_m=0.0):

@@ -1,4 +1,7 @@
-"""An estimator that filters the error of the kinematics and learns its systematic part on the way."""
+"""An estimator of a gripper's pose that filters the error of its kinematics, and learns its systematic part on the way.
+
+It needs recorded poses only, no joints; docs/debridement.md explains it, bench_gripper_pose.py how well it does.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
-from trocar.errors import InvalidValue
 from trocar.geometry import SE3, SO3
-from trocar.tasks.debridement.pose.estimators import check_order
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +166,7 @@ class FilterSettings:
     """Assumptions before any detection; standard deviations are per axis.
 
     Constants, tool offset and tilt describe an arm that was never calibrated; drift and noise are only first guesses,
-    and ``docs/debridement.md`` says how little each setting matters.
+    and docs/debridement.md says how little each setting matters.
 
     Attributes:
         constant_m: constant error; 38 mm over the recording (``facts/debridement.md``), so about 22 mm per axis.
@@ -203,11 +205,6 @@ class FilterSettings:
     noise_count: float = 4.0
     frame_s: float = 0.1
 
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0 < value < np.inf:
-                raise InvalidValue(f"filter setting {name}", value, "give a finite number above 0")
-
 
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
@@ -232,16 +229,10 @@ class ErrorFilter:
     error, so that a large constant error does no harm. It is causal: it uses only the past.
     """
 
-    foresees = True
-
     def __init__(self, settings: FilterSettings | None = None) -> None:
         s = self.settings = settings or FilterSettings()
-        self._translation = ErrorEstimate.prior(
-            s.constant_m,
-            [s.lag_gain] + [s.tool_m] * 3 + [s.tilt] * 9,
-            (s.noise_m, s.noise_count),
-            (s.drift_m, s.drift_s),
-        )
+        gains = [s.lag_gain] + [s.tool_m] * 3 + [s.tilt] * 9
+        self._translation = ErrorEstimate.prior(s.constant_m, gains, (s.noise_m, s.noise_count), (s.drift_m, s.drift_s))
         self._rotation = ErrorEstimate.prior(
             s.constant_rad, [s.lag_gain] + [s.turn_gain] * 9, (s.noise_rad, s.noise_count), (s.drift_rad, s.drift_s)
         )
@@ -270,27 +261,15 @@ class ErrorFilter:
 
     def belief(self, t_s: float, T_base_kinematic: SE3) -> PoseEstimate:
         """Return the estimate with its covariance."""
-        return self._belief(T_base_kinematic, *self._at(t_s, T_base_kinematic))
-
-    def settled(self, T_base_kinematic: SE3) -> SE3:
-        """Return the pose after the lag has decayed, with the drift as estimated now."""
-        if self._history is None:
-            return T_base_kinematic
-        resting = replace(self._history, T_base_last=T_base_kinematic, lag=np.zeros(6))
-        return self._belief(T_base_kinematic, resting, self._translation, self._rotation).T_base_gripper
-
-    def _belief(
-        self, T_base_kinematic: SE3, history: KinematicHistory, translation: ErrorEstimate, rotation: ErrorEstimate
-    ) -> PoseEstimate:
+        history, translation, rotation = self._at(t_s, T_base_kinematic)
         H_p, H_r = history.translation_design(), history.rotation_design()
         R = SO3.exp(H_r @ rotation.mean) @ (self._R_first_error or SO3.identity()) @ T_base_kinematic.rotation
         T_base_gripper = SE3.from_parts(R, T_base_kinematic.translation_m + H_p @ translation.mean)
-        covariance = _blocks(H_p @ translation.covariance @ H_p.T, H_r @ rotation.covariance @ H_r.T)
-        return PoseEstimate(T_base_gripper, covariance, _blocks(translation.noise, rotation.noise))
+        covariance = block_diag(H_p @ translation.covariance @ H_p.T, H_r @ rotation.covariance @ H_r.T)
+        return PoseEstimate(T_base_gripper, covariance, block_diag(translation.noise, rotation.noise))
 
     def _at(self, t_s: float, T_base_kinematic: SE3) -> tuple[KinematicHistory, ErrorEstimate, ErrorEstimate]:
         """Return history and beliefs at a moment, before any detection of that moment."""
-        check_order(t_s, self._history and self._history.t_s)
         if self._history is None:
             return KinematicHistory.begin(t_s, T_base_kinematic, self.settings.lag_s), self._translation, self._rotation
         dt_s, s = t_s - self._history.t_s, self.settings
@@ -307,10 +286,3 @@ class ErrorFilter:
         if self._detected_s is None:
             return 1.0
         return min(1.0, max((t_s - self._detected_s) / self.settings.frame_s, 1e-3))
-
-
-def _blocks(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the block-diagonal matrix (6, 6) of two (3, 3)."""
-    matrix = np.zeros((6, 6))
-    matrix[:3, :3], matrix[3:, 3:] = first, second
-    return matrix
