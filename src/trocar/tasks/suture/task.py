@@ -17,11 +17,10 @@ from trocar.geometry import SE3, shown
 from trocar.lab import Station
 from trocar.registry import Lazy
 from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, Suture, SutureSetup, dexterity, plan_even
-from trocar.tasks.suture.planning.plan import check_count
-from trocar.tasks.suture.planning.plan_file import PlannedSutures, load_plan
+from trocar.tasks.suture.planning.plan import PlannedSutures, check_count, load_plan
 from trocar.tasks.suture.planning.primitive import grasp_pose
-from trocar.tasks.suture.planning.problems import plan_out_of_reach
 from trocar.tasks.suture.planning.segments import suture_segments
+from trocar.tasks.suture.planning.summary import plan_out_of_reach
 from trocar.tasks.suture.scene import NEEDLE, SutureScene
 from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
 
@@ -37,11 +36,7 @@ ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
 """How far the calibration's motion goes beyond the plan's joints, rad and m, to leave room for corrections."""
 
 _AGENT = "trocar.tasks.suture.agents.circle"
-_LOOKING = {
-    "agent": Lazy(f"{_AGENT}:CircleSuturing"),
-    "settings": Lazy(f"{_AGENT}:Settings"),
-    "stop_at_limits": True,
-}
+_LOOKING = {"agent": Lazy(f"{_AGENT}:CircleSuturing"), "settings": Lazy(f"{_AGENT}:Settings"), "stop_at_limits": True}
 _BLIND = {**_LOOKING, "settings": Lazy(f"{_AGENT}:blind")}
 _WORLD = Lazy("trocar.tasks.suture.world:SutureWorld")
 

@@ -16,8 +16,7 @@ from trocar.errors import InvalidValue, OutOfReach
 from trocar.geometry import SE3, SO3, TURN
 from trocar.report.style import PATHS
 from trocar.tasks.suture.planning import DexterityMap, Needle, Suture, SuturePlan, sutures_at
-from trocar.tasks.suture.planning.joints import ROLL, unwound
-from trocar.tasks.suture.planning.primitive import needle_poses, steps, tip_poses
+from trocar.tasks.suture.planning.primitive import ROLL, needle_poses, steps, tip_poses, unwound
 from trocar.tasks.suture.report.circle import texture
 from trocar.view import mesh
 from trocar.view.mesh import Mesh, tube

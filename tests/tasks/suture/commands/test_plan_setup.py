@@ -3,9 +3,10 @@ import json
 import numpy as np
 import pytest
 
-from trocar.tasks.suture.commands.options import setup_of, written
+from trocar.tasks.suture.commands.plan_setup import as_options
+from trocar.tasks.suture.commands.plan_suture import setup_of
 from trocar.tasks.suture.planning import PRESETS
-from trocar.tasks.suture.planning.parameters import PARAMETERS, SEARCHED, with_parameters
+from trocar.tasks.suture.planning.setup import SEARCHED, with_parameters
 
 
 @pytest.fixture
@@ -49,16 +50,16 @@ def test_the_printed_command_plans_in_the_setup_that_was_found(trocar, tmp_path)
 
 def test_every_number_of_a_setup_is_written_as_an_option_that_reads_back():
     preset, rng = PRESETS["default"], np.random.default_rng(3)
-    values = {name: rng.uniform(*PARAMETERS[name].bounds) for name in SEARCHED}
+    values = {name: rng.uniform(*bounds) for name, bounds in SEARCHED.items()}
     wanted = with_parameters(preset.setup, values)
-    texts = dict(text.removeprefix("--").split(maxsplit=1) for text in written(wanted, preset.setup))
+    texts = dict(text.removeprefix("--").split(maxsplit=1) for text in as_options(wanted, preset.setup))
     center_mm = [float(part) for part in texts.pop("center-mm").split()]
     given = {flag.replace("-", "_"): float(text) for flag, text in texts.items()}
     made = setup_of(preset, None, given | {"center_mm": center_mm})
     np.testing.assert_allclose(made.T_base_circle.matrix, wanted.T_base_circle.matrix, atol=1e-7)
     np.testing.assert_allclose(made.grasp.rotation.matrix, wanted.grasp.rotation.matrix, atol=1e-7)
     assert made.needle.radius_m == pytest.approx(wanted.needle.radius_m)
-    assert written(preset.setup, preset.setup) == []
+    assert as_options(preset.setup, preset.setup) == []
 
 
 @pytest.mark.parametrize(

@@ -73,11 +73,7 @@ AWAY = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.4], [0, 0, 0, 1]]
     ("setup", "words", "sentence"),
     [
         ({}, ("--preset", "default"), "preset 'default' cannot be combined with a plan"),
-        (
-            {"arm": "psm-si"},
-            (),
-            "is for 'psm-si', but arm 'psm1' of station 'suture' is 'psm-classic'; plan",
-        ),
+        ({"arm": "psm-si"}, (), "is for 'psm-si', but arm 'psm1' of station 'suture' is 'psm-classic'; plan"),
         ({"T_world_base": AWAY}, (), "is out of reach"),
     ],
 )

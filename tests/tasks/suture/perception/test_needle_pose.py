@@ -115,10 +115,7 @@ def test_the_search_starts_where_the_needle_is_likeliest_so_many_sds_away():
     covariance = root @ root.T
     T, lever = over_floor(rng), lever_of(ARC.point_m(np.zeros(1))[0])
     variance, axes = np.linalg.eigh(lever @ covariance @ lever.T)
-    for away, starts in (
-        (1.5, search_starts(T, covariance, ARC)),
-        (3.0, search_starts(T, covariance, ARC, 3.0)),
-    ):
+    for away, starts in ((1.5, search_starts(T, covariance, ARC)), (3.0, search_starts(T, covariance, ARC, 3.0))):
         twists = [(T.inverse() @ start).log() for start in starts]
         np.testing.assert_allclose(twists[0], 0.0, atol=1e-12)
         assert len(twists) == 7 and variance[0] > 0.8e-3**2

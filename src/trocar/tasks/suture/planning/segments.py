@@ -11,8 +11,17 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, ik_unbounded
 from trocar.geometry import SE3
-from trocar.tasks.suture.planning.joints import INSERTION, LIMIT_TOLERANCE, ROLL, unwound
-from trocar.tasks.suture.planning.primitive import SPACING_M, SPACING_RAD, Suture, driven_steps, tip_poses
+from trocar.tasks.suture.planning.primitive import (
+    INSERTION,
+    LIMIT_TOLERANCE,
+    ROLL,
+    SPACING_M,
+    SPACING_RAD,
+    Suture,
+    driven_steps,
+    tip_poses,
+    unwound,
+)
 from trocar.tasks.suture.planning.setup import SutureSetup
 
 BEYOND_RAD = math.radians(10.0)

@@ -19,7 +19,7 @@ from trocar.report import style
 from trocar.report.tables import figure as figures
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import PRESETS, Suture, SutureSetup
-from trocar.tasks.suture.planning.plan_file import setup_from
+from trocar.tasks.suture.planning.plan import setup_from
 
 NEAR = 0.15
 """A limit is drawn if the joint comes closer to it than this share of its range."""

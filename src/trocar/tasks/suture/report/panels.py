@@ -156,7 +156,7 @@ def table_bars(axes: Axes, study: SutureStudy, title: str) -> None:
     """Draw Table I as bars beside the paper's."""
     height = 0.38
     for shift, points, color in (
-        (-height / 2, study.table.points, style.BLUE),
+        (-height / 2, study.points, style.BLUE),
         (height / 2, PAPER_TABLE_1, PAPER_GREY),
     ):
         for number, value in enumerate(points.ravel()):
