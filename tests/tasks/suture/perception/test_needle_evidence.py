@@ -8,7 +8,7 @@ import pytest
 from made_up_needle import ARC, FLOOR_RGB, LENS, STEEL_RGB, T_CAMERA_FLOOR, over_floor, picture
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import Patch, pixel_rays
-from trocar.tasks.suture.perception.needle_evidence import along_rays, clear, colors, gather_evidence
+from trocar.tasks.suture.perception import along_rays, clear, colors, gather_evidence
 
 NEAR_M = 1.3e-3
 TRUE = over_floor(np.random.default_rng(0))

@@ -9,18 +9,20 @@ import made_up_needle
 from made_up_needle import ARC, HALF_LENS, T_CAMERA_FLOOR, first_met, over_floor
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.tasks.suture.perception import needle_pose, search_starts, sight_needle
-from trocar.tasks.suture.perception.needle_evidence import NeedleEvidence
-from trocar.tasks.suture.perception.needle_pose import (
+from trocar.tasks.suture import perception
+from trocar.tasks.suture.perception import (
     POINT_SD_M,
     RAY_SD_PX,
     ROBUST,
     TOGETHER,
+    NeedleEvidence,
     contradicting_share,
     depth_residuals,
     normal_equations,
     ray_cost,
     ray_distances,
+    search_starts,
+    sight_needle,
 )
 
 SD = np.repeat([0.6e-3, 0.06], 3)
@@ -157,7 +159,7 @@ def test_what_scatters_far_more_than_the_camera_is_no_needle():
 def test_a_needle_is_found_from_two_millimetres_or_a_sixth_of_a_radian_away(axis, monkeypatch):
     """Some SDs away, in steps of .5 mm and .1 rad at most; its turn about its centre shows at its ends alone."""
     tried = []
-    monkeypatch.setattr(needle_pose, "normal_equations", lambda *at: tried.append(at[1]) or normal_equations(*at))
+    monkeypatch.setattr(perception, "normal_equations", lambda *at: tried.append(at[1]) or normal_equations(*at))
     rng = np.random.default_rng(5)
     true = over_floor(rng)
     image = picture(true, rng)

@@ -64,7 +64,7 @@ def test_given_manipulability_takes_the_surrogates_place_and_is_named():
     setup = PRESETS["default"].setup
     assert dexterity(setup, positions=8).source == SURROGATE
     places, squares = np.radians([0.0, 90.0, 180.0, 270.0]), np.array([[3.0, 2.0, 1.0, 2.0], [5.0, 4.0, 3.0, 4.0]])
-    recorded = Demonstrations(places, squares, np.ones(4, dtype=int), ("left", "right"), "sixteen sutures")
+    recorded = Demonstrations(places, squares, "sixteen sutures")
     given = dexterity(setup, Reward(weight=0.0), 8, recorded)
     assert given.source == given.at([0.1]).source == "sixteen sutures"
     np.testing.assert_allclose(given.best, np.array([8, 7, 6, 5, 4, 5, 6, 7]) / 8)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms import manipulability
 from trocar.errors import InvalidValue, UnknownName
 from trocar.geometry import TURN
-from trocar.tasks.suture.demonstrations.demonstrations import Demonstrations
+from trocar.tasks.suture.demonstrations import Demonstrations
 from trocar.tasks.suture.planning.primitive import SutureJoints, suture_joints
 from trocar.tasks.suture.planning.setup import DIRECTIONS, NeedleGrasp, SutureSetup, base_beside
 
