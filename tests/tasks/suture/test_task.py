@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from trocar.tasks.suture.planning.plan_file import PlannedSutures, setup_from
 
 from trocar.arms import ARMS
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.tasks.suture.planning import CLOCKWISE, DIRECTIONS, PRESETS, suture_joints
+from trocar.tasks.suture.planning.plan import PlannedSutures, setup_from
 from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.task import CircleSutures

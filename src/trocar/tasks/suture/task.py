@@ -80,10 +80,9 @@ class CircleSutures(Task):
 
     def __post_init__(self) -> None:
         if self.planned:
-            for what in ("preset", "direction"):
-                if getattr(self, what) is not None:
-                    value = repr(getattr(self, what))
-                    raise InvalidInput(f"{what} {value}", "cannot be combined with a plan", "give only one of them")
+            for what, value in (("preset", self.preset), ("direction", self.direction)):
+                if value is not None:
+                    raise InvalidInput(f"{what} {value!r}", "cannot be combined with a plan", "give only one of them")
             count = len(self.planned.sutures)
             if self.sutures not in (None, count):
                 raise InvalidInput(
@@ -94,10 +93,8 @@ class CircleSutures(Task):
             for name, usual in (("preset", PRESET), ("direction", DIRECTION), ("sutures", SUTURES)):
                 if getattr(self, name) is None:
                     object.__setattr__(self, name, usual)
-        for what, value, choices in (
-            ("preset", self.preset, PRESETS),
-            ("direction", self.direction, DIRECTIONS_BY_NAME),
-        ):
+        chosen = (("preset", self.preset, PRESETS), ("direction", self.direction, DIRECTIONS_BY_NAME))
+        for what, value, choices in chosen:
             if value is not None and value not in choices:
                 raise UnknownName(f"the {what}", value, choices)
         check_count(self.sutures or 0)
@@ -105,12 +102,10 @@ class CircleSutures(Task):
         grasp = self.setup.grasp
         if not grasp.holdable:
             can = ", ".join(name for name, preset in PRESETS.items() if preset.setup.grasp.holdable)
-            raise InvalidInput(
-                self._plan_in_words,
-                "cannot be driven: its wire stands "
-                f"{shown(grasp.out_of_jaws_rad, 'rad', '.0f')} out of the plane in which flat jaws meet",
-                f"choose one of {can}" if self.preset else "plan with --grasp-skew-deg 0",
-            )
+            out = shown(grasp.out_of_jaws_rad, "rad", ".0f")
+            problem = f"cannot be driven: its wire stands {out} out of the plane in which flat jaws meet"
+            remedy = f"choose one of {can}" if self.preset else "plan with --grasp-skew-deg 0"
+            raise InvalidInput(self._plan_in_words, problem, remedy)
 
     @property
     def _plan_in_words(self) -> str:
@@ -144,11 +139,9 @@ class CircleSutures(Task):
         name = self.working_arms(station)[0]
         arm = station.arm(name)
         if arm.model.name != self.setup.arm.name:
-            raise InvalidInput(
-                self._plan_in_words,
-                f"is for {self.setup.arm.name!r}, but arm {name!r} of station {station.name!r} is {arm.model.name!r}",
-                "" if self.preset else f"plan with --arm {arm.model.name}",
-            )
+            there = f"arm {name!r} of station {station.name!r} is {arm.model.name!r}"
+            remedy = "" if self.preset else f"plan with --arm {arm.model.name}"
+            raise InvalidInput(self._plan_in_words, f"is for {self.setup.arm.name!r}, but {there}", remedy)
         arms = dict(station.arms) | {name: replace(arm, T_world_base=self.setup.T_world_base)}
         fixtures = dict(station.T_world_fixture) | {"circle": self.setup.circle.T_world_circle}
         return replace(station, arms=arms, T_world_fixture=fixtures)
