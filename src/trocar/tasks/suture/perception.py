@@ -183,11 +183,7 @@ def search_starts(
 ) -> list[SE3]:
     """Return where the search for a needle starts: at the expected pose, and around it if the tip is uncertain.
 
-    Args:
-        T_camera_needle: where it is expected.
-        covariance: (6, 6) of a twist of the needle in its own frame about that pose, m and rad.
-        needle: its shape.
-        away: distance of the other starts, in SDs.
+    Arguments as for ``sight_needle``; the other starts are ``away`` SDs from the expected pose.
     """
     tip = needle.point_m(np.zeros(1))[0]
     lever = np.column_stack([np.eye(3), np.cross(np.eye(3), tip).T])

@@ -114,10 +114,7 @@ class NeedleEstimator:
     def regrasped(self, needle: NeedleEstimate, T_base_tip: SE3, T_tip_needle: SE3) -> None:
         """Account for the jaws closing elsewhere on a needle that the tissue held meanwhile.
 
-        Args:
-            needle: its estimate before the jaws opened.
-            T_base_tip: where the tip is asked to be now.
-            T_tip_needle: where the needle should lie in the jaws now.
+        The estimate is that from before the jaws opened; the poses are those asked for now.
         """
         self._T_tip_needle_planned = T_tip_needle
         self._forget(GRIP)

@@ -110,12 +110,8 @@ def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) 
     """Return the needle's poses (2, k) in the circle's frame at theta = 0, one row per direction of ``DIRECTIONS``.
 
     The needle's frame has its origin at the centre of curvature, x along the motion of the tip, y from the tip to the
-    centre, and z normal to its plane.
-
-    Args:
-        setup: needle, circle, insertion.
-        advance_m: (k,) travel along the straight penetration.
-        turn_rad: (k,) rotation about the needle's centre after it.
+    centre, and z normal to its plane. The needle travels (k,) along the straight penetration, then turns (k,) about its
+    centre.
     """
     advance, turn = np.broadcast_arrays(np.asarray(advance_m, float), np.asarray(turn_rad, float))
     down = setup.insertion.entry_angle_rad
@@ -182,13 +178,7 @@ def path_samples(setup: SutureSetup, straight: int = 3, turning: int = 8) -> Pat
 
 @dataclass(frozen=True)
 class Suture:
-    """One suture: where it stands on the circle, and which way it is driven.
-
-    Attributes:
-        setup: the geometry.
-        theta_rad: its position on the circle.
-        direction: one of ``DIRECTIONS``.
-    """
+    """One suture: the geometry, its position on the circle, and its direction, one of ``DIRECTIONS``."""
 
     setup: SutureSetup
     theta_rad: float
@@ -335,12 +325,8 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
 def unwound(roll: NDArray[np.float64], middle: float = 0.0, of: slice = slice(None)) -> NDArray[np.float64]:
     """Return roll (..., k) rad without jumps along its last axis, in the winding that stays nearest to the middle.
 
-    The roll is known only up to whole turns; wrapped naively, it jumps at some positions (``facts/suture.md``).
-
-    Args:
-        roll: rad.
-        middle: of the joint's range.
-        of: the part of the last axis whose extremes decide.
+    The roll is known only up to whole turns; wrapped naively, it jumps at some positions (``facts/suture.md``). The
+    extremes of the part ``of`` the last axis decide.
     """
     roll = np.unwrap(roll, axis=-1)
     deciding = roll[..., of]

@@ -202,12 +202,8 @@ def base_beside(
 ) -> SE3:
     """Return the pose of a base beside and above the world's origin, with rotation ``Rz(azimuth) Ry(tilt) Rz(spin)``.
 
-    Args:
-        azimuth_rad: direction from the origin to the base, counterclockwise from x.
-        sideways_m: horizontal distance.
-        up_m: height.
-        tilt_rad: lean of the instrument (at rest along -z of the base) towards the origin.
-        spin_rad: rotation of the base about its z.
+    The azimuth is counterclockwise from x; the tilt leans the instrument (at rest along -z of the base) towards the
+    origin.
     """
     for name, value in (("sideways", sideways_m), ("up", up_m)):
         check_range(f"base {name}", value, -0.5, 0.5)
@@ -269,12 +265,7 @@ def parameters_of(setup: SutureSetup) -> dict[str, float]:
 
 
 def with_parameters(setup: SutureSetup, values: Mapping[str, float], **changes: Any) -> SutureSetup:
-    """Return the setup with some parameters replaced; the others stay.
-
-    Args:
-        setup: where the others come from.
-        values: of parameters, by name.
-        changes: parts of the setup that are replaced first.
+    """Return the setup with some parts replaced, then some parameters by name; the others stay.
 
     Raises:
         InvalidInput: a name is unknown, or no setup has these values.
