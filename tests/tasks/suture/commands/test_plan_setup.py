@@ -67,9 +67,6 @@ def test_every_number_of_a_setup_is_written_as_an_option_that_reads_back():
     [
         ("--free foo", "center_x_mm"),
         ("--bound circle_radius_mm=25", "NAME=LOW:HIGH"),
-        ("--free circle --bound base_up_mm=80:90", "not free"),
-        ("--free circle --bound circle_radius_mm=30:20", "lower first"),
-        ("--evaluations 3", "is 3; give at least"),
         ("--bound circle_radius_mm=-5:20", "circle radius is -5 mm"),
         ("--bound base_tilt_deg=0:nan", "base_tilt_deg is bounded by 0 and nan"),
         ("--bound center_x_mm=-600:0", "-600 mm"),

@@ -119,16 +119,10 @@ def test_the_json_holds_the_setup_that_was_asked_for(answer):
     ("line", "words"),
     [
         ("--preset magic", "default, paper-demo"),
-        ("--count 7", "multiple"),
         ("--forbid-deg 10", "FROM:TO"),
-        ("--forbid-deg 0:350 --min-gap-deg 30", "no "),
         ("--center-mm nan 0 0", "centre"),
-        ("--margin best", "smallest, normalised, clipped, paper"),
-        ("--weight 2", "lambda"),
-        ("--demonstrations nowhere", "nowhere"),
+        ("--center-mm 600 0 0", "from -500 to 500 mm"),
         ("--fix-deg nan", "fixed positions"),
-        ("--forbid-deg 10:700", "from 10 deg to 700 deg"),
-        ("--base-azimuth-deg nan", "base azimuth is nan deg"),
         ("--out /dev/null/x", "cannot be made"),
     ],
 )
@@ -148,16 +142,10 @@ def test_sutures_that_cross_are_reported(answer, plan):
     assert "warning" not in plan()[1]
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("--pushes 0", "turned by 70.0 deg, but its tip comes out at 104.7 deg"),
-    ],
-)
-def test_a_needle_that_never_comes_out_is_reported_with_its_turns(answer, plan, line, words):
+def test_a_needle_that_never_comes_out_is_reported_with_its_turns(answer, plan):
     assert answer()["needle_comes_out"] is True
-    assert answer(line)["needle_comes_out"] is False
-    assert words in " ".join(plan(line)[1].split())
+    assert answer("--pushes 0")["needle_comes_out"] is False
+    assert "turned by 70.0 deg, but its tip comes out at 104.7 deg" in " ".join(plan("--pushes 0")[1].split())
 
 
 def test_another_arm_out_of_reach_is_told_how_a_base_is_found(plan):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from trocar.arms import ARMS, fk
 from trocar.geometry import SE3
-from trocar.tasks.suture.planning import PRESETS, Insertion, SutureSetup, suture_joints
+from trocar.tasks.suture.planning import DIRECTIONS, PRESETS, Insertion, SutureSetup, suture_joints
 from trocar.tasks.suture.planning.primitive import (
     driven_steps,
     grasp_pose,
@@ -28,7 +28,7 @@ NEEDLE_TIP = [0.0, -SETUP.needle.radius_m, 0.0]
 
 def needle_tip(setup, advance, turn):
     """Where the needle's tip is, in the circle's frame; (2, k, 3)."""
-    return needle_poses(setup, advance, turn).apply([0.0, -setup.needle.radius_m, 0.0])
+    return needle_poses(setup, advance, turn).apply(NEEDLE_TIP)
 
 
 def test_the_tip_enters_at_theta_along_the_entry_angle():
@@ -54,17 +54,13 @@ def test_the_needle_turns_about_a_centre_that_stays():
     np.testing.assert_allclose(np.linalg.norm(tips - T.translation_m, axis=-1), 0.0083, atol=1e-15)
 
 
-def test_the_tip_comes_out_where_the_bite_ends():
-    out = needle_tip(SETUP, [0.01], [SETUP.exit_turn_rad])[:, 0]
-    assert np.abs(out[:, 2]).max() < 1e-15
-    np.testing.assert_allclose(np.abs(out[:, 1]), SETUP.bite_m, atol=1e-15)
-    assert steps(SETUP)[-1].needle_rad[1] > SETUP.exit_turn_rad
-
-
-def test_theta_in_the_middle_centres_the_bite():
-    middle = replace(SETUP, insertion=Insertion(theta_is="middle"))
-    ends = [needle_tip(middle, [a], [t])[:, 0] for a, t in ((0.0, 0.0), (0.01, middle.exit_turn_rad))]
-    np.testing.assert_allclose((ends[0] + ends[1]) / 2, [[0.03, 0, 0]] * 2, atol=1e-15)
+@pytest.mark.parametrize(("theta_is", "ends"), [("entry", (0.0, 1.0)), ("middle", (-0.5, 0.5))])
+def test_the_bite_begins_at_theta_or_is_centred_there_and_ends_at_the_surface(theta_is, ends):
+    setup = replace(SETUP, insertion=Insertion(theta_is=theta_is))
+    entry, out = (needle_tip(setup, [a], [t])[:, 0] for a, t in ((0.0, 0.0), (0.01, setup.exit_turn_rad)))
+    for point, share in ((entry, ends[0]), (out, ends[1])):
+        np.testing.assert_allclose(point, [[0.03, -d * share * SETUP.bite_m, 0] for d in DIRECTIONS], atol=1e-15)
+    assert steps(setup)[-1].needle_rad[1] > setup.exit_turn_rad
 
 
 @pytest.mark.parametrize("order", [steps, driven_steps])

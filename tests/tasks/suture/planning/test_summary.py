@@ -20,6 +20,7 @@ from trocar.tasks.suture.planning import (
     suture_joints,
     sutures_at,
 )
+from trocar.tasks.suture.planning.setup import with_parameters
 from trocar.tasks.suture.planning.summary import (
     circle_out_of_reach,
     crossing_sutures,
@@ -49,12 +50,7 @@ def test_a_circle_within_reach_has_no_sentence():
 @pytest.mark.parametrize("turn_deg", [0, 170, 300])
 def test_the_arcs_are_exactly_where_neither_direction_is_feasible(turn_deg):
     """Also where they go over theta = 0: the base is turned about the circle's axis."""
-    setup = replace(
-        wide(),
-        T_world_base=base_beside(
-            radians(225.0 + turn_deg), 0.050, 0.100, tilt_rad=radians(40.0), spin_rad=radians(-135.0)
-        ),
-    )
+    setup = with_parameters(wide(), {"base_azimuth_rad": radians(225.0 + turn_deg)})
     joints = dexterity(setup).joints
     (arc,) = unreachable_arcs(joints)
     within = (np.degrees(joints.thetas_rad) - arc["from"]) % 360 <= (arc["to"] - arc["from"]) % 360 + 1e-9

@@ -75,7 +75,8 @@ def rewards(axes: Axes, map: DexterityMap, plan: SuturePlan, title: str) -> None
         axes.plot(np.degrees(position), reward, "o", color=color, markeredgecolor=style.INK, markersize=8, zorder=4)
     axes.axhline(plan.reward, color=style.INK, linestyle="--", linewidth=1)
     worst, box = f"worst suture {plan.reward:.3f}", {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1}
-    axes.text(358, plan.reward, worst, ha="right", va="top", fontsize=8, bbox=box)
+    place = {"xytext": (-2, -3), "textcoords": "offset points", "ha": "right", "va": "top"}
+    axes.annotate(worst, (360, plan.reward), fontsize=8, bbox=box, **place)  # left out where it is beyond the axes
     _round_circle(axes, title, "reward D")
 
 
