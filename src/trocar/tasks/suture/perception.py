@@ -39,7 +39,6 @@ MOST_SHIFT_M, MOST_TURN_RAD = 0.5e-3, 0.1
 """Greatest step of the search."""
 WORST_M = 0.9e-3
 """Points that scatter about the wire by more than this (SD) are not on it."""
-
 POINT_SD_M, RAY_SD_PX = 0.35e-3, 0.25
 """SDs of a point's distance from the wire, and of the distance by which a ray misses it or passes through it."""
 ROBUST = 1.5

@@ -31,10 +31,8 @@ DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": 
 
 PRESET, DIRECTION, SUTURES = "default", "best", 4
 """The default plan."""
-
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
 """How far the calibration's motion goes beyond the plan's joints, rad and m, to leave room for corrections."""
-
 _AGENT = "trocar.tasks.suture.agents.circle"
 _LOOKING = {"agent": Lazy(f"{_AGENT}:CircleSuturing"), "settings": Lazy(f"{_AGENT}:Settings"), "stop_at_limits": True}
 _BLIND = {**_LOOKING, "settings": Lazy(f"{_AGENT}:blind")}

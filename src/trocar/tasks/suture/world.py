@@ -29,7 +29,6 @@ MARK_RGB = (0.20, 0.25, 0.55)
 TABLE_RGB = (0.30, 0.33, 0.36)
 MARKS = 72
 """Number of dashes with which the circle on the phantom is drawn."""
-
 STEEL_KG_M3 = 7900.0
 ASIDE_M = (0.075, 0.060, 0.010)
 """Where a person keeps the needle until the jaws ask for it, in the circle's frame."""

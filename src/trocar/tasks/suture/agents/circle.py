@@ -22,28 +22,21 @@ from trocar.trajectory import Trajectory
 
 KNOT_S = 0.020
 """Spacing of a motion's knots: two control periods."""
-
 TRAVELS = ("lower", "withdraw", "rise")
 """Segments away from tissue and needle, done at travel speed."""
-
 JOINED = 1e-3
 """A segment that starts within this distance (rad, m) of the arm's position continues from there."""
-
 RUN_UP_M = 1.0e-3
 """A corrected start of a path is approached from this far behind it, along the path, so that the outer joints have
 taken up their play in the direction of the motion."""
-
 ENOUGH_M = 0.2e-3
 """A needle's tip estimated to be this close to where it should be is not moved and looked at again. The threshold is
 multiplied by the number of looks there, because each move disturbs the cables again, by some .6 mm."""
-
 LOWERED = (1.0, 2 / 3, 1 / 3, 0.0)
 """Shares of the way down that are tried, since its upper end matters least."""
-
 TURNS, SHORT = ("rotate", "push"), (3, 6, 9)
 """If the commands' limits cut a rotation of the needle short, it stops this many waypoints, of 1 deg, early. The path
 after it makes up for the rest, starting from where the needle is seen."""
-
 LOAD = "load needle"
 """A person's action: ``await assistants[LOAD](arm)`` puts the needle between the open jaws and holds it there until
 they close."""

@@ -30,7 +30,6 @@ MISLOADED_M, MISLOADED_RAD = 2.5e-3, 0.25
 """A needle that lies this far from where a person should have put it is loaded again."""
 ROUND_PX = 32
 """Margin around the needle in the pixels that are read out."""
-
 BEFORE_ENTRY_M = 2e-3
 """Distance of the last look before the tissue, along the needle's path."""
 PAST_ENTRY_M = 2.5e-3

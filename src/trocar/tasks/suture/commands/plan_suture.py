@@ -50,7 +50,6 @@ OF_REWARD: dict[str, Any] = {
     ],
 }
 """Fields of ``Reward``."""
-
 OF_INSERTION: dict[str, Any] = {
     "regrasp_deg": Annotated[
         float | None, option(GIVEN, "How far the jaws move back along the needle.", "DEG", "--regrasp-deg")
@@ -59,10 +58,8 @@ OF_INSERTION: dict[str, Any] = {
     "theta_is": Annotated[str | None, option(GIVEN, "Which point of a suture lies at theta: entry or middle.")],
 }
 """Fields of ``Insertion``."""
-
 SAID = {name: shown_parameter(name)[1] for name in PARAMETERS}
 """Parameters of a setup as the command line calls them, in mm or deg."""
-
 OF_SETUP: dict[str, Any] = {
     SAID[name]: Annotated[
         float | None,

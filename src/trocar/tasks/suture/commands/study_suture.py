@@ -18,7 +18,6 @@ KIND = "study of sutures"
 DRAWN = ("figures", "table_1", *(f"figure_{number}" for number in range(3, 8)))
 FILES = {"summary.json": KIND, **{f"{name}.png": PICTURE for name in DRAWN}}
 """The files that are written, with their kinds."""
-
 CAVEAT = (
     "Table I identifies neither the setup nor the formula: other bases, needles and grasps come within 1.9 points of "
     "each entry with each formula of the margin (docs/sutures.md)"

@@ -26,11 +26,9 @@ from trocar.tasks.suture.demonstrations import NAME
 KIND = "manifest of demonstrations"
 BEYOND = 0.1
 """Share of its range by which a recorded joint may leave it: encoders drift, but wrong units exceed it by far."""
-
 MIN_TURN_RAD, MIN_DEPTH_M = math.radians(7.0), 0.5e-3
 """A suture turns some joint, and inserts some instrument, by more than this; radians read as degrees stay below 6.3
 "degrees", and metres read as mm below .3 mm."""
-
 INSERTION = 2
 UNITS = "the units (angles and lengths in its manifest)"
 
@@ -38,13 +36,10 @@ COLUMNS = 76
 SLAVES = (38, 57)
 """First column of the left slave, then of the right: position m (3), rotation row by row (9), velocity (3), angular
 velocity (3, unreliable), gripper (1); the masters come before (``facts/suture.md``)."""
-
 MIN_SPREAD_M = 0.3e-3
 """A suture's poses spread over more than this; metres read as mm spread over less."""
-
 SKEWED = 0.2
 """A matrix that differs by more than this from the nearest rotation, in the largest entry, is not a rotation."""
-
 MIN_REAL_SHARE = 0.5
 """Share of a recording's poses for which the arm must have a solution; with fewer the bases are wrong."""
 

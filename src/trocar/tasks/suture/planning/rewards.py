@@ -21,7 +21,6 @@ SURROGATE = "surrogate: the needle primitive itself, both directions; no demonst
 
 NO_SOLUTION = -1e3
 """The margin of a suture that no configuration of the arm can make."""
-
 WRIST = slice(3, 6)
 """The joints that a margin considers (paper, III-C3)."""
 

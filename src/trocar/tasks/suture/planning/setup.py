@@ -20,7 +20,6 @@ from trocar.tasks.suture.needle import Needle, check_range
 CLOCKWISE, COUNTERCLOCKWISE = 1, -1
 DIRECTIONS = (CLOCKWISE, COUNTERCLOCKWISE)
 """The paper's d (section III-B), as seen from above the tissue; the direction axis of every array has this order."""
-
 DIRECTION_NAMES = {CLOCKWISE: "clockwise", COUNTERCLOCKWISE: "counterclockwise"}
 
 HOLDABLE_RAD = math.radians(5.0)
@@ -250,7 +249,6 @@ PARAMETERS = {
     "grasp_skew_rad": Parameter("Rotation of the jaws about their long axis.", _degrees(-180, 180)),
 }
 """Numbers of a setup by name: the part that holds it (``center`` and ``base`` are poses), then the field there."""
-
 SEARCHED = {name: parameter.bounds for name, parameter in PARAMETERS.items() if parameter.bounds}
 """The parameters that can be searched over, with their usual bounds."""
 

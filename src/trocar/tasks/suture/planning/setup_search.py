@@ -37,7 +37,6 @@ GROUPS = {
     "grasp": ("grasp_behind_tip_rad", "grasp_approach_rad", "grasp_lean_rad"),
 }
 """Parameters that are searched over together, by name."""
-
 POPULATION = 48
 COARSE = 72
 """Size of the grid during the search."""

@@ -18,22 +18,16 @@ from trocar.tasks.suture.planning.setup import SutureSetup
 LOCATIONS = ("random", "optimal")
 ALLOWED = ("clockwise", "counterclockwise", "best")
 """Rows and columns of Table I."""
-
 PAPER_TABLE_1 = np.array([[60.2, 42.8, 88.6], [65.6, 50.6, 100.0]])
 """Table I of Thananjeyan et al., rows as ``LOCATIONS``, columns as ``ALLOWED``; 100 is the best."""
-
 PAPER_SWITCHES_DEG = (67.0, 228.0)
 """Where the paper's best direction changes (Figs. 3 to 5)."""
-
 PAPER_BEST_THETA_DEG = (28.0, 11.0)
 """The paper's best theta_1 at its smallest and largest lambda (Fig. 7), whose values it does not give."""
-
 NEAR_DEG = 5.0
 """Angles this near to the paper's count as reproduced."""
-
 SWEEP = tuple(k / 10 for k in range(11))
 """Values of lambda for Fig. 7."""
-
 SUTURES = 4
 
 
