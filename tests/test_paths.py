@@ -28,9 +28,9 @@ from trocar.perception.capture import load_capture
 from trocar.report.stills import draw_storyboard
 from trocar.tasks.suture.demonstrations import load_demonstrations
 from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
-from trocar.tasks.suture.planning.plan_file import load_plan
+from trocar.tasks.suture.planning.plan import load_plan
+from trocar.tasks.suture.planning.summary import plan_summary
 from trocar.tasks.suture.report.circle import draw_plan
-from trocar.tasks.suture.report.plan_summary import plan_summary
 
 SOURCE = Path(__file__).parents[1] / "src" / "trocar"
 

@@ -16,11 +16,12 @@ from trocar.tasks.suture.planning import (
     Suture,
     base_beside,
     dexterity,
+    plan_even,
     suture_joints,
     sutures_at,
 )
-from trocar.tasks.suture.planning.grid import plan_even
-from trocar.tasks.suture.planning.problems import (
+from trocar.tasks.suture.planning.setup import with_parameters
+from trocar.tasks.suture.planning.summary import (
     circle_out_of_reach,
     crossing_sutures,
     plan_out_of_reach,
@@ -41,7 +42,7 @@ def wide(radius_m=0.090):
 
 def test_a_circle_within_reach_has_no_sentence():
     joints = dexterity(DEFAULT.setup).joints
-    assert unreachable_arcs(joints) == ()
+    assert unreachable_arcs(joints) == []
     assert circle_out_of_reach(joints) == ""
     assert plan_out_of_reach(sutures(plan_even(dexterity(DEFAULT.setup)))) == ""
 
@@ -49,15 +50,10 @@ def test_a_circle_within_reach_has_no_sentence():
 @pytest.mark.parametrize("turn_deg", [0, 170, 300])
 def test_the_arcs_are_exactly_where_neither_direction_is_feasible(turn_deg):
     """Also where they go over theta = 0: the base is turned about the circle's axis."""
-    setup = replace(
-        wide(),
-        T_world_base=base_beside(
-            radians(225.0 + turn_deg), 0.050, 0.100, tilt_rad=radians(40.0), spin_rad=radians(-135.0)
-        ),
-    )
+    setup = with_parameters(wide(), {"base_azimuth_rad": radians(225.0 + turn_deg)})
     joints = dexterity(setup).joints
     (arc,) = unreachable_arcs(joints)
-    within = (joints.thetas_rad - arc.from_rad) % (2 * np.pi) <= (arc.to_rad - arc.from_rad) % (2 * np.pi) + 1e-9
+    within = (np.degrees(joints.thetas_rad) - arc["from"]) % 360 <= (arc["to"] - arc["from"]) % 360 + 1e-9
     assert np.array_equal(within, ~joints.feasible.any(0))
 
 
@@ -133,10 +129,10 @@ def test_path_ends_are_the_entry_and_the_point_in_the_tissue_farthest_from_it(fi
 
 
 def test_sutures_that_head_for_each_other_cross_and_others_do_not():
-    assert crossing(DEFAULT.setup, [3, 63], [CCW, CW]) == ((0, 1),)
-    assert crossing(DEFAULT.setup, [3, 63], [CW, CCW]) == ()
-    assert crossing(DEFAULT.setup, [0, 90, 180, 270], [CCW, CW, CCW, CW]) == ()
-    assert crossing(replace(DEFAULT.setup, circle=Circle(0.040)), [3, 63], [CCW, CW]) == ()
+    assert crossing(DEFAULT.setup, [3, 63], [CCW, CW]) == [(0, 1)]
+    assert crossing(DEFAULT.setup, [3, 63], [CW, CCW]) == []
+    assert crossing(DEFAULT.setup, [0, 90, 180, 270], [CCW, CW, CCW, CW]) == []
+    assert crossing(replace(DEFAULT.setup, circle=Circle(0.040)), [3, 63], [CCW, CW]) == []
 
 
 def test_paths_nearer_than_the_wire_meet_though_they_do_not_cross():
