@@ -16,11 +16,10 @@ from trocar.eval import AgentContext
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
-from trocar.tasks.peg_transfer.agents import agent_of
-from trocar.tasks.peg_transfer.agents.settings import Settings
+from trocar.tasks.peg_transfer.agents import Settings, agent_of
 from trocar.tasks.peg_transfer.goals import PegSet, Transfer
 from trocar.tasks.peg_transfer.perception import DepthView
-from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
+from trocar.tasks.peg_transfer.truth import TransferScore, score_transfers
 
 SETTINGS = Settings()
 BLOCKS = tuple(range(6))

@@ -190,8 +190,7 @@ def tilted(peg):
     ids=["wrong peg", "beside its peg", "hung on the top", "tilted", "upside down"],
 )
 @pytest.mark.parametrize(
-    ("events", "failure"),
-    [([], "NOT_PLACED"), ([note("DONE")], "NOT_PLACED"), ([note("DROPPED")], "DROPPED")],
+    ("events", "failure"), [([], "NOT_PLACED"), ([note("DONE")], "NOT_PLACED"), ([note("DROPPED")], "DROPPED")]
 )
 def test_a_block_that_does_not_stand_upright_round_its_target_is_not_placed(after, events, failure):
     film = Film().show(0.5, near=SOURCE).show(0.5, {SOURCE: standing(TARGET, height_m=ALOFT_M)}, held=[SOURCE])

@@ -94,11 +94,10 @@ class PegWorld(TaskWorld):
         return PegTruth(
             times_s=record.times_s,
             T_board_blocks=T_board_world @ SE3.unchecked(np.stack(poses, axis=1)),
-            held=np.any(list(held_by.values()), axis=0),
+            held_by=held_by,
             p_board_tips={name: T_board_world.apply(T.translation_m) for name, T in record.T_world_tip.items()},
             board=self._scene.board,
             block=self._scene.block,
-            held_by=held_by,
         )
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:

@@ -239,8 +239,7 @@ def moved_m(trial, block):
 
 
 @pytest.mark.parametrize(
-    ("variant", "transfers", "frames"),
-    [("unilateral", 2, (1, 3, 4, 5)), ("handover", 2, (1, 3, 4, 5))],
+    ("variant", "transfers", "frames"), [("unilateral", 2, (1, 3, 4, 5)), ("handover", 2, (1, 3, 4, 5))]
 )
 def test_where_frames_are_empty_one_looks_again(kept, variant, transfers, frames):
     """The first look at a block, then those at the next one from the moving arm."""
@@ -406,8 +405,7 @@ def test_an_arm_alone_that_stops_answering_ends_its_transfers(kept):
 
 
 @pytest.mark.parametrize(
-    ("arm", "other", "outcomes"),
-    [("psm2", "psm1", [ARM_STOPPED, DONE]), ("psm1", "psm2", [DONE, ARM_STOPPED])],
+    ("arm", "other", "outcomes"), [("psm2", "psm1", [ARM_STOPPED, DONE]), ("psm1", "psm2", [DONE, ARM_STOPPED])]
 )
 def test_an_arm_that_stops_answering_does_not_keep_the_other_from_its_work(kept, arm, other, outcomes):
     trial = kept("bilateral", robot=silent(arm, 4, MIDWAY))

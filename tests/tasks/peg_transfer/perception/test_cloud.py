@@ -82,11 +82,7 @@ def test_a_plain_disc_is_no_block():
 
 @pytest.mark.parametrize(
     ("points", "message"),
-    [
-        (np.zeros((100, 2)), "shape"),
-        (np.zeros((5, 3)), "at least 60"),
-        (np.full((100, 3), np.nan), "NaN"),
-    ],
+    [(np.zeros((100, 2)), "shape"), (np.zeros((5, 3)), "at least 60"), (np.full((100, 3), np.nan), "NaN")],
 )
 def test_refuses_bad_points(points, message):
     with pytest.raises(TrocarError, match=message):

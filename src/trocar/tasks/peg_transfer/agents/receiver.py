@@ -13,10 +13,9 @@ from trocar.geometry import SE3, SO3
 from trocar.motion import TimedPath
 from trocar.robots.concurrency import Pending
 from trocar.robots.coordinator import Blocked
-from trocar.tasks.peg_transfer.agents.meeting import choose_taking
+from trocar.tasks.peg_transfer.agents.meeting import ASIDE_M, HandoverState, Side
 from trocar.tasks.peg_transfer.agents.motions import Carriage, Joints, end_of, raised, starts_at, yaw_of
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.side import HandoverState, Side
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, withdraw
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, held_block
@@ -43,26 +42,13 @@ class Coming:
     down_s: float = inf
 
 
-@dataclass(frozen=True, eq=False)
-class Looked:
-    """What was seen of the block in the other arm's jaws while this arm was still on its way.
-
-    Attributes:
-        T_board_block: where the block is.
-        descent: how to come down to it from where the arm was going; None: to be planned.
-    """
-
-    T_board_block: SE3
-    descent: Coming | None
-
-
 class Receiver(Side):
     """Waits above, looks, takes the block, looks again, places it."""
 
     def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
         super().__init__(arm, other, script)
         self._coming: Pending[Coming] = Pending()
-        self._looked: Pending[Looked] = Pending()
+        self._looked: Pending[tuple[SE3, Coming | None]] = Pending()
 
     async def come_near(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
         """Wait to the side until it is known where the block will be offered, then above where it will be grasped."""
@@ -86,7 +72,7 @@ class Receiver(Side):
         """Go to this arm's side of the handover place, and higher."""
         x, y, z = self.settings.meeting_m
         tip_m = z + self.table.block.height_m - self.settings.depth_m
-        beside = [x + self.own_side * self.settings.aside_m, y, tip_m + self.settings.waits_above_m]
+        beside = [x + self.own_side * ASIDE_M, y, tip_m + self.settings.waits_above_m]
         pose = SE3.from_parts(SO3.axis("z", yaw_of(self.arm.T_board_tip) if self.arm.upright else np.pi), beside)
         await self.arm.go_over(pose)
 
@@ -126,7 +112,7 @@ class Receiver(Side):
 
         self._coming.start(helpers, plan)
 
-    async def _look_ahead(self, path: TimedPath, meeting: HandoverState) -> Looked | None:
+    async def _look_ahead(self, path: TimedPath, meeting: HandoverState) -> tuple[SE3, Coming | None] | None:
         """Look at the block as soon as it is held still; plan the descent from where this arm's motion ends."""
         await meeting.offered.wait()
         if meeting.outcome is not None or meeting.T_board_block is None:
@@ -134,7 +120,7 @@ class Receiver(Side):
         block = await self.arm.eyes.see_held(meeting.T_board_block)
         if block is None:
             return None
-        return Looked(block, await self.arm.plan(lambda: self._find_descent(end_of(path), block, [])))
+        return block, await self.arm.plan(lambda: self._find_descent(end_of(path), block, []))
 
     def _find_above(self, q: Joints, meeting: HandoverState, avoid: list[int]) -> Coming | None:
         assert meeting.T_board_block is not None and meeting.T_board_giver is not None
@@ -160,15 +146,8 @@ class Receiver(Side):
 
     def _grasp(self, T_board_block: SE3, T_board_giver: SE3, avoid: list[int], near: SE3 | None = None) -> Grasp | None:
         """Return how to grasp a block in the other arm's jaws; near a pose of the tip, if one is given."""
-        grasp = choose_taking(
-            *self.partners(self.other, self.arm),
-            self.table.T_world_board,
-            T_board_block,
-            T_board_giver,
-            self.ways(),
-            avoid=tuple(avoid),
-            near=near,
-        )
+        geometry = self.geometry(self.other, self.arm)
+        grasp = geometry.choose_taking(T_board_block, T_board_giver, avoid, near)
         if not isinstance(grasp, str):
             return grasp
         if near is None:
@@ -181,21 +160,20 @@ class Receiver(Side):
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
             looked = await self._looked.take()
-            block = looked.T_board_block if looked is not None else await self.arm.eyes.see_held(meeting.T_board_block)
+            block, descent = looked or (await self.arm.eyes.see_held(meeting.T_board_block), None)
             if block is None:
                 await self.arm.go_home()
                 block = await self.arm.eyes.see_held(meeting.T_board_block)
             if block is None:
                 return None
-            grasp = await self._come(block, failed, looked.descent if looked is not None else None)
+            grasp = await self._come(block, failed, descent)
             if grasp is None:
                 return None
             T_tip_block = held_block(grasp.T_board_tip, block, self.table.block)
             if await self.arm.grip(T_tip_block) and self._holds_a_wall():
                 return T_tip_block
-            self.cell.log.event(
-                "pick failed", arm=self.arm.name, attempt=attempt, jaw_rad=round(self.arm.hand.jaw_rad, 4)
-            )
+            jaw_rad = round(self.arm.hand.jaw_rad, 4)
+            self.cell.log.event("pick failed", arm=self.arm.name, attempt=attempt, jaw_rad=jaw_rad)
             failed.append(grasp.candidate)
             await self.arm.open(self.settings.release_rad)
             await self.leave()
@@ -250,14 +228,7 @@ class Receiver(Side):
         to_receive: HandoverState | None,
         helpers: trio.Nursery,
     ) -> None:
-        """Do this arm's part of a handover.
-
-        Args:
-            meeting: this one.
-            to_give: the next one, if this arm gives there.
-            to_receive: the next one, if it receives there too.
-            helpers: look and plan while the arm moves.
-        """
+        """Do this arm's part of a handover; the next one is ``to_give`` or ``to_receive``, as it gives there or not."""
         await self.come_near(meeting, helpers)
         if meeting.outcome is not None:
             return
@@ -306,7 +277,4 @@ class Receiver(Side):
             meeting.fail(TransferOutcome.DROPPED)
         else:
             self.table.blocks[target] = place
-        if meeting.outcome is not None:
-            await self.arm.let_go()
-            return
-        await self.arm.open()
+        await (self.arm.let_go() if meeting.outcome else self.arm.open())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from math import inf
 
@@ -16,9 +15,9 @@ from trocar.robots.concurrency import together, with_helpers
 from trocar.robots.coordinator import Blocked, Coordinator
 from trocar.tasks.peg_transfer.agents.giver import Giver
 from trocar.tasks.peg_transfer.agents.learner import learning
+from trocar.tasks.peg_transfer.agents.meeting import HandoverState
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.receiver import Receiver
-from trocar.tasks.peg_transfer.agents.side import AGAIN, HandoverState
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, begin, finish, withdraw
 from trocar.tasks.peg_transfer.goals import PAIRS, Transfer, TransferOutcome
@@ -53,7 +52,7 @@ class TwoArms(ABC):
             await self.transfer_all()
 
     def first_looks(self) -> Sequence[Callable[[], Awaitable[None]]]:
-        """Return the function that looks at the first blocks."""
+        """Return the functions that look at the first blocks."""
         return []
 
     async def leave(self, arm: PegArm) -> None:
@@ -70,6 +69,8 @@ class TwoArms(ABC):
 
 
 LEFT_GOALS = frozenset(left for left, _ in PAIRS)
+AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED, TransferOutcome.DROPPED)
+"""Outcomes of a handover after which another try is worthwhile: the block is back where it was, or has slipped back."""
 
 
 class Bilateral(TwoArms):
@@ -79,35 +80,28 @@ class Bilateral(TwoArms):
         super().__init__(context)
         lefts = [goal for goal in self.goals if goal in LEFT_GOALS]
         rights = [goal for goal in self.goals if goal not in LEFT_GOALS]
-        self.scripts = (
-            OneArm(self.left, lefts, beside=True, keeps_pace=True),
-            OneArm(self.right, rights, beside=True, keeps_pace=True),
-        )
+        both = (self.left, lefts), (self.right, rights)
+        self.scripts = [OneArm(arm, goals, beside=True, keeps_pace=True) for arm, goals in both]
 
-    def first_looks(self):
-        """Return the function that looks at both arms' first blocks."""
+    def first_looks(self) -> Sequence[Callable[[], Awaitable[None]]]:
+        """Return the functions that look at both arms' first blocks."""
         return [script.look_first for script in self.scripts]
 
     async def transfer_all(self) -> None:
         """Let both arms do their transfers; an arm that has finished leaves."""
-        await together(*(self._script(script) for script in self.scripts))
+        await together(*(partial(self._script, script) for script in self.scripts))
 
-    def _script(self, script: OneArm):
-        async def run() -> None:
-            await script.transfer_all()
-            self.coordinator.reached(script.arm.name)
-            await self.leave(script.arm)
-
-        return run
+    async def _script(self, script: OneArm) -> None:
+        await script.transfer_all()
+        self.coordinator.reached(script.arm.name)
+        await self.leave(script.arm)
 
 
 class Handover(TwoArms):
     """Both arms have a list of jobs: give, or receive. The next block is picked while this one is placed."""
 
     def __init__(self, context: AgentContext):
-        settings = context.settings
-        settings = replace(settings, fixed_wrist_when_placing=settings.looks_before_placing)
-        super().__init__(replace(context, settings=settings))
+        super().__init__(context)
         rounds = range(self.settings.rounds)
         self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
         self.appointments = [[HandoverState(goal) for _ in rounds] for goal in self.goals]

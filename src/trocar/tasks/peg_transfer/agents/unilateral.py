@@ -20,7 +20,6 @@ from trocar.robots.coordinator import Blocked, Coordinator
 from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.motions import Approach, Carriage, end_of
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
@@ -29,11 +28,8 @@ from trocar.tasks.peg_transfer.grasps import Grasp
 async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[], Awaitable[None]]] = ()) -> bool:
     """Wake the arms and find the board; return whether it was there.
 
-    Args:
-        table: with the board.
-        arms: that work.
-        looks: at the first blocks; if the settings say so, they are taken while the arms, out of the camera's view, are
-            still waking.
+    If the settings say so, it and the first blocks (``looks``) are looked at while the arms, out of the camera's view,
+    are still waking.
     """
     wakes, hand = [arm.exercise_wrist for arm in arms], arms[-1].hand
     if not table.settings.looks_ahead:
@@ -162,16 +158,7 @@ class OneArm:
         reason: str = "",
         turns: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
-        """Note how a transfer ended.
-
-        Args:
-            goal: the transfer.
-            start_s: when it began.
-            outcome: of it.
-            reason: a sentence, if there is one.
-            turns: when each arm began and ended its part of it; None: this arm did it alone.
-        """
-        values = {"reason": reason} if reason else {}
+        """Note how a transfer ended, and when each arm began and ended its part of it; None: this arm did it alone."""
         turns = {self.arm.name: (start_s, self.cell.clock.now_s())} if turns is None else turns
         self.cell.log.event(
             "transfer",
@@ -181,7 +168,7 @@ class OneArm:
             target=goal.target,
             start_s=round(start_s, 6),
             outcome=outcome.name,
-            **values,
+            **({"reason": reason} if reason else {}),
         )
 
     async def look_first(self) -> None:
@@ -192,9 +179,7 @@ class OneArm:
             self.seen.put(Seen(source, grasp, None) if isinstance(grasp, Grasp) else None)
 
     async def look_ahead(self, path: TimedPath, source: int, rise_m: float = 0.0) -> Seen | None:
-        """Look at the next block while the arm moves, and plan the approach from where the motion ends.
-
-        ``rise_m`` is how far it will have to rise there first.
+        """Look at the next block while the arm moves; plan the approach from where that ends, first up by ``rise_m``.
 
         The newest image is taken when the arm is over its target. If it does not show the block, an earlier one may, in
         which no arm was in front of it.
@@ -293,20 +278,18 @@ class OneArm:
     async def pick(self, source: int, on_the_way: Callable[[Approach], None] | None = None) -> Grasp | TransferOutcome:
         """Take hold of the block on a peg; return the grasp, or why it failed.
 
-        Args:
-            source: peg.
-            on_the_way: called with the approach when it begins.
+        ``on_the_way`` is called with the approach when it begins.
         """
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
             seen = await self.seen.take()
-            known = seen is not None and seen.source == source and not failed
-            grasp = seen.grasp if seen is not None and known else await self._see(source, failed)
-            if not isinstance(grasp, Grasp):
-                return grasp
-            ready = seen.approach if seen is not None and known else None
-            there = seen is not None and known and seen.there
-            if not there and not await self.arm.go_to(grasp, source, ready, on_the_way):
+            if seen is None or seen.source != source or failed:
+                grasp = await self._see(source, failed)
+                if not isinstance(grasp, Grasp):
+                    return grasp
+                seen = Seen(source, grasp, None)
+            grasp = seen.grasp
+            if not seen.there and not await self.arm.go_to(grasp, source, seen.approach, on_the_way):
                 return TransferOutcome.OUT_OF_REACH
             if await self.arm.grip(self.arm.motions.gripped(self.arm.hand.q, self.table.blocks[source])):
                 return grasp
@@ -328,9 +311,6 @@ class OneArm:
                 await self.cell.clock.sleep(self.settings.pause_s)
             grasp = await self.arm.eyes.see(source, failed)
         return grasp
-
-
-__all__ = ["Settings", "Unilateral"]
 
 
 class Unilateral(OneArm):
