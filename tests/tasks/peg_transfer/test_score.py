@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from simulated import standing
 from trocar.geometry import SE3, SO3
 from trocar.tasks.peg_transfer.goals import BACK, THERE, TransferOutcome
-from trocar.tasks.peg_transfer.score import RETREAT_M, score_transfers, stays_of
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.tasks.peg_transfer.truth import PegTruth
+from trocar.tasks.peg_transfer.truth import RETREAT_M, PegTruth, score_transfers, stays_of
 
 TASK = PegTransfer()
 GOALS = TASK.goals()
@@ -63,9 +62,8 @@ class Film:
 
     def truth(self):
         times = TICK_S * np.arange(len(self.rows))
-        return PegTruth(
-            times, SE3(np.array(self.rows)), np.array(self.held), {"psm1": np.array(self.tips)}, Pegboard(), Block()
-        )
+        held_by, tips = {"psm1": np.array(self.held)}, {"psm1": np.array(self.tips)}
+        return PegTruth(times, SE3(np.array(self.rows)), held_by, tips, Pegboard(), Block())
 
     def score(self, *events):
         return TASK.score(self.truth(), list(events))
@@ -415,7 +413,7 @@ def test_clean_moves_are_counted_as_one_would_by_hand(moves):
 
 def test_scoring_needs_nothing_of_the_simulator():
     """Truth is plain data: a recording of a real board would do."""
-    code = "import sys, trocar.tasks.peg_transfer.score; print(*sys.modules)"
+    code = "import sys, trocar.tasks.peg_transfer.truth; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert [name for name in loaded if name.startswith(("trocar.sim", "mujoco"))] == []
 

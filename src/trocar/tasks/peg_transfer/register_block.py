@@ -19,7 +19,7 @@ from trocar.tasks.peg_transfer.shapes import Block
 MIN_POINTS = 60
 PLANE_GATES_M = (4e-3, 2.5e-3, 1.5e-3)
 PLANE_STEPS = 3
-COARSE_POINTS, FINE_POINTS = 150, 300
+COARSE_POINTS = 150
 MAX_RMS_M = 1.0e-3
 MIN_COVERED = 0.4
 COVER_M = 0.7e-3
@@ -124,23 +124,18 @@ def fit_cloud(points_m: ArrayLike, block: Block) -> CloudFit:
     local = T_capture_face.inverse().apply(points[near])
     face, xy = top_face(block), local[:, :2]
 
-    def outside_of(some: NDArray[np.float64]):
-        def residual(pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            distance, jacobian = face.of(some, pose)
-            return np.maximum(-distance, 0.0), -jacobian * (distance < 0)[:, None]
-
-        return residual
+    def residual(pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        distance, jacobian = face.of(xy, pose)
+        return np.maximum(-distance, 0.0), -jacobian * (distance < 0)[:, None]
 
     starts = coarse_poses(
         face,
-        _thin(xy, COARSE_POINTS),
+        xy[:: max(1, len(xy) // COARSE_POINTS)],
         (xy.max(0) + xy.min(0)) / 2,
         lambda distance: -np.mean(np.minimum(distance, 0.0) ** 2, -1),
     )
-    few = outside_of(_thin(xy, FINE_POINTS))
-    pose, _ = min((refined(few, start) for start in starts), key=lambda end: end[1])
-    pose, _ = refined(outside_of(xy), pose)
-    outside, _ = outside_of(xy)(pose)
+    pose, _ = min((refined(residual, start) for start in starts), key=lambda end: end[1])
+    outside, _ = residual(pose)
     rms = float(np.sqrt(np.mean(outside**2 + local[:, 2] ** 2)))
     # The share of the face's area that has points nearby, counted on a square grid.
     on_face, model = in_block(xy, *pose)[0], block.top_face_m(0.3e-3)[:, :2]
@@ -170,7 +165,3 @@ def _face_plane(points: NDArray[np.float64]) -> tuple[SE3, NDArray[np.bool_]]:
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)
     return SE3.from_parts(SO3.unchecked(np.column_stack([x, np.cross(z, x), z])), middle), near
-
-
-def _thin(xy: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    return xy[:: max(1, len(xy) // count)]

@@ -20,8 +20,7 @@ from trocar.eval.trial import Trial
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
-from trocar.tasks.peg_transfer.agents import agent_of
-from trocar.tasks.peg_transfer.agents.settings import quick
+from trocar.tasks.peg_transfer.agents import agent_of, quick
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Block
 from trocar.tasks.peg_transfer.task import PegTransfer

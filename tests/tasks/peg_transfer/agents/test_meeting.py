@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from trocar.tasks.peg_transfer.agents.settings import Settings
 
 from simulated import ARM_MODELS, T_WORLD_BASE
 from trocar.arms import capsules, ik
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.tasks.peg_transfer.agents.meeting import ROOM_M, Offer, Partner, Ways, choose_offer, choose_taking
-from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.grasps import Grasp, grasp_candidates, held_block
 from trocar.tasks.peg_transfer.shapes import Block
 

@@ -8,9 +8,9 @@ from trocar.errors import OutOfReach
 from trocar.eval import AgentContext
 from trocar.geometry import SE3, SO3
 from trocar.motion import PLANNERS
+from trocar.tasks.peg_transfer.agents import Settings
 from trocar.tasks.peg_transfer.agents import motions as module
 from trocar.tasks.peg_transfer.agents.motions import end_of
-from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
 from trocar.tasks.peg_transfer.goals import PegSet
 from trocar.tasks.peg_transfer.grasps import FINGER_ROOM_M, Grasp, choose_grasp

@@ -14,14 +14,14 @@ from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
 from trocar.robots.coordinator import Blocked
+from trocar.tasks.peg_transfer.agents import Settings
 from trocar.tasks.peg_transfer.agents.motions import Motions
 from trocar.tasks.peg_transfer.agents.peg_arm import LETS_GO_RAD, PegArm
-from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
+from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
 from trocar.tasks.peg_transfer.goals import THERE, PegSet, Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.perception import DepthView
-from trocar.tasks.peg_transfer.perception.blocks import BlockFit
-from trocar.tasks.peg_transfer.score import score_transfers
 from trocar.tasks.peg_transfer.shapes import Pegboard
+from trocar.tasks.peg_transfer.truth import score_transfers
 
 FIRST, SECOND = THERE[:2]
 EMPTY = Transfer(10, 4)
@@ -69,7 +69,7 @@ class Blinkered(DepthView):
     """Sees the board and no block."""
 
     def find_block(self, image, T_camera_board, board, block, peg):
-        return BlockFit(False, "these eyes see no block")
+        return "these eyes see no block"
 
 
 def briefed(lab, goals=(FIRST,), settings=SETTINGS, perception=None, arms=("psm1",)):

@@ -16,9 +16,8 @@ from trocar.arms import fk
 from trocar.eval.study import read_study, study_of
 from trocar.eval.trial import Trial, trial_file, trial_files
 from trocar.report.study import write_study
-from trocar.tasks.peg_transfer.report import trial_row
-from trocar.tasks.peg_transfer.report.hypotheses import HELD, OPEN, REJECTED, findings
-from trocar.tasks.peg_transfer.report.trial_row import KIND
+from trocar.tasks.peg_transfer.report import study
+from trocar.tasks.peg_transfer.report.study import HELD, KIND, OPEN, REJECTED, findings
 from trocar.tasks.peg_transfer.task import PegTransfer
 
 KEPT = {}
@@ -29,7 +28,7 @@ WORDS = ("--variants", "unilateral", "--methods", "uncalibrated", "--sessions", 
 @pytest.fixture(autouse=True)
 def _analysed_once(monkeypatch):
     """Analyse each made-up path once in all tests of the study: they are the same few, and each takes a second."""
-    analyse = trial_row.analyse_joints
+    analyse = study.analyse_joints
 
     def analysed(arm, measured, step_s, *rest):
         key = arm.name, measured.tobytes(), step_s, rest
@@ -37,7 +36,7 @@ def _analysed_once(monkeypatch):
             KEPT[key] = analyse(arm, measured, step_s, *rest)
         return KEPT[key]
 
-    monkeypatch.setattr(trial_row, "analyse_joints", analysed)
+    monkeypatch.setattr(study, "analyse_joints", analysed)
 
 
 @pytest.fixture(scope="module")
