@@ -274,7 +274,8 @@ def coarse_poses(face: TopFace, xy_m: Array, centre_m: Array, score: Callable[[A
     """
     ticks = np.arange(-OFFSET_REACH_M, OFFSET_REACH_M + OFFSET_STEP_M / 2, OFFSET_STEP_M)
     offsets = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), -1).reshape(-1, 2)
-    local, *_ = in_block((xy_m - centre_m)[None, None], *offsets.T[:, None, :, None], YAWS_RAD[:, None, None])
+    x, y = offsets.T[:, None, :, None]
+    local, *_ = in_block((xy_m - centre_m)[None, None], x, y, YAWS_RAD[:, None, None])
     scores = score(face.nearest(local))
     starts: list[Array] = []
     for flat in np.argsort(scores, axis=None)[::-1][:200]:
