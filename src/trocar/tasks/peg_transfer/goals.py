@@ -10,15 +10,10 @@ from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 
 class Transfer(NamedTuple):
-    """One goal: a block from one peg to another.
+    """One goal: a block from one peg to another."""
 
-    Attributes:
-        source: peg.
-        target: peg.
-    """
-
-    source: int
-    target: int
+    source: int  # peg
+    target: int  # peg
 
 
 def back(there: tuple[Transfer, ...]) -> tuple[Transfer, ...]:
@@ -55,17 +50,11 @@ GOALS = {
 
 @dataclass(frozen=True)
 class PegSet:
-    """What is on the table, as manufactured, and the variant of the task.
+    """What is on the table, as manufactured, and the variant of the task."""
 
-    Attributes:
-        board: shape of the pegboard.
-        block: shape of the blocks.
-        variant: which arms do the transfers.
-    """
-
-    board: Pegboard = field(default_factory=Pegboard)
-    block: Block = field(default_factory=Block)
-    variant: str = "unilateral"
+    board: Pegboard = field(default_factory=Pegboard)  # shape of the pegboard
+    block: Block = field(default_factory=Block)  # shape of the blocks
+    variant: str = "unilateral"  # which arms do the transfers
 
 
 class TransferOutcome(Outcome):

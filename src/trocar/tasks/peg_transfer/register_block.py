@@ -29,23 +29,15 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 @dataclass(frozen=True, eq=False)
 class CloudFit:
-    """Result of ``fit_cloud``.
+    """Result of ``fit_cloud``."""
 
-    Attributes:
-        found: whether the cloud shows a block's top face.
-        reason: one sentence: why not, or that it does.
-        T_capture_block: pose in the cloud's frame, with one of three equivalent yaws; None if no fit was possible.
-        rms_m: root mean square distance of the points on the plane from the face.
-        inliers: number of points on the plane.
-        covered: share of the face that is near points.
-    """
-
-    found: bool
-    reason: str
+    found: bool  # whether the cloud shows a block's top face
+    reason: str  # one sentence: why not, or that it does
+    # pose in the cloud's frame, with one of three equivalent yaws; None if no fit was possible
     T_capture_block: SE3 | None
-    rms_m: float
-    inliers: int
-    covered: float
+    rms_m: float  # root mean square distance of the points on the plane from the face
+    inliers: int  # number of points on the plane
+    covered: float  # share of the face that is near points
 
 
 @app.command(epilog="Example: trocar register block capture.npz --unit mm --json")

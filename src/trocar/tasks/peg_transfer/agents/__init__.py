@@ -38,84 +38,54 @@ def agent_of(context: AgentContext) -> Agent:
 
 @dataclass(frozen=True)
 class Settings:
-    """How the agents work; lengths in m, angles in rad, times on the cell's clock in s.
+    """How the agents work; lengths in m, angles in rad, times on the cell's clock in s."""
 
-    Attributes:
-        perception_budget_s: declared for registration and grasp planning (paper: .098 s).
-        survey_budget_s: declared for registering the board, and for the last look at all blocks.
-        planning_budget_s: declared for planning a motion (paper: .103 s).
-        traffic_budget_s: declared for checking a motion against what the other arm does.
-        settle_s: rest after a motion before the jaws act.
-        looks_ahead: look at the next block, and plan, while the arm still moves; else only at rest.
-        jaw_open_rad: widest opening round the wall of a block, against the clearance in its hole.
-        release_rad: least opening there, and the one with which an arm leaves a block that the other also holds.
-        taking_rad: opening of jaws that approach a block in the other arm's jaws: of 107 tries with a true opening
-            below .31, 10 ended on top of the wall; of 217 with more than .33, 3.
-        depth_m: of the tip under the block's top face.
-        jaw_closed_rad: target that lets the drive press.
-        jaw_empty_rad: jaws that close further than this hold nothing, or a block by less than its wall: on a wall they
-            stall at .17 to .27, and what they held at .12 was lost on the way.
-        clear_height_m: of the tip over the plate when it travels empty; the pegs are 20 mm tall.
-        lift_m: how far a held block is raised: its lower face clears the pegs.
-        drop_m: height of a block's lower face over the plate when it is released.
-        retries: how often a failed pick is tried again.
-        limits: of velocity and acceleration.
-        margin_m: kept between two arms, and between what they hold.
-        min_margin_m: the same for an arm that would otherwise be stuck.
-        meeting_margin_m: kept between two arms that hold one block.
-        meeting_m: (3,) where blocks are handed over: middle of the block's lower face in the board's frame; 11 mm above
-            the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
-        waits_above_m: height of the receiving arm over its grasp, before it comes down (facts: 13 mm).
-        parts_m: how far the giving arm rises before it goes away (facts: 10 mm).
-        patience_s: an arm that could not move for this long does something else.
-        pace_s: how long one arm waits for the other to come as far.
-        detours: how often it then gives way and tries again, before it gives its transfer up.
-        rounds: how often a transfer blocked by the other arm is tried.
-        fixed_wrist: keep the wrist joints still while the tip goes straight down or up, so that the errors of their
-            cables stay the same; else the tool does not turn. In a handover, blocks are lifted and placed like that
-            only by arms that look before placing: the receiving arm holds the block at any angle, and turning it
-            further costs clearance.
-        looks_before_placing: stop over the target, look how the block hangs in the jaws, and lower it accordingly.
-        looks: how often an arm looks for a block that the other arm may hide.
-        teaching_looks: number of looks at its own wrist, before the first transfer, of an arm that learns its cables;
-            0: it does not learn.
-        sighting_budget_s: declared for finding the wrist in an image (``bench_sighting.py``).
-        fit_budget_s: declared for fitting the cables on all looks.
-    """
-
-    perception_budget_s: float = 0.098
-    survey_budget_s: float = 0.25
-    planning_budget_s: float = 0.103
-    traffic_budget_s: float = 0.02
+    # What computations declare, and how long an arm rests after a motion before the jaws act.
+    perception_budget_s: float = 0.098  # for finding a block and planning its grasp (paper)
+    survey_budget_s: float = 0.25  # for registering the board, and for the last look at all blocks
+    planning_budget_s: float = 0.103  # for planning a motion (paper)
+    traffic_budget_s: float = 0.02  # for checking a motion against what the other arm does
+    sighting_budget_s: float = 0.12  # for finding the wrist in an image (``bench_sighting.py``)
+    fit_budget_s: float = 0.6  # for fitting the cables on all looks
     settle_s: float = 0.06
-    looks_ahead: bool = True
-    jaw_open_rad: float = 0.40
-    release_rad: float = 0.32
-    taking_rad: float = 0.36
-    depth_m: float = 4.0e-3
-    jaw_closed_rad: float = -0.17
+
+    # Jaws. Round a wall in the other arm's jaws: of 107 tries with a true opening below .31, 10 ended on top of the
+    # wall; of 217 with more than .33, 3. Jaws that close further than ``jaw_empty_rad`` hold nothing, or a block by too
+    # little: on a wall they stall at .17 to .27, and what they held at .12 was lost on the way.
+    jaw_open_rad: float = 0.40  # widest opening round the wall of a block, against the clearance in its hole
+    release_rad: float = 0.32  # least opening there, and with which an arm leaves a block that the other also holds
+    taking_rad: float = 0.36  # opening of jaws that approach a block in the other arm's jaws
+    jaw_closed_rad: float = -0.17  # target that lets the drive press
     jaw_empty_rad: float = 0.15
-    clear_height_m: float = 27e-3
-    lift_m: float = 26e-3
-    drop_m: float = 2e-3
-    retries: int = 1
-    limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])
-    margin_m: float = 4e-3
-    min_margin_m: float = 2e-3
-    meeting_margin_m: float = 1.3e-3
-    meeting_m: tuple[float, float, float] = (-2.5e-3, 0.0, 37e-3)
-    waits_above_m: float = 13e-3
-    parts_m: float = 10e-3
-    patience_s: float = 3.0
-    pace_s: float = 1.5
-    detours: int = 2
-    rounds: int = 2
-    looks: int = 5
+
+    # Where the tip goes.
+    depth_m: float = 4.0e-3  # under the block's top face
+    clear_height_m: float = 27e-3  # over the plate when it travels empty; the pegs are 20 mm tall
+    lift_m: float = 26e-3  # how far a held block is raised: its lower face clears the pegs
+    drop_m: float = 2e-3  # height of a block's lower face over the plate when it is released
+    limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])  # of velocity and acceleration
+
+    # Looking, learning and trying again. Wrist joints that keep still while the tip goes straight down or up keep the
+    # errors of their cables; else the tool does not turn. In a handover, blocks are lifted and placed like that only by
+    # arms that look before placing: the receiving arm holds the block at any angle; turning it further costs clearance.
     fixed_wrist: bool = False
-    looks_before_placing: bool = False
-    teaching_looks: int = 0
-    sighting_budget_s: float = 0.12
-    fit_budget_s: float = 0.6
+    looks_ahead: bool = True  # look at the next block, and plan, while the arm still moves; else only at rest
+    looks_before_placing: bool = False  # stop over the target, look how the block hangs in the jaws, lower it like that
+    looks: int = 5  # how often an arm looks for a block that the other arm may hide
+    teaching_looks: int = 0  # looks at its own wrist before the first transfer; 0: it does not learn its cables
+    retries: int = 1  # how often a failed pick is tried again
+
+    # Two arms. They meet 11 mm above the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
+    margin_m: float = 4e-3  # kept between two arms, and between what they hold
+    min_margin_m: float = 2e-3  # the same for an arm that would otherwise be stuck
+    meeting_margin_m: float = 1.3e-3  # kept between two arms that hold one block
+    meeting_m: tuple[float, float, float] = (-2.5e-3, 0.0, 37e-3)  # middle of the lower face of a block handed over
+    waits_above_m: float = 13e-3  # height of the receiving arm over its grasp, before it comes down (facts)
+    parts_m: float = 10e-3  # how far the giving arm rises before it goes away (facts)
+    patience_s: float = 3.0  # an arm that could not move for this long does something else
+    pace_s: float = 1.5  # how long one arm waits for the other to come as far
+    detours: int = 2  # how often it then gives way and tries again, before it gives its transfer up
+    rounds: int = 2  # how often a transfer blocked by the other arm is tried
 
     @property
     def margins(self) -> Margins:

@@ -38,50 +38,31 @@ ASIDE_M = 28e-3
 
 @dataclass(frozen=True, eq=False)
 class Partner:
-    """An arm that takes part.
-
-    Attributes:
-        model: of the arm.
-        T_world_base: its base as registered.
-        open_rad: opening of its jaws round a wall.
-        held_rad: opening when closed on it.
-    """
+    """An arm that takes part."""
 
     model: ArmModel
-    T_world_base: SE3
-    open_rad: float
-    held_rad: float
+    T_world_base: SE3  # its base as registered
+    open_rad: float  # opening of its jaws round a wall
+    held_rad: float  # opening when closed on it
 
 
 @dataclass(frozen=True, eq=False)
 class Offer:
-    """A pose in which to offer a block.
+    """A pose in which to offer a block."""
 
-    Attributes:
-        T_board_tip: of the giving arm.
-        room_m: predicted distance of the arms when the receiving one takes its best grasp.
-    """
-
-    T_board_tip: SE3
-    room_m: float
+    T_board_tip: SE3  # of the giving arm
+    room_m: float  # predicted distance of the arms when the receiving one takes its best grasp
 
 
 @dataclass(frozen=True, eq=False)
 class HandoverGeometry:
-    """Two arms that are to hold one block: from above, on two sides, with their jaws apart.
+    """Two arms that are to hold one block: from above, on two sides, with their jaws apart."""
 
-    Attributes:
-        giver: holds the block.
-        receiver: is to take it.
-        T_world_board: pose of the board.
-        block: its shape.
-        settings: where they meet, from where the receiving arm comes down, and how far the giving one rises then.
-    """
-
-    giver: Partner
-    receiver: Partner
+    giver: Partner  # holds the block
+    receiver: Partner  # is to take it
     T_world_board: SE3
     block: Block
+    # Where they meet, from where the receiving arm comes down, and how far the giving one rises then.
     settings: Settings
 
     def choose_offer(self, T_board_tip: SE3, T_tip_block: SE3) -> Offer | str:
@@ -178,39 +159,24 @@ def _same_grasp(T_board_tip: SE3, T_board_other: SE3) -> bool:
 
 @dataclass(eq=False)
 class HandoverState:
-    """What the two scripts tell each other about one transfer.
+    """What the two scripts tell each other about one transfer."""
 
-    Attributes:
-        goal: the transfer.
-        start_s: when the giving arm began.
-        turns: when each arm began and ended its part, over all meetings for this transfer; inf: not yet.
-        T_board_block: where the block is offered, according to the giving arm's joints.
-        T_board_giver: pose of the giving tip there.
-        outcome: why it failed; None: it has not failed.
-        reason: a sentence, if there is one.
-        passed: whether the receiving arm has had the block.
-        announced: it is known where the block will be offered.
-        crowded: the receiving arm, waiting above, is in the giving one's way.
-        offered: the giving arm holds the block still, and waits.
-        taken: the receiving arm holds it too.
-        released: the giving arm has opened its jaws.
-        parted: and has risen out of the block.
-    """
-
-    goal: Transfer
-    start_s: float = 0.0
+    goal: Transfer  # the transfer
+    start_s: float = 0.0  # when the giving arm began
+    # when each arm began and ended its part, over all meetings for this transfer; inf: not yet
     turns: dict[str, tuple[float, float]] = field(default_factory=dict)
-    T_board_block: SE3 | None = None
-    T_board_giver: SE3 | None = None
-    outcome: TransferOutcome | None = None
-    reason: str = ""
-    passed: bool = False
-    announced: trio.Event = field(default_factory=trio.Event)
+    T_board_block: SE3 | None = None  # where the block is offered, according to the giving arm's joints
+    T_board_giver: SE3 | None = None  # pose of the giving tip there
+    outcome: TransferOutcome | None = None  # why it failed; None: it has not failed
+    reason: str = ""  # a sentence, if there is one
+    passed: bool = False  # whether the receiving arm has had the block
+    announced: trio.Event = field(default_factory=trio.Event)  # it is known where the block will be offered
+    # the receiving arm, waiting above, is in the giving one's way
     crowded: trio.Event = field(default_factory=trio.Event)
-    offered: trio.Event = field(default_factory=trio.Event)
-    taken: trio.Event = field(default_factory=trio.Event)
-    released: trio.Event = field(default_factory=trio.Event)
-    parted: trio.Event = field(default_factory=trio.Event)
+    offered: trio.Event = field(default_factory=trio.Event)  # the giving arm holds the block still, and waits
+    taken: trio.Event = field(default_factory=trio.Event)  # the receiving arm holds it too
+    released: trio.Event = field(default_factory=trio.Event)  # the giving arm has opened its jaws
+    parted: trio.Event = field(default_factory=trio.Event)  # and has risen out of the block
 
     def announce(self, T_board_giver: SE3, T_tip_block: SE3) -> None:
         """Announce where the block will be offered."""

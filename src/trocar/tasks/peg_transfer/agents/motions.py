@@ -41,32 +41,20 @@ SAME_RAD = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """A motion to a block's wall.
+    """A motion to a block's wall."""
 
-    Attributes:
-        path: over the pegs, then down.
-        departure: how the arm then lifts the block; None: no block is known to be there.
-    """
-
-    path: TimedPath
-    departure: Departure | None
+    path: TimedPath  # over the pegs, then down
+    departure: Departure | None  # how the arm then lifts the block; None: no block is known to be there
 
 
 @dataclass(frozen=True, eq=False)
 class Carriage:
-    """A motion that brings a block to its target.
+    """A motion that brings a block to its target."""
 
-    Attributes:
-        path: lift, travel, lower.
-        T_board_placed: where the block comes to lie.
-        departure: how the arm then rises from it.
-        beside: the other blocks, by peg, as known when this was planned.
-    """
-
-    path: TimedPath
-    T_board_placed: SE3
-    departure: Departure
-    beside: dict[int, SE3]
+    path: TimedPath  # lift, travel, lower
+    T_board_placed: SE3  # where the block comes to lie
+    departure: Departure  # how the arm then rises from it
+    beside: dict[int, SE3]  # the other blocks, by peg, as known when this was planned
 
 
 def starts_at(path: TimedPath, q: Joints) -> bool:

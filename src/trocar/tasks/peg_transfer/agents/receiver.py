@@ -29,17 +29,11 @@ MAX_THINNER_RAD = 0.06
 
 @dataclass(frozen=True, eq=False)
 class Coming:
-    """A motion to a grasp of the block in the other arm's jaws, or to a pose above it.
+    """A motion to a grasp of the block in the other arm's jaws, or to a pose above it."""
 
-    Attributes:
-        path: over the pegs; to the grasp itself its last piece is straight down.
-        grasp: with which the block is to be taken.
-        down_s: time on the path at which the arm begins to descend to it.
-    """
-
-    path: TimedPath
-    grasp: Grasp
-    down_s: float = inf
+    path: TimedPath  # over the pegs; to the grasp itself its last piece is straight down
+    grasp: Grasp  # with which the block is to be taken
+    down_s: float = inf  # time on the path at which the arm begins to descend to it
 
 
 class Receiver(Side):

@@ -81,7 +81,7 @@ class Bilateral(TwoArms):
         lefts = [goal for goal in self.goals if goal in LEFT_GOALS]
         rights = [goal for goal in self.goals if goal not in LEFT_GOALS]
         both = (self.left, lefts), (self.right, rights)
-        self.scripts = [OneArm(arm, goals, beside=True, keeps_pace=True) for arm, goals in both]
+        self.scripts = [OneArm(arm, goals, beside=True) for arm, goals in both]
 
     def first_looks(self) -> Sequence[Callable[[], Awaitable[None]]]:
         """Return the functions that look at both arms' first blocks."""

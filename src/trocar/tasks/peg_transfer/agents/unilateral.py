@@ -19,7 +19,7 @@ from trocar.robots.concurrency import Pending, together, with_helpers
 from trocar.robots.coordinator import Blocked, Coordinator
 from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.motions import Approach, Carriage, end_of
-from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.peg_arm import PAUSE_S, PegArm
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
@@ -96,19 +96,12 @@ class Step(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A block that was looked at while the arm was still busy with the previous one.
+    """A block that was looked at while the arm was still busy with the previous one."""
 
-    Attributes:
-        source: its peg.
-        grasp: how to grasp it.
-        approach: how to get there from where the arm was going; None: to be planned.
-        there: whether the arm has already arrived there.
-    """
-
-    source: int
-    grasp: Grasp
-    approach: Approach | None
-    there: bool = False
+    source: int  # its peg
+    grasp: Grasp  # how to grasp it
+    approach: Approach | None  # how to get there from where the arm was going; None: to be planned
+    there: bool = False  # whether the arm has already arrived there
 
 
 class OneArm:
@@ -118,14 +111,12 @@ class OneArm:
         arm: what it can do.
         table: what it knows of the board.
         goals: its transfers.
-        beside: whether another arm works here too.
-        keeps_pace: whether it keeps pace with the other arm, side by side.
+        beside: whether another arm works here too; it keeps pace with that one.
         seen: the next block, if it was looked at beforehand.
     """
 
-    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False, keeps_pace: bool = False):
+    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False):
         self.arm, self.table, self.goals, self.beside = arm, arm.table, goals, beside
-        self.keeps_pace = keeps_pace
         self.cell, self.settings = arm.cell, arm.settings
         self.seen: Pending[Seen] = Pending()
 
@@ -199,12 +190,12 @@ class OneArm:
         return None
 
     def _come(self, number: int, step: Step) -> None:
-        if self.keeps_pace:
+        if self.beside:
             self.arm.coordinator.reached(self.arm.name, number + step.value)
 
     async def _keep_pace(self, number: int, step: Step) -> None:
-        if self.keeps_pace:
-            await self.arm.coordinator.wait_for_others(self.arm.name, number + step.value, self.arm.settings.pace_s)
+        if self.beside:
+            await self.arm.coordinator.wait_for_others(self.arm.name, number + step.value, self.settings.pace_s)
 
     async def _transfer(self, number: int, helpers: trio.Nursery) -> TransferOutcome:
         """Move one block; every way in which this can end is an outcome.
@@ -221,7 +212,7 @@ class OneArm:
                 return outcome if outcome is TransferOutcome.DROPPED else grasp
             T_board_block = self.table.blocks.pop(goal.source)
             try:
-                outcome = await self._bring(number, grasp, T_board_block, carriage, helpers)
+                outcome = await self._bring(number, T_board_block, carriage, helpers)
             except Blocked:  # the block stands where it stood: nothing has moved
                 self.table.blocks[goal.source] = T_board_block
                 self.table.blocks.pop(goal.target, None)
@@ -234,7 +225,7 @@ class OneArm:
         return outcome
 
     async def _bring(
-        self, number: int, grasp: Grasp, T_board_block: SE3, carriage: Pending[Carriage], helpers: trio.Nursery
+        self, number: int, T_board_block: SE3, carriage: Pending[Carriage], helpers: trio.Nursery
     ) -> TransferOutcome:
         """Bring a held block to its target; on the way down, look at the next one."""
         T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
@@ -308,7 +299,7 @@ class OneArm:
             if look == 0:
                 await self.arm.go_home()
             else:
-                await self.cell.clock.sleep(self.settings.pause_s)
+                await self.cell.clock.sleep(PAUSE_S)
             grasp = await self.arm.eyes.see(source, failed)
         return grasp
 

@@ -30,39 +30,22 @@ HELD, REJECTED, OPEN = "holds", "does not hold", "undecided"
 
 @dataclass(frozen=True)
 class Row:
-    """One trial.
+    """One trial."""
 
-    Attributes:
-        fingerprint: of its run.
-        session: number.
-        index: of the trial in its session.
-        attempted: transfers that the task set.
-        available: those of them whose block stood on its source: the paper's denominator.
-        succeeded: transfers.
-        duration_s: of the whole trial.
-        collisions: of arms and blocks with pegs, board and each other.
-        failures: names with their number.
-        path_m: length of the tips' paths, all working arms together.
-        joints: RMS of velocity, acceleration, jerk of the turning joints, rad/s and so on.
-        tip: RMS of the size of velocity, acceleration, jerk of the tip, m/s and so on.
-        tip_max: the largest of these.
-        wall_s: real time of the trial; 0 if it was lost.
-    """
-
-    fingerprint: str
-    session: int
-    index: int
-    attempted: int
-    available: int
-    succeeded: int
-    duration_s: float
-    collisions: int
-    failures: dict[str, int]
-    path_m: float
-    joints: dict[str, float]
-    tip: dict[str, float]
-    tip_max: dict[str, float]
-    wall_s: float
+    fingerprint: str  # of its run
+    session: int  # number
+    index: int  # of the trial in its session
+    attempted: int  # transfers that the task set
+    available: int  # those of them whose block stood on its source: the paper's denominator
+    succeeded: int  # transfers
+    duration_s: float  # of the whole trial
+    collisions: int  # of arms and blocks with pegs, board and each other
+    failures: dict[str, int]  # names with their number
+    path_m: float  # length of the tips' paths, all working arms together
+    joints: dict[str, float]  # RMS of velocity, acceleration, jerk of the turning joints, rad/s and so on
+    tip: dict[str, float]  # RMS of the size of velocity, acceleration, jerk of the tip, m/s and so on
+    tip_max: dict[str, float]  # the largest of these
+    wall_s: float  # real time of the trial; 0 if it was lost
 
 
 def row_of(trial: Trial) -> Row:
@@ -120,31 +103,18 @@ def transfer_time_s(row: Row) -> float:
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of one comparison.
+    """The result of one comparison."""
 
-    Attributes:
-        hypothesis: H1 to H4.
-        variant: of the task.
-        claim: in words.
-        sessions: that both conditions have.
-        difference: mean, first minus second.
-        low: end of the interval; None for a single session.
-        high: likewise.
-        p: one-sided and exact, before adjustment; None if the interval decides.
-        p_adjusted: by Holm, over all that were tested in the study.
-        verdict: whether the claim holds.
-    """
-
-    hypothesis: str
-    variant: str
-    claim: str
-    sessions: int
-    difference: float
-    low: float | None
-    high: float | None
-    p: float | None
-    p_adjusted: float | None
-    verdict: str
+    hypothesis: str  # H1 to H4
+    variant: str  # of the task
+    claim: str  # in words
+    sessions: int  # that both conditions have
+    difference: float  # mean, first minus second
+    low: float | None  # end of the interval; None for a single session
+    high: float | None  # likewise
+    p: float | None  # one-sided and exact, before adjustment; None if the interval decides
+    p_adjusted: float | None  # by Holm, over all that were tested in the study
+    verdict: str  # whether the claim holds
 
 
 @dataclass(frozen=True)
