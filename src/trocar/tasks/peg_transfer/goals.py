@@ -16,30 +16,17 @@ class Transfer(NamedTuple):
     target: int  # peg
 
 
-def back(there: tuple[Transfer, ...]) -> tuple[Transfer, ...]:
-    """Return the same transfers the other way."""
-    return tuple(Transfer(target, source) for source, target in there)
-
-
 THERE = tuple(Transfer(*pegs) for pegs in ((1, 7), (0, 6), (3, 8), (2, 9), (5, 11), (4, 10)))
 """The first six transfers (facts/peg_transfer.md); the other six go back."""
-BACK = back(THERE)
+BACK = tuple(Transfer(target, source) for source, target in THERE)
 
-LEFT_THERE = tuple(Transfer(*pegs) for pegs in ((0, 7), (2, 6), (1, 8)))
-"""The left arm's share of the paper's parallel transfers [0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10]
-(facts/peg_transfer.md). They are paired differently: in every pair the left arm's pegs are those further left, and
-neither the sources nor the targets are neighbours, where one arm would be in the other's way."""
-RIGHT_THERE = tuple(Transfer(*pegs) for pegs in ((5, 10), (3, 11), (4, 9)))
-"""What the right arm does at the same time."""
-
-
-PAIRS = tuple(
-    pair
-    for lefts, rights in ((LEFT_THERE, RIGHT_THERE), (back(LEFT_THERE), back(RIGHT_THERE)))
-    for pair in zip(lefts, rights, strict=True)
-)
-"""Transfers that two arms do at once: the left arm's, the right arm's."""
-
+PAIRS_THERE = (((0, 7), (5, 10)), ((2, 6), (3, 11)), ((1, 8), (4, 9)))
+PAIRS = tuple((Transfer(*left), Transfer(*right)) for left, right in PAIRS_THERE)
+PAIRS += tuple((Transfer(*left[::-1]), Transfer(*right[::-1])) for left, right in PAIRS_THERE)
+"""Transfers that two arms do at once: the left arm's, the right arm's. They are the paper's parallel transfers
+[0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10] (facts/peg_transfer.md), paired differently: in every pair the
+left arm's pegs are those further left, and neither the sources nor the targets are neighbours, where one arm would be
+in the other's way."""
 GOALS = {
     "unilateral": THERE + BACK,
     "bilateral": tuple(goal for pair in PAIRS for goal in pair),

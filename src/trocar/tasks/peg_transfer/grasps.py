@@ -18,7 +18,6 @@ GRASP_ASIDE_M = (-1.0e-3, 1.0e-3)
 (facts/peg_transfer.md, The board and the blocks)."""
 GRASP_FROM_MIDDLE_M = 5.0e-3
 """Their y: a little outside the middle of the wall, since the inner finger has the peg beside it."""
-
 MIN_OPENING_M, MAX_OPENING_M = 2.0e-3, 8.0e-3
 OPENING_STEP_M = 0.1e-3
 """Distances between the inner faces of the open fingers that are tried."""
@@ -30,7 +29,6 @@ MARGIN_RAD = np.radians(5.0)
 """Kept between the wrist's joints and their limits."""
 NEAR_END_M = 3.0e-3
 """A finger's thickness is taken this far behind its end, which is about how deep it is in a block."""
-
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
 """Rotations of the tool that are tried over a peg."""
 OUTER_FINGER_M = 4.5e-3

@@ -21,7 +21,6 @@ MOST_OFF_M = 0.5e-3
 """Prints with larger errors are not used."""
 MIN_GAP_M = 0.5e-3
 """Least gap between two blocks as laid down at the start."""
-
 PRINT = Flaw(
     "print",
     "deviation of pegs and blocks from their drawings: places of the pegs, sizes of both (SD)",

@@ -19,7 +19,6 @@ from trocar.tasks.peg_transfer.truth import PegTruth
 FOOT_M = 0.05e-3
 """Height of the prisms of a block above its three feet, so that it has three contacts with the plate, not
 thirty-six."""
-
 ABS_RED = (0.83, 0.23, 0.07)
 ABS_RED_BLOCK = (0.80, 0.20, 0.07)
 BLACK_TABLE = (0.035, 0.035, 0.04)

@@ -23,7 +23,6 @@ GRASP_RULES = (
 fingers, largest roll. Walls on its own side are preferred for a block to be handed over, since held there it leaves
 room for the other arm; else these rules are left out. With a gap below zero a finger must slide off the peg's round end
 or push the block aside."""
-
 AGENTS = {
     "unilateral": Lazy("trocar.tasks.peg_transfer.agents.unilateral:Unilateral"),
     "bilateral": Lazy("trocar.tasks.peg_transfer.agents.two_arms:Bilateral"),

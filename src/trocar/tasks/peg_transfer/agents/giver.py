@@ -103,9 +103,7 @@ class Giver(Side):
 
         def begun() -> None:
             meeting.announce(offer.T_board_tip, T_tip_block)
-            if self.settings.looks_ahead and following is not None:
-                look = partial(self.script.look_ahead, path, following.goal.source, self.settings.parts_m)
-                self.script.seen.start(helpers, look)
+            self.script.look_ahead(helpers, path, following and following.goal, self.settings.parts_m)
 
         for waits in (False, True):
             try:

@@ -101,9 +101,9 @@ class Motions:
         plan = plan_through(self._model, np.array(points), limits, up=up, fixed_wrist=still, planner=self._planner)
         return TimedPath(self.prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
 
-    def held(self, T_tip_block: SE3 | None) -> Capsules | None:
-        """Return the solids of a block in the jaws, in the frame of the tip; None: there is none."""
-        return None if T_tip_block is None else _sides(self._table.block).moved(T_tip_block)
+    def held(self, T_tip_block: SE3) -> Capsules:
+        """Return the solids of a block in the jaws, in the frame of the tip."""
+        return _sides(self._table.block).moved(T_tip_block)
 
     def prepared(self, motion: Trajectory) -> Trajectory:
         """Return a motion whose commands have already been found."""

@@ -25,17 +25,13 @@ from trocar.trajectory import Trajectory
 
 JAW_SLACK_RAD = 0.03
 """Jaws that stay this close to their opening were blocked by something other than a wall."""
-
 LETS_GO_RAD = 0.14
 """Additional opening, by the encoder, to release a wall. Of 95 blocks, 13 went up again with the arm, all in jaws that
 had truly opened by less than .07 more. Cables absorb .03."""
-
 BESIDE_M = 0.035
 """Blocks on pegs this close to a target are considered when a place is chosen there."""
-
 PAUSE_S = 0.3
 """An arm that cannot leave waits so long before it tries again."""
-UPRIGHT = 0.999
 AT_HOME = 1e-6
 
 
@@ -76,11 +72,6 @@ class PegArm:
     def height_m(self) -> float:
         """Return the height of the tip over the plate."""
         return float(self.T_board_tip.translation_m[2])
-
-    @property
-    def upright(self) -> bool:
-        """Return whether the tool is vertical."""
-        return float(self.T_board_tip.matrix[2, 2]) > UPRIGHT
 
     @property
     def holds(self) -> bool:
@@ -135,8 +126,8 @@ class PegArm:
         if path is not None:
             await self.move(path.trajectory)
 
-    async def grip(self, T_tip_block: SE3 | None = None) -> bool:
-        """Close the jaws; return whether they hold something: a block, where one is expected."""
+    async def grip(self, T_tip_block: SE3) -> bool:
+        """Close the jaws; return whether they hold something: a block, which is expected there."""
         await self.hand.jaw(self.settings.jaw_closed_rad)
         self.coordinator.carry(self.name, self.motions.held(T_tip_block) if self.holds else None)
         return self.holds

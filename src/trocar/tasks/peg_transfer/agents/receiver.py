@@ -20,6 +20,8 @@ from trocar.tasks.peg_transfer.agents.unilateral import OneArm, withdraw
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, held_block
 
+UPRIGHT = 0.999
+"""Tools whose z has such a share along the board's are vertical."""
 THIN_RAD = 0.17
 """Openings round a wall below this are suspicious: 1 % of walls are that thin."""
 MAX_THINNER_RAD = 0.06
@@ -67,8 +69,9 @@ class Receiver(Side):
         x, y, z = self.settings.meeting_m
         tip_m = z + self.table.block.height_m - self.settings.depth_m
         beside = [x + self.own_side * ASIDE_M, y, tip_m + self.settings.waits_above_m]
-        pose = SE3.from_parts(SO3.axis("z", yaw_of(self.arm.T_board_tip) if self.arm.upright else np.pi), beside)
-        await self.arm.go_over(pose)
+        tip = self.arm.T_board_tip
+        yaw_rad = yaw_of(tip) if tip.matrix[2, 2] > UPRIGHT else np.pi
+        await self.arm.go_over(SE3.from_parts(SO3.axis("z", yaw_rad), beside))
 
     async def _wait_above(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
         """Go above the grasp expected from the giving arm's announcement; look as soon as it is there."""
@@ -140,8 +143,7 @@ class Receiver(Side):
 
     def _grasp(self, T_board_block: SE3, T_board_giver: SE3, avoid: list[int], near: SE3 | None = None) -> Grasp | None:
         """Return how to grasp a block in the other arm's jaws; near a pose of the tip, if one is given."""
-        geometry = self.geometry(self.other, self.arm)
-        grasp = geometry.choose_taking(T_board_block, T_board_giver, avoid, near)
+        grasp = self.geometry(self.other, self.arm).choose_taking(T_board_block, T_board_giver, avoid, near)
         if not isinstance(grasp, str):
             return grasp
         if near is None:
@@ -257,18 +259,11 @@ class Receiver(Side):
         self.arm.coordinator.carry(self.arm.name, self.arm.motions.held(T_tip_block))
 
         def begun(carriage: Carriage) -> None:
-            self.table.blocks[target] = carriage.T_board_placed
-            if self.settings.looks_ahead and to_give is not None:
-                self.script.seen.start(helpers, partial(self.script.look_ahead, carriage.path, to_give.goal.source))
+            self.script.look_ahead(helpers, carriage.path, to_give and to_give.goal)
             if self.settings.looks_ahead and to_receive is not None:
                 self.plan_ahead(carriage.path, to_receive, helpers)
 
-        place = await self.arm.carry(T_tip_block, target, ready, begun)
-        if place is None:
-            meeting.fail(TransferOutcome.OUT_OF_REACH)
-        elif not self.arm.holds:
-            del self.table.blocks[target]
-            meeting.fail(TransferOutcome.DROPPED)
-        else:
-            self.table.blocks[target] = place
+        outcome = await self.script.deliver(T_tip_block, target, ready, begun)
+        if outcome is not TransferOutcome.DONE:
+            meeting.fail(outcome)
         await (self.arm.let_go() if meeting.outcome else self.arm.open())

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import partial
 
 import trio
@@ -25,7 +23,7 @@ from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
 
 
-async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[], Awaitable[None]]] = ()) -> bool:
+async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[], Awaitable[None]]]) -> bool:
     """Wake the arms and find the board; return whether it was there.
 
     If the settings say so, it and the first blocks (``looks``) are looked at while the arms, out of the camera's view,
@@ -64,34 +62,23 @@ async def finish(table: Table, arm: PegArm) -> None:
             if table.settings.looks_ahead:
                 checked.start(helpers, lambda: look(path))
 
-        with may_stay(arm):
-            await arm.go_home(begun)
+        await withdraw(arm, begun)
         return await checked.take()
 
     if arm.stopped or not await with_helpers(script):
         await table.check(arm.hand)
 
 
-async def withdraw(arm: PegArm) -> None:
-    """Let an arm that has nothing to do leave the board, if it can."""
-    with may_stay(arm):
-        await arm.go_home()
-
-
-@contextmanager
-def may_stay(arm: PegArm) -> Iterator[None]:
-    """Note it if an arm cannot leave."""
+async def withdraw(arm: PegArm, begun: Callable[[TimedPath], None] | None = None) -> None:
+    """Let an arm that has nothing to do leave the board, if it can; note it if it cannot."""
     try:
-        yield
+        await arm.go_home(begun)
     except (Blocked, ArmStopped) as error:
         arm.cell.log.event("stayed", arm=arm.name, reason=str(error) or type(error).__name__)
 
 
-class Step(Enum):
-    """Steps of a transfer at which two arms keep pace, as shares of it."""
-
-    HOLDS = 0.5
-    LEFT_SOURCE = 1.0
+HOLDS, LEFT_SOURCE = 0.5, 1.0
+"""Steps of a transfer at which two arms keep pace, as shares of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +102,7 @@ class OneArm:
         seen: the next block, if it was looked at beforehand.
     """
 
-    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False):
+    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool):
         self.arm, self.table, self.goals, self.beside = arm, arm.table, goals, beside
         self.cell, self.settings = arm.cell, arm.settings
         self.seen: Pending[Seen] = Pending()
@@ -134,7 +121,7 @@ class OneArm:
             except ArmStopped as error:
                 self.arm.stopped = True
                 outcome, reason = TransferOutcome.ARM_STOPPED, str(error)
-            self._come(number, Step.LEFT_SOURCE)
+            self._come(number + LEFT_SOURCE)
             self.note(self.goals[number], start_s, outcome, reason)
             if self.arm.stopped:
                 for goal in self.goals[number + 1 :]:
@@ -169,8 +156,13 @@ class OneArm:
             grasp = await self.arm.eyes.see(source)
             self.seen.put(Seen(source, grasp, None) if isinstance(grasp, Grasp) else None)
 
-    async def look_ahead(self, path: TimedPath, source: int, rise_m: float = 0.0) -> Seen | None:
-        """Look at the next block while the arm moves; plan the approach from where that ends, first up by ``rise_m``.
+    def look_ahead(self, helpers: trio.Nursery, path: TimedPath, goal: Transfer | None, rise_m: float = 0.0) -> None:
+        """If it may, look at the next transfer's block while the arm moves, and plan the approach from there."""
+        if self.settings.looks_ahead and goal is not None:
+            self.seen.start(helpers, partial(self._look_on_the_way, path, goal.source, rise_m))
+
+    async def _look_on_the_way(self, path: TimedPath, source: int, rise_m: float) -> Seen | None:
+        """Look at a block on the way, and plan the approach from its end, first up by ``rise_m``.
 
         The newest image is taken when the arm is over its target. If it does not show the block, an earlier one may, in
         which no arm was in front of it.
@@ -189,13 +181,13 @@ class OneArm:
                 return Seen(source, grasp, await self.arm.plan(planned))
         return None
 
-    def _come(self, number: int, step: Step) -> None:
+    def _come(self, step: float) -> None:
         if self.beside:
-            self.arm.coordinator.reached(self.arm.name, number + step.value)
+            self.arm.coordinator.reached(self.arm.name, step)
 
-    async def _keep_pace(self, number: int, step: Step) -> None:
+    async def _keep_pace(self, step: float) -> None:
         if self.beside:
-            await self.arm.coordinator.wait_for_others(self.arm.name, number + step.value, self.settings.pace_s)
+            await self.arm.coordinator.wait_for_others(self.arm.name, step, self.settings.pace_s)
 
     async def _transfer(self, number: int, helpers: trio.Nursery) -> TransferOutcome:
         """Move one block; every way in which this can end is an outcome.
@@ -204,7 +196,7 @@ class OneArm:
         lift.
         """
         goal, outcome = self.goals[number], TransferOutcome.BLOCKED
-        await self._keep_pace(number - 1, Step.LEFT_SOURCE)
+        await self._keep_pace(number - 1 + LEFT_SOURCE)
         for _ in range(self.settings.rounds):
             carriage: Pending[Carriage] = Pending()
             grasp = await self.pick(goal.source, partial(self._plan_carriage, goal, carriage, helpers))
@@ -229,27 +221,39 @@ class OneArm:
     ) -> TransferOutcome:
         """Bring a held block to its target; on the way down, look at the next one."""
         T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
-        goal, following = self.goals[number], self.goals[number + 1 : number + 2]
-        self._come(number, Step.HOLDS)
-        await self._keep_pace(number, Step.HOLDS)
+        goal, following = self.goals[number], next(iter(self.goals[number + 1 :]), None)
+        self._come(number + HOLDS)
+        await self._keep_pace(number + HOLDS)
         ready = await carriage.take()
 
         def begun(carriage: Carriage) -> None:
-            self._come(number, Step.LEFT_SOURCE)
-            self.table.blocks[goal.target] = carriage.T_board_placed
-            if self.settings.looks_ahead and following:
-                self.seen.start(helpers, partial(self.look_ahead, carriage.path, following[0].source))
+            self._come(number + LEFT_SOURCE)
+            self.look_ahead(helpers, carriage.path, following)
 
-        place = await self.arm.carry(T_tip_block, goal.target, ready, begun)
+        outcome = await self.deliver(T_tip_block, goal.target, ready, begun)
+        if outcome is TransferOutcome.DROPPED:
+            await self.seen.take()  # a dropped block may be anywhere now
+        elif outcome is TransferOutcome.DONE:
+            await self.before_release(goal)
+            await self.arm.open()
+        return outcome
+
+    async def deliver(
+        self, T_tip_block: SE3, target: int, ready: Carriage | None, begun: Callable[[Carriage], None]
+    ) -> TransferOutcome:
+        """Carry a block to its target, where the jaws still hold it if the outcome is DONE."""
+
+        def begins(carriage: Carriage) -> None:
+            self.table.blocks[target] = carriage.T_board_placed
+            begun(carriage)
+
+        place = await self.arm.carry(T_tip_block, target, ready, begins)
         if place is None:
             return TransferOutcome.OUT_OF_REACH
         if not self.arm.holds:
-            del self.table.blocks[goal.target]
-            await self.seen.take()  # a dropped block may be anywhere now
+            del self.table.blocks[target]
             return TransferOutcome.DROPPED
-        self.table.blocks[goal.target] = place
-        await self.before_release(goal)
-        await self.arm.open()
+        self.table.blocks[target] = place
         return TransferOutcome.DONE
 
     async def before_release(self, goal: Transfer) -> None:
@@ -310,7 +314,7 @@ class Unilateral(OneArm):
     def __init__(self, context: AgentContext):
         table = Table(context)
         coordinator = Coordinator(context.cell, context.arms[:1], context.settings.margins)
-        super().__init__(PegArm(context, context.arms[0], table, coordinator), context.goals)
+        super().__init__(PegArm(context, context.arms[0], table, coordinator), context.goals, beside=False)
 
     async def run(self) -> None:
         """Do the transfers one after the other, and look once more at the end."""

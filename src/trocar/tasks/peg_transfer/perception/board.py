@@ -13,14 +13,12 @@ from trocar.tasks.peg_transfer.shapes import Pegboard
 
 REACH_M = (0.075, 0.060)
 """Half-size of the search region in x and y: the peg positions, with a guess that is off by up to 15 mm."""
-
 MARGIN_M = 4e-3
 PLANE_GATES_M = (6e-3, 4e-3, 2e-3, 1.0e-3, 0.6e-3)
 AXIS_GATES_M = (8e-3, 6e-3, 4e-3)
 PEG_GATES_M = (1.5e-3, 1.0e-3)
 PEG_BAND_M = (0.80, 0.94)
 """Part of the pegs' height that is used: above the blocks' tops (.745) and below the rounded end."""
-
 MIN_PEG_PIXELS = 6
 MIN_PEGS = 6
 MIN_PLANE_PIXELS = 300

@@ -124,10 +124,8 @@ PAPER: dict[str, tuple[PaperRow, ...]] = {
 }
 """Hwang et al. 2022, Tables II to IV, by variant: mean time, succeeded, attempted. Attempted there: transfers whose
 block was on its source, see ``available``."""
-
 MAX_FAILURES = 3
 """Failed transfers in the storyboard."""
-
 FRAME_M = ((-0.072, 0.072), (-0.054, 0.046), (-0.010, 0.046))
 """The box that fills a picture, along x, y, z of the board: most of its plates, and blocks at carrying height."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -46,6 +46,16 @@ class Row:
     tip: dict[str, float]  # RMS of the size of velocity, acceleration, jerk of the tip, m/s and so on
     tip_max: dict[str, float]  # the largest of these
     wall_s: float  # real time of the trial; 0 if it was lost
+
+    @property
+    def success_rate(self) -> float:
+        """Return the share of the transfers that succeeded."""
+        return self.succeeded / self.attempted
+
+    @property
+    def transfer_time_s(self) -> float:
+        """Return the completion time over the number of transfers, as in the paper's tables."""
+        return self.duration_s / self.attempted
 
 
 def row_of(trial: Trial) -> Row:
@@ -96,9 +106,8 @@ def successes(results: Results[Row]) -> tuple[list[int], list[int]]:
     return [int(sum(values)) for values in done.values()], [int(sum(values)) for values in tried.values()]
 
 
-def transfer_time_s(row: Row) -> float:
-    """Return the completion time over the number of transfers, as in the paper's tables."""
-    return row.duration_s / row.attempted
+def _by_session(results: Results[Row], value: str) -> dict[int, list[float]]:
+    return results.by_session(lambda row: float(getattr(row, value)))
 
 
 @dataclass(frozen=True)
@@ -123,39 +132,25 @@ class _Claim:
     first: str
     second: str
     what: str
-    value: Callable[[Row], float]
+    value: str  # of a row
     less: bool
 
 
-def _success(row: Row) -> float:
-    return row.succeeded / row.attempted
-
-
-def _collisions(row: Row) -> float:
-    return float(row.collisions)
-
-
-def _path_m(row: Row) -> float:
-    return row.path_m
-
-
 CLAIMS = (
-    _Claim("H1", "calibrated", "uncalibrated", "success rate, of 1", _success, less=False),
-    _Claim("H1", "optimized", "uncalibrated", "success rate, of 1", _success, less=False),
-    _Claim("H1", "best", "uncalibrated", "success rate, of 1", _success, less=False),
-    _Claim("H2", "optimized", "calibrated", "mean transfer time, s", transfer_time_s, less=True),
-    _Claim("H2", "best", "optimized", "mean transfer time, s", transfer_time_s, less=True),
-    _Claim("H3", "calibrated", "uncalibrated", "collisions per trial", _collisions, less=True),
-    _Claim("H3", "optimized", "uncalibrated", "collisions per trial", _collisions, less=True),
-    _Claim("H4", "optimized", "calibrated", "distance per trial, m", _path_m, less=True),
-    _Claim("H4", "best", "optimized", "distance per trial, m", _path_m, less=True),
+    _Claim("H1", "calibrated", "uncalibrated", "success rate, of 1", "success_rate", less=False),
+    _Claim("H1", "optimized", "uncalibrated", "success rate, of 1", "success_rate", less=False),
+    _Claim("H1", "best", "uncalibrated", "success rate, of 1", "success_rate", less=False),
+    _Claim("H2", "optimized", "calibrated", "mean transfer time, s", "transfer_time_s", less=True),
+    _Claim("H2", "best", "optimized", "mean transfer time, s", "transfer_time_s", less=True),
+    _Claim("H3", "calibrated", "uncalibrated", "collisions per trial", "collisions", less=True),
+    _Claim("H3", "optimized", "uncalibrated", "collisions per trial", "collisions", less=True),
+    _Claim("H4", "optimized", "calibrated", "distance per trial, m", "path_m", less=True),
+    _Claim("H4", "best", "optimized", "distance per trial, m", "path_m", less=True),
 )
 """What is expected; the paper's "optimised" is our ``optimized``. If a study lacks a method, its claims are left
 out."""
-
 SIMILAR = (("optimized", "calibrated"), ("best", "optimized"))
 """H1: pairs whose success rates are expected to be similar."""
-
 NOTES = (
     "H1 to H4 are tested between simulated methods only; for people the paper publishes means but no raw data, so they "
     "are shown beside ours and nothing is tested against them",
@@ -198,7 +193,7 @@ def _similar(variant: str, first: Results[Row], second: Results[Row]) -> Finding
 
 def _tested(variant: str, claim: _Claim, methods: Mapping[str, Results[Row]]) -> Finding:
     first, second = methods[claim.first], methods[claim.second]
-    d = session_difference(first.by_session(claim.value), second.by_session(claim.value), less=claim.less)
+    d = session_difference(*(_by_session(one, claim.value) for one in (first, second)), less=claim.less)
     words = f"{claim.first} {'below' if claim.less else 'above'} {claim.second}: {claim.what}"
     return Finding(claim.hypothesis, variant, words, d.sessions, d.mean, d.low, d.high, d.p, None, OPEN)
 
@@ -234,10 +229,10 @@ class PegStudy(TaskStudy[Row]):
             "succeeded": sum(done),
             "success_rate": sum(done) / sum(tried),
             "success_ci95": list(session_interval(done, tried)),
-            "mean_time_s": _estimate(results, transfer_time_s),
-            "completion_time_s": _estimate(results, lambda row: row.duration_s),
-            "path_m": _estimate(results, _path_m),
-            "collisions_per_trial": _estimate(results, _collisions),
+            "mean_time_s": _estimate(results, "transfer_time_s"),
+            "completion_time_s": _estimate(results, "duration_s"),
+            "path_m": _estimate(results, "path_m"),
+            "collisions_per_trial": _estimate(results, "collisions"),
             "failures": dict(failures),
             "joints_rms": _means([row.joints for row in rows]),
             "tip_rms": _means([row.tip for row in rows]),
@@ -330,10 +325,11 @@ def _with_interval(estimate: Mapping[str, Any]) -> str:
     return f"{estimate['mean']:.2f} ± {(estimate['high'] - estimate['low']) / 2:.2f}"
 
 
-def _estimate(results: Results[Row], value: Callable[[Row], float]) -> dict[str, Any]:
-    values = [value(row) for row in results.rows]
+def _estimate(results: Results[Row], value: str) -> dict[str, Any]:
+    values = [float(getattr(row, value)) for row in results.rows]
     sd = float(np.std(values, ddof=1)) if len(values) > 1 else None
-    return {**asdict(session_estimate(results.by_session(value))), "sd": sd, "median": float(np.median(values))}
+    over_sessions = asdict(session_estimate(_by_session(results, value)))
+    return {**over_sessions, "sd": sd, "median": float(np.median(values))}
 
 
 def _means(rows: Sequence[dict[str, float]]) -> dict[str, float]:

@@ -26,10 +26,8 @@ COMPLETION_S = {
 }
 """Mean and standard deviation of the completion time of a trial, caption of Fig. 10; the robot calibrated and
 optimised."""
-
 COLLISIONS = {"surgeon": 6, "volunteers": 8, "robot": 0}
 """Median collisions per trial on all variants, section V-D.4."""
-
 KINDS = ("velocity", "acceleration", "jerk")
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
 PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}
