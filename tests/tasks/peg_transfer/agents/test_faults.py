@@ -24,7 +24,7 @@ from trocar.tasks.peg_transfer.agents import agent_of, quick
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Block
 from trocar.tasks.peg_transfer.task import PegTransfer
-from two_armed import Wrapped, silent
+from two_armed import Wrapped, silent, stuck
 
 BEST = PegTransfer.methods["best"]
 SETTINGS = quick()
@@ -59,22 +59,6 @@ def dark(*frames, onwards=False):
             return RgbdImage(*nothing, image.intrinsics, image.time_s)
 
     return Dark
-
-
-def stuck(arm, closings=None):
-    """Return a robot one of whose arms cannot close its jaws: at so many blocks, or ever."""
-
-    class Stuck(Wrapped):
-        tried = -1  # they are closed once on nothing, to see what their encoder says then
-
-        async def jaw(self, name, angle_rad):
-            if name == arm and angle_rad < 0:
-                self.tried += 1
-                if closings is None or 1 <= self.tried <= closings:
-                    angle_rad = SETTINGS.release_rad
-            return await self.inner.jaw(name, angle_rad)
-
-    return Stuck
 
 
 def clumsy(arm, share):

@@ -8,18 +8,16 @@ import pytest
 
 from simulated import STATION, coarse, ideal_laboratory, standing
 from trocar.errors import InvalidInput, TrocarError
-from trocar.eval import AgentContext
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
-from trocar.motion import PLANNERS
 from trocar.robots import Adaptive
 from trocar.tasks.peg_transfer.agents import Settings, learner
 from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
-from trocar.tasks.peg_transfer.goals import PegSet, Transfer
-from trocar.tasks.peg_transfer.perception import DepthView
+from trocar.tasks.peg_transfer.goals import Transfer
 from trocar.tasks.peg_transfer.shapes import Pegboard
 from trocar.tasks.peg_transfer.task import PegTransfer
+from two_armed import briefed
 
 ARM = "psm1"
 GOALS = (Transfer(1, 7), Transfer(0, 6))
@@ -71,8 +69,7 @@ def taught(monkeypatch, finds, unseen=(), robot=Pupil):
     lab = ideal_laboratory(*(standing(goal.source) for goal in GOALS), station=coarse(STATION))
     lab.cell = replace(lab.cell, robot=robot(lab.cell.robot, finds))
     settings = Settings(teaching_looks=3, fixed_wrist=True)
-    context = AgentContext(lab.cell, GOALS, PegSet(), (ARM,), PLANNERS["spline"], DepthView(), None, settings)
-    lab.agent = Unilateral(context)
+    lab.agent = Unilateral(briefed(lab, goals=GOALS, settings=settings))
     assert lab.run(lambda cell: lab.agent.run(), 90.0)
     return lab.cell.robot.noted, looks, lab.log.events
 
