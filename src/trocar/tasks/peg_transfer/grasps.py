@@ -18,6 +18,8 @@ GRASP_ASIDE_M = (-1.0e-3, 1.0e-3)
 (facts/peg_transfer.md, The board and the blocks)."""
 GRASP_FROM_MIDDLE_M = 5.0e-3
 """Their y: a little outside the middle of the wall, since the inner finger has the peg beside it."""
+DEPTH_M = 4.0e-3
+"""Depth of the tip below a block's top face."""
 MIN_OPENING_M, MAX_OPENING_M = 2.0e-3, 8.0e-3
 OPENING_STEP_M = 0.1e-3
 """Distances between the inner faces of the open fingers that are tried."""
@@ -59,7 +61,7 @@ class Grasp:
     candidate: int
 
 
-def grasp_candidates(depth_m: float = 4.0e-3, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:
+def grasp_candidates(depth_m: float = DEPTH_M, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:
     """Return ``T_block_tip`` (6,): tip z out of the block, tip x along the outward normal of the side.
 
     Args:
@@ -84,7 +86,7 @@ def choose_grasp(
     avoid: Collection[int] = (),
     max_roll_rad: float = MAX_ROLL_RAD,
     min_gap_m: float = MIN_GAP_M,
-    depth_m: float = 4.0e-3,
+    depth_m: float = DEPTH_M,
     towards: NDArray[np.float64] | None = None,
 ) -> Grasp | str:
     """Return the feasible grasp with the largest clearance of the fingers, or one sentence why there is none.

@@ -106,7 +106,27 @@ def score_transfers(
     """
     stays = [stays_of(truth, block) for block in range(truth.held.shape[1])]
     used: set[Stay] = set()
-    return [_score(goal, stays, used, truth, events, handover) for goal in goals]
+    scores: list[TransferScore] = []
+    for goal in goals:
+        moves = [pair for of_block in stays for pair in pairwise(of_block) if (pair[0].peg, pair[1].peg) == goal]
+        moves = sorted((pair for pair in moves if pair[1] not in used), key=lambda pair: pair[1].first)
+        placed = [(before, after) for before, after in moves if _stays_placed(after, truth)]
+        done = next((pair for pair in placed if not handover or _handed_over(*pair, truth)), None)
+        at_source = [stay for of_block in stays for stay in of_block if stay.peg == goal.source]
+        noted = next((event for event in reversed(events) if _is_of(event, goal)), None)
+        start_s = end_s = float(truth.times_s[-1])
+        if done is not None:
+            before, after = done
+            used.add(after)
+            start_s, end_s = float(truth.times_s[before.last]), float(truth.times_s[after.first])
+        if noted is not None:
+            end_s = float(noted["time_s"])
+            start_s = float(noted.get("start_s", min(start_s, end_s)))
+        failure, reason = "", ""
+        if done is None:
+            failure, reason = agent_explanation(noted, events) or _why(bool(moves), bool(placed), at_source, truth)
+        scores.append(TransferScore(True, done is not None, failure, reason, start_s, end_s, *goal, bool(at_source)))
+    return scores
 
 
 def stays_of(truth: PegTruth, block: int) -> list[Stay]:
@@ -125,35 +145,6 @@ def stays_of(truth: PegTruth, block: int) -> list[Stay]:
         else:
             found.append(stay)
     return found
-
-
-def _score(
-    goal: Transfer,
-    stays: Sequence[Sequence[Stay]],
-    used: set[Stay],
-    truth: PegTruth,
-    events: Sequence[Mapping[str, Any]],
-    handover: bool,
-) -> TransferScore:
-    """Return the score of a goal, and count the stay on its target as ``used``."""
-    moves = [pair for of_block in stays for pair in pairwise(of_block) if (pair[0].peg, pair[1].peg) == goal]
-    moves = sorted((pair for pair in moves if pair[1] not in used), key=lambda pair: pair[1].first)
-    placed = [(before, after) for before, after in moves if _stays_placed(after, truth)]
-    done = next((pair for pair in placed if not handover or _handed_over(*pair, truth)), None)
-    at_source = [stay for of_block in stays for stay in of_block if stay.peg == goal.source]
-    noted = next((event for event in reversed(events) if _is_of(event, goal)), None)
-    start_s = end_s = float(truth.times_s[-1])
-    if done is not None:
-        before, after = done
-        used.add(after)
-        start_s, end_s = float(truth.times_s[before.last]), float(truth.times_s[after.first])
-    if noted is not None:
-        end_s = float(noted["time_s"])
-        start_s = float(noted.get("start_s", min(start_s, end_s)))
-    failure, reason = "", ""
-    if done is None:
-        failure, reason = agent_explanation(noted, events) or _why(bool(moves), bool(placed), at_source, truth)
-    return TransferScore(True, done is not None, failure, reason, start_s, end_s, *goal, bool(at_source))
 
 
 def _is_of(event: Mapping[str, Any], goal: Transfer) -> bool:

@@ -10,6 +10,7 @@ from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.eval import Agent, AgentContext
 from trocar.registry import Lazy
 from trocar.robots.coordinator import Margins
+from trocar.tasks.peg_transfer.grasps import DEPTH_M
 
 GRASP_RULES = (
     (True, 0.15e-3, np.radians(70.0)),
@@ -58,7 +59,7 @@ class Settings:
     jaw_empty_rad: float = 0.15
 
     # Where the tip goes.
-    depth_m: float = 4.0e-3  # under the block's top face
+    depth_m: float = DEPTH_M  # under the block's top face
     clear_height_m: float = 27e-3  # over the plate when it travels empty; the pegs are 20 mm tall
     lift_m: float = 26e-3  # how far a held block is raised: its lower face clears the pegs
     drop_m: float = 2e-3  # height of a block's lower face over the plate when it is released

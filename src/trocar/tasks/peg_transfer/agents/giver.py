@@ -31,7 +31,9 @@ class Giver(Side):
         self._offering: Pending[tuple[TimedPath, Offer]] = Pending()
 
     async def give(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
-        """Do this arm's part of a handover; ``following`` is its next one, if that follows immediately."""
+        """Do this arm's part of a handover; ``following`` is the next one, in which it may give again."""
+        if following is not None and following.giver != self.arm.name:
+            following = None
         meeting.start_s = self.cell.clock.now_s()
         self.arm.hands_over = True
         source = meeting.goal.source

@@ -161,7 +161,8 @@ def _same_grasp(T_board_tip: SE3, T_board_other: SE3) -> bool:
 class HandoverState:
     """What the two scripts tell each other about one transfer."""
 
-    goal: Transfer  # the transfer
+    goal: Transfer
+    giver: str  # name of the giving arm
     start_s: float = 0.0  # when the giving arm began
     # when each arm began and ended its part, over all meetings for this transfer; inf: not yet
     turns: dict[str, tuple[float, float]] = field(default_factory=dict)

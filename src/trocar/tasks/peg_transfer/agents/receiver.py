@@ -217,14 +217,8 @@ class Receiver(Side):
         await self.rise()
         await withdraw(self.arm)
 
-    async def receive(
-        self,
-        meeting: HandoverState,
-        to_give: HandoverState | None,
-        to_receive: HandoverState | None,
-        helpers: trio.Nursery,
-    ) -> None:
-        """Do this arm's part of a handover; the next one is ``to_give`` or ``to_receive``, as it gives there or not."""
+    async def receive(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
+        """Do this arm's part of a handover; ``following`` is the next one, in which it may give."""
         await self.come_near(meeting, helpers)
         if meeting.outcome is not None:
             return
@@ -237,19 +231,14 @@ class Receiver(Side):
         meeting.taken.set()
         await self.wait_for(meeting.released)
         try:
-            await self._place(meeting, T_tip_block, to_give, to_receive, helpers)
+            await self._place(meeting, T_tip_block, following, helpers)
         except Blocked:
             self.table.blocks.pop(meeting.goal.target, None)
             meeting.fail(TransferOutcome.BLOCKED)
             await self.arm.let_go()
 
     async def _place(
-        self,
-        meeting: HandoverState,
-        T_tip_block: SE3,
-        to_give: HandoverState | None,
-        to_receive: HandoverState | None,
-        helpers: trio.Nursery,
+        self, meeting: HandoverState, T_tip_block: SE3, following: HandoverState | None, helpers: trio.Nursery
     ) -> None:
         """Look how the block sits in the jaws while the other arm leaves, bring it to its target and let go."""
         target = meeting.goal.target
@@ -259,9 +248,10 @@ class Receiver(Side):
         self.arm.coordinator.carry(self.arm.name, self.arm.motions.held(T_tip_block))
 
         def begun(carriage: Carriage) -> None:
-            self.script.look_ahead(helpers, carriage.path, to_give and to_give.goal)
-            if self.settings.looks_ahead and to_receive is not None:
-                self.plan_ahead(carriage.path, to_receive, helpers)
+            if following is not None and following.giver == self.arm.name:
+                self.script.look_ahead(helpers, carriage.path, following.goal)
+            elif following is not None and self.settings.looks_ahead:
+                self.plan_ahead(carriage.path, following, helpers)
 
         outcome = await self.script.deliver(T_tip_block, target, ready, begun)
         if outcome is not TransferOutcome.DONE:

@@ -20,7 +20,7 @@ from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.receiver import Receiver
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, begin, finish, withdraw
-from trocar.tasks.peg_transfer.goals import PAIRS, Transfer, TransferOutcome
+from trocar.tasks.peg_transfer.goals import PAIRS, TransferOutcome
 
 LEFT_GOALS = frozenset(left for left, _ in PAIRS)
 AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED, TransferOutcome.DROPPED)
@@ -92,25 +92,21 @@ class Handover(TwoArms):
 
     def __init__(self, context: AgentContext):
         super().__init__(context)
-        rounds = range(self.settings.rounds)
-        self.appointments = [[HandoverState(goal) for _ in rounds] for goal in self.goals]
+        rounds, x_m = range(self.settings.rounds), self.table.board.pegs_m[:, 0]
+        giver = {goal: self.right if x_m[goal.target] < x_m[goal.source] else self.left for goal in self.goals}
+        self.appointments = [[HandoverState(goal, giver[goal].name) for _ in rounds] for goal in self.goals]
 
     async def work(self, arm: PegArm) -> None:
-        """Give or receive the block of each transfer."""
+        """Give or receive the block of each transfer: the arm on the side of the source gives."""
         script, other = OneArm(arm, (), beside=True), self.left if arm is self.right else self.right
         giver, receiver = Giver(arm, other, script), Receiver(arm, other, script)
         working = True
-        for rounds, following in zip(self.appointments, [*self.appointments[1:], None], strict=True):
-            gives, ended = self._gives(arm, rounds[0].goal), rounds[-1]
-            to_give = following[0] if following and self._gives(arm, following[0].goal) else None
-            to_receive = following[0] if following and not to_give else None
+        for rounds, following in zip(self.appointments, [*self.appointments[1:], [None]], strict=True):
+            gives, ended = rounds[0].giver == arm.name, rounds[-1]
             turns, begin_s = rounds[0].turns, self.cell.clock.now_s()
             turns[arm.name] = (begin_s, inf)
             for meeting in rounds:
-                if gives:
-                    job = partial(giver.give, meeting, to_give)
-                else:
-                    job = partial(receiver.receive, meeting, to_give, to_receive)
+                job = partial(giver.give if gives else receiver.receive, meeting, following[0])
                 if working:
                     working = await self._done(arm, job, meeting)
                 else:
@@ -138,9 +134,3 @@ class Handover(TwoArms):
             if not meeting.parted.is_set():  # else only the other arm holds the block
                 meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
         return not arm.stopped and meeting.outcome is not TransferOutcome.ARM_STOPPED
-
-    def _gives(self, arm: PegArm, goal: Transfer) -> bool:
-        """Return whether an arm gives: the one on the side of the source does."""
-        pegs = self.table.board.pegs_m
-        leftwards = pegs[goal.target, 0] < pegs[goal.source, 0]
-        return (arm is self.right) == bool(leftwards)
