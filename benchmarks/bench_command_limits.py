@@ -11,7 +11,7 @@ TROCAR_DATA, or shared/data beside the repository.
 import argparse
 import os
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
@@ -32,8 +32,8 @@ from trocar.geometry import SE3
 from trocar.lab import load_station
 from trocar.motion import limit_use, plan_through, rest_to_rest
 from trocar.robots.compensated import RANGE_GUARD
-from trocar.tasks.peg_transfer.agents.unilateral import GRASP_RULES, Settings
-from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, Place, choose_grasp, choose_place, held_block
+from trocar.tasks.peg_transfer.agents import GRASP_RULES, Settings
+from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp, choose_place, held_block
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.tasks.suture.agents.circle import JOINED, TRAVELS, along
 from trocar.tasks.suture.agents.circle import Settings as SutureSettings
@@ -96,7 +96,7 @@ class Limited:
 
 def peg_transfers(name, rng, rounds):
     """Return the joints at the start, and the motions of whole trials as the agent plans them."""
-    settings, known, arm = Settings(), PEG_TASK.known(), PEG_STATION.arm(name)
+    settings, known, arm = Settings(), PEG_TASK.nominal(), PEG_STATION.arm(name)
     home = arm.park_q()
     motions = _wake(home)
     for _ in range(rounds):
@@ -123,13 +123,13 @@ def peg_transfers(name, rng, rounds):
             place = choose_place(
                 ARM, T_base_board, T_tip_block, known.board, known.block, target, others, settings.drop_m, yaw
             )
-            if not isinstance(place, Place):
+            if isinstance(place, str):
                 continue
             height = float(grasp.T_board_tip.translation_m[2]) + settings.lift_m
-            down = ik(ARM, T_base_board @ place.T_board_tip)
-            carried = [points[-1], raised(grasp.T_board_tip, height), raised(place.T_board_tip, height), down]
+            down = ik(ARM, T_base_board @ place)
+            carried = [points[-1], raised(grasp.T_board_tip, height), raised(place, height), down]
             motions += [plan_through(ARM, stops, PAPER, up=up).trajectory for stops in (points, carried)]
-            blocks[target] = place.T_board_tip @ T_tip_block
+            blocks[target] = place @ T_tip_block
             del blocks[source]
             q = down
         motions.append(rest_to_rest(q, home, PAPER))
@@ -143,8 +143,10 @@ def _wake(home):
 
 
 def _grasped(T_base_board, blocks, source, known):
-    others = SE3(np.array([pose.matrix for peg, pose in blocks.items() if peg != source]))
-    for min_gap_m, max_roll_rad in GRASP_RULES:
+    others = [pose for peg, pose in blocks.items() if peg != source]
+    for outer, min_gap_m, max_roll_rad in GRASP_RULES:
+        if outer:
+            continue
         grasp = choose_grasp(
             ARM,
             T_base_board,
@@ -153,7 +155,7 @@ def _grasped(T_base_board, blocks, source, known):
             known.block,
             others,
             depth_m=Settings().depth_m,
-            jaws=replace(Jaws.of(ARM.instrument), min_gap_m=min_gap_m),
+            min_gap_m=min_gap_m,
             max_roll_rad=max_roll_rad,
         )
         if isinstance(grasp, Grasp):

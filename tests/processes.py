@@ -21,7 +21,7 @@ LOADED = (
     "trocar.report.plot",
     "trocar.sim.offscreen",
 )
-LOADED += tuple(f"trocar.tasks.peg_transfer.{part}" for part in ("task", "world.peg_world", "agents.unilateral"))
+LOADED += tuple(f"trocar.tasks.peg_transfer.{part}" for part in ("task", "world", "agents.unilateral"))
 LOADED += (
     "trocar.report.plot",
     "trocar.motion.splines",

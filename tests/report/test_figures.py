@@ -15,7 +15,7 @@ from trocar.report.files import draw_trial
 from trocar.report.stills import draw_storyboard
 from trocar.report.tables import parts_table, run_table
 from trocar.report.timechart import draw_timechart
-from trocar.tasks.peg_transfer.report.peg_report import PAPER, PegReport, draw_paths
+from trocar.tasks.peg_transfer.report import PAPER, PegReport, draw_paths
 
 SPANS = [
     Span("psm1", "capture", 0.0, 0.5),
@@ -24,7 +24,6 @@ SPANS = [
     Span("psm1", "home", 2.5, 3.0),
 ]
 SCORES = [{"start_s": 0.0, "end_s": 2.0}, {"start_s": 2.0, "end_s": 3.0}]
-PEGS_M = np.array([[-0.0405, 0.0], [0.0407, 0.0109]])
 SUMMARY = {
     "task": "peg-transfer",
     "variant": "unilateral",
@@ -62,7 +61,7 @@ def tool_path():
 @pytest.mark.slow
 def test_figures_are_written_small_and_not_empty(tmp_path):
     drawn(draw_timechart(trial_of(*SPANS), tmp_path / "new" / "time.png"))
-    drawn(draw_paths(*tool_path(), PEGS_M, tmp_path / "paths.png"))
+    drawn(draw_paths(*tool_path(), tmp_path / "paths.png", "Path"))
     rng = np.random.default_rng(0)
     frames = [(f"step {k}", rng.integers(0, 255, (480, 640, 3), dtype=np.uint8)) for k in range(30)]
     image = matplotlib.image.imread(draw_storyboard(frames[:1], tmp_path / "one.png"))
@@ -180,11 +179,8 @@ def test_the_path_of_the_tool_is_drawn_over_the_board_where_it_was(tmp_path):
 
 
 def test_nothing_to_draw_is_one_sentence_and_no_file(tmp_path):
-    times, tips, index = tool_path()
     with pytest.raises(TrocarError, match="at least one span"):
         draw_timechart(trial_of(), tmp_path / "a.png")
-    with pytest.raises(TrocarError, match="tool path needs"):
-        draw_paths(times[:-1], tips, index, PEGS_M, tmp_path / "a.png")
     with pytest.raises(TrocarError, match="at least one picture"):
         draw_storyboard([], tmp_path / "a.png")
     with pytest.raises(TrocarError, match="picture 'grey'"):

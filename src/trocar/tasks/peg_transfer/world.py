@@ -19,7 +19,6 @@ from trocar.tasks.peg_transfer.truth import PegTruth
 FOOT_M = 0.05e-3
 """Height of the prisms of a block above its three feet, so that it has three contacts with the plate, not
 thirty-six."""
-
 ABS_RED = (0.83, 0.23, 0.07)
 ABS_RED_BLOCK = (0.80, 0.20, 0.07)
 BLACK_TABLE = (0.035, 0.035, 0.04)
@@ -94,11 +93,10 @@ class PegWorld(TaskWorld):
         return PegTruth(
             times_s=record.times_s,
             T_board_blocks=T_board_world @ SE3.unchecked(np.stack(poses, axis=1)),
-            held=np.any(list(held_by.values()), axis=0),
+            held_by=held_by,
             p_board_tips={name: T_board_world.apply(T.translation_m) for name, T in record.T_world_tip.items()},
             board=self._scene.board,
             block=self._scene.block,
-            held_by=held_by,
         )
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:

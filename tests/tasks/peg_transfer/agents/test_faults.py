@@ -20,12 +20,11 @@ from trocar.eval.trial import Trial
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
-from trocar.tasks.peg_transfer.agents import agent_of
-from trocar.tasks.peg_transfer.agents.settings import quick
+from trocar.tasks.peg_transfer.agents import agent_of, quick
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Block
 from trocar.tasks.peg_transfer.task import PegTransfer
-from two_armed import Wrapped, silent
+from two_armed import Wrapped, silent, stuck
 
 BEST = PegTransfer.methods["best"]
 SETTINGS = quick()
@@ -60,22 +59,6 @@ def dark(*frames, onwards=False):
             return RgbdImage(*nothing, image.intrinsics, image.time_s)
 
     return Dark
-
-
-def stuck(arm, closings=None):
-    """Return a robot one of whose arms cannot close its jaws: at so many blocks, or ever."""
-
-    class Stuck(Wrapped):
-        tried = -1  # they are closed once on nothing, to see what their encoder says then
-
-        async def jaw(self, name, angle_rad):
-            if name == arm and angle_rad < 0:
-                self.tried += 1
-                if closings is None or 1 <= self.tried <= closings:
-                    angle_rad = SETTINGS.release_rad
-            return await self.inner.jaw(name, angle_rad)
-
-    return Stuck
 
 
 def clumsy(arm, share):
@@ -239,8 +222,7 @@ def moved_m(trial, block):
 
 
 @pytest.mark.parametrize(
-    ("variant", "transfers", "frames"),
-    [("unilateral", 2, (1, 3, 4, 5)), ("handover", 2, (1, 3, 4, 5))],
+    ("variant", "transfers", "frames"), [("unilateral", 2, (1, 3, 4, 5)), ("handover", 2, (1, 3, 4, 5))]
 )
 def test_where_frames_are_empty_one_looks_again(kept, variant, transfers, frames):
     """The first look at a block, then those at the next one from the moving arm."""
@@ -406,8 +388,7 @@ def test_an_arm_alone_that_stops_answering_ends_its_transfers(kept):
 
 
 @pytest.mark.parametrize(
-    ("arm", "other", "outcomes"),
-    [("psm2", "psm1", [ARM_STOPPED, DONE]), ("psm1", "psm2", [DONE, ARM_STOPPED])],
+    ("arm", "other", "outcomes"), [("psm2", "psm1", [ARM_STOPPED, DONE]), ("psm1", "psm2", [DONE, ARM_STOPPED])]
 )
 def test_an_arm_that_stops_answering_does_not_keep_the_other_from_its_work(kept, arm, other, outcomes):
     trial = kept("bilateral", robot=silent(arm, 4, MIDWAY))

@@ -158,4 +158,4 @@ class Learner:
 
     async def _fit(self) -> None:
         learned = partial(self.robot.learned, self.arm.name)
-        self._better = await self.hand.compute("calibration", self.settings.fit_budget_s, learned) or self._better
+        self._better = await self.hand.compute("calibration", self.settings.fit_budget_s, learned)

@@ -11,8 +11,7 @@ from trocar.cli import app
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.capture import load_capture
-from trocar.tasks.peg_transfer.perception.cloud import COARSE_POINTS, OFFSETS_M, YAWS, _coarse, _thin, fit_cloud
-from trocar.tasks.peg_transfer.perception.outline import top_face
+from trocar.tasks.peg_transfer.register_block import fit_cloud
 from trocar.tasks.peg_transfer.shapes import Block
 
 
@@ -82,11 +81,7 @@ def test_a_plain_disc_is_no_block():
 
 @pytest.mark.parametrize(
     ("points", "message"),
-    [
-        (np.zeros((100, 2)), "shape"),
-        (np.zeros((5, 3)), "at least 60"),
-        (np.full((100, 3), np.nan), "NaN"),
-    ],
+    [(np.zeros((100, 2)), "shape"), (np.zeros((5, 3)), "at least 60"), (np.full((100, 3), np.nan), "NaN")],
 )
 def test_refuses_bad_points(points, message):
     with pytest.raises(TrocarError, match=message):
@@ -119,10 +114,10 @@ def test_command_prints_one_json_object(recordings):
 
 @pytest.mark.parametrize("yaw_deg", [10.0, 37.0, 64.0, 100.0])
 @pytest.mark.parametrize("off_m", [(5e-3, -3e-3), (-20e-3, 12e-3)])
-def test_the_search_begins_a_step_of_its_grid_from_the_face(yaw_deg, off_m):
-    """So clean a cloud is found from anywhere; one of a few wild points is not."""
-    face = np.random.default_rng(0).permutation(Block().top_face_m())
-    xy = SE3.from_parts(SO3.axis("z", np.radians(yaw_deg)), [*off_m, 0.0]).apply(face)[:, :2]
-    best, *_ = _coarse(top_face(Block()), _thin(xy, COARSE_POINTS))
-    assert np.abs(best[:2] - off_m).max() < 0.75 * OFFSETS_M[-1]
-    assert abs((np.degrees(best[2]) - yaw_deg + 60) % 120 - 60) <= 60 / YAWS
+def test_a_clean_face_is_found_where_it_lies_seen_from_above(yaw_deg, off_m):
+    """The camera looks down its z, so the face's z points away from it."""
+    T = SE3.from_parts(SO3.axis("z", np.radians(yaw_deg)), [*off_m, 0.5])
+    fit = fit_cloud(T.apply(Block().top_face_m()), Block())
+    distance_mm, yaw_off_deg = difference(T.matrix, fit.T_capture_block.matrix)
+    assert fit.found and distance_mm < 0.1 and yaw_off_deg < 0.5 and fit.covered > 0.9
+    np.testing.assert_allclose(fit.T_capture_block.matrix[:3, 2], [0, 0, 1], atol=1e-6)
