@@ -12,7 +12,7 @@ from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.models import OffsetModel, RidgeModel
 from trocar.calibration.plant import PSM1_GREY
 from trocar.motion import rest_to_rest
-from trocar.motion.bound import shortest_to_rest_s
+from trocar.motion.double_integrator import shortest_to_rest_s
 from trocar.trajectory import Trajectory
 
 HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])

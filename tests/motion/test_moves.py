@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits, fk
 from trocar.errors import TrocarError
 from trocar.motion import duration_bound_s, limit_use, move_to, rest_to_rest, straight
+from trocar.motion.double_integrator import phases_to_rest
 from trocar.motion.limits import knot_jumps
-from trocar.motion.moves import REACHED, _along_line
-from trocar.motion.phases import phases_to_rest
+from trocar.motion.straight_line import REACHED, _along_line
 
 LIMITS = MOTION_LIMITS["paper"]
 PSM = ARMS["psm-classic"]

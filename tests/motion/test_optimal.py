@@ -21,9 +21,9 @@ from trocar.motion import (
     vertical_deviation_m,
 )
 from trocar.motion import optimal as module
-from trocar.motion.phases import shortest_common_s
+from trocar.motion.check import line_deviation
+from trocar.motion.double_integrator import shortest_common_s
 from trocar.motion.straight_line import Sprint, StraightLine, quintics
-from trocar.motion.tolerances import line_deviation
 from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, over_the_table, transfer
 

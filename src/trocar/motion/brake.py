@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from trocar.arms import MotionLimits
 from trocar.trajectory import Trajectory
 
-STEP_S, MIN_STEP_S, MAX_CHANGE = 1e-3, 5e-5, 0.02
-"""Braking is integrated in steps in which the rate of the path's time changes by no more than this."""
-HEADROOM = 0.99
-"""Share of the acceleration limits that braking uses; the rest is a margin for what lies between two steps."""
-PATIENCE, GRACE_S = 2.0, 0.1
-"""Braking on the path may take up to this factor longer than the joints need by themselves, plus this time."""
+Array = NDArray[np.float64]
+
+STEP_S, MIN_STEP_S, MAX_CHANGE = 1e-3, 5e-5, 0.02  # braking is integrated in steps of so much, and change of the rate
+HEADROOM = 0.99  # share of the acceleration limits that braking uses: a margin for what lies between two steps
+PATIENCE, GRACE_S = 2.0, 0.1  # on the path it may take this factor longer than the joints by themselves, plus this time
 STILL = 1e-12
 
 
@@ -30,9 +29,9 @@ class Brake:
         off_path: if the path is left, the motion of the joints by themselves, from time 0; else None.
     """
 
-    times_s: NDArray[np.float64]
-    path_s: NDArray[np.float64]
-    rate: NDArray[np.float64]
+    times_s: Array
+    path_s: Array
+    rate: Array
     off_path: Trajectory | None = None
 
     @property
@@ -40,7 +39,7 @@ class Brake:
         """Return the time until rest."""
         return float(self.times_s[-1])
 
-    def at(self, since_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def at(self, since_s: Array) -> tuple[Array, Array]:
         """Return the time along the path (n,) and its rate at times (n,) since braking began.
 
         Between two steps the rate is linear, so the time along the path is quadratic; linear interpolation would make
@@ -52,13 +51,7 @@ class Brake:
         return self.path_s[row] + 0.5 * (self.rate[row] + rate) * within_s, rate
 
 
-def brake(
-    trajectory: Trajectory,
-    path_s: float,
-    limits: MotionLimits,
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-) -> Brake:
+def brake(trajectory: Trajectory, path_s: float, limits: MotionLimits, lower: Array, upper: Array) -> Brake:
     """Return how to come to rest from a motion ``path_s`` after its start, as fast as the limits allow.
 
     The arm stays on the path because its time runs slower and slower: with ``s`` for the time along the path, every
@@ -110,9 +103,7 @@ def _along_path(trajectory: Trajectory, path_s: float, limits: MotionLimits) -> 
     return Brake(*np.array(rows).T)
 
 
-def _least_push(
-    velocity: NDArray[np.float64], acceleration: NDArray[np.float64], reach: NDArray[np.float64], rate: float
-) -> float:
+def _least_push(velocity: Array, acceleration: Array, reach: Array, rate: float) -> float:
     """Return the least ``s''`` (at most 0) that keeps every joint's acceleration, over rows (k, joints)."""
     carried = acceleration * rate * rate
     moves = np.abs(velocity) > STILL

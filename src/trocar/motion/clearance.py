@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, inf
 
@@ -12,21 +12,19 @@ from numpy.typing import NDArray
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput
 from trocar.geometry.capsules import segment_gaps_m
-from trocar.motion.bodies import Bodies
-from trocar.motion.moving_arm import MovingArm
-from trocar.motion.obstacles import Obstacle
+from trocar.motion.bodies import Bodies, MovingArm, Obstacle
+from trocar.motion.problem import MotionProblem
+from trocar.trajectory import Trajectory
 
-COARSE_S, COARSE = 0.04, 64
-"""Longest interval between the first samples; and the maximum number of intervals for any span."""
+Array = NDArray[np.float64]
 
-STRETCH = 8
-"""Intervals in which a pair of capsules is examined together, or skipped if boxes show it to be far apart."""
+COARSE_S, COARSE = 0.04, 64  # longest interval between the first samples, and the most intervals for any span
 
-SPLIT = 8
-"""Number of parts into which an interval that may hide something is cut."""
+STRETCH = 8  # intervals in which a pair of capsules is examined together, or skipped if boxes show it to be far apart
 
-MERGED_S = 1e-9
-"""Samples closer than this count as one."""
+SPLIT = 8  # number of parts into which an interval that may hide something is cut
+
+MERGED_S = 1e-9  # samples closer than this count as one
 
 
 @dataclass(frozen=True)
@@ -119,7 +117,29 @@ def swept_clearance(
     return Clearance(floor, best, when_s, between, bodies.arms_of(bodies.pairs[which]))
 
 
-def _first_samples(bodies: Bodies, span_s: tuple[float, float] | None) -> NDArray[np.float64]:
+def clearance_of(
+    problem: MotionProblem, motions: Sequence[Trajectory], resolution_m: float, too_near_m: float = -inf
+) -> Clearance:
+    """Return how near the arms of a problem come to each other and to all else, until everything rests.
+
+    The motions are those of the arms in order; if nothing else moves, they may be paths with any common timing.
+    """
+    arms = {
+        name: MovingArm(arm.model, motion, arm.T_world_base, jaw_rad=arm.jaw_rad)
+        for (name, arm), motion in zip(problem.arms.items(), motions, strict=True)
+    }
+    return swept_clearance(
+        arms,
+        others=problem.others,
+        obstacles=problem.obstacles,
+        span_s=(0.0, max(arm.end_s for arm in (*arms.values(), *problem.others.values()))),
+        enough_m=problem.min_distance_m,
+        too_near_m=too_near_m,
+        resolution_m=resolution_m,
+    )
+
+
+def _first_samples(bodies: Bodies, span_s: tuple[float, float] | None) -> Array:
     """Return times over the span, all knots among them: between two of them every joint follows one polynomial."""
     begin = min(arm.start_s for arm in bodies.movers) if span_s is None else float(span_s[0])
     end = max(arm.end_s for arm in bodies.movers) if span_s is None else float(span_s[1])
@@ -139,7 +159,7 @@ def _stretches(samples: int) -> NDArray[np.intp]:
 
 
 def _near(
-    bodies: Bodies, knots: NDArray[np.float64], ends: NDArray[np.float64], bends: NDArray[np.float64], enough_m: float
+    bodies: Bodies, knots: Array, ends: Array, bends: Array, enough_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], float]:
     """Return the pairs of capsules, and the stretches, in which they may be closer than ``enough_m``.
 
@@ -170,13 +190,7 @@ def _near(
     return pair, stretch, float(apart_m[~kept].min(initial=inf))
 
 
-def _measured(
-    bodies: Bodies,
-    times: NDArray[np.float64],
-    ends: NDArray[np.float64],
-    pair: NDArray[np.intp],
-    bend: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _measured(bodies: Bodies, times: Array, ends: Array, pair: NDArray[np.intp], bend: Array) -> tuple[Array, Array]:
     """Return distances (rows, samples) of pairs of capsules, and lower bounds (rows, samples - 1) in between, m.
 
     Take both capsules to move straight between two samples. The vector between any point of one and any point

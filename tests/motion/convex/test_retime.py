@@ -7,10 +7,10 @@ from scipy.optimize import linprog
 from ravens import asked, random_waypoints
 from trocar.arms import ARMS, MotionLimits
 from trocar.motion import ArmMotion, limit_use, rest_to_rest
+from trocar.motion.check import tip_speeds_m_s
 from trocar.motion.convex import retime
 from trocar.motion.convex.retime import retimed
 from trocar.motion.convex.scene import curve_of, joint_path
-from trocar.motion.tip import tip_speeds_m_s
 from trocar.trajectory import Trajectory
 
 

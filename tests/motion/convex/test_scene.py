@@ -13,7 +13,7 @@ from ravens import asked, random_waypoints
 from trocar.arms import capsules
 from trocar.geometry.capsules import nearest_m, segment_distances_m
 from trocar.motion import Capsule, HalfSpace, MovingArm
-from trocar.motion.convex.programme import distance_rows, facing_rows, range_rows
+from trocar.motion.convex.path_program import distance_rows, facing_rows, range_rows
 from trocar.motion.convex.scene import Scene, curve_of, joint_path
 from trocar.trajectory import Trajectory
 

@@ -13,17 +13,16 @@ from scipy.interpolate import BSpline
 from trocar.arms import SOLIDS, capsules
 from trocar.arms.solids import MOVED, joint_axes
 from trocar.geometry.capsules import cross, nearest_m
-from trocar.motion.arm_motion import JOINTS, ArmMotion
-from trocar.motion.bodies import Bodies
-from trocar.motion.moving_arm import MovingArm
-from trocar.motion.problem import MotionProblem
+from trocar.motion.bodies import INSERTION, Bodies, MovingArm
+from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
 from trocar.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 DEGREE = 3
-BENDING = 0.01
-"""Weight of the squared second derivative by the share, relative to that of the squared first one."""
+SOLID_COUNT = len(SOLIDS)
+TOUCHING_M = 1e-9  # segments nearer than this cross: the direction between them is their common normal
+BENDING = 0.01  # weight of the squared second derivative by the share, relative to that of the squared first one
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +59,13 @@ class Curve:
         first, second = self.basis(at, 1), self.basis(at, 2)
         return (first.T * weight) @ first + BENDING * (second.T * weight) @ second
 
+    @cached_property
+    def spread(self) -> Array:
+        """Return the inverse (controls, controls) of the energy of the inner control points, with 0 for both ends."""
+        inverse = np.zeros_like(self.energy)
+        inverse[1:-1, 1:-1] = np.linalg.inv(self.energy[1:-1, 1:-1])
+        return inverse
+
     def basis(self, shares: Array, order: int = 0) -> Array:
         """Return the weights of the control points in a derivative by the share, at shares (k,): (k, controls)."""
         return np.asarray(self._unit(np.asarray(shares, dtype=np.float64), nu=order), dtype=np.float64)
@@ -94,17 +100,7 @@ class Curve:
         return BSpline(self._padded, np.eye(self.controls), DEGREE)
 
 
-@lru_cache(maxsize=16)
-def curve_of(pieces: int) -> Curve:
-    """Return the curve with this number of pieces; cached."""
-    return Curve(pieces)
-
-
-SOLID_COUNT = len(SOLIDS)
-SLIDING = 2
-"""Index of the joint that slides."""
-TOUCHING_M = 1e-9
-"""Segments nearer than this cross: the direction between them is their common normal."""
+curve_of = lru_cache(maxsize=16)(Curve)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +145,7 @@ class Scene:
         """Return both ends of all capsules (n, bodies, 2, 3) in the world at joints (n, joints) and times (n,)."""
         parts = []
         for k, arm in enumerate(self.arms):
-            local = capsules(arm.model, q[:, JOINTS * k : JOINTS * (k + 1)], arm.jaw_rad)
+            local = capsules(arm.model, q[:, columns_of(k)], arm.jaw_rad)
             parts.append(local.moved(arm.T_world_base).ends_m)
         parts += [arm.ends_m(t_s) for arm in self.bodies.movers[len(self.arms) :]]
         still = self.bodies.still.ends_m
@@ -204,14 +200,14 @@ class Distances:
                 if len(rows):
                     moved = MOVED[bodies[rows] % SOLID_COUNT]
                     part = joints.slopes(place[rows], points[rows], ways[rows]) * moved
-                    slopes[rows, JOINTS * k : JOINTS * (k + 1)] = part
+                    slopes[rows, columns_of(k)] = part
         return slopes
 
     @cached_property
     def screws(self) -> tuple[Screws, ...]:
         """Return the joint axes of every planned arm at all places."""
         arms = enumerate(self.scene.arms)
-        return tuple(Screws.of(arm, self.q[:, JOINTS * k : JOINTS * (k + 1)]) for k, arm in arms)
+        return tuple(Screws.of(arm, self.q[:, columns_of(k)]) for k, arm in arms)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,8 +229,8 @@ class Screws:
         R, t = arm.T_world_base.matrix[:3, :3], arm.T_world_base.matrix[:3, 3]
         axes, origins = axes @ R.T, origins @ R.T + t
         sliding = cross(origins, axes)
-        sliding[:, SLIDING] = axes[:, SLIDING]
-        axes[:, SLIDING] = 0.0
+        sliding[:, INSERTION] = axes[:, INSERTION]
+        axes[:, INSERTION] = 0.0
         return cls(axes, sliding)
 
     def slopes(self, place: NDArray[np.intp], points_m: Array, ways: Array) -> Array:
@@ -244,6 +240,11 @@ class Screws:
         return turned + np.einsum("rji,ri->rj", self.sliding[place], ways)
 
 
+def columns_of(k: int) -> slice:
+    """Return where the joints of arm k are among those of all arms."""
+    return slice(JOINTS * k, JOINTS * (k + 1))
+
+
 def joint_path(path: Trajectory, k: int) -> Trajectory:
     """Return the path of one arm's joints from that of all."""
-    return Trajectory(path.times_s, path.coefficients[:, :, JOINTS * k : JOINTS * (k + 1)])
+    return Trajectory(path.times_s, path.coefficients[:, :, columns_of(k)])

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from trocar.errors import BadFile, InvalidInput
 from trocar.files.csv_file import TIMES, read_csv
-from trocar.motion.analysis.huber import SHORTEST
+from trocar.motion.analysis import SHORTEST
 
-OFF_GRID = 0.3
-"""A step may differ from the usual one by this share; if it is a multiple of it, samples are missing."""
+OFF_GRID = 0.3  # a step may differ from the usual one by this share; if it is a multiple of it, samples are missing
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,82 +1,27 @@
-"""The convex programme in the control points of a curve: rows, solution and certificate."""
+"""The convex program in the control points of a curve: its rows, its solution, and what is checked in the end."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
-import piqp
 from numpy.typing import NDArray
 
 from trocar.arms import fk
 from trocar.geometry.capsules import cross
-from trocar.motion.arm_motion import JOINTS, ArmMotion
-from trocar.motion.clearance import Clearance, swept_clearance
-from trocar.motion.convex.scene import Curve, Distances, joint_path
-from trocar.motion.moving_arm import MovingArm
-from trocar.motion.problem import MotionProblem
-from trocar.trajectory import Trajectory
+from trocar.motion.convex.scene import Curve, Distances, columns_of
+from trocar.motion.problem import ArmMotion
+from trocar.motion.qp import Program
 
 Array = NDArray[np.float64]
 
-CERTIFIED_M = 1e-6
-"""A certified distance may fall short of the required one by this: a tenth of what the check allows."""
-THROUGH_M = 3e-3
-"""A path whose distance falls short by this much, though not at the planned places, passes through something."""
-
-
-def clearance(problem: MotionProblem, motion: Trajectory) -> Clearance:
-    """Return how near the arms come to each other and to everything else on a motion of all joints.
-
-    If nothing else moves, the motion may be a path with any timing. From its start until everything rests.
-    """
-    arms = {
-        name: MovingArm(arm.model, joint_path(motion, k), arm.T_world_base, jaw_rad=arm.jaw_rad)
-        for k, (name, arm) in enumerate(problem.arms.items())
-    }
-    return swept_clearance(
-        arms,
-        others=problem.others,
-        obstacles=problem.obstacles,
-        span_s=(0.0, max(motion.duration_s, *(arm.end_s for arm in problem.others.values()), 0.0)),
-        enough_m=problem.min_distance_m,
-        too_near_m=problem.min_distance_m - THROUGH_M,
-        resolution_m=CERTIFIED_M,
-    )
-
-
-def in_range(arms: tuple[ArmMotion, ...], q: Array, slack: float) -> bool:
-    """Return whether joints keep their ranges at evenly spaced places q (n, joints), with a parabola in between."""
-    for k, arm in enumerate(arms):
-        part = q[:, JOINTS * k : JOINTS * (k + 1)]
-        beyond = slack * (arm.model.upper - arm.model.lower) - np.abs(np.diff(part, n=2, axis=0)).max(axis=0) / 8
-        if np.any(part.min(axis=0) < arm.model.lower - beyond) or np.any(part.max(axis=0) > arm.model.upper + beyond):
-            return False
-    return True
-
-
-def faces(arms: tuple[ArmMotion, ...], q: Array) -> bool:
-    """Return whether the tips face what they should at evenly spaced places q (n, joints), and as far as known between.
-
-    The first and the last are given, so they are not checked here.
-    """
-    for k, arm in enumerate(arms):
-        if arm.facing is None:
-            continue
-        angles = arm.facing.angle_rad(arm.T_world_base @ fk(arm.model, q[:, JOINTS * k : JOINTS * (k + 1)]))
-        if angles[1:-1].max() + np.abs(np.diff(angles, n=2)).max() / 8 > arm.facing.max_rad:
-            return False
-    return True
-
-
-FACING_M = 0.05
-"""Weight of the cosine of an angle relative to distances: the displacement of a mark this far from the tip."""
-FACED = 0.3
-"""A facing constraint counts if its cosine is within this of the limit."""
-INSIDE = 5e-4
-"""Margin (rad, m) of the control points to the ends of the joints' ranges."""
-RANGE_M = 0.1
-"""Weight of a joint outside its range (rad, m) relative to distances."""
+FACING_M = 0.05  # weight of an angle's cosine relative to distances: the displacement of a mark this far from the tip
+FACED = 0.3  # a facing constraint counts if its cosine is within this of the limit
+INSIDE = 5e-4  # margin (rad, m) of the control points to the ends of the joints' ranges
+RANGE_M = 0.1  # weight of a joint outside its range (rad, m) relative to distances
+ROUNDS = 4  # maximum number of times that rows violated by the answer are added to the program
+ADDED = 40  # maximum number of rows added at a time, the most violated first
+KEPT_M = 1e-6  # a row counts as violated below minus this
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +92,7 @@ def facing_rows(distances: Distances, spare_rad: Array, basis: Array) -> Rows:
     for k, arm in enumerate(distances.scene.arms):
         if arm.facing is None:
             continue
-        columns = slice(JOINTS * k, JOINTS * (k + 1))
+        columns = columns_of(k)
         T_world_tip = arm.T_world_base @ fk(arm.model, distances.q[:, columns])
         axis, tip = T_world_tip.matrix[:, :3, :3] @ arm.facing.axis, T_world_tip.matrix[:, :3, 3]
         way = arm.facing.towards_m - tip
@@ -168,22 +113,13 @@ def facing_rows(distances: Distances, spare_rad: Array, basis: Array) -> Rows:
     return Rows.joined(parts)
 
 
-def taper(curve_shares: Array, margin: float, share: float = 0.1) -> Array:
+def taper(shares: Array, margin: float) -> Array:
     """Return a margin (n,) that grows from 0 at both ends of the path: a start may stand as near as is allowed."""
-    return margin * np.clip(np.minimum(curve_shares, 1 - curve_shares) / share, 0.0, 1.0)
-
-
-ROUNDS = 4
-"""Maximum number of times that rows violated by the answer are added to the program."""
-ADDED = 40
-"""Maximum number of rows added at a time, the most violated first."""
-KEPT_M = 1e-6
-"""A row counts as violated below minus this."""
-PRECISION = 1e-8
+    return margin * np.clip(np.minimum(shares, 1 - shares) / 0.1, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Programme:
+class PathProgram:
     """The energy of a path, and the changes of its control points that are free.
 
     Attributes:
@@ -204,23 +140,17 @@ class Programme:
 
     def inverses(self, damping: float) -> list[Array]:
         """Return for each arm the inverse (controls, controls) of energy and damping on the changes that are free."""
-        if damping not in self.known:
-            self.known[damping] = self._inverses(damping)
-        return self.known[damping]
-
-    def _inverses(self, damping: float) -> list[Array]:
+        if damping in self.known:
+            return self.known[damping]
         inner, count = slice(1, -1), self.curve.controls
-        matrix = self.curve.energy[inner, inner] + damping * np.eye(count - 2) / count
-        plain = np.linalg.inv(matrix)
-        found = []
-        for held in self.held:
-            inverse = np.zeros((count, count))
-            kept = plain
+        plain = np.linalg.inv(self.curve.energy[inner, inner] + damping * np.eye(count - 2) / count)
+        found = [np.zeros((count, count)) for _ in self.held]
+        for inverse, held in zip(found, self.held, strict=True):
+            inverse[inner, inner] = plain
             if len(held):
                 across = plain @ held[:, inner].T
-                kept = plain - across @ np.linalg.solve(held[:, inner] @ across, across.T)
-            inverse[inner, inner] = kept
-            found.append(inverse)
+                inverse[inner, inner] = plain - across @ np.linalg.solve(held[:, inner] @ across, across.T)
+        self.known[damping] = found
         return found
 
     def step(self, control: Array, rows: Rows, price: float, damping: float) -> Array:
@@ -239,7 +169,7 @@ class Programme:
         pull = self.curve.energy @ control
         change = np.empty_like(control)
         for k, inverse in enumerate(inverses):
-            columns = slice(JOINTS * k, JOINTS * (k + 1))
+            columns = columns_of(k)
             change[:, columns] = -inverse @ pull[:, columns]
         free = change
         used = np.zeros(len(rows.room), dtype=bool)
@@ -258,25 +188,45 @@ class Programme:
         basis, slope = rows.basis[which], rows.slope[which]
         gram = np.zeros((len(which), len(which)))
         for k, inverse in enumerate(inverses):
-            columns = slice(JOINTS * k, JOINTS * (k + 1))
+            columns = columns_of(k)
             gram += (basis @ inverse @ basis.T) * ((slope[:, columns] / self.weights[columns]) @ slope[:, columns].T)
         missing = -(rows.room[which] + np.einsum("rj,rj->r", slope, basis @ free))
         prices = _bounded_least(gram, missing, price)
         push = basis.T @ (prices[:, None] * slope / self.weights)
         for k, inverse in enumerate(inverses):
-            columns = slice(JOINTS * k, JOINTS * (k + 1))
+            columns = columns_of(k)
             push[:, columns] = inverse @ push[:, columns]
         return push
 
 
 def _bounded_least(gram: Array, missing: Array, price: float) -> Array:
     """Return the prices (rows,), between 0 and the greatest, that minimise ``x gram x / 2 - missing x``."""
-    count = len(missing)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-12))
-    matrix = gram / scale / scale[:, None] + 1e-9 * np.eye(count)
-    solver = piqp.DenseSolver()
-    solver.settings.eps_abs = solver.settings.eps_rel = PRECISION
+    matrix = gram / scale / scale[:, None] + 1e-9 * np.eye(len(missing))
     top = float(np.abs(missing / scale).max())
-    solver.setup(np.asfortranarray(matrix), -missing / scale / top, x_l=np.zeros(count), x_u=price * scale / top)
-    solver.solve()
-    return np.clip(top * solver.result.x / scale, 0.0, price)
+    prices = Program("prices of violated rows", matrix, -missing / scale / top, lower=0.0, upper=price * scale / top)
+    return np.clip(top * prices.least() / scale, 0.0, price)
+
+
+def in_range(arms: tuple[ArmMotion, ...], q: Array, slack: float) -> bool:
+    """Return whether joints keep their ranges at evenly spaced places q (n, joints), with a parabola in between."""
+    for k, arm in enumerate(arms):
+        part = q[:, columns_of(k)]
+        beyond = slack * (arm.model.upper - arm.model.lower) - np.abs(np.diff(part, n=2, axis=0)).max(axis=0) / 8
+        if np.any(part.min(axis=0) < arm.model.lower - beyond) or np.any(part.max(axis=0) > arm.model.upper + beyond):
+            return False
+    return True
+
+
+def faces(arms: tuple[ArmMotion, ...], q: Array) -> bool:
+    """Return whether the tips face what they should at evenly spaced places q (n, joints), and as far as known between.
+
+    The first and the last are given, so they are not checked here.
+    """
+    for k, arm in enumerate(arms):
+        if arm.facing is None:
+            continue
+        angles = arm.facing.angle_rad(arm.T_world_base @ fk(arm.model, q[:, columns_of(k)]))
+        if angles[1:-1].max() + np.abs(np.diff(angles, n=2)).max() / 8 > arm.facing.max_rad:
+            return False
+    return True

@@ -10,11 +10,10 @@ from trocar.arms import fk
 from trocar.errors import ArmMoving, TooNear, TrocarError
 from trocar.geometry import SE3
 from trocar.motion import Capsule, Facing, MovingArm, open_box, plan_motion
-from trocar.motion.convex import search
-from trocar.motion.convex.planner import require_possible
+from trocar.motion.check import tip_speeds_m_s
+from trocar.motion.convex import require_possible, search
 from trocar.motion.convex.scene import Scene
 from trocar.motion.convex.search import Search
-from trocar.motion.tip import tip_speeds_m_s
 from trocar.trajectory import Trajectory
 
 SEEDS = st.integers(0, 2**32 - 1)
