@@ -31,10 +31,7 @@ def test_rest_to_rest_is_straight_within_limits_and_shortest(seed, share):
 
 
 def test_a_move_to_where_it_is_holds():
-    for move in (
-        rest_to_rest(PSM.middle, PSM.middle, LIMITS),
-        straight(PSM, OVER_THE_BOARD, [0, 0, 0], LIMITS),
-    ):
+    for move in (rest_to_rest(PSM.middle, PSM.middle, LIMITS), straight(PSM, OVER_THE_BOARD, [0, 0, 0], LIMITS)):
         assert move.duration_s == pytest.approx(0.01)
         assert not move(np.linspace(0, 0.01, 5), 1).any()
 

@@ -18,8 +18,9 @@ from trocar.motion import (
     vertical_deviation_m,
 )
 from trocar.motion.check import line_deviation
+from trocar.motion.curve import Curve
 from trocar.motion.qp import Program
-from trocar.motion.sqp import JointSpline, _Refinement
+from trocar.motion.sqp import HeldSpline, _Refinement
 from trocar.trajectory import Trajectory
 from waypoints import FOUR, PAPER, PSM
 
@@ -105,7 +106,7 @@ AT = np.array([0.0, 0.05, 0.1, 0.4, 0.6, 0.99, 1.0])
 def held_spline(first=2, last=1):
     """A spline of two joints whose first and last control points are held, and the curve of its control points."""
     rng = np.random.default_rng(0)
-    spline = JointSpline(SHARES, rng.normal(size=(first, 2)), rng.normal(size=(last, 2)))
+    spline = HeldSpline(Curve(SHARES), rng.normal(size=(first, 2)), rng.normal(size=(last, 2)))
     return spline, lambda control: BSpline(np.pad(SHARES, 3, mode="edge"), control, 3), rng
 
 
@@ -129,10 +130,10 @@ def test_rows_are_the_gradients_times_the_curve_and_the_slack(order):
     gradient[1] = 0.0
     values = curve(spline.control(x[:-1]))(AT, nu=order)
     for slack in (0.0, -2.0):
-        matrix, rest = spline.rows(spline.basis(AT, order), gradient, slack)
+        matrix, rest = spline.rows(spline.curve.basis(AT, order), gradient, slack)
         assert np.all(matrix.data != 0)
         np.testing.assert_allclose(matrix @ x + rest, (gradient * values).sum(axis=1) + slack * x[-1], atol=1e-9)
-    matrix, rest = spline.each_joint(spline.basis(AT, order), np.array([2.0, 4.0]))
+    matrix, rest = spline.each_joint(spline.curve.basis(AT, order), np.array([2.0, 4.0]))
     np.testing.assert_allclose(matrix @ x + rest, (values / [2.0, 4.0]).T.ravel(), atol=1e-9)
 
 
@@ -152,7 +153,7 @@ def curve_motion(limits=PAPER, **asked):
     """What is asked, the spline between the ends of its waypoints, what is free of it, and the motion that it makes."""
     problem = asking(limits=limits, **asked)
     refinement = _Refinement(problem.arms["it"], problem)
-    curve = refinement._curve(TIMES_S)
+    curve = refinement._spline(TIMES_S)
     x = 0.02 * np.random.default_rng(0).normal(size=6 * curve.free)
     return refinement, curve, x, TimedPath(curve.trajectory(curve.control(x), 2.0), TIMES_S)
 
@@ -174,8 +175,8 @@ def room(program, x, slack=0.0):
 def test_its_spline_has_sixteen_pieces_a_piece_and_rests_at_both_ends():
     for limits, rest in ((PAPER, 2), (JERK, 3)):
         _, curve, _, path = curve_motion(limits)
-        assert len(curve.shares) == 49
-        np.testing.assert_allclose(curve.shares[::16], TIMES_S / 2.0)
+        assert len(curve.curve.knots) == 49
+        np.testing.assert_allclose(curve.curve.knots[::16], TIMES_S / 2.0)
         assert curve.free == 48 + 3 - 2 * rest
         for order in range(1, rest):
             for end in (0.0, np.nextafter(2.0, 0)):
@@ -192,7 +193,7 @@ def test_ranges_velocities_accelerations_and_jerks_are_bounded(slack):
     for limits in (PAPER, JERK):
         refinement, curve, x, path = curve_motion(limits, range_slack=slack)
         below, above = room(bounded(refinement._bound_joints, curve, 2.0), x)
-        at, motion = 2.0 * curve.shares, path.trajectory
+        at, motion = 2.0 * curve.curve.knots, path.trajectory
         count = 6 * 47
         q, extent = motion(at[1:-1]), PSM.upper - PSM.lower
         np.testing.assert_allclose(below[:count], ((q - PSM.lower) / extent + slack).T.ravel(), atol=1e-9)
@@ -209,7 +210,7 @@ def test_a_channel_is_as_wide_as_the_tolerance_and_can_be_left_for_a_price(piece
     refinement, curve, x, path = curve_motion(straight_tolerance_m=2e-3, straight_tolerance_rad=0.1)
     rows = bounded(refinement._bound_channel, curve, path, TIMES_S, piece)
     begin, end = TIMES_S[piece : piece + 2]
-    inside = 2.0 * curve.shares[(2.0 * curve.shares > begin + 1e-9) & (2.0 * curve.shares < end - 1e-9)]
+    inside = 2.0 * curve.curve.knots[(2.0 * curve.curve.knots > begin + 1e-9) & (2.0 * curve.curve.knots < end - 1e-9)]
     at = np.union1d(inside, inside - (end - begin) / 32)
     for slack in (0.0, 3.0):
         below, above = room(rows, x, slack)

@@ -60,12 +60,7 @@ class Derivatives:
 
 @dataclass(frozen=True, eq=False)
 class JointAnalysis:
-    """An arm's motion.
-
-    Attributes:
-        joints: of the six joints, rad and m.
-        tip: of the tool tip in the arm's base frame, m.
-    """
+    """The motion of an arm's six joints (rad and m) and of the tool tip in its base frame (m)."""
 
     joints: Derivatives
     tip: Derivatives
@@ -77,13 +72,7 @@ class JointAnalysis:
 
 
 def analyse(measured: Array, step_s: float, smoothness: float | None = None) -> Derivatives:
-    """Return the derivatives of signals (n, k), each estimated separately; NaN where a measurement is missing.
-
-    Args:
-        measured: positions at even steps.
-        step_s: between samples.
-        smoothness: weight of smoothness; None: by cross-validation, for each signal.
-    """
+    """Return the derivatives of signals (n, k), each estimated separately as by ``estimate``."""
     if measured.ndim != 2:
         raise InvalidInput("signals", f"have shape {measured.shape}", "give (samples, signals)")
     found = [estimate(column, step_s, smoothness) for column in measured.T]

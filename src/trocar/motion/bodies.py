@@ -200,23 +200,14 @@ def open_box(
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The capsules of moving arms, then those of obstacles, and which pairs of them count.
+    """The capsules of moving arms, then those of obstacles, and which pairs of them count."""
 
-    Attributes:
-        movers: the arms, four capsules each.
-        still: the obstacles.
-        names: of every capsule, as in ``"psm1 left finger"``.
-        radii_m: (bodies,).
-        pairs: (pairs, 2) indices of bodies.
-        owners: name of the arm that each of the movers' capsules belongs to.
-    """
-
-    movers: tuple[MovingArm, ...]
-    still: Capsules
-    names: tuple[str, ...]
-    radii_m: Array
-    pairs: NDArray[np.intp]
-    owners: tuple[str, ...] = ()
+    movers: tuple[MovingArm, ...]  # the arms, four capsules each
+    still: Capsules  # the obstacles
+    names: tuple[str, ...]  # of every capsule, as in ``"psm1 left finger"``
+    radii_m: Array  # (bodies,)
+    pairs: NDArray[np.intp]  # (pairs, 2) indices of bodies
+    owners: tuple[str, ...] = ()  # name of the arm that each of the movers' capsules belongs to
 
     @classmethod
     def of(

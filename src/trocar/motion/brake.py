@@ -20,18 +20,12 @@ STILL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Brake:
-    """How a motion comes to rest.
+    """How a motion comes to rest."""
 
-    Attributes:
-        times_s: (n,) since braking began.
-        path_s: (n,) time along the trajectory.
-        rate: (n,) how fast it runs; the last is 0.
-        off_path: if the path is left, the motion of the joints by themselves, from time 0; else None.
-    """
-
-    times_s: Array
-    path_s: Array
-    rate: Array
+    times_s: Array  # (n,) since braking began
+    path_s: Array  # (n,) time along the trajectory
+    rate: Array  # (n,) how fast it runs; the last is 0
+    # if the path is left, the motion of the joints by themselves, from time 0; else None
     off_path: Trajectory | None = None
 
     @property
@@ -42,8 +36,7 @@ class Brake:
     def at(self, since_s: Array) -> tuple[Array, Array]:
         """Return the time along the path (n,) and its rate at times (n,) since braking began.
 
-        Between two steps the rate is linear, so the time along the path is quadratic; linear interpolation would make
-        the arm rattle.
+        Between two steps the rate is linear, so the time along the path is quadratic; else the arm would rattle.
         """
         row = np.clip(np.searchsorted(self.times_s, since_s, side="right") - 1, 0, len(self.times_s) - 1)
         rate = np.interp(since_s, self.times_s, self.rate)
@@ -57,14 +50,7 @@ def brake(trajectory: Trajectory, path_s: float, limits: MotionLimits, lower: Ar
     The arm stays on the path because its time runs slower and slower: with ``s`` for the time along the path, every
     joint accelerates by ``q' s'' + q'' s'^2``, which bounds ``s''`` from below; running on is always allowed. If a
     joint that is already braking as hard as it can would delay the others for long, the joints stop independently, off
-    the path, if their ranges allow it.
-
-    Args:
-        trajectory: the motion, within its limits.
-        path_s: time along it.
-        limits: of velocity and acceleration.
-        lower: (joints,) ranges.
-        upper: likewise.
+    the path, if their ranges (joints,) from ``lower`` to ``upper`` allow it.
     """
     on_path = _along_path(trajectory, path_s, limits)
     velocity = trajectory(path_s, 1)

@@ -42,17 +42,11 @@ class Violation:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """What the check found.
+    """What the check found."""
 
-    Attributes:
-        use: what each arm uses of its limits.
-        clearance: the least distance between arms and to obstacles.
-        violations: every violated requirement, worst kind first within each arm.
-    """
-
-    use: Mapping[str, LimitUse]
-    clearance: Clearance
-    violations: tuple[Violation, ...]
+    use: Mapping[str, LimitUse]  # what each arm uses of its limits
+    clearance: Clearance  # the least distance between arms and to obstacles
+    violations: tuple[Violation, ...]  # every violated requirement, worst kind first within each arm
 
 
 def check(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Check:

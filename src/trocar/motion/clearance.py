@@ -19,11 +19,8 @@ from trocar.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 COARSE_S, COARSE = 0.04, 64  # longest interval between the first samples, and the most intervals for any span
-
 STRETCH = 8  # intervals in which a pair of capsules is examined together, or skipped if boxes show it to be far apart
-
 SPLIT = 8  # number of parts into which an interval that may hide something is cut
-
 MERGED_S = 1e-9  # samples closer than this count as one
 
 
@@ -164,16 +161,8 @@ def _near(
     """Return the pairs of capsules, and the stretches, in which they may be closer than ``enough_m``.
 
     Within a stretch, a capsule stays in the box round its samples, widened by how much its path bends between them.
-
-    Args:
-        bodies: the capsules over time.
-        knots: (n,) samples.
-        ends: (n, bodies, 2, 3) of the capsules there, m.
-        bends: (n - 1, bodies) bounds of the accelerations between them, m/s^2.
-        enough_m: a larger distance need not be known more precisely.
-
-    Returns:
-        (rows,) index of the pair; (rows,) index of the stretch; how far apart all others are at least, m.
+    Samples (n,) with ends (n, bodies, 2, 3) of the capsules there, and (n - 1, bodies) bounds of the accelerations
+    between them, give (rows,) index of the pair, (rows,) index of the stretch, and how far apart all others are, m.
     """
     where = _stretches(len(knots))
     hidden_m = bends * np.diff(knots)[:, None] ** 2 / 8
@@ -198,12 +187,8 @@ def _measured(bodies: Bodies, times: Array, ends: Array, pair: NDArray[np.intp],
     the mean of the distances. Or: projected on the direction of the shortest vector at one sample, nothing is nearer at
     the other sample than some pair of ends. The better bound counts, minus the bend of the true paths.
 
-    Args:
-        bodies: the capsules over time.
-        times: (rows, samples).
-        ends: (rows, samples, 2 capsules, 2 ends, 3) of the pairs then, m.
-        pair: (rows,) which pair each row is about.
-        bend: (rows, samples - 1) or (rows, 1) bounds of their accelerations, summed, m/s^2.
+    Each row is about a pair (rows,) with times (rows, samples), ends (rows, samples, 2 capsules, 2 ends, 3) and bounds
+    of their accelerations, summed, (rows, samples - 1) or (rows, 1), m/s^2.
     """
     p, q, (a, b) = ends[:, :, 0], ends[:, :, 1], bodies.pairs[pair].T[..., None]
     radii = bodies.radii_m[a] + bodies.radii_m[b]

@@ -97,12 +97,12 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     )
 
 
-def require_range(arm: ArmModel, trajectory: Trajectory, slack: float = 0.0) -> None:
-    """Raise if a joint leaves its range, widened by the share ``slack``, anywhere on the trajectory."""
+def require_range(arm: ArmModel, trajectory: Trajectory) -> None:
+    """Raise if a joint leaves its range anywhere on the trajectory."""
     any_limits = MotionLimits(np.ones(len(arm.joints)), np.ones(len(arm.joints)))
     use = limit_use(arm, trajectory, any_limits)
     for joint, excess in zip(arm.joints, use.range_excess, strict=True):
-        if excess > slack * (joint.upper - joint.lower):
+        if excess > 0.0:
             sentence = (
                 f"the planned motion takes joint '{joint.name}' {excess:.4f} {joint.unit} out of its range "
                 f"[{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints; move the waypoints inwards"

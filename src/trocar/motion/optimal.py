@@ -52,23 +52,14 @@ def optimal(problem: MotionProblem) -> dict[str, TimedPath]:
 
 @dataclass(frozen=True, eq=False)
 class _Stage:
-    """A free piece between two rests, with a straight one before it, after it or both.
+    """A free piece between two rests, with a straight one before it, after it or both."""
 
-    Attributes:
-        lift: the straight piece before, from rest.
-        lower: the straight piece after, reversed, and so from rest too.
-        free: (2, joints) start and end of the free piece.
-        v0: (joints,) velocity at the start, where the free piece comes first.
-        limits: of the joints.
-        arm: whose joints.
-    """
-
-    lift: StraightLine | None
-    lower: StraightLine | None
-    free: Array
-    v0: Array
-    limits: MotionLimits
-    arm: ArmMotion
+    lift: StraightLine | None  # the straight piece before, from rest
+    lower: StraightLine | None  # the straight piece after, reversed, and so from rest too
+    free: Array  # (2, joints) start and end of the free piece
+    v0: Array  # (joints,) velocity at the start, where the free piece comes first
+    limits: MotionLimits  # of the joints
+    arm: ArmMotion  # whose joints
 
     def pieces(self) -> list[Trajectory]:
         """Return the motions of the pieces, in order."""
@@ -97,10 +88,10 @@ class _Stage:
         v0, v1 = self.v0, np.zeros_like(self.v0)
         if self.lift is not None:
             sprint = Sprint.to(self.lift, np.array([first]))
-            lift, v0 = [sprint.trajectory(0)], sprint.rates[0] * self.lift.slope[-1]
+            lift, v0 = [sprint.trajectory()], sprint.rates[0] * self.lift.slope[-1]
         if self.lower is not None:
             sprint = Sprint.to(self.lower, np.array([last]))
-            lower, v1 = [sprint.trajectory(0, backwards=True)], -sprint.rates[0] * self.lower.slope[-1]
+            lower, v1 = [sprint.trajectory(backwards=True)], -sprint.rates[0] * self.lower.slope[-1]
         step, velocity = self.free[1] - self.free[0], self.limits.velocity
         seconds = float(shortest_common_s(step, v0, v1, velocity, self.limits.acceleration))
         joints = zip(step, v0, v1, velocity, strict=True)
@@ -155,7 +146,7 @@ class _End:
 
 
 def _from_rest_to_rest(line: StraightLine, *, backwards: bool = False) -> Trajectory:
-    return Sprint.to(line, np.zeros(1)).trajectory(0, backwards=backwards)
+    return Sprint.to(line, np.zeros(1)).trajectory(backwards=backwards)
 
 
 def _planned(arm: ArmMotion) -> TimedPath:

@@ -23,26 +23,16 @@ class Program:
     >>> program = Program("two shares", np.eye(2), np.array([-1.0, -3.0]), lower=0.0, upper=2.5)
     >>> program.least().round(3)
     array([1. , 2.5])
-
-    Attributes:
-        name: for the error message.
-        hessian: (n, n); sparse, or dense if there are bounds of x and no rows.
-        linear: (n,).
-        lower: of x, one or (n,); None: none.
-        upper: likewise.
-        precision: absolute, of the solution.
-        relative: the same, relative to its terms.
-        iterations: at most.
     """
 
-    name: str
-    hessian: Any
-    linear: Array
-    lower: ArrayLike | None = None
-    upper: ArrayLike | None = None
-    precision: float = 1e-8
-    relative: float = 1e-8
-    iterations: int = 250
+    name: str  # for the error message
+    hessian: Any  # (n, n); sparse, or dense if there are bounds of x and no rows
+    linear: Array  # (n,)
+    lower: ArrayLike | None = None  # of x, one or (n,); None: none
+    upper: ArrayLike | None = None  # likewise
+    precision: float = 1e-8  # absolute, of the solution
+    relative: float = 1e-8  # the same, relative to its terms
+    iterations: int = 250  # at most
     constraints: dict[str, tuple[Any, Array, Array]] = field(default_factory=dict, init=False)
 
     def keep(self, what: str, rows: Any, low: ArrayLike, high: ArrayLike, rest: ArrayLike = 0.0) -> None:

@@ -109,23 +109,16 @@ class CubicGrid:
     ``-6 dq s^2 + (2 v0 + 4 v1) s``. Multiplied by ``t``, the limit ``A`` reads ``6 dq s - A t <= c <= 6 dq
     s + A t`` with ``c = 4 v0 + 2 v1`` or ``2 v0 + 4 v1``: both bounds are known before the velocities are, so planning
     only has to compare.
-
-    Attributes:
-        times_s: (grid,) durations, ascending; the last is infinite and stands for "none on the grid".
-        step_q: (segments, joints) positions' differences, rad or m.
-        limits: bounds of velocity and acceleration.
-        lower: (joints, batch, 2 segments, grid) least ``c`` that keeps the acceleration's limit, starts then ends;
-            repeated over the batch, because NumPy compares equal shapes twice as fast as broadcast ones.
-        upper: the greatest.
-        sums: (3 segments, waypoints) takes velocities to ``4 v0 + 2 v1``, ``2 v0 + 4 v1`` and ``v0 + v1``.
     """
 
-    times_s: Array
-    step_q: Array
-    limits: MotionLimits
+    times_s: Array  # (grid,) durations, ascending; the last is infinite and stands for "none on the grid"
+    step_q: Array  # (segments, joints) positions' differences, rad or m
+    limits: MotionLimits  # bounds of velocity and acceleration
+    # (joints, batch, 2 segments, grid) least ``c`` that keeps the acceleration's limit, starts then ends; repeated
+    # over the batch, because NumPy compares equal shapes twice as fast as broadcast ones
     lower: Array
-    upper: Array
-    sums: Array
+    upper: Array  # the greatest
+    sums: Array  # (3 segments, waypoints) takes velocities to ``4 v0 + 2 v1``, ``2 v0 + 4 v1`` and ``v0 + v1``
 
     @classmethod
     def build(

@@ -16,6 +16,7 @@ from trocar.arms import fk, jacobian
 from trocar.errors import NoPlan
 from trocar.geometry import SO3
 from trocar.motion.check import SHORT_M, line_deviation
+from trocar.motion.curve import DEGREE, Curve
 from trocar.motion.double_integrator import duration_bound_s
 from trocar.motion.limits import limit_use
 from trocar.motion.optimal import straight_pieces
@@ -28,7 +29,6 @@ from trocar.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 SAMPLE_S = 0.01  # step by which the horizon shrinks: the control period
-DEGREE = 3
 KNOTS = 16  # pieces of the cubic spline on each piece of the path
 LINEARISED = 5  # maximum number of programs for one horizon
 SHORTER = 0.85  # a single piece is shortened down to this share of its time
@@ -59,34 +59,20 @@ def sqp(problem: MotionProblem) -> dict[str, TimedPath]:
 
 
 @dataclass(frozen=True, eq=False)
-class JointSpline:
+class HeldSpline:
     """All joints' clamped cubic B-spline over the share of the time; the control points between its ends are free.
 
     The variables of its programs are the free control points, joint by joint, relative to the straight line between
     both ends (to avoid subtracting large numbers), and one slack.
-
-    Attributes:
-        shares: (n + 1,) knots from 0 to 1.
-        first: (a, joints) control points at its start: two at one place for rest, three to accelerate from 0 as well.
-        last: (b, joints) those at its end.
     """
 
-    shares: Array
+    curve: Curve  # with the pieces' knots
+    # (a, joints) control points at its start: two at one place for rest, three to accelerate from 0 as well
     first: Array
-    last: Array
-
-    def basis(self, shares: Array, order: int = 0) -> Array:
-        """Return the weights (k, controls) of the control points in a derivative by the share at shares (k,)."""
-        return self._unit(shares, nu=order)
+    last: Array  # (b, joints) those at its end
 
     def rows(self, basis: Array, gradient: Array, slack: float = 0.0) -> tuple[sparse.csr_matrix, Array]:
-        """Return the values ``gradient . q + slack variable * slack`` at k places as rows and constants (k,).
-
-        Args:
-            basis: (k, controls) of the places.
-            gradient: (k, joints).
-            slack: weight of the slack.
-        """
+        """Return rows and constants (k,) of ``gradient (k, joints) . q + slack times the slack`` where a basis is."""
         free = basis[:, len(self.first) : len(self.first) + self.free]
         moved = (gradient[:, :, None] * free[:, None, :]).reshape(len(basis), gradient.shape[1] * self.free)
         matrix = sparse.csr_matrix(np.column_stack([moved, np.full(len(basis), slack)]))
@@ -99,7 +85,7 @@ class JointSpline:
     @property
     def free(self) -> int:
         """Return how many control points of a joint are free."""
-        return len(self.shares) - 1 + DEGREE - len(self.first) - len(self.last)
+        return self.curve.controls - len(self.first) - len(self.last)
 
     def control(self, free: Array) -> Array:
         """Return all control points (.., joints) from the free ones' offsets from the line, joint by joint."""
@@ -109,26 +95,17 @@ class JointSpline:
 
     def trajectory(self, control: Array, seconds: float) -> Trajectory:
         """Return the motion that takes this time."""
-        curve = BSpline(self._knots, control, DEGREE)
-        orders = range(DEGREE, -1, -1)
-        parts = [curve(self.shares[:-1], nu=order) / factorial(order) / seconds**order for order in orders]
-        return Trajectory(seconds * self.shares, np.stack(parts))
+        spline, knots, orders = BSpline(self.curve.padded, control, DEGREE), self.curve.knots, range(DEGREE, -1, -1)
+        parts = [spline(knots[:-1], nu=order) / factorial(order) / seconds**order for order in orders]
+        return Trajectory(seconds * knots, np.stack(parts))
 
     @cached_property
     def _line(self) -> Array:
         """Return the control points of a straight line between the ends, to which the free ones are relative."""
-        at = np.lib.stride_tricks.sliding_window_view(self._knots[1:-1], DEGREE).mean(axis=1)[:, None]
+        at = self.curve.places[:, None]
         line = (1 - at) * self.first[0] + at * self.last[-1]
         line[: len(self.first)], line[-len(self.last) :] = self.first, self.last
         return line
-
-    @cached_property
-    def _knots(self) -> Array:
-        return np.concatenate([np.zeros(DEGREE), self.shares, np.ones(DEGREE)])
-
-    @cached_property
-    def _unit(self) -> BSpline:
-        return BSpline(self._knots, np.eye(len(self.shares) - 1 + DEGREE), DEGREE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,33 +167,30 @@ class _Refinement:
         return all(off_m <= tolerances[0] and off_rad <= tolerances[1] for off_m, off_rad in strays)
 
     def _smoothest(self, pieces_s: Array, path: TimedPath) -> tuple[TimedPath, float]:
-        """Return the solution of the program linearised about a motion, and its slack in widths of the channel.
-
-        Raises:
-            NoPlan: it has none.
-        """
+        """Return the solution of the program linearised about a motion, and its slack in channel widths, or raise."""
         times_s = np.concatenate([[0.0], np.cumsum(pieces_s)])
-        curve, seconds = self._curve(times_s), float(times_s[-1])
+        spline, seconds = self._spline(times_s), float(times_s[-1])
+        curve = spline.curve
         # the sum of squared jerks, in accelerations per knot, and of the penalty
-        scale = self.arm.limits.acceleration * seconds**2 * len(curve.shares)
-        jerks, rest = curve.each_joint(curve.basis(curve.shares[:-1], 3), scale)
-        share = np.sqrt(np.tile(np.diff(curve.shares), len(scale)))
+        scale = self.arm.limits.acceleration * seconds**2 * len(curve.knots)
+        jerks, rest = spline.each_joint(curve.basis(curve.knots[:-1], 3), scale)
+        share = np.sqrt(np.tile(np.diff(curve.knots), len(scale)))
         matrix = sparse.csr_matrix(sparse.diags(share) @ jerks)
         cost = matrix.T @ (share * rest)
         cost[-1] = PENALTY
         hessian = sparse.csc_matrix(matrix.T @ matrix)
         program = Program("smoothest motion", hessian, cost, None, None, PRECISION, PRECISION, ITERATIONS)
-        self._bound_joints(program, curve, seconds)
+        self._bound_joints(program, spline, seconds)
         inner = self.arm.waypoints[1:-1].T.ravel()
-        passing, rest = curve.each_joint(curve.basis(times_s[1:-1] / seconds), np.ones(JOINTS))
+        passing, rest = spline.each_joint(curve.basis(times_s[1:-1] / seconds), np.ones(JOINTS))
         program.keep("waypoints", passing, inner, inner, rest)
         for piece in np.flatnonzero(self._straight).tolist():
-            self._bound_channel(program, curve, path, times_s, piece)
+            self._bound_channel(program, spline, path, times_s, piece)
         program.keep("slack", sparse.csr_matrix(np.eye(len(cost))[-1:]), 0.0, FREE)
         x = program.least()
-        return TimedPath(curve.trajectory(curve.control(x[:-1]), seconds), times_s), float(x[-1])
+        return TimedPath(spline.trajectory(spline.control(x[:-1]), seconds), times_s), float(x[-1])
 
-    def _curve(self, times_s: Array) -> JointSpline:
+    def _spline(self, times_s: Array) -> HeldSpline:
         """Return the spline with these times at the waypoints."""
         steps = [np.linspace(a, b, KNOTS, endpoint=False) for a, b in pairwise(times_s)]
         shares = np.concatenate([*steps, [times_s[-1]]]) / times_s[-1]
@@ -224,27 +198,27 @@ class _Refinement:
         rest = 2 if self.arm.limits.jerk is None else 3
         first = np.repeat(begin[None], 2 if self.arm.moves else rest, axis=0)
         first[1:] += self.arm.start_velocity * times_s[-1] * shares[1] / 3
-        return JointSpline(shares, first, np.repeat(end[None], rest, axis=0))
+        return HeldSpline(Curve(shares), first, np.repeat(end[None], rest, axis=0))
 
-    def _bound_joints(self, program: Program, curve: JointSpline, seconds: float) -> None:
+    def _bound_joints(self, program: Program, spline: HeldSpline, seconds: float) -> None:
         """Bound positions, velocities and accelerations at the knots, and the jerk between them."""
-        model, limits, inner = self.arm.model, self.arm.limits, curve.shares[1:-1]
-        extent, slack, count = model.upper - model.lower, self.problem.range_slack, len(inner)
-        low, high = (np.repeat(end / extent, count) for end in (model.lower, model.upper))
-        places, rest = curve.each_joint(curve.basis(inner), extent)
+        model, limits, curve = self.arm.model, self.arm.limits, spline.curve
+        inner, extent, slack = curve.knots[1:-1], model.upper - model.lower, self.problem.range_slack
+        low, high = (np.repeat(end / extent, len(inner)) for end in (model.lower, model.upper))
+        places, rest = spline.each_joint(curve.basis(inner), extent)
         program.keep("ranges", places, low - slack, high + slack, rest)
-        orders = [(1, inner, limits.velocity), (2, curve.shares, limits.acceleration)]
+        orders = [(1, inner, limits.velocity), (2, curve.knots, limits.acceleration)]
         if limits.jerk is not None:
-            orders.append((3, curve.shares[:-1], limits.jerk))
+            orders.append((3, curve.knots[:-1], limits.jerk))
         for order, at, most in orders:
-            rows, rest = curve.each_joint(curve.basis(at, order), most * seconds**order)
+            rows, rest = spline.each_joint(curve.basis(at, order), most * seconds**order)
             program.keep(("velocity", "acceleration", "jerk")[order - 1], rows, -KEPT, KEPT, rest)
 
-    def _bound_channel(self, program: Program, curve: JointSpline, path: TimedPath, times_s: Array, piece: int) -> None:
+    def _bound_channel(self, program: Program, spline: HeldSpline, path: TimedPath, times_s: Array, piece: int) -> None:
         """Bound the tip's distance from a straight piece, and its rotation, in channel widths, with a slack."""
-        model, ends = self.arm.model, fk(self.arm.model, self.arm.waypoints[piece : piece + 2])
+        model, ends, curve = self.arm.model, fk(self.arm.model, self.arm.waypoints[piece : piece + 2]), spline.curve
         begin, end = times_s[piece : piece + 2] / times_s[-1]
-        inside = curve.shares[(curve.shares > begin) & (curve.shares < end)]
+        inside = curve.knots[(curve.knots > begin) & (curve.knots < end)]
         at = np.union1d(inside, inside - (inside[1] - inside[0]) / 2)
         q = path.trajectory(np.interp(at * times_s[-1], times_s, path.waypoint_times_s))
         tips, slopes = fk(model, q), jacobian(model, q)
@@ -261,12 +235,12 @@ class _Refinement:
         offsets, basis = values - np.einsum("kdj,kj->kd", gradients, q), curve.basis(at)
         # axis by axis, first to one side of the channel and then to the other
         both = np.stack([gradients, -gradients]).transpose(2, 0, 1, 3).reshape(-1, JOINTS)
-        rows, rest = curve.rows(np.tile(basis, (2 * len(width), 1)), both, slack=-1.0)
+        rows, rest = spline.rows(np.tile(basis, (2 * len(width), 1)), both, slack=-1.0)
         room = 1.0 - np.stack([offsets, -offsets]).transpose(2, 0, 1).ravel()
         program.keep(f"channel {piece}", rows, -FREE, room, rest)
         along = line @ slopes[:, :3]
         before = gone @ line - np.einsum("kj,kj->k", along, q)
-        rows, rest = curve.rows(basis, along)
+        rows, rest = spline.rows(basis, along)
         program.keep(f"line {piece}", rows, -before, float(line @ line) - before, rest)
 
     @cached_property

@@ -101,34 +101,22 @@ def _solve(arm: ArmModel, q: Array, twists: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class StraightLine:
-    """Joints along a straight line of the tip, rotating as little as possible, by the share s that is done.
+    """Joints along a straight line of the tip, rotating as little as possible, by the share s that is done."""
 
-    Attributes:
-        q: (PIECES + 1, joints) at equal steps of s from 0 to 1.
-        slope: dq/ds there.
-        bend: d2q/ds2 there.
-        limits: of the joints.
-    """
-
-    q: Array
-    slope: Array
-    bend: Array
-    limits: MotionLimits
+    q: Array  # (PIECES + 1, joints) at equal steps of s from 0 to 1
+    slope: Array  # dq/ds there
+    bend: Array  # d2q/ds2 there
+    limits: MotionLimits  # of the joints
 
     @classmethod
     def between(cls, arm: ArmModel, begin: Array, end: Array, limits: MotionLimits) -> list[StraightLine]:
-        """Return the lines between the tip's poses at pairs of configurations (lines, joints).
-
-        Raises:
-            OutOfReach: the arm cannot follow one.
-        """
+        """Return the lines between the tip's poses at pairs of configurations (lines, joints), or raise OutOfReach."""
         s = np.linspace(0.0, 1.0, PIECES + 1)[:, None]
         T_begin, T_end = fk(arm, begin), fk(arm, end)
         turn = (T_begin.rotation.inverse() @ T_end.rotation).log()
         start_m, way_m = T_begin.translation_m, T_end.translation_m - T_begin.translation_m
-        T = SE3.from_parts(
-            T_begin.rotation[:, None] @ SO3.exp(s * turn[:, None]), start_m[:, None] + s * way_m[:, None]
-        )
+        turned = T_begin.rotation[:, None] @ SO3.exp(s * turn[:, None])
+        T = SE3.from_parts(turned, start_m[:, None] + s * way_m[:, None])
         q = begin[:, None] + s * (end - begin)[:, None]
         for _ in range(NEWTON_STEPS):
             now = fk(arm, q)
@@ -141,9 +129,8 @@ class StraightLine:
             except np.linalg.LinAlgError:
                 raise OutOfReach(f"{arm.name} is singular on a straight piece; move its ends", arm=arm.name) from None
         else:
-            raise OutOfReach(
-                f"{arm.name} cannot move its tip straight between these waypoints; bring them closer", arm=arm.name
-            )
+            sentence = f"{arm.name} cannot move its tip straight between these waypoints; bring them closer"
+            raise OutOfReach(sentence, arm=arm.name)
         q[:, 0], q[:, -1] = begin, end
         curve = CubicSpline(s[:, 0], q, axis=1)
         slopes, bends = curve(s[:, 0], 1), curve(s[:, 0], 2)
@@ -226,18 +213,12 @@ class Sprint:
 
     Along a piece the change of the rate is constant, so that its square is linear in s; the limits of acceleration are
     kept at both ends of each piece (time-optimal path parameterisation, Bobrow et al. 1985).
-
-    Attributes:
-        line: what is followed.
-        rates: (k,) ds/dt at the end, per second.
-        squares: (PIECES + 1, k) of ds/dt on the way.
-        seconds: (k,) durations.
     """
 
-    line: StraightLine
-    rates: Array
-    squares: Array
-    seconds: Array
+    line: StraightLine  # what is followed
+    rates: Array  # (k,) ds/dt at the end, per second
+    squares: Array  # (PIECES + 1, k) of ds/dt on the way
+    seconds: Array  # (k,) durations
 
     @classmethod
     def to(cls, line: StraightLine, rates: Array) -> Sprint:
@@ -254,14 +235,9 @@ class Sprint:
         roots = np.sqrt(squares)
         return cls(line, roots[-1], squares, (2 / PIECES / (roots[:-1] + roots[1:])).sum(axis=0))
 
-    def trajectory(self, index: int, *, backwards: bool = False) -> Trajectory:
-        """Return the motion of the joints that ends at one of the rates, or starts there and comes to rest.
-
-        Args:
-            index: of the rate.
-            backwards: from the line's end to its start.
-        """
-        line, square = self.line, self.squares[:, index]
+    def trajectory(self, *, backwards: bool = False) -> Trajectory:
+        """Return the motion that ends at the first rate; backwards it starts there, at the line's end, and rests."""
+        line, square = self.line, self.squares[:, 0]
         rate, push = np.sqrt(square), np.diff(square)[:, None] * PIECES / 2
         seconds = 2 / PIECES / (rate[:-1] + rate[1:])
         v = line.slope * rate[:, None]
@@ -285,21 +261,10 @@ def _slowed_down(line: StraightLine, rates: Array, most: Array) -> Array:
     return np.minimum(squares, fastest[:, None])
 
 
-def quintics(
-    times_s: Array,
-    q: Array,
-    v: Array,
-    left: Array,
-    right: Array,
-) -> Trajectory:
-    """Return the polynomials of degree five through positions and velocities (n, joints) at these times.
+def quintics(times_s: Array, q: Array, v: Array, left: Array, right: Array) -> Trajectory:
+    """Return the polynomials of degree five through positions and velocities (n, joints) at these times (n,).
 
-    Args:
-        times_s: (n,).
-        q: positions.
-        v: velocities.
-        left: (n - 1, joints) accelerations at the start of each piece.
-        right: (n - 1, joints) accelerations at its end.
+    Accelerations (n - 1, joints) are those at the start of each piece, on its left, and at its end.
     """
     h = np.diff(times_s)[:, None]
     missing = np.diff(q, axis=0) - v[:-1] * h - left * h**2 / 2
@@ -321,11 +286,9 @@ def _small_turn(wanted: Array, now: Array) -> Array:
 def _rows(line: StraightLine, step: float) -> tuple[Array, Array]:
     """Return bounds on the rate's change u on the piece that begins at each knot.
 
-    They have the form ``|u + share x| <= room``, where x is the square of ds/dt at that knot. The first rows, one per
-    joint, are the limits there, the others those at the knot ``step`` further, where the square is ``x + 2 step u``.
-
-    Returns:
-        share: (PIECES + 1, 2 joints, 1); room: the same.
+    They have the form ``|u + share x| <= room``, (PIECES + 1, 2 joints, 1) each, where x is the square of ds/dt at that
+    knot. The first rows, one per joint, are the limits there, the others those at the knot ``step`` further, where the
+    square is ``x + 2 step u``.
     """
     ahead = 1 if step > 0 else -1
     next_slope = np.roll(line.slope, -ahead, axis=0) + 2 * step * np.roll(line.bend, -ahead, axis=0)

@@ -21,7 +21,8 @@ from trocar.motion.convex.path_program import (
     range_rows,
     taper,
 )
-from trocar.motion.convex.scene import Scene, curve_of
+from trocar.motion.convex.scene import Scene
+from trocar.motion.curve import Curve
 
 PROBLEM = asked(swapping(0.03))
 ARMS = tuple(PROBLEM.arms.values())
@@ -150,7 +151,7 @@ def test_what_tips_face_has_room_by_the_cosines_and_slopes_by_its_joints_alone()
     assert not len(facing_rows(SCENE.distances(q, np.zeros(2)), np.zeros(2), basis).room)  # nothing is asked
 
 
-CURVE = curve_of(5)
+CURVE = Curve.even(5)
 JOINTS = 12
 
 

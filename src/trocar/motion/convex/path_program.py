@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from trocar.arms import fk
 from trocar.geometry.capsules import cross
-from trocar.motion.convex.scene import Curve, Distances, columns_of
+from trocar.motion.convex.scene import Distances, columns_of
+from trocar.motion.curve import Curve
 from trocar.motion.problem import ArmMotion
 from trocar.motion.qp import Program
 
@@ -26,17 +27,11 @@ KEPT_M = 1e-6  # a row counts as violated below minus this
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows ``room + slope . (basis dx)``, each to be at least 0, where dx (controls, joints) moves the control points.
+    """Rows ``room + slope . (basis dx)``, each to be at least 0; dx (controls, joints) moves the control points."""
 
-    Attributes:
-        room: (rows,) what is left now, m; below 0 where a row is violated.
-        slope: (rows, joints) by the joints.
-        basis: (rows, controls) of the control points.
-    """
-
-    room: Array
-    slope: Array
-    basis: Array
+    room: Array  # (rows,) what is left now, m; below 0 where a row is violated
+    slope: Array  # (rows, joints) by the joints
+    basis: Array  # (rows, controls) of the control points
 
     @staticmethod
     def joined(parts: list[Rows]) -> Rows:
@@ -50,14 +45,7 @@ class Rows:
 
 
 def distance_rows(distances: Distances, wanted_m: Array, basis: Array, watched_m: float) -> Rows:
-    """Return the rows of all pairs that are closer than required, or not much further apart.
-
-    Args:
-        distances: at n places.
-        wanted_m: (n,) least distance at each.
-        basis: (n, controls) of the places.
-        watched_m: how much further apart a pair may be and still count.
-    """
+    """Return the rows of all pairs that are closer than wanted (n,) at n places, or hardly (``watched_m``) further."""
     room = distances.distance_m - wanted_m[:, None]
     place, pair = np.nonzero(room < watched_m)
     return Rows(room[place, pair], distances.gradients(place, pair), basis[place])
@@ -80,13 +68,7 @@ def range_rows(arms: tuple[ArmMotion, ...], control: Array, slack: float) -> Row
 
 
 def facing_rows(distances: Distances, spare_rad: Array, basis: Array) -> Rows:
-    """Return the rows of the facing constraints that are violated or nearly so.
-
-    Args:
-        distances: at n places.
-        spare_rad: (n,) margin to be kept to the limit.
-        basis: (n, controls) of the places.
-    """
+    """Return the rows of the facing constraints, with a margin (n,) at n places, that are violated or nearly so."""
     joints = distances.q.shape[1]
     parts = [Rows(np.zeros(0), np.zeros((0, joints)), np.zeros((0, basis.shape[1])))]
     for k, arm in enumerate(distances.scene.arms):
@@ -120,18 +102,12 @@ def taper(shares: Array, margin: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PathProgram:
-    """The energy of a path, and the changes of its control points that are free.
+    """The energy of a path, and the changes of its control points that are free."""
 
-    Attributes:
-        curve: of the path.
-        weights: (joints,) of the squared joints in the energy.
-        held: for each arm the basis (waypoints, controls) of its inner waypoints, which must stay.
-        known: inverses by damping, cached because the next step often needs the same.
-    """
-
-    curve: Curve
-    weights: Array
-    held: tuple[Array, ...]
+    curve: Curve  # of the path
+    weights: Array  # (joints,) of the squared joints in the energy
+    held: tuple[Array, ...]  # for each arm the basis (waypoints, controls) of its inner waypoints, which must stay
+    # inverses by damping, cached because the next step often needs the same
     known: dict[float, list[Array]] = field(default_factory=dict, repr=False)
 
     def energy(self, control: Array) -> float:
@@ -157,13 +133,8 @@ class PathProgram:
         """Return the change (controls, joints) of the control points that solves the program.
 
         It minimises ``energy + damping |dx|^2 / 2 + price * sum of violations``. Its dual has one variable per row,
-        between 0 and ``price``; a row that is not violated costs nothing and is left out until it is.
-
-        Args:
-            control: (controls, joints) about which the rows are linear.
-            rows: to be kept.
-            price: of a row that is violated by one metre.
-            damping: the trust region: the greater, the smaller the step.
+        between 0 and ``price`` (of a row that is violated by one metre); a row that is not violated costs nothing and
+        is left out until it is. The damping is the trust region: the greater, the smaller the step.
         """
         inverses = self.inverses(damping)
         pull = self.curve.energy @ control

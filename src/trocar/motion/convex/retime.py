@@ -25,15 +25,10 @@ SAMPLES = 3  # samples per step at which the use of the limits is measured in th
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """A path with its timing.
+    """A path with its timing."""
 
-    Attributes:
-        motion: of all joints over time, exactly on the path: polynomials of degree 6, or 2 on a straight line.
-        shares: (n + 1,) of the path at the motion's knots.
-    """
-
-    motion: Trajectory
-    shares: Array
+    motion: Trajectory  # of all joints over time, exactly on the path: polynomials of degree 6, or 2 on a straight line
+    shares: Array  # (n + 1,) of the path at the motion's knots
 
     def times_s(self, shares: Array) -> Array:
         """Return the times at which shares (k,) of the path, at or near the motion's knots, are passed, from 0 on."""
@@ -51,12 +46,8 @@ def retimed(path: Trajectory, arms: tuple[ArmMotion, ...], passing: Array) -> Ti
     """Return the fastest motion from rest to rest along a path, all arms together.
 
     Time-optimal path parameterisation by two passes (Pham & Pham 2018), with the square of the speed linear in the
-    share in every step; if limits are exceeded between the steps, the motion is slowed down a little.
-
-    Args:
-        path: of all joints side by side, over the share: linear or cubic.
-        arms: whose joints, limits and tips.
-        passing: (k,) shares that must be knots of the motion.
+    share in every step; if limits are exceeded between the steps, the motion is slowed down a little. The path is of
+    all joints side by side, linear or cubic over the share; the shares ``passing`` (k,) become knots of the motion.
     """
     knots = path.times_s
     steps = max(STEPS, ceil(LEAST_STEPS / (len(knots) - 1)))

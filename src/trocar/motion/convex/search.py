@@ -22,7 +22,8 @@ from trocar.motion.convex.path_program import (
     taper,
 )
 from trocar.motion.convex.retime import Timing, retimed
-from trocar.motion.convex.scene import Curve, Scene, columns_of, curve_of, joint_path
+from trocar.motion.convex.scene import Scene, columns_of, joint_path
+from trocar.motion.curve import Curve
 from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
 from trocar.trajectory import Trajectory
 
@@ -32,7 +33,6 @@ Way = tuple[float, float, float]  # offsets of the first two joints (rad), and h
 # Detours that are tried first, and next.
 FEW: tuple[Way, ...] = ((0, 0, 0.03), (0, 0, 0.06), (0.2, 0, 0), (-0.2, 0, 0), (0, 0.2, 0), (0, -0.2, 0))
 MORE = tuple((a, b, c) for c in (0.0, 0.04, 0.08) for a in (-0.4, 0.0, 0.4) for b in (-0.4, 0.0, 0.4) if a or b or c)
-
 PIECES, PIECES_A_WAYPOINT = 9, 4  # pieces of the curve, and additional ones for each waypoint on the way
 SAMPLES_A_PIECE = 4  # places at which a path is planned; it is certified between them too
 COARSE = 2  # when starts are compared, only one in this many of these places is used
@@ -67,19 +67,12 @@ QUICK, PATIENT = Effort((PRICE,), 6), Effort((PRICE, 10 * PRICE, 100 * PRICE), 8
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """The starts for one problem.
+    """The starts for one problem."""
 
-    Attributes:
-        arms: in order.
-        program: of the curve and what is held fixed.
-        plain: (controls, joints) the path of least energy through all waypoints.
-        slack: share of the joints' ranges by which they may be left.
-    """
-
-    arms: tuple[ArmMotion, ...]
-    program: PathProgram
-    plain: Array
-    slack: float
+    arms: tuple[ArmMotion, ...]  # in order
+    program: PathProgram  # of the curve and what is held fixed
+    plain: Array  # (controls, joints) the path of least energy through all waypoints
+    slack: float  # share of the joints' ranges by which they may be left
 
     def few(self) -> Array:
         """Return the most promising detours (k, controls, joints)."""
@@ -184,7 +177,7 @@ class Search:
         self.problem, self.scene = problem, scene
         arms = self.arms = scene.arms
         most = max(len(arm.waypoints) for arm in arms)
-        self.curve: Curve = curve_of(PIECES + PIECES_A_WAYPOINT * (most - 2))
+        self.curve = Curve.even(PIECES + PIECES_A_WAYPOINT * (most - 2))
         self.passing = tuple(passing_shares(arm) for arm in arms)
         held = tuple(self.curve.basis(shares[1:-1]) for shares in self.passing)
         weights = np.concatenate([(arm.limits.acceleration[0] / arm.limits.acceleration) ** 2 for arm in arms])
