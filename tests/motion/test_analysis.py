@@ -69,13 +69,6 @@ def test_the_printed_programme_can_meet_every_noisy_sample():
     assert rms(a - known.acceleration[:-1]) > 50 * rms(estimate(q, t).acceleration - known.acceleration)
 
 
-def test_the_usual_filter_is_exact_on_a_parabola():
-    t = STEP_S * np.arange(100)
-    found = savitzky_golay(1.0 + 2.0 * t + 3.0 * t**2)
-    assert found.velocity == pytest.approx(2.0 + 6.0 * t)
-    assert found.acceleration == pytest.approx(np.full(100, 6.0))
-
-
 def test_a_parabola_without_noise_is_found():
     t = STEP_S * np.arange(200)
     found = estimate(1.0 + 2.0 * t + 3.0 * t**2, STEP_S)
@@ -128,15 +121,16 @@ def test_the_noise_is_estimated_whatever_moves():
 @pytest.mark.parametrize(
     ("signal", "step_s", "words"),
     [
-        (np.zeros(5), 0.01, "16 or more samples"),
+        (np.zeros(15), 0.01, "16 or more samples"),
         (np.zeros((40, 2)), 0.01, "16 or more samples"),
-        (np.r_[np.full(30, np.nan), np.zeros(10)], 0.01, "half of them measured"),
+        (np.r_[np.full(9, np.nan), np.zeros(7)], 0.01, "half of them measured; got .*7 measured"),
         (np.zeros(40), 0.0, "above 0"),
     ],
 )
 def test_what_is_no_signal_is_refused(signal, step_s, words):
     with pytest.raises(TrocarError, match=words):
         estimate(signal, step_s)
+    assert np.isfinite(estimate(np.where(np.arange(16) % 2, np.nan, np.arange(16.0) ** 2), 0.01, 1.0).position).all()
 
 
 def huber(error):
@@ -257,18 +251,6 @@ def test_units_of_the_signal_and_of_the_time_come_out():
     assert np.abs(one.velocity - np.cos(np.arange(60) / 6) / 6 / 0.01)[3:-3].max() < 1.0
 
 
-def test_half_of_the_samples_and_sixteen_are_enough():
-    y = np.sin(np.arange(16) / 3)
-    assert len(estimate(y, 0.01, 1.0).position) == 16
-    with pytest.raises(TrocarError, match="got shape"):
-        estimate(y[:15], 0.01, 1.0)
-    y[1::2] = np.nan
-    assert np.isfinite(estimate(y, 0.01, 1.0).position).all()
-    y[0] = np.nan
-    with pytest.raises(TrocarError, match="7 measured"):
-        estimate(y, 0.01, 1.0)
-
-
 T_S = STEP_S * np.arange(600)
 
 
@@ -299,13 +281,6 @@ def test_jerk_is_the_difference_of_accelerations():
     assert found.jerk[:, 0] == pytest.approx(np.diff(found.acceleration[:, 0]) / STEP_S)
     truth = np.diff(known.acceleration) / STEP_S
     assert rms(found.jerk[20:-20, 0] - truth[20:-20]) < 0.2 * rms(truth)
-
-
-def test_sizes_are_those_of_a_sine():
-    t = STEP_S * np.arange(1000)
-    found = analyse(np.sin(2 * np.pi * t)[:, None], STEP_S)
-    assert found.rms()["velocity"][0] == pytest.approx(2 * np.pi / np.sqrt(2), rel=0.01)
-    assert found.largest()["velocity"][0] == pytest.approx(2 * np.pi, rel=0.01)
 
 
 def test_signals_without_columns_are_refused():

@@ -287,13 +287,6 @@ def test_no_plan_beats_the_bound(seed):
     assert plan.bound_s <= plan.duration_s
 
 
-@given(st.lists(st.floats(-1, 1), min_size=2, max_size=6), st.floats(0.1, 10), st.floats(0.1, 10))
-def test_an_inner_waypoint_never_shortens_a_motion(values, velocity, acceleration):
-    limits = one_joint(velocity, acceleration)
-    q = np.array(values)[:, None]
-    assert duration_bound_s(q[[0, -1]], limits) <= duration_bound_s(q, limits) * (1 + 1e-12)
-
-
 def test_the_slowest_joint_decides():
     limits = MotionLimits(np.array([100.0, 100.0]), np.array([4.0, 1.0]))
     q = np.array([[0.0, 0.0], [1.0, 0.5]])

@@ -66,17 +66,6 @@ def test_a_later_start_waits_first_and_passes_all_places_later():
     assert timing.later(0.0) is timing
 
 
-@pytest.mark.parametrize("pieces", [1, 5, 9])
-def test_control_points_in_line_make_the_straight_line(pieces):
-    curve = Curve.even(pieces)
-    path = curve.path(curve.line(np.zeros(3), np.array([1.0, -2.0, 3.0])))
-    shares = np.linspace(0, 1, 33)
-    np.testing.assert_allclose(path(shares), shares[:, None] * [1.0, -2.0, 3.0], atol=1e-12)
-    np.testing.assert_allclose(curve.basis(shares) @ curve.places, shares, atol=1e-12)
-    straight = curve.places @ curve.energy @ curve.places
-    assert straight == pytest.approx(1.0)  # no bending, unit speed
-
-
 MODEL = ARMS["raven2-left"]
 
 

@@ -15,7 +15,7 @@ from trocar.motion import ArmMotion, Capsule, Facing, MotionProblem, MovingArm
 from trocar.motion.convex import search as module
 from trocar.motion.convex.path_program import Rows
 from trocar.motion.convex.scene import Scene, joint_path
-from trocar.motion.convex.search import FEW, MORE, PATIENT, QUICK, Effort, Search, Sight, passing_shares, plain_path
+from trocar.motion.convex.search import PATIENT, QUICK, Effort, Search, Sight, passing_shares, plain_path
 from trocar.trajectory import Trajectory
 
 TWO = swapping(0.03)
@@ -34,11 +34,6 @@ BOTH, ONE, PASSING = search_from(TWO), search_from(TWO, count=1), search_from(TH
 
 def middle(control):
     return BOTH.curve.path(control)(np.array([0.5]))[0]
-
-
-def test_the_plain_path_of_two_waypoints_is_a_straight_line():
-    start, end = (np.concatenate(TWO[:, i]) for i in (0, 1))
-    np.testing.assert_allclose(BOTH.starts.plain, BOTH.curve.line(start, end), atol=1e-12)
 
 
 def test_the_plain_path_passes_all_waypoints_with_the_least_energy():
@@ -125,16 +120,6 @@ def test_starts_stay_within_the_ranges_and_go_through_the_waypoints():
             for k, shares in enumerate(search.passing):
                 passed = search.curve.path(control)(shares)[:, 6 * k : 6 * k + 6]
                 np.testing.assert_allclose(passed, THREE[k], atol=1e-9)
-
-
-def test_ways_aside_are_as_many_to_one_side_as_to_the_other_and_none_is_wild():
-    assert len(set(FEW)) == 6 and len(set(MORE)) == 26
-    for ways in (FEW, MORE):
-        assert all({(-a, b, c), (a, -b, c), (-a, -b, c)} <= set(ways) for a, b, c in ways)
-        assert all(abs(a) < 0.5 and abs(b) < 0.5 and 0 <= c < 0.1 for a, b, c in ways)
-    assert all(np.count_nonzero(way) == 1 for way in FEW)  # one thing at a time is tried first
-    assert all(a == b == 0 for a, b, _ in FEW[:2])  # pulling back before all
-    assert max(map(max, MORE)) == 2 * max(map(max, FEW))
 
 
 PSM = ARMS["psm-classic"]
