@@ -15,7 +15,7 @@ from trocar.calibration.models import OffsetModel, RidgeModel
 from trocar.calibration.plant import PSM1_GREY
 from trocar.errors import TrocarError
 from trocar.motion import rest_to_rest
-from trocar.motion.bound import shortest_to_rest_s
+from trocar.motion.double_integrator import shortest_to_rest_s
 from trocar.trajectory import Trajectory
 
 PAPER = MOTION_LIMITS["paper"]

@@ -40,7 +40,7 @@ def test_the_tip_keeps_to_the_line_within_the_limits_at_1_khz(arm, seed, share, 
     limits = arm.motion_limits
     line = line_of(begin, end, arm, limits)
     sprint = Sprint.to(line, np.array([share * line.fastest_rate]))
-    motion = sprint.trajectory(0, backwards=backwards)
+    motion = sprint.trajectory(backwards=backwards)
     assert motion.duration_s == pytest.approx(float(sprint.seconds[0]))
     first, last = (end, begin) if backwards else (begin, end)
     np.testing.assert_allclose(motion(0.0), first, atol=1e-9)
@@ -79,7 +79,7 @@ def test_one_joint_alone_takes_the_bang_bang_time():
 def test_a_lower_velocity_limit_makes_it_cruise():
     slow = MotionLimits(0.2 * PAPER.velocity, PAPER.acceleration)
     sprint = Sprint.to(line_of(FOUR[0], FOUR[1], limits=slow), np.zeros(1))
-    use = limit_use(PSM, sprint.trajectory(0), slow)
+    use = limit_use(PSM, sprint.trajectory(), slow)
     assert 0.99 < use.velocity_ratio <= 1.001
 
 
@@ -202,7 +202,7 @@ def test_what_a_sprint_takes_and_how_it_passes_its_knots():
     piece_s = 2 * STEP / (np.sqrt(x[:-1]) + np.sqrt(x[1:]))
     assert sprint.seconds[0] == pytest.approx(piece_s.sum())
     for backwards in (False, True):
-        motion = sprint.trajectory(0, backwards=backwards)
+        motion = sprint.trajectory(backwards=backwards)
         along = slice(None, None, -1 if backwards else 1)
         np.testing.assert_allclose(np.diff(motion.times_s), piece_s[along])
         np.testing.assert_allclose(motion(motion.times_s), line.q[along], atol=1e-12)

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import piqp
 from numpy.typing import NDArray
 from scipy import sparse
 
 from trocar.arms import MotionLimits
+from trocar.errors import NoPlan
 from trocar.geometry.arrays import Array
+from trocar.motion.qp import Program
 from trocar.trajectory import Trajectory
 
 
@@ -155,14 +156,13 @@ class LimitedPaths:
         scaled, linear = hessian / size, gradient.T.ravel() / size
         lower, upper = self.lower + ROOM, self.upper - ROOM
         # The ranges are so rarely active that it is faster to try without them first.
-        for box in (None, tuple(np.repeat(bound, len(gradient)) for bound in (lower, upper))):
-            solver = piqp.SparseSolver()
-            solver.settings.eps_abs = PRECISION
-            solver.settings.eps_rel = PRECISION / 10
-            solver.setup(scaled, linear, None, None, *self._bounds, *(box or (None, None)))
-            if solver.solve() != piqp.PIQP_SOLVED:
+        for box in ((None, None), tuple(np.repeat(bound, len(gradient)) for bound in (lower, upper))):
+            program = Program("commands", scaled, linear, *box, precision=PRECISION, relative=PRECISION / 10)
+            program.keep("velocity and acceleration", *self._bounds)
+            try:
+                x = program.least().reshape(6, -1).T.copy()
+            except NoPlan:
                 return None
-            x = solver.result.x.reshape(6, -1).T.copy()
             if np.all((x >= lower) & (x <= upper)):
                 break
         return x
@@ -195,7 +195,7 @@ class LimitedPaths:
         return (self._acceleration.T @ self._acceleration.multiply(self.spline.steps_s[:, None])).tocoo()
 
     @cached_property
-    def _bounds(self) -> tuple[sparse.csc_matrix, Array, Array]:
+    def _bounds(self) -> tuple[sparse.csr_matrix, Array, Array]:
         """Return constraint rows with their bounds: accelerations, and velocities that could exceed their limits."""
         speeds, pushes = ((1 - HEADROOM) * limit for limit in (self.limits.velocity, self.limits.acceleration))
         duration = self.spline.times_s[-1] - self.spline.times_s[0]
@@ -209,7 +209,7 @@ class LimitedPaths:
             blocks.append(self._matrix(weights / limit, intervals, 6 * free, joint * free))
             zeros.append(self.spline.at(weights / limit, intervals, self._start[:, joint, None])[:, 0])
         zero = np.concatenate(zeros)
-        return sparse.csc_matrix(sparse.vstack(blocks)), -1.0 - zero, 1.0 - zero
+        return sparse.csr_matrix(sparse.vstack(blocks)), -1.0 - zero, 1.0 - zero
 
     def _matrix(
         self, weights: Array, intervals: NDArray[np.int64] | None = None, width: int = 0, shift: int = 0

@@ -158,7 +158,7 @@ def apply(
     """
     from trocar.calibration.compensation import Compensator, sample_positions  # SciPy only when needed
     from trocar.calibration.models import load_model
-    from trocar.motion.analysis import read_joint_table
+    from trocar.motion.joint_table import read_joint_table
 
     names = columns.split(",")
     if len(set(names)) != len(JOINT_NAMES):

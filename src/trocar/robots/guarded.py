@@ -25,9 +25,9 @@ from trocar.errors import (
     UnknownName,
 )
 from trocar.geometry import SE3, shown
+from trocar.motion.bodies import MovingArm
 from trocar.motion.clearance import swept_clearance
 from trocar.motion.limits import limit_use, require_range
-from trocar.motion.moving_arm import MovingArm
 from trocar.robots.driver import TICK_S
 from trocar.trajectory import Trajectory
 

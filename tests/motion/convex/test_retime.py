@@ -7,15 +7,16 @@ from scipy.optimize import linprog
 from ravens import asked, random_waypoints
 from trocar.arms import ARMS, MotionLimits
 from trocar.motion import ArmMotion, limit_use, rest_to_rest
+from trocar.motion.check import tip_speeds_m_s
 from trocar.motion.convex import retime
 from trocar.motion.convex.retime import retimed
-from trocar.motion.convex.scene import curve_of, joint_path
-from trocar.motion.tip import tip_speeds_m_s
+from trocar.motion.convex.scene import joint_path
+from trocar.motion.curve import Curve
 from trocar.trajectory import Trajectory
 
 
 def wild_path(rng, problem, pieces=9):
-    curve = curve_of(pieces)
+    curve = Curve.even(pieces)
     ends = [np.concatenate([arm.waypoints[i] for arm in problem.arms.values()]) for i in (0, -1)]
     control = curve.line(*ends)
     control[1:-1] += 0.1 * rng.normal(size=control[1:-1].shape) * np.tile([1, 1, 0.1, 1, 1, 1], 2)
@@ -65,17 +66,6 @@ def test_a_later_start_waits_first_and_passes_all_places_later():
     assert timing.later(0.0) is timing
 
 
-@pytest.mark.parametrize("pieces", [1, 5, 9])
-def test_control_points_in_line_make_the_straight_line(pieces):
-    curve = curve_of(pieces)
-    path = curve.path(curve.line(np.zeros(3), np.array([1.0, -2.0, 3.0])))
-    shares = np.linspace(0, 1, 33)
-    np.testing.assert_allclose(path(shares), shares[:, None] * [1.0, -2.0, 3.0], atol=1e-12)
-    np.testing.assert_allclose(curve.basis(shares) @ curve.places, shares, atol=1e-12)
-    straight = curve.places @ curve.energy @ curve.places
-    assert straight == pytest.approx(1.0)  # no bending, unit speed
-
-
 MODEL = ARMS["raven2-left"]
 
 
@@ -91,7 +81,7 @@ def straight_path(*arms):
 
 
 def bent_path(seed, pieces=4, size=0.01):
-    arm, curve, rng = one_arm(), curve_of(pieces), np.random.default_rng(seed)
+    arm, curve, rng = one_arm(), Curve.even(pieces), np.random.default_rng(seed)
     control = curve.line(*arm.waypoints)
     control[1:-1] += size * rng.normal(size=control[1:-1].shape)
     return curve.path(control)

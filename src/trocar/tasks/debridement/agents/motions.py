@@ -14,8 +14,8 @@ from trocar.cell import Cell
 from trocar.errors import AlreadyThere, ArmStopped, MotionRefused, TooNear
 from trocar.geometry import SE3
 from trocar.motion import ArmMotion, Facing, HalfSpace, MotionPlan, MotionProblem, Obstacle, open_box, plan_motion
+from trocar.motion.bodies import MovingArm
 from trocar.motion.clearance import swept_clearance
-from trocar.motion.moving_arm import MovingArm
 from trocar.motion.planners import Planner
 from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import Adjusted, StepEnded

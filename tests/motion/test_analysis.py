@@ -1,15 +1,26 @@
-"""Velocity and acceleration from noisy positions are close to those of known signals."""
+"""Velocity and acceleration from noisy positions are close to those of known signals; joints and tip agree."""
+
+from __future__ import annotations
 
 import time
 
 import numpy as np
 import pytest
 
-from known_signals import STEP_S, bang_bang, measured, rms, sines
+from known_signals import STEP_S, bang_bang, measured, rms, savitzky_golay, sines
+from trocar.arms import ARMS, PSM_CLASSIC, fk
 from trocar.errors import TrocarError
-from trocar.motion.analysis import estimate, savitzky_golay
-from trocar.motion.analysis import huber as module
-from trocar.motion.analysis.huber import OVERLAP, WINDOW, noise_sd
+from trocar.motion import analysis as module
+from trocar.motion.analysis import (
+    OVERLAP,
+    WINDOW,
+    Derivatives,
+    JointAnalysis,
+    analyse,
+    analyse_joints,
+    estimate,
+    noise_sd,
+)
 
 # RMS errors of velocity (rad/s) and acceleration (rad/s^2) that are allowed; found: benchmarks, a quarter less
 ALLOWED = {
@@ -38,7 +49,7 @@ def test_with_outliers_it_beats_the_usual_filter_at_its_best_window(name):
     """The window is chosen by the true error, which nobody knows who needs a filter."""
     known, y = SIGNALS[name], measured(SIGNALS[name], 3e-4, 0.01)
     found = estimate(y, STEP_S)
-    tried = [savitzky_golay(y, STEP_S, window) for window in range(5, 60, 2)]
+    tried = [savitzky_golay(y, window) for window in range(5, 60, 2)]
     assert rms(found.velocity - known.velocity) < 0.5 * min(rms(s.velocity - known.velocity) for s in tried)
     assert rms(found.acceleration - known.acceleration) < 0.7 * min(
         rms(s.acceleration - known.acceleration) for s in tried
@@ -56,13 +67,6 @@ def test_the_printed_programme_can_meet_every_noisy_sample():
         v[k + 1] = v[k] + a[k] * t
     assert q[:-1] + v[:-1] * t + a * t**2 / 2 == pytest.approx(q[1:], abs=1e-12)
     assert rms(a - known.acceleration[:-1]) > 50 * rms(estimate(q, t).acceleration - known.acceleration)
-
-
-def test_the_usual_filter_is_exact_on_a_parabola():
-    t = STEP_S * np.arange(100)
-    found = savitzky_golay(1.0 + 2.0 * t + 3.0 * t**2, STEP_S)
-    assert found.velocity == pytest.approx(2.0 + 6.0 * t)
-    assert found.acceleration == pytest.approx(np.full(100, 6.0))
 
 
 def test_a_parabola_without_noise_is_found():
@@ -117,15 +121,16 @@ def test_the_noise_is_estimated_whatever_moves():
 @pytest.mark.parametrize(
     ("signal", "step_s", "words"),
     [
-        (np.zeros(5), 0.01, "16 or more samples"),
+        (np.zeros(15), 0.01, "16 or more samples"),
         (np.zeros((40, 2)), 0.01, "16 or more samples"),
-        (np.r_[np.full(30, np.nan), np.zeros(10)], 0.01, "half of them measured"),
+        (np.r_[np.full(9, np.nan), np.zeros(7)], 0.01, "half of them measured; got .*7 measured"),
         (np.zeros(40), 0.0, "above 0"),
     ],
 )
 def test_what_is_no_signal_is_refused(signal, step_s, words):
     with pytest.raises(TrocarError, match=words):
         estimate(signal, step_s)
+    assert np.isfinite(estimate(np.where(np.arange(16) % 2, np.nan, np.arange(16.0) ** 2), 0.01, 1.0).position).all()
 
 
 def huber(error):
@@ -246,13 +251,59 @@ def test_units_of_the_signal_and_of_the_time_come_out():
     assert np.abs(one.velocity - np.cos(np.arange(60) / 6) / 6 / 0.01)[3:-3].max() < 1.0
 
 
-def test_half_of_the_samples_and_sixteen_are_enough():
-    y = np.sin(np.arange(16) / 3)
-    assert len(estimate(y, 0.01, 1.0).position) == 16
-    with pytest.raises(TrocarError, match="got shape"):
-        estimate(y[:15], 0.01, 1.0)
-    y[1::2] = np.nan
-    assert np.isfinite(estimate(y, 0.01, 1.0).position).all()
-    y[0] = np.nan
-    with pytest.raises(TrocarError, match="7 measured"):
-        estimate(y, 0.01, 1.0)
+T_S = STEP_S * np.arange(600)
+
+
+def moving(arm):
+    """Return joints that wave around the middle of their ranges, (600, 6)."""
+    rate = np.array([1.1, 0.7, 0.9, 2.0, 2.6, 3.1])
+    size = np.array([0.2, 0.15, 0.02, 0.4, 0.3, 0.3])
+    return 0.5 * (arm.lower + arm.upper) + size * (1.0 - np.cos(np.outer(T_S, rate)))
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_tips_motion_is_that_of_its_positions(name):
+    arm = ARMS[name]
+    q = moving(arm)
+    found = analyse_joints(arm, q, STEP_S)
+    p = fk(arm, q).translation_m
+    inner = slice(5, -5)
+    velocity, acceleration = np.gradient(p, STEP_S, axis=0), np.diff(p, 2, axis=0) / STEP_S**2
+    assert found.tip.velocity[inner] == pytest.approx(velocity[inner], abs=1e-3)
+    assert rms(found.tip.acceleration[1:-1][inner] - acceleration[inner]) < 0.02 * rms(acceleration)
+    assert found.path_m == pytest.approx(np.linalg.norm(np.diff(p, axis=0), axis=1).sum(), rel=1e-4)
+
+
+def test_jerk_is_the_difference_of_accelerations():
+    known = sines()
+    found = analyse(measured(known, 0.0)[:, None], STEP_S)
+    assert found.jerk.shape == (len(known.position) - 1, 1)
+    assert found.jerk[:, 0] == pytest.approx(np.diff(found.acceleration[:, 0]) / STEP_S)
+    truth = np.diff(known.acceleration) / STEP_S
+    assert rms(found.jerk[20:-20, 0] - truth[20:-20]) < 0.2 * rms(truth)
+
+
+def test_signals_without_columns_are_refused():
+    with pytest.raises(TrocarError, match="samples, signals"):
+        analyse(np.zeros(40), STEP_S)
+    with pytest.raises(TrocarError):
+        analyse_joints(PSM_CLASSIC, np.zeros((40, 5)), STEP_S)
+
+
+def test_sizes_of_rows_that_are_known_by_hand():
+    """Two signals at four instants, .5 s apart."""
+    velocity = np.array([[3.0, 0.0], [-4.0, 0.0], [0.0, 2.0], [0.0, -2.0]])
+    acceleration = np.array([[1.0, 0.0], [2.0, 0.0], [4.0, -1.0], [0.0, -1.0]])
+    found = Derivatives(0 * velocity, velocity, acceleration, 0.5)
+    np.testing.assert_allclose(found.jerk, [[2.0, 0.0], [4.0, -2.0], [-8.0, 0.0]])
+    rms_values, largest = found.rms(), found.largest()
+    np.testing.assert_allclose(rms_values["velocity"], [2.5, np.sqrt(2)])
+    np.testing.assert_allclose(rms_values["acceleration"], [np.sqrt(21 / 4), np.sqrt(0.5)])
+    np.testing.assert_allclose(rms_values["jerk"], [np.sqrt(84 / 3), np.sqrt(4 / 3)])
+    assert [largest[name].tolist() for name in ("velocity", "acceleration", "jerk")] == [[4, 2], [4, 1], [8, 2]]
+
+
+def test_the_length_of_a_path_is_that_of_its_steps():
+    tip = np.array([[0.0, 0, 0], [3, 4, 0], [3, 4, 12]])
+    still = Derivatives(tip, 0 * tip, 0 * tip, 0.1)
+    assert JointAnalysis(still, still).path_m == pytest.approx(17.0)

@@ -10,38 +10,25 @@ from numpy.typing import NDArray
 
 from trocar.errors import BadFile, InvalidInput
 from trocar.files.csv_file import TIMES, read_csv
-from trocar.motion.analysis.huber import SHORTEST
+from trocar.motion.analysis import SHORTEST
 
-OFF_GRID = 0.3
-"""A step may differ from the usual one by this share; if it is a multiple of it, samples are missing."""
+OFF_GRID = 0.3  # a step may differ from the usual one by this share; if it is a multiple of it, samples are missing
 
 
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """Signals at even steps.
+    """Signals at even steps."""
 
-    Attributes:
-        names: of the columns, without that of times.
-        values: (n, k), rad and m; NaN where there is no measurement.
-        step_s: between samples.
-    """
-
-    names: tuple[str, ...]
-    values: NDArray[np.float64]
-    step_s: float
+    names: tuple[str, ...]  # of the columns, without that of times
+    values: NDArray[np.float64]  # (n, k), rad and m; NaN where there is no measurement
+    step_s: float  # between samples
 
     def columns(self, names: list[str], path: str | Path) -> NDArray[np.float64]:
-        """Return the values (n, len(names)) of these columns.
-
-        Args:
-            names: wanted.
-            path: of the file, for the error message if one is missing.
-        """
+        """Return the values (n, len(names)) of these columns; one that the file at this path lacks is refused."""
         missing = [name for name in names if name not in self.names]
         if missing:
-            raise BadFile(
-                path, f"has no column {missing[0]!r}; it has {', '.join(self.names)}", "name yours with --columns"
-            )
+            problem = f"has no column {missing[0]!r}; it has {', '.join(self.names)}"
+            raise BadFile(path, problem, "name yours with --columns")
         return self.values[:, [self.names.index(name) for name in names]]
 
 
@@ -78,25 +65,19 @@ def _on_grid(
     steps = np.diff(times_s)
     if not np.isfinite(times_s).all() or (steps <= 0).any():
         row = 1 + int(np.argmax(~(steps > 0)))  # counted from the first line of numbers
-        raise InvalidInput(
-            "times", f"of {str(path)!r} do not increase at row {row + 2}", "sort the rows, drop repeated ones"
-        )
+        problem = f"of {str(path)!r} do not increase at row {row + 2}"
+        raise InvalidInput("times", problem, "sort the rows, drop repeated ones")
     counts = steps / np.median(steps)
     off = np.abs(counts - np.rint(counts))
     if off.max() > OFF_GRID or counts.min() < 0.5:
         row = int(np.argmax(np.maximum(off, counts < 0.5)))
-        raise InvalidInput(
-            "times",
-            f"of {str(path)!r} are not even: the step to row {row + 3} is {1000.0 * steps[row]:.2f} ms, "
-            f"most are {1000.0 * np.median(steps):.2f} ms",
-            "resample the recording to even steps",
-        )
+        uneven = f"the step to row {row + 3} is {1e3 * steps[row]:.2f} ms, most are {1e3 * np.median(steps):.2f} ms"
+        raise InvalidInput("times", f"of {str(path)!r} are not even: {uneven}", "resample the recording to even steps")
     index = np.concatenate([[0], np.cumsum(np.rint(counts))]).astype(int)
     step_s = float(np.polyfit(index, times_s, 1)[0])
     if index[-1] + 1 > 2 * len(times_s):
-        raise InvalidInput(
-            "more than half", f"of the samples of {str(path)!r} are missing", "cut it into parts without gaps"
-        )
+        problem = f"of the samples of {str(path)!r} are missing"
+        raise InvalidInput("more than half", problem, "cut it into parts without gaps")
     grid = np.full((index[-1] + 1, values.shape[1]), np.nan)
     grid[index] = values
     return grid, step_s

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
-from trocar.motion.analysis import read_joint_table
+from trocar.motion.joint_table import read_joint_table
 
 
 def written(tmp_path, text):

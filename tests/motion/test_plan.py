@@ -1,4 +1,3 @@
-import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -24,7 +23,6 @@ from trocar.motion import (
     rest_to_rest,
     straight,
 )
-from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, over_the_table, transfer
 
 ASIDE_LEFT = transfer(LEFT, (-0.06, 0.0), (-0.03, 0.01))
@@ -68,63 +66,19 @@ def test_a_sound_answer_is_found():
     assert repr(plan) == f"<MotionPlan of psm1 by 'stops': {plan.duration_s:.3f} s>"
 
 
-def kicked(path, times):
-    """The same path that starts with a jump in velocity."""
-    return Trajectory.hermite(times, path(times), np.ones_like(FOUR) * [[1], [0], [0], [0]]), times
-
-
-def jump_on_the_way(path, times):
-    c = path.coefficients.copy()
-    c[-1, 0] += 0.01  # the first piece ends where the second does not begin
-    return Trajectory(path.times_s, c), times
-
-
-def polyline(path, times):
-    q = path(times)
-    return Trajectory(times, np.stack([np.diff(q, axis=0) / np.diff(times)[:, None], q[:-1]])), times
-
-
-def not_at_rest(path, times):
-    velocity = np.zeros_like(FOUR)
-    velocity[-1, 0] = 0.1
-    return Trajectory.hermite(2 * times, path(times), velocity), 2 * times
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda path, times: (path.stretched(0.9), 0.9 * times), r"uses 1\.235 of its acceleration limit"),
-        (lambda path, times: (path, times * [1, 0.99, 1, 1]), "misses waypoint 1 at"),
-        (lambda path, times: (Trajectory(path.times_s[:-1], path.coefficients[:, :-1]), times), "at the end by"),
-        (kicked, "starts with a velocity that is off by 1.0"),
-        (not_at_rest, "does not rest at the end but moves with 0.1"),
-        (polyline, "jumps in velocity at a knot"),
-        (jump_on_the_way, "jumps at a knot, by 0.01"),
-    ],
-)
-def test_every_way_to_break_a_request_is_found(change, words):
-    plan = plan_motion(asking(), moved(change))
-    assert not plan.found
-    assert any(re.search(words, str(violation)) for violation in plan.violations), plan.violations
-    assert plan.paths  # to be looked at
-    with pytest.raises(MotionRefused, match="is refused") as raised:
-        plan.trajectories  # noqa: B018
-    assert raised.value is plan.refusal and str(plan.refusal) == plan.reason
-
-
-def test_a_motion_out_of_a_range_is_refused_unless_allowed():
-    near = FOUR[[0, 0]] + [[0, 0, 0.239 - FOUR[0, 2], 0, 0, 0], [0.1, 0, 0.239 - FOUR[0, 2], 0, 0, 0]]
-    going = np.array([0, 0, 0.05, 0, 0, 0])  # m/s, 1 mm from the end of the insertion: it cannot but leave it
-    plan = plan_motion(asking(ArmMotion(PSM, near, PAPER, start_velocity=going)), stops)
-    assert not plan.found
-    assert "joint 'insertion' of 'psm1' goes 0.0021 m out of its range [0.0000, 0.2400]" in plan.reason
-    assert plan_motion(asking(ArmMotion(PSM, near, PAPER, start_velocity=going), range_slack=0.01), stops).found
-
-
 def test_a_jerk_that_is_limited_is_checked_and_so_is_an_acceleration_that_jumps():
     limits = MotionLimits(PAPER.velocity, PAPER.acceleration, jerk=np.full(6, 1e9))
     plan = plan_motion(asking(ArmMotion(PSM, FOUR, limits)))
     assert "uses inf of its jerk limit; 'spline' ignores jerk" in plan.reason
+
+
+def test_a_refused_plan_keeps_its_paths_and_raises_its_refusal():
+    plan = plan_motion(asking(), moved(lambda path, times: (path.stretched(0.9), 0.9 * times)))
+    assert not plan.found and plan.paths  # to be looked at
+    assert "uses 1.235 of its acceleration limit" in plan.reason
+    with pytest.raises(MotionRefused, match="is refused") as raised:
+        plan.trajectories  # noqa: B018
+    assert raised.value is plan.refusal and str(plan.refusal) == plan.reason
 
 
 def test_straight_pieces_are_checked():
@@ -186,6 +140,9 @@ def test_two_arms_start_together_and_the_last_one_ends_the_plan(planner):
     assert plan.clearance.distance_m > 1e-3
     alone = [plan_motion(MotionProblem({name: arm}), planner) for name, arm in problem.arms.items()]
     assert plan.bound_s == max(one.bound_s for one in alone)
+    if planner != "convex":  # it plans all arms together; to the others each is as if it were alone
+        for one, both in zip(alone, plan.trajectories.values(), strict=True):
+            np.testing.assert_array_equal(one.trajectory.coefficients, both.coefficients)
     with pytest.raises(TrocarError, match="moves psm1, psm2; take one"):
         plan.trajectory  # noqa: B018
 
@@ -215,17 +172,6 @@ def test_arms_that_are_not_asked_may_be_where_they_are():
         (lambda path: {}, r"planner '<lambda>' returned paths for \[\]; it was asked for \['psm1'\]"),
         (lambda path: 3, "planner '<lambda>' returned 3; it must return a TimedPath for each arm"),
         (lambda path: {"psm1": path.trajectory}, "it must return a TimedPath for each arm"),
-        (lambda path: {"psm1": TimedPath(path.trajectory, path.waypoint_times_s[1:])}, "for the 4 waypoints of arm"),
-        (lambda path: {"psm1": TimedPath(path.trajectory, path.waypoint_times_s[[0, 2, 1, 3]])}, "in order"),
-        (lambda path: {"psm1": TimedPath(path.trajectory, path.waypoint_times_s + 0.1)}, "all start at 0"),
-        (
-            lambda path: {
-                "psm1": TimedPath(
-                    Trajectory(path.trajectory.times_s, path.trajectory.coefficients[..., :5]), path.waypoint_times_s
-                )
-            },
-            "returned 5 joints for arm 'psm1'; it has 6",
-        ),
     ],
 )
 def test_a_malformed_answer_is_an_error(answer, words):
