@@ -18,10 +18,7 @@ SETUPS, POSITIONS, COARSE = 300, 180, 12
 DRAWN = tuple(name for name in SEARCHED if not name.startswith(("center", "base_sideways")))
 CLEARANCE_M = (0.010, 0.050)
 """How far outside the circle the base stands, seen from above; the paper's arm is mounted beside the phantom."""
-REWARDS = {
-    "default": Reward(),
-    **{name: Reward(margin=name, at="stations", feasible_first=False) for name in MARGINS},
-}
+REWARDS = {"default": Reward(), **{name: Reward(margin=name, at="stations", feasible_first=False) for name in MARGINS}}
 """The default; each margin formula at the stations and without regard to limits, as in the paper."""
 
 

@@ -82,11 +82,7 @@ def test_dexterity_is_drawn_with_a_plan_or_without_one():
     sutures = plan_even(map, 4)
     texts = [
         {text.get_text().strip() for text in plot(thing, **more).findobj(lambda a: hasattr(a, "get_text"))}
-        for thing, more in (
-            (map, {}),
-            (map, {"plan": sutures}),
-            (sutures, {"map": map, "title": "Mine"}),
-        )
+        for thing, more in ((map, {}), (map, {"plan": sutures}), (sutures, {"map": map, "title": "Mine"}))
     ]
     worst = f"{np.degrees(sutures.positions_rad[0]):.4g}°"
     assert not any(worst in text for text in texts[0])

@@ -16,12 +16,9 @@ FILE = "FILE"
 
 
 def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
-    """Return the command that runs the same trials again, with ``FILE`` for each file that was given.
+    """Return the command that runs the same trials again (``trials`` a session), ``FILE`` for each file given.
 
-    Args:
-        about: of a trial: what distinguishes its run from others.
-        sessions: of the run.
-        trials: of the run, in each session.
+    ``about`` is a trial's: what distinguishes its run from others.
     """
     task = TASKS[about["task"]] if about["task"] in TASKS else None  # noqa: SIM401 (a registry has no get)
     words: list[str] = ["trocar", "run", about["task"]]
@@ -45,9 +42,8 @@ def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
     words += ["--difficulty", level] if level != DEFAULT else []
     for flaw in named:
         words += ["--flaw", flaw]
-    words += [
-        f"--{name.replace('_', '-')}" for name in ("new_session", "refit_offsets", "flawless_camera") if about[name]
-    ]
+    switches = ("new_session", "refit_offsets", "flawless_camera")
+    words += [f"--{name.replace('_', '-')}" for name in switches if about[name]]
     words += ["--sessions", str(sessions), "--trials", str(trials), "--seed", str(about["seed"])]
     return shlex.join(words)
 

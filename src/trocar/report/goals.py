@@ -14,81 +14,75 @@ from rich.table import Table
 
 from trocar.eval import TaskReport, in_words
 from trocar.eval.trial import Trial
-from trocar.report.picture import Picture, write_png
+from trocar.report import style
+from trocar.report.page import Captioned
 from trocar.report.stills import photographer_of
-from trocar.report.tables import figure
+from trocar.report.tables import figure, table_of
+
+MOST = 12
+"""Maximum number of failed goals with a picture; the page says how many more there are."""
+SCALE = 0.75
+"""Scale of a picture, relative to a width of 640 pixels."""
 
 
 def goals_table(trials: Sequence[Trial], report: TaskReport) -> Table:
-    """Return a row for each goal: for one trial how it ended and why, for several how often it was reached.
-
-    Args:
-        trials: of one run.
-        report: of their task.
-    """
-    goal_noun = trials[0].goal_noun
+    """Return a row for each goal: for one trial how it ended and why, for several how often it was reached."""
+    noun, alone = trials[0].goal_noun, len(trials) == 1
     scores = [trial.scores for trial in trials]
     goals = [[of_trial[k] for of_trial in scores if k < len(of_trial)] for k in range(max(map(len, scores)))]
-    whats = [_same([report.goal(score) for score in of_goal]) for of_goal in goals]
+    kinds = [list(dict.fromkeys(report.goal(score) for score in of_goal)) for of_goal in goals]
+    which = [kind[0] if len(kind) == 1 else "" for kind in kinds]  # nothing where trials differ
     measured = list(dict.fromkeys(name for of_goal in goals for score in of_goal for name in report.measured(score)))
-    alone = len(trials) == 1
-    title = f"Each {goal_noun}" if alone else f"Each {goal_noun}, of {len(trials)} trials"
-    table = Table(title=title, caption="" if alone else "times and what was measured: means over the trials")
-    table.add_column(goal_noun)
-    if any(whats):
-        table.add_column("which")
-    table.add_column("result" if alone else "done")
-    table.add_column("time s", justify="right")
-    for name in measured:
-        table.add_column(name, justify="right")
-    table.add_column("why" if alone else "failures")
-    for number, (of_goal, what) in enumerate(zip(goals, whats, strict=True), start=1):
-        table.add_row(
-            str(number),
-            *([what] if any(whats) else []),
-            _result(of_goal[0]) if alone else _how_many(of_goal),
-            figure(_mean([score["end_s"] - score["start_s"] for score in of_goal])),
-            *(_shown([report.measured(score).get(name) for score in of_goal]) for name in measured),
-            reason_of(of_goal[0], report) if alone else named_failures(of_goal),
+    rows = []
+    for number, (of_goal, what) in enumerate(zip(goals, which, strict=True), start=1):
+        first = of_goal[0]
+        result = "done" if first["succeeded"] else in_words(str(first["failure"])) or "not done"
+        rows.append(
+            (
+                str(number),
+                *([what] if any(which) else []),
+                result if alone else _how_many(of_goal),
+                figure(_mean([score["end_s"] - score["start_s"] for score in of_goal])),
+                *(_shown([report.measured(score).get(name) for score in of_goal]) for name in measured),
+                reason_of(first, report) if alone else named_failures(of_goal),
+            )
         )
-    return table
+    head = (noun, *(["which"] if any(which) else []), "result" if alone else "done", "time s", *measured)
+    return table_of(
+        (*head, "why" if alone else "failures"),
+        rows,
+        title=f"Each {noun}" if alone else f"Each {noun}, of {len(trials)} trials",
+        caption="" if alone else "times and what was measured: means over the trials",
+        right=("time s", *measured),
+    )
 
 
 def trials_table(trials: Sequence[Trial]) -> Table:
     """Return a row for each trial."""
-    goal_noun = trials[0].goal_noun
-    table = Table(title="Each trial", caption="pictures of any of them: trocar report DIR --session S --trial K")
-    for column in ("session, trial", f"{goal_noun}s done", "time s", "collisions", "failures"):
-        table.add_column(column, justify="right" if column in ("time s", "collisions") else "left")
+    rows = []
     for trial in trials:
         attempted = [score for score in trial.scores if score["attempted"]]
         stopped = "" if trial.finished else f"stopped: {in_words(trial.ended)}"
-        table.add_row(
-            f"{trial.about['session']}, {trial.about['index']}",
-            _how_many(attempted),
-            f"{trial.duration_s:.1f}",
-            str(len(trial.collisions)),
-            "; ".join(filter(None, (named_failures(attempted), stopped))),
-        )
-    return table
+        place = f"{trial.about['session']}, {trial.about['index']}"
+        said = "; ".join(filter(None, (named_failures(attempted), stopped)))
+        rows.append((place, _how_many(attempted), f"{trial.duration_s:.1f}", str(len(trial.collisions)), said))
+    return table_of(
+        ("session, trial", f"{trials[0].goal_noun}s done", "time s", "collisions", "failures"),
+        rows,
+        title="Each trial",
+        caption="pictures of any of them: trocar report DIR --session S --trial K",
+        right=("time s", "collisions"),
+    )
 
 
 def failures_table(failures: Mapping[str, int], attempted: int, goal_noun: str, report: TaskReport) -> Table:
-    """Return how often each failure occurred, the most frequent first, and what it means.
-
-    Args:
-        failures: counts by name, as in ``summary.json``.
-        attempted: number of goals attempted.
-        goal_noun: what a goal is called.
-        report: of the task, which knows the outcomes' sentences.
-    """
-    table = Table()
-    table.add_column("failure")
-    table.add_column(f"of {attempted} {goal_noun}s", justify="right")
-    table.add_column("what it means")
-    for name, count in sorted(failures.items(), key=lambda item: (-item[1], item[0])):
-        table.add_row(in_words(name), str(count), sentence_of(name, report))
-    return table
+    """Return how often each failure occurred among the goals attempted, most frequent first, and what it means."""
+    of_all = f"of {attempted} {goal_noun}s"
+    rows = [
+        (in_words(name), str(count), sentence_of(name, report))
+        for name, count in sorted(failures.items(), key=lambda item: (-item[1], item[0]))
+    ]
+    return table_of(("failure", of_all, "what it means"), rows, right=(of_all,))
 
 
 def reason_of(score: Mapping[str, Any], report: TaskReport) -> str:
@@ -104,21 +98,12 @@ def sentence_of(name: str, report: TaskReport) -> str:
 
 def named_failures(scores: Sequence[Mapping[str, Any]]) -> str:
     """Return how often each failure occurred among scores."""
-    counted = Counter(in_words(str(score["failure"])) for score in scores if score["failure"])
-    return ", ".join(f"{name} {count}" for name, count in counted.most_common())
-
-
-def _result(score: Mapping[str, Any]) -> str:
-    return "done" if score["succeeded"] else in_words(str(score["failure"])) or "not done"
+    counts = Counter(in_words(str(score["failure"])) for score in scores if score["failure"])
+    return ", ".join(f"{name} {count}" for name, count in counts.most_common())
 
 
 def _how_many(scores: Sequence[Mapping[str, Any]]) -> str:
     return f"{sum(bool(score['succeeded']) for score in scores)} of {len(scores)}"
-
-
-def _same(words: Sequence[str]) -> str:
-    """Return the description of the goals with a number; empty if trials differ in it."""
-    return words[0] if len(set(words)) == 1 else ""
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
@@ -127,16 +112,8 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def _shown(values: Sequence[float | None]) -> str:
-    """Return the mean of values as text; counts of a single trial as they are."""
-    if len(values) == 1 and isinstance(values[0], int):
-        return str(values[0])
-    return figure(_mean(values))
-
-
-MOST = 12
-"""Maximum number of failed goals with a picture; the page says how many more there are."""
-SCALE = 0.75
-"""Scale of a picture, relative to a width of 640 pixels."""
+    """Return the mean of values as text; a single count as it is."""
+    return str(values[0]) if len(values) == 1 and isinstance(values[0], int) else figure(_mean(values))
 
 
 @dataclass(frozen=True)
@@ -151,7 +128,6 @@ class Failed:
         failure: its name.
         what: the goal in words.
         reason: in a sentence; empty if there is none.
-        stem: of its picture's file.
     """
 
     place: int
@@ -161,29 +137,24 @@ class Failed:
     failure: str
     what: str
     reason: str
-    stem: str
+
+    @property
+    def stem(self) -> str:
+        """Return the name of its picture's file."""
+        return f"session_{self.session:02d}_trial_{self.trial:03d}_goal_{self.number + 1:02d}"
 
 
 def failed_goals(trials: Sequence[Trial], report: TaskReport) -> list[Failed]:
     """Return all goals that were attempted and not reached, in order."""
     found = []
     for place, trial in enumerate(trials):
+        session, index = trial.about["session"], trial.about["index"]
         for number, score in enumerate(trial.scores):
             if score["attempted"] and not score["succeeded"]:
                 which = report.goal(score)
-                session, index = trial.about["session"], trial.about["index"]
-                found.append(
-                    Failed(
-                        place,
-                        session,
-                        index,
-                        number,
-                        str(score["failure"]),
-                        f"{trial.goal_noun} {number + 1}" + (f" ({which})" if which else ""),
-                        reason_of(score, report),
-                        f"session_{session:02d}_trial_{index:03d}_goal_{number + 1:02d}",
-                    )
-                )
+                what = f"{trial.goal_noun} {number + 1}" + (f" ({which})" if which else "")
+                failure = str(score["failure"])
+                found.append(Failed(place, session, index, number, failure, what, reason_of(score, report)))
     return found
 
 
@@ -197,7 +168,7 @@ def picked(failed: Sequence[Failed], most: int) -> list[Failed]:
 
 def draw_failed(
     folder: str | Path, trials: Sequence[Trial], failed: Sequence[Failed], report: TaskReport, draw: bool = True
-) -> list[Picture]:
+) -> list[Captioned]:
     """Draw a picture of each failed goal at the moment that shows its failure, and return them.
 
     Args:
@@ -214,10 +185,10 @@ def draw_failed(
         for one in of_trial:
             time_s, path = report.failed_s(trial, trial.scores[one.number]), Path(folder) / f"{one.stem}.png"
             if photographer is not None:
-                write_png(path, photographer.picture(time_s))
+                style.write_png(path, photographer.picture(time_s))
             elif not path.is_file():
                 continue
             where = f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
             why = f". {one.reason[:1].upper()}{one.reason[1:]}" if one.reason else ""
-            found.append(Picture(path, f"The cell at {time_s:.1f} s: {where}", f"{where}, at {time_s:.1f} s{why}"))
+            found.append(Captioned(path, f"The cell at {time_s:.1f} s: {where}", f"{where}, at {time_s:.1f} s{why}"))
     return found

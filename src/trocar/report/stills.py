@@ -21,6 +21,12 @@ from trocar.report import style
 if TYPE_CHECKING:
     from trocar.sim.offscreen import OffscreenCamera
 
+MAX_PICTURES = 12  # of a storyboard; more are thinned out evenly, keeping the first and last
+LARGEST_PX = 400  # a picture of a storyboard is reduced to at most this width
+FRAMES_PER_S, SPEED = 12, 4.0  # of a video; seconds of the trial per second of it
+MAX_S = 15.0  # a longer video is cut: it is an illustration, not a record
+SCALE, QUALITY = 0.75, 60  # of a video's frames: of 640 pixels, and WebP's
+
 
 def can_photograph() -> bool:
     """Return whether the simulator, which draws the pictures, is installed."""
@@ -28,46 +34,29 @@ def can_photograph() -> bool:
 
 
 def photographer_of(trial: Trial, report: TaskReport, scale: float = 1.0) -> OffscreenCamera:
-    """Return an object that draws pictures of a trial, from the viewpoint and with the frame that its task defines.
-
-    Args:
-        trial: the trial.
-        report: of its task.
-        scale: of the pictures' width of 640 pixels.
+    """Return what draws pictures of a trial, 640 pixels wide times ``scale``, from the viewpoint that its task defines.
 
     Raises:
         TrocarError: the simulator is not installed.
     """
     if not can_photograph():
-        raise InvalidInput("pictures", "of a trial need mujoco", f"{how_to_install('sim')}")
+        raise InvalidInput("pictures", "of a trial need mujoco", how_to_install("sim"))
     from trocar.sim.offscreen import OffscreenCamera  # an extra
 
     return OffscreenCamera(trial.replay(), report.view, report.colours, scale, report.frame(trial))
 
 
-MAX_PICTURES = 12  # more are thinned out evenly, keeping the first and last
-LARGEST_PX = 400  # a picture is reduced to at most this width
-
-
 def draw_storyboard(
     frames: Sequence[tuple[str, NDArray[np.uint8]]], path: str | Path, title: str = "Storyboard", columns: int = 4
 ) -> Path:
-    """Draw the captioned pictures in a grid, in order, and return the path.
-
-    Args:
-        frames: caption and (height, width, 3) uint8 RGB each.
-        path: of the picture.
-        title: above the grid.
-        columns: pictures in a row.
-    """
+    """Draw captioned pictures ((height, width, 3) uint8 RGB) in a grid, in order, and return the path."""
     path = Path(path)
     if not frames:
         raise InvalidInput("a storyboard", "needs at least one picture", "the trial kept none")
     for caption, image in frames:
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-            raise InvalidInput(
-                f"picture '{caption}'", f"is {image.dtype} of shape {image.shape}", "it must be uint8 (h, w, 3)"
-            )
+            was = f"is {image.dtype} of shape {image.shape}"
+            raise InvalidInput(f"picture '{caption}'", was, "it must be uint8 (h, w, 3)")
     kept = [frames[i] for i in np.linspace(0, len(frames) - 1, min(MAX_PICTURES, len(frames))).round().astype(int)]
     columns = min(columns, len(kept))
     rows = -(-len(kept) // columns)
@@ -85,49 +74,22 @@ def draw_storyboard(
     return path
 
 
-FRAMES_PER_S = 12
-SPEED = 4.0
-"""Seconds of the trial per second of the animation."""
-MAX_S = 15.0
-"""A longer animation is cut: it is an illustration, not a record."""
-SCALE = 0.75
-"""Scale of the animation, relative to a width of 640 pixels."""
-QUALITY = 60
-
-
-def draw_video(
-    trial: Trial,
-    path: str | Path,
-    report: TaskReport | None = None,
-    tick: Callable[[int, int], None] = lambda k, n: None,
-) -> Path:
+def draw_video(trial: Trial, path: str | Path, report: TaskReport, tick: Callable[[int, int], None]) -> Path:
     """Write an animated WebP of a trial at four times its speed, and return its path.
 
-    Args:
-        trial: the trial.
-        path: of the file, ending in ``.webp``.
-        report: of its task: viewpoint and colours.
-        tick: called with the number of each frame and how many there are.
+    ``tick`` is called with the number of each frame and how many there are.
 
     Raises:
         TrocarError: the simulator, which draws the pictures, is not installed.
     """
     path = Path(path)
-    photographer = photographer_of(trial, report or TaskReport(), SCALE)
+    photographer = photographer_of(trial, report, SCALE)
     times = np.arange(0.0, min(trial.duration_s, MAX_S * SPEED), SPEED / FRAMES_PER_S)
     frames = []
-    for number, time_s in enumerate(times.tolist()):
+    for number, time_s in enumerate(times.tolist(), start=1):
         frames.append(Image.fromarray(photographer.picture(time_s)))
-        tick(number + 1, len(times))
+        tick(number, len(times))
+    how = {"duration": round(1e3 / FRAMES_PER_S), "loop": 0, "quality": QUALITY, "method": 4}
     with writing(path, PICTURE) as draft:
-        frames[0].save(
-            draft,
-            xmp=mark_of(PICTURE).encode(),
-            save_all=True,
-            append_images=frames[1:],
-            duration=round(1e3 / FRAMES_PER_S),
-            loop=0,
-            quality=QUALITY,
-            method=4,
-        )
+        frames[0].save(draft, xmp=mark_of(PICTURE).encode(), save_all=True, append_images=frames[1:], **how)
     return path

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
@@ -13,12 +13,25 @@ from trocar.eval.config import FITTED_ON
 from trocar.eval.statistics import wilson_interval
 
 
-def brief_flaws(flaws: Mapping[str, str]) -> str:
-    """Return the difficulty of a run's laboratory and only what differs from it.
+def table_of(
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    title: str = "",
+    caption: str = "",
+    right: Collection[str] = (),
+) -> Table:
+    """Return a table for the terminal and for a page (``page.table``); ``right`` names the columns of numbers."""
+    table = Table(title=title, caption=caption)
+    for name in head:
+        table.add_column(name, justify="right" if name in right else "left")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
-    Args:
-        flaws: as in ``summary.json``, with the difficulty's level and the flaws that were given sizes.
-    """
+
+def brief_flaws(flaws: Mapping[str, str]) -> str:
+    """Return the difficulty of a run's laboratory and only what differs from it; ``flaws`` as in ``summary.json``."""
     level, *named = flaws["difficulty"].split(", ")
     said = [f"difficulty {level}" + (f" except for {', '.join(named)}" if named else "")]
     said += [f"{what} {how}" for what, how in flaws.items() if how == "switched off"]
@@ -36,56 +49,47 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), theirs
         theirs: our run counted as in the paper, if that differs.
     """
     how_many = f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')}"
-    title = ", ".join(text for text in (summary["task"], summary["variant"], how_many, "simulated") if text)
-    apart = "; the paper's count attempts" if paper else ""
-    table = Table(title=title, caption=f"intervals of our rows count sessions{apart}")
-    table.add_column("who")
-    for column in (summary["goal_noun"] + "s", "success", "95 % interval", "mean time s"):
-        table.add_column(column, justify="right")
-    model = f" ({summary['model']})" if summary.get("model") else ""
-    table.add_row(
-        f"trocar, {summary['method']}{model}",
-        *_successes(summary["succeeded"], summary["attempted"], tuple(summary["success_ci95"])),
-        figure(summary["mean_time_s"]),
-        style="bold",
+    numbers = (summary["goal_noun"] + "s", "success", "95 % interval", "mean time s")
+    table = table_of(
+        ("who", *numbers),
+        (),
+        title=", ".join(text for text in (summary["task"], summary["variant"], how_many, "simulated") if text),
+        caption="intervals of our rows count sessions" + ("; the paper's count attempts" if paper else ""),
+        right=numbers,
     )
+    ours = _successes(summary["succeeded"], summary["attempted"], tuple(summary["success_ci95"]))
+    table.add_row(f"trocar, {_method(summary)}", *ours, figure(summary["mean_time_s"]), style="bold")
     if theirs is not None:
         table.add_row(f"the same, {theirs.how}", *_successes(theirs.succeeded, theirs.attempted, theirs.ci95), "")
     if paper:
         table.add_section()
     for row in sorted(paper, key=lambda row: summary["method"] not in row.methods):
-        own = summary["method"] in row.methods
-        table.add_row(
-            f"paper: {row.who}",
-            *_successes(row.succeeded, row.attempted, wilson_interval(row.succeeded, row.attempted)),
-            figure(row.mean_time_s),
-            style="" if own else "dim",
-        )
+        published = _successes(row.succeeded, row.attempted, wilson_interval(row.succeeded, row.attempted))
+        look = "" if summary["method"] in row.methods else "dim"
+        table.add_row(f"paper: {row.who}", *published, figure(row.mean_time_s), style=look)
     return table
 
 
 def headline(summary: Mapping[str, Any]) -> str:
     """Return a run in one sentence: how much of it succeeded, and how certain that is."""
     low, high = summary["success_ci95"]
-    how = f"{summary['method']} ({summary['model']})" if summary.get("model") else summary["method"]
     return (
-        f"{summary['task']}, {how}: {summary['succeeded']} of {counted(summary['attempted'], summary['goal_noun'])}, "
-        f"95 % interval {percent(low)} to {percent(high)}, in {counted(summary['trials'], 'trial')} of "
-        f"{counted(summary['sessions'], 'session')}"
+        f"{summary['task']}, {_method(summary)}: {summary['succeeded']} of "
+        f"{counted(summary['attempted'], summary['goal_noun'])}, 95 % interval {percent(low)} to {percent(high)}, in "
+        f"{counted(summary['trials'], 'trial')} of {counted(summary['sessions'], 'session')}"
     )
 
 
 def parts_table(summary: Mapping[str, Any]) -> Table:
     """Return the time per goal, part by part."""
-    table = Table(title=f"Mean {summary['goal_noun']}, part by part")
-    table.add_column("part")
-    table.add_column("s", justify="right")
-    table.add_column("share", justify="right")
     parts = summary["parts_s"]
     total = sum(parts.values()) or 1.0
-    for name, seconds in sorted(parts.items(), key=lambda item: -item[1]):
-        table.add_row(name, f"{seconds:z.2f}", percent(seconds / total))
-    return table
+    rows = [
+        (name, f"{seconds:z.2f}", percent(seconds / total))
+        for name, seconds in sorted(parts.items(), key=lambda item: -item[1])
+    ]
+    title = f"Mean {summary['goal_noun']}, part by part"
+    return table_of(("part", "s", "share"), rows, title=title, right=("s", "share"))
 
 
 def figure(value: float | None) -> str:
@@ -96,6 +100,10 @@ def figure(value: float | None) -> str:
 def percent(share: float | None) -> str:
     """Return a share as text, a dash where there is none."""
     return "-" if share is None else f"{100 * share:z.1f} %"
+
+
+def _method(summary: Mapping[str, Any]) -> str:
+    return f"{summary['method']} ({summary['model']})" if summary.get("model") else summary["method"]
 
 
 def _successes(succeeded: int, attempted: int, interval: tuple[float, float]) -> tuple[str, str, str]:

@@ -1,0 +1,203 @@
+"""A run's page: headline, figures, pictures, and what the simulator assumes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from trocar.counting import counted
+from trocar.eval import in_words
+from trocar.files.output import write_text
+from trocar.lab.flaws import HARSH, HARSHER, MILD, RECORDED
+from trocar.report.goals import Failed
+from trocar.report.page import Captioned, bullets, document, paragraph, picture, section, table
+from trocar.report.summary import MISSED_WARNING
+from trocar.report.tables import parts_table, percent, table_of
+
+REPLAY = "replay.html"
+
+
+@dataclass(frozen=True, eq=False)
+class RunReport:
+    """Everything that the page of a run shows.
+
+    Attributes:
+        summary: keys as in ``summary.json``.
+        compared: tables of the run beside the paper.
+        goals: tables of the outcomes of goals and trials.
+        failures: how often each failure occurred.
+        failed: all goals that were not reached.
+        failed_pictures: of some of them.
+        storyboard: pictures of a trial, and others that a task draws.
+        timechart: what took the time; None: nothing was noted.
+        shown: which trial the pictures and the replay are of.
+        notes: sentences that a reader must know.
+        strange: sentences about what is missing or unexpected.
+        command: that repeats the run.
+    """
+
+    summary: Mapping[str, Any]
+    compared: Sequence[Table]
+    goals: Sequence[Table]
+    failures: Table
+    failed: Sequence[Failed]
+    failed_pictures: Sequence[Captioned]
+    storyboard: Sequence[Captioned]
+    timechart: Captioned | None
+    shown: str
+    notes: Sequence[str]
+    strange: Sequence[str]
+    command: str
+
+
+def write_page(path: str | Path, run: RunReport) -> Path:
+    """Write the page of a run and return its path; the replay, if there is one, is beside it."""
+    summary = run.summary
+    names = (str(summary[key]) for key in ("task", "variant", "method") if summary[key])
+    title = ", ".join(name.replace("-", " ") for name in names)
+    sections = {
+        "compared": ("Beside the paper" if len(run.compared[0].rows) > 1 else "In numbers", map(table, run.compared)),
+        "goals": (f"{summary['goal_noun'].capitalize()}s", map(table, run.goals)),
+        "failures": ("Failures", _failures(run)),
+        "replay": ("Replay", _replay(Path(path), run.shown)),
+        "pictures": ("Pictures", map(picture, run.storyboard)),
+        "time": ("Time", _time(run)),
+        "assumed": ("What was assumed", _assumed(summary, run.notes)),
+        "again": ("How to run it again", _reproduced(summary, run.command)),
+    }
+    made = {name: (head, made) for name, (head, parts) in sections.items() if (made := section(name, head, *parts))}
+    links = "".join(f'<a href="#{name}">{escape(head)}</a>' for name, (head, _) in made.items())
+    parts = [
+        f"<nav aria-label=Contents>{links}</nav>",
+        _headline(summary),
+        *(paragraph(sentence, "warning") for sentence in [*run.strange, *_warnings(summary)]),
+        *(html for _, html in made.values()),
+    ]
+    model = f", cable model {summary['model']}" if summary["model"] else ""
+    where = (
+        f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')} at station "
+        f"{summary['station']}, seed {summary['seed']}{model}, planner {summary['planner']}."
+    )
+    sub = [where, "Simulated. Research use only, not a medical device."]
+    return write_text(path, document(f"{title[:1].upper()}{title[1:]}", sub, parts), "report")
+
+
+def _headline(summary: Mapping[str, Any]) -> str:
+    """Return cards with success and its interval, time, collisions, complete trials."""
+    noun, whole, mean_s = summary["goal_noun"], summary["completion_time_s"], summary["mean_time_s"]
+    low, high = summary["success_ci95"]
+    interval = f"95 % interval {100 * low:.1f} to {percent(high)}, counting {counted(summary['sessions'], 'session')}"
+    spread = "" if whole["sd"] is None else f" ± {whole['sd']:.1f} (SD)"
+    done = f"{summary['succeeded']} of {summary['attempted']}"
+    complete = f"{summary['complete_trials']} of {summary['trials']}"
+    cards = (
+        (f"{noun}s done", done, f"{percent(summary['success_rate'])}, {interval}"),
+        (
+            f"mean time of a {noun}",
+            "-" if mean_s is None else f"{mean_s:.2f} s",
+            f"a whole trial: {whole['mean']:.1f}{spread} s",
+        ),
+        ("collisions per trial", f"{summary['collisions_per_trial']:.2f}", counted(summary["trials"], "trial")),
+        ("complete trials", complete, f"in which every {noun} succeeded"),
+    )
+    inside = "".join(
+        f"<div><dt>{escape(what)}</dt><dd class=figure>{escape(value)}</dd><dd class=quiet>{escape(more)}</dd></div>"
+        for what, value, more in cards
+    )
+    return f"<dl class=headline>{inside}</dl>"
+
+
+def _warnings(summary: Mapping[str, Any]) -> list[str]:
+    """Return reasons to doubt the figures."""
+    if summary["missed_budgets"] <= MISSED_WARNING:
+        return []
+    return [
+        f"{percent(summary['missed_budgets'])} of computations took longer than the trial's clock counted for them: "
+        "on the machine that ran this, a real arm would have waited."
+    ]
+
+
+def _failures(run: RunReport) -> list[str]:
+    """Return the failures by name, and a picture of each goal that was not reached."""
+    if not run.failed:
+        return [paragraph(f"No failure: every {run.summary['goal_noun']} that was attempted succeeded.")]
+    shown = "".join(map(picture, run.failed_pictures))
+    said = [table(run.failures), f"<div class=pictures>{shown}</div>" if shown else ""]
+    drawn = {shown.path.stem for shown in run.failed_pictures}
+    left = [
+        f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
+        for one in run.failed
+        if one.stem not in drawn
+    ]
+    if left and drawn:
+        said.append(
+            paragraph(f"{counted(len(left), 'more failure')} without a picture here: {', '.join(left)}.", "quiet")
+        )
+    return said
+
+
+def _replay(path: Path, shown: str) -> list[str]:
+    if not path.with_name(REPLAY).is_file():
+        return []
+    return [
+        f"<figure><iframe class=screen src={REPLAY} loading=lazy title='3D replay of {escape(shown)}'></iframe>"
+        f'<figcaption>{escape(shown.capitalize())} in 3D; drag to rotate, scroll to zoom. <a href="{REPLAY}">'
+        f"{REPLAY}</a> is next to this page.</figcaption></figure>"
+    ]
+
+
+def _time(run: RunReport) -> list[str]:
+    parts = table(parts_table(run.summary)) if run.summary["parts_s"] else ""
+    return [parts, picture(run.timechart) if run.timechart else ""]
+
+
+LEVELS = {
+    RECORDED: "The laboratory's errors are as large as in recordings of real instruments, or assumed where none exist.",
+    MILD: "The laboratory's errors are smaller than in recordings of real instruments.",
+    HARSH: f"The laboratory's errors are {HARSHER:g} times as large as in recordings of real instruments.",
+}
+
+
+def _assumed(summary: Mapping[str, Any], notes: Sequence[str]) -> list[str]:
+    """Return how hard the laboratory was, every flaw with its size, and sentences that a reader must know."""
+    flaws = {str(what): str(how) for what, how in summary["flaws"].items()}
+    difficulty = flaws.pop("difficulty", "")
+    level, _, named = difficulty.partition(", ")
+    own = " The flaws named here have their own sizes." if named else ""
+    told = [(what, how) for what, how in flaws.items() if ": " not in what]
+    sized = [(*what.split(": ", 1), how) for what, how in flaws.items() if ": " in what]
+    rows = [(name, how, about) for name, about, how in sized]
+    return [
+        paragraph(f"Difficulty: {difficulty}. {LEVELS.get(level, '')}{own}") if difficulty else "",
+        bullets(f"{note[:1].upper()}{note[1:]}." for note in notes),
+        table(table_of(("what the laboratory has", "how"), told), compact=True) if told else "",
+        table(table_of(("flaw", "size", "what it is"), rows), compact=True) if rows else "",
+    ]
+
+
+def _reproduced(summary: Mapping[str, Any], command: str) -> list[str]:
+    """Return the command, what it was run with, and how fast it was."""
+    use, factor = summary["command_limit_use"], summary["realtime_factor"]
+    compute = "; ".join(
+        f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in sorted(summary["compute_ms"].items())
+    )
+    limits = f"velocity {percent(use['velocity'])}, acceleration {percent(use['acceleration'])}"
+    rows = [
+        ("seed", str(summary["seed"])),
+        ("versions", ", ".join(f"{name} {number}" for name, number in summary["versions"].items())),
+        ("fingerprint of the run", str(summary["fingerprint"])),
+        ("computations, median / 95th percentile", compute or "-"),
+        ("computations over their budget", percent(summary["missed_budgets"])),
+        ("speed of the simulation", "-" if factor is None else f"{factor:.1f} x real time"),
+        ("largest share of the limits sent", limits),
+    ]
+    said = "The same command with the same versions makes the same trials, byte for byte; computation times differ."
+    if "FILE" in command.split():
+        said += " FILE stands for a file that was given."
+    code = f"<pre><code>{escape(command)}</code></pre>"
+    return [code, paragraph(said), table(table_of(("what", "value"), rows), compact=True)]
