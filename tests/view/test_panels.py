@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from made_up_replay import JOINTS, made_up_replay
@@ -16,7 +14,6 @@ from trocar.view.panels import (
     AXIS_PX,
     INK,
     NAMES_PX,
-    NEAR_S,
     PAPER,
     POINTS,
     ROW_PX,
@@ -24,7 +21,6 @@ from trocar.view.panels import (
     WINDOW_S,
     Joints,
     TimeLine,
-    nice_step,
 )
 
 REPLAY = made_up_replay(12.0)
@@ -112,8 +108,8 @@ def test_the_line_is_at_the_present():
 
 def test_close_up_shows_what_is_near_and_stays_within_the_trial():
     assert colour_at(LINE.near(20.0), "right", 0.01) == LINE.colours["wait"]
-    assert colour_at(LINE.near(9.0), "right", (10.5 - 9.0 + NEAR_S) / (2 * NEAR_S)) == LINE.colours["wait"]
-    assert colour_at(LINE.near(9.0), "right", (9.5 - 9.0 + NEAR_S) / (2 * NEAR_S)) == PAPER
+    assert colour_at(LINE.near(9.0), "right", (10.5 - 9.0 + WINDOW_S) / (2 * WINDOW_S)) == LINE.colours["wait"]
+    assert colour_at(LINE.near(9.0), "right", (9.5 - 9.0 + WINDOW_S) / (2 * WINDOW_S)) == PAPER
     assert colour_at(LINE.near(0.0), "left", 0.3) == LINE.colours["move"]
     assert colour_at(LINE.near(40.0), "right", 0.01) == LINE.colours["wait"]
 
@@ -127,10 +123,3 @@ def test_the_legend_names_every_span_once_and_escapes_it():
     legend = TimeLine((("a", "<b>", 0, 1), ("b", "<b>", 1, 2)), 0.0, 2.0).legend()
     assert legend.count("&lt;b&gt;") == 1
     assert "<b>" not in legend
-
-
-@given(length=st.floats(0.01, 1e5))
-def test_ticks_are_round_and_neither_crowded_nor_rare(length):
-    step = nice_step(length)
-    assert 4.4 < length / step < 12
-    assert f"{step:.0e}"[0] in "125"

@@ -95,14 +95,12 @@ FORMATS: dict[str, Callable[[FlatTable, Path], None]] = {
 
 def kind_of(values: Sequence[Any]) -> Kind:
     """Return the type that fits all of these values."""
-    types = [bool, int, float]  # a bool is an int as well: the first that fits
-    found = {
-        next((one for one in types if isinstance(value, one)), bool if isinstance(value, np.bool_) else str)
-        for value in values
-        if value is not None
-    }
-    kinds: tuple[tuple[Kind, set[type]], ...] = (("truth", {bool}), ("integer", {int}), ("number", {int, float}))
-    return next((kind for kind, fitting in kinds if found and found <= fitting), "text")
+    there = [value for value in values if value is not None]
+    truths = [isinstance(value, bool | np.bool_) for value in there]
+    if not there or (any(truths) and not all(truths)):
+        return "text"
+    kinds: list[tuple[Kind, Any]] = [("truth", bool | np.bool_), ("integer", int), ("number", int | float)]
+    return next((kind for kind, types in kinds if all(isinstance(value, types) for value in there)), "text")
 
 
 _PLACE = (

@@ -15,12 +15,11 @@ from trocar.files.output import make_folder, write_json
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
 from trocar.report.command import command_of
-from trocar.report.goals import MOST, draw_failed, failed_goals, failures_table, goals_table, picked, trials_table
+from trocar.report.goals import MOST, draw_failed, failed_goals, picked
 from trocar.report.page import Captioned
-from trocar.report.run_page import RunReport, write_page
+from trocar.report.run_page import place_of, write_page
 from trocar.report.stills import can_photograph, draw_storyboard, photographer_of
 from trocar.report.summary import Summary, summarise
-from trocar.report.tables import run_table
 from trocar.report.timechart import draw_timechart
 
 
@@ -58,23 +57,21 @@ def write_report(
         from trocar.view.replay import write_replay  # an extra
 
         files.append(write_replay(_for_people(first.replay(), report), folder / "replay.html"))
-    compared = run_table(summary, report.paper_rows(summary), report.paper_count(summary))
-    page = RunReport(
-        summary=summary,
-        compared=[compared, *report.tables(summary)],
-        goals=[goals_table(noted, report), *([trials_table(noted)] if len(noted) > 1 else [])],
-        failures=failures_table(summary["failures"], summary["attempted"], summary["goal_noun"], report),
+    page = write_page(
+        folder / "report.html",
+        summary,
+        noted,
+        report,
         failed=failed,
         failed_pictures=failed_pictures,
         storyboard=storyboard,
         timechart=timechart,
-        shown=_place(first),
         notes=report.notes(trials),
         strange=strange,
         command=command_of(first.about, *(requested(run) or _there(noted))),
     )
     drawn = [shown.path for shown in (*storyboard, *([timechart] if timechart else []), *failed_pictures)]
-    return summary, [*files, *drawn, write_page(folder / "report.html", page)]
+    return summary, [*files, *drawn, page]
 
 
 def kept_pictures(folder: str | Path) -> list[str]:
@@ -103,7 +100,7 @@ def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> tupl
     """Draw the first trial and the task's pictures of all trials; return these pictures, and the time chart."""
     first, about = trials[0], trials[0].about
     what = ", ".join(str(about[key]) for key in ("task", "variant", "method") if about[key])
-    place, found = _place(first), []
+    place, found = place_of(first), []
     path = folder / "storyboard.png"
     if can_photograph():
         draw_trial(first, path, f"{what}, {place} of seed {about['seed']} (simulated)", report)
@@ -124,10 +121,6 @@ def _there(trials: Sequence[Trial]) -> tuple[int, int]:
     """Return the numbers of sessions, and of trials in each, that these trials span."""
     places = [(trial.about["session"], trial.about["index"]) for trial in trials]
     return 1 + max(session for session, _ in places), 1 + max(index for _, index in places)
-
-
-def _place(trial: Trial) -> str:
-    return f"session {trial.about['session']}, trial {trial.about['index']}"
 
 
 def draw_trial(trial: Trial, path: str | Path, title: str = "", report: TaskReport | None = None) -> Path:

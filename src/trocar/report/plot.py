@@ -79,7 +79,7 @@ def draw_motion(parts: Mapping[str, tuple[Sequence[str], Derivatives]], path: st
 
 def _column(
     column: Sequence[Axes],
-    times_s: NDArray[np.float64],
+    times_s: NDArray[np.floating],
     rows: Sequence[NDArray[np.float64]],
     names: Sequence[str],
     labels: Sequence[str],
@@ -106,21 +106,10 @@ def plot(thing: Any, **options: Any) -> Picture:
     >>> plot(plan_through(arm, waypoints, limits))
     >>> plot(map, plan=plan).savefig("plan.png")
 
-    | of a | is drawn | options |
-    |---|---|---|
-    | ``Trajectory``, ``TimedPath``, ``MotionPlan`` | position, velocity, acceleration over time | ``joints``: names |
-    | ``Recording`` | commanded and measured wrist over time, and its hysteresis | |
-    | ``Evaluation`` | the same, with what the cable model predicted | |
-    | ``Trial`` | the time chart of its arms | ``title`` |
-    | ``DexterityMap`` | dexterity round the circle | ``plan``: the ``SuturePlan`` to draw on it; ``title`` |
-    | ``SuturePlan`` | its sutures on the circle | ``map``: the ``DexterityMap`` that it was made from; ``title`` |
-
+    Drawn are ``Trajectory``, ``TimedPath``, ``MotionPlan`` (option ``joints``: names), ``Recording``, ``Evaluation``,
+    ``Trial`` (``title``), ``DexterityMap`` (``plan``, ``title``) and ``SuturePlan`` (``map``, ``title``).
     Your own package can add kinds with ``plot.register``, or as an entry point of the group ``trocar.plots``: a
     table of types and functions that draw them.
-
-    Args:
-        thing: to be drawn.
-        options: as in the table.
 
     Raises:
         TrocarError: it has no picture.

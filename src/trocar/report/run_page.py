@@ -3,79 +3,79 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-
 from trocar.counting import counted
-from trocar.eval import in_words
+from trocar.eval import TaskReport, in_words
+from trocar.eval.trial import Trial
 from trocar.files.output import write_text
 from trocar.lab.flaws import HARSH, HARSHER, MILD, RECORDED
-from trocar.report.goals import Failed
+from trocar.report.goals import Failed, failures_table, goals_table, trials_table
 from trocar.report.page import Captioned, bullets, document, paragraph, picture, section, table
 from trocar.report.summary import MISSED_WARNING
-from trocar.report.tables import parts_table, percent, table_of
+from trocar.report.tables import parts_table, percent, run_table, table_of
 
 REPLAY = "replay.html"
 
 
-@dataclass(frozen=True, eq=False)
-class RunReport:
-    """Everything that the page of a run shows.
+def place_of(trial: Trial) -> str:
+    """Return which trial it is, in words."""
+    return f"session {trial.about['session']}, trial {trial.about['index']}"
 
-    Attributes:
+
+def write_page(
+    path: str | Path,
+    summary: Mapping[str, Any],
+    trials: Sequence[Trial],
+    report: TaskReport,
+    *,
+    failed: Sequence[Failed],
+    failed_pictures: Sequence[Captioned],
+    storyboard: Sequence[Captioned],
+    timechart: Captioned | None,
+    notes: Sequence[str],
+    strange: Sequence[str],
+    command: str,
+) -> Path:
+    """Write the page of a run and return its path; the replay of the first trial, if there is one, is beside it.
+
+    Args:
+        path: of the page.
         summary: keys as in ``summary.json``.
-        compared: tables of the run beside the paper.
-        goals: tables of the outcomes of goals and trials.
-        failures: how often each failure occurred.
+        trials: of the run, without their arrays; pictures are of the first.
+        report: of their task.
         failed: all goals that were not reached.
         failed_pictures: of some of them.
-        storyboard: pictures of a trial, and others that a task draws.
+        storyboard: pictures of the first trial, and others that a task draws.
         timechart: what took the time; None: nothing was noted.
-        shown: which trial the pictures and the replay are of.
         notes: sentences that a reader must know.
         strange: sentences about what is missing or unexpected.
         command: that repeats the run.
     """
-
-    summary: Mapping[str, Any]
-    compared: Sequence[Table]
-    goals: Sequence[Table]
-    failures: Table
-    failed: Sequence[Failed]
-    failed_pictures: Sequence[Captioned]
-    storyboard: Sequence[Captioned]
-    timechart: Captioned | None
-    shown: str
-    notes: Sequence[str]
-    strange: Sequence[str]
-    command: str
-
-
-def write_page(path: str | Path, run: RunReport) -> Path:
-    """Write the page of a run and return its path; the replay, if there is one, is beside it."""
-    summary = run.summary
+    compared = [run_table(summary, report.paper_rows(summary), report.paper_count(summary)), *report.tables(summary)]
+    goals = [goals_table(trials, report), *([trials_table(trials)] if len(trials) > 1 else [])]
+    failures = failures_table(summary["failures"], summary["attempted"], summary["goal_noun"], report)
+    parts_s = table(parts_table(summary)) if summary["parts_s"] else ""
     names = (str(summary[key]) for key in ("task", "variant", "method") if summary[key])
     title = ", ".join(name.replace("-", " ") for name in names)
     sections = {
-        "compared": ("Beside the paper" if len(run.compared[0].rows) > 1 else "In numbers", map(table, run.compared)),
-        "goals": (f"{summary['goal_noun'].capitalize()}s", map(table, run.goals)),
-        "failures": ("Failures", _failures(run)),
-        "replay": ("Replay", _replay(Path(path), run.shown)),
-        "pictures": ("Pictures", map(picture, run.storyboard)),
-        "time": ("Time", _time(run)),
-        "assumed": ("What was assumed", _assumed(summary, run.notes)),
-        "again": ("How to run it again", _reproduced(summary, run.command)),
+        "compared": ("Beside the paper" if len(compared[0].rows) > 1 else "In numbers", map(table, compared)),
+        "goals": (f"{summary['goal_noun'].capitalize()}s", map(table, goals)),
+        "failures": ("Failures", _failures(summary["goal_noun"], table(failures), failed, failed_pictures)),
+        "replay": ("Replay", _replay(Path(path), place_of(trials[0]))),
+        "pictures": ("Pictures", map(picture, storyboard)),
+        "time": ("Time", [parts_s, picture(timechart) if timechart else ""]),
+        "assumed": ("What was assumed", _assumed(summary, notes)),
+        "again": ("How to run it again", _reproduced(summary, command)),
     }
     made = {name: (head, made) for name, (head, parts) in sections.items() if (made := section(name, head, *parts))}
     links = "".join(f'<a href="#{name}">{escape(head)}</a>' for name, (head, _) in made.items())
     parts = [
         f"<nav aria-label=Contents>{links}</nav>",
         _headline(summary),
-        *(paragraph(sentence, "warning") for sentence in [*run.strange, *_warnings(summary)]),
+        *(paragraph(sentence, "warning") for sentence in [*strange, *_warnings(summary)]),
         *(html for _, html in made.values()),
     ]
     model = f", cable model {summary['model']}" if summary["model"] else ""
@@ -122,23 +122,21 @@ def _warnings(summary: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _failures(run: RunReport) -> list[str]:
+def _failures(noun: str, counts: str, failed: Sequence[Failed], drawn: Sequence[Captioned]) -> list[str]:
     """Return the failures by name, and a picture of each goal that was not reached."""
-    if not run.failed:
-        return [paragraph(f"No failure: every {run.summary['goal_noun']} that was attempted succeeded.")]
-    shown = "".join(map(picture, run.failed_pictures))
-    said = [table(run.failures), f"<div class=pictures>{shown}</div>" if shown else ""]
-    drawn = {shown.path.stem for shown in run.failed_pictures}
+    if not failed:
+        return [paragraph(f"No failure: every {noun} that was attempted succeeded.")]
+    stems = {shown.path.stem for shown in drawn}
     left = [
         f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
-        for one in run.failed
-        if one.stem not in drawn
+        for one in failed
+        if one.stem not in stems
     ]
-    if left and drawn:
-        said.append(
-            paragraph(f"{counted(len(left), 'more failure')} without a picture here: {', '.join(left)}.", "quiet")
-        )
-    return said
+    if not drawn:
+        return [counts]
+    more = f"{counted(len(left), 'more failure')} without a picture here: {', '.join(left)}."
+    pictures = f"<div class=pictures>{''.join(map(picture, drawn))}</div>"
+    return [counts, pictures, paragraph(more, "quiet") if left else ""]
 
 
 def _replay(path: Path, shown: str) -> list[str]:
@@ -149,11 +147,6 @@ def _replay(path: Path, shown: str) -> list[str]:
         f'<figcaption>{escape(shown.capitalize())} in 3D; drag to rotate, scroll to zoom. <a href="{REPLAY}">'
         f"{REPLAY}</a> is next to this page.</figcaption></figure>"
     ]
-
-
-def _time(run: RunReport) -> list[str]:
-    parts = table(parts_table(run.summary)) if run.summary["parts_s"] else ""
-    return [parts, picture(run.timechart) if run.timechart else ""]
 
 
 LEVELS = {

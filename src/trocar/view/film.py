@@ -70,12 +70,15 @@ def shoot(replay: Replay, rates_hz: Sequence[float] = FRAME_RATES, max_poses: in
     bodies = tuple(moving)
     position = np.array([T.translation_m for T in moving.values()]).reshape(-1, n, 3)
     wxyz = np.array([_steady(T.rotation.as_quaternion()) for T in moving.values()]).reshape(-1, n, 4)
-    for rate_hz in rates_hz:
+
+    def shot(rate_hz: float) -> Film:
         ticks = _ticks(replay.times_s, rate_hz)
-        moved = _moved(position[:, ticks], wxyz[:, ticks])
-        if max_poses is None or moved.sum() <= max_poses:
-            break
-    return Film(rate_hz, ticks, replay.times_s[ticks], bodies, position[:, ticks], wxyz[:, ticks], moved)
+        at, turned = position[:, ticks], wxyz[:, ticks]
+        return Film(rate_hz, ticks, replay.times_s[ticks], bodies, at, turned, _moved(at, turned))
+
+    films = map(shot, rates_hz[:-1])
+    fitting = next((film for film in films if max_poses is None or film.moved.sum() <= max_poses), None)
+    return fitting or shot(rates_hz[-1])
 
 
 def _check(replay: Replay) -> None:

@@ -38,12 +38,6 @@ SPANS: tuple[Rgb, ...] = (
 """Colours of an arm's activities, in the order in which they first occur; repeated if there are more."""
 
 
-def mixed(colour: Rgb, other: Rgb, share: float) -> Rgb:
-    """Return a colour mixed with a share of another."""
-    red, green, blue = (round((1 - share) * a + share * b) for a, b in zip(colour, other, strict=True))
-    return red, green, blue
-
-
 def css(colour: Rgb) -> str:
     """Return a colour in CSS notation."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
@@ -65,8 +59,7 @@ class PathWindow:
         behind_s: time before the present.
         ahead_s: time after the present.
         leap_s: it advances in steps of this time; 0: with each frame, up to the tip itself.
-        width_px: of the line.
-        grey: share of grey in its colour.
+        width_px: of the line; a thin one is greyer.
     """
 
     name: str
@@ -74,23 +67,20 @@ class PathWindow:
     ahead_s: float
     leap_s: float
     width_px: float
-    grey: float
 
 
-NEAR = PathWindow("near", 8.0, 4.0, 1.0, THIN_PX, GREYED)
-PLANNED_NOW = PathWindow("now", 2.0, 1.0, STEP_S, BOLD_PX, 0.0)
-DRIVEN_NOW = PathWindow("now", 2.0, 0.0, 0.0, BOLD_PX, 0.0)
+NEAR = PathWindow("near", 8.0, 4.0, 1.0, THIN_PX)
+PLANNED_NOW = PathWindow("now", 2.0, 1.0, STEP_S, BOLD_PX)
+DRIVEN_NOW = PathWindow("now", 2.0, 0.0, 0.0, BOLD_PX)
 
 
 class Paths:
-    """Planned and driven path of each arm's tip.
+    """Planned and driven path of each arm's tip: nodes ``/paths/ARM KIND, now`` and ``near``, and ``all``.
 
-    Nodes: ``/paths/ARM KIND, now``, ``near`` and ``all``, which is hidden, since in a long trial it would cover the
-    scene.
+    That one is hidden, since in a long trial it would cover the scene.
     """
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
-        """Draw them for the first frame."""
         self._trails: list[Trail] = []
         self._times_s = film.times_s
         for arm, path in replay.tools.items():
@@ -101,8 +91,7 @@ class Paths:
                 known = filled(points)
                 if known is not None:
                     name = f"/paths/{arm} {kind}"
-                    whole = _add_line(scene, f"{name}, all", thinned(known), mixed(colour, GREY, GREYED), THIN_PX)
-                    whole.visible = False
+                    _add_line(scene, f"{name}, all", thinned(known), colour, THIN_PX).visible = False
                     self._trails += [Trail(scene, name, replay.times_s, known, colour, part) for part in (NEAR, now)]
 
     def show(self, frame: int) -> None:
@@ -127,9 +116,7 @@ class Trail:
         self._clock_s = np.arange(times_s[0], times_s[-1] + STEP_S, STEP_S)
         self._on_clock_m = self._points_m[self._ticks(self._clock_s)]
         self._drawn = self._stretch(float(times_s[0]))
-        self._node = _add_line(
-            scene, f"{name}, {part.name}", self._drawn, mixed(colour, GREY, part.grey), part.width_px
-        )
+        self._node = _add_line(scene, f"{name}, {part.name}", self._drawn, colour, part.width_px)
 
     def show(self, time_s: float) -> None:
         """Draw the stretch about a time, unless it is drawn already."""
@@ -175,26 +162,19 @@ def _segments(points_m: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _add_line(scene: SceneApi, name: str, points_m: NDArray[np.float32], colour: Rgb, width_px: float):
-    return scene.add_line_segments(
-        name, _segments(points_m), np.array(colour, np.uint8), thickness=width_px, thickness_units="screen"
-    )
+    """Add a line to the scene; thin ones are greyer."""
+    grey = GREYED if width_px == THIN_PX else 0.0
+    rgb = np.rint((1 - grey) * np.array(colour) + grey * np.array(GREY)).astype(np.uint8)
+    return scene.add_line_segments(name, _segments(points_m), rgb, thickness=width_px, thickness_units="screen")
 
 
 STEP_M = 1e-3  # a label stays in place while its arm moves less than this
 
 
 class ArmLabels:
-    """A label over each arm's tip."""
+    """A label over each arm's tip, so high above it, that says what the arm is doing."""
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film, above_m: float) -> None:
-        """Add the labels.
-
-        Args:
-            scene: the viser scene.
-            replay: with the arms.
-            film: with the frames.
-            above_m: height over the tips.
-        """
         paths = {arm: filled(path.p_world_driven_m) for arm, path in replay.tools.items()}
         self._places = {arm: p[film.ticks] + [0.0, 0.0, above_m] for arm, p in paths.items() if p is not None}
         self._texts = {arm: captions(replay, film, arm) for arm in replay.tools}
@@ -225,31 +205,18 @@ def captions(replay: Replay, film: Film, arm: str) -> list[str]:
     return texts
 
 
-MIN_S = 0.5
-"""A shorter touch is shown for this long, to be visible at all."""
+MIN_S = 0.5  # a shorter touch is shown for this long, to be visible at all
 
 
 class Contacts:
-    """As many balls as there are simultaneous touches."""
+    """As many balls of a radius as there are simultaneous touches, hidden at first."""
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film, radius_m: float) -> None:
-        """Add the balls, hidden at first.
-
-        Args:
-            scene: the viser scene.
-            replay: with the contacts.
-            film: with the frames.
-            radius_m: of a ball.
-        """
         self._rows = rows(replay.contacts)
         self._times_s = film.times_s
         self._shown: list[Contact | None] = [None] * len(self._rows)
-        self._balls = [
-            scene.add_icosphere(
-                f"/contacts/{k}", radius_m, color=CONTACT, opacity=0.85, cast_shadow=False, visible=False
-            )
-            for k in range(len(self._rows))
-        ]
+        look = {"color": CONTACT, "opacity": 0.85, "cast_shadow": False, "visible": False}
+        self._balls = [scene.add_icosphere(f"/contacts/{k}", radius_m, **look) for k in range(len(self._rows))]
         self._labels = [
             scene.add_label(f"/contacts/{k}/label", "", position=(0.0, 0.0, 1.5 * radius_m), anchor="bottom-center")
             for k in range(len(self._rows))
@@ -277,12 +244,11 @@ def rows(contacts: tuple[Contact, ...]) -> list[list[Contact]]:
     """Return the contacts in as few rows as possible without simultaneous contacts in a row."""
     found: list[list[Contact]] = []
     for touch in sorted(contacts, key=lambda touch: touch.time_s):
-        for row in found:
-            if shown_until(row[-1]) <= touch.time_s:
-                row.append(touch)
-                break
-        else:
+        free = next((row for row in found if shown_until(row[-1]) <= touch.time_s), None)
+        if free is None:
             found.append([touch])
+        else:
+            free.append(touch)
     return found
 
 

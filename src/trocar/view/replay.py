@@ -12,20 +12,14 @@ from trocar.replay import Replay
 from trocar.view.film import FRAME_RATES, Film, shoot
 from trocar.view.overlay import with_overlay
 from trocar.view.server import close_server, open_server
-from trocar.view.stage import Stage
+from trocar.view.stage import Bodies, Stage
 
 if TYPE_CHECKING:
     from viser.infra import StateSerializer
 
-    from trocar.view.stage import Bodies
-
 LARGEST_BYTES = 3_000_000
-MAX_POSES = 40_000
-"""This many pose changes fit into a page of less than ``LARGEST_BYTES``; a longer trial gets fewer frames per
-second."""
-
-END_S = 1.0
-"""Pause before the player starts again after its last frame."""
+MAX_POSES = 40_000  # so many pose changes fit into such a page; a longer trial gets fewer frames per second
+END_S = 1.0  # pause before the player starts again after its last frame
 
 
 def write_replay(replay: Replay, path: str | Path) -> Path:
@@ -43,18 +37,13 @@ def write_replay(replay: Replay, path: str | Path) -> Path:
     Raises:
         TrocarError: viser is not installed, the replay does not fit together, or the file cannot be written.
     """
-    page = _page(replay)
-    return write_text(path, page, "replay")
-
-
-def _page(replay: Replay) -> str:
-    """Return the finest page that is small enough; a coarse one if there is much besides the poses."""
-    for share in (1, 2, 4):
+    page = ""
+    for share in (1, 2, 4):  # the finest that is small enough; a coarse one if there is much besides the poses
         film = shoot(replay, FRAME_RATES, MAX_POSES // share)
         page = with_overlay(_recorded(replay, film), replay, film)
         if len(page.encode()) <= LARGEST_BYTES:
             break
-    return page
+    return write_text(path, page, "replay")
 
 
 def _recorded(replay: Replay, film: Film) -> str:

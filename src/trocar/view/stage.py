@@ -21,15 +21,10 @@ if TYPE_CHECKING:
 
 
 class Bodies:
-    """Bodies at their poses; those that move are nodes ``/bodies/NAME`` in the world's frame.
-
-    Attributes:
-        film: their poses at each frame.
-    """
+    """Bodies at their poses; those that move are nodes ``/bodies/NAME`` in the world's frame, first as in frame 0."""
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
-        """Draw all bodies; those that move, at the first frame."""
-        self.film, self._scene = film, scene
+        self._scene, self._moved = scene, film.moved
         # the precision that a browser draws with
         self._position_m, self._wxyz = film.position_m.astype(np.float32), film.wxyz.astype(np.float32)
         parts = body_parts(replay.solids)
@@ -41,7 +36,7 @@ class Bodies:
 
     def moved(self, frame: int) -> Iterator[tuple[str, NDArray[np.float32], NDArray[np.float32]]]:
         """Yield name, position (3,) m and wxyz (4,) of the nodes that have moved since the previous frame."""
-        for i in np.flatnonzero(self.film.moved[:, frame]).tolist():
+        for i in np.flatnonzero(self._moved[:, frame]).tolist():
             yield self._nodes[i].name, self._position_m[i, frame], self._wxyz[i, frame]
 
     def show(self, frame: int) -> None:
@@ -51,27 +46,15 @@ class Bodies:
 
     def _draw(self, body: str, parts: list[Part], T_world_body: SE3) -> Any:
         """Add a body to the scene and return its node."""
-        node = self._scene.add_frame(
-            node_name(body),
-            show_axes=False,
-            position=T_world_body.translation_m,
-            wxyz=T_world_body.rotation.as_quaternion(),
-        )
+        name = "/bodies/" + body.replace("/", "|")  # a slash would attach one body to another
+        position, wxyz = T_world_body.translation_m, T_world_body.rotation.as_quaternion()
+        node = self._scene.add_frame(name, show_axes=False, position=position, wxyz=wxyz)
         for number, part in enumerate(parts):
             *rgb, alpha = part.rgba
-            self._scene.add_mesh_simple(
-                f"{node_name(body)}/{number}",
-                part.mesh.vertices_m,
-                part.mesh.faces,
-                color=np.rint(255 * np.clip(rgb, 0.0, 1.0)).astype(np.uint8),
-                opacity=alpha if alpha < 1 else None,
-            )
+            colour, opacity = np.rint(255 * np.clip(rgb, 0.0, 1.0)).astype(np.uint8), alpha if alpha < 1 else None
+            mesh = part.mesh.vertices_m, part.mesh.faces
+            self._scene.add_mesh_simple(f"{name}/{number}", *mesh, color=colour, opacity=opacity)
         return node
-
-
-def node_name(body: str) -> str:
-    """Return the name of a body's node; a slash in it would attach one body to another."""
-    return "/bodies/" + body.replace("/", "|")
 
 
 LAMP = (-0.9, 1.6, 3.6)
@@ -81,26 +64,18 @@ LIT = 3.0  # radii of the workspace that the lamp reaches
 
 
 class Stage:
-    """Everything that is drawn of a replay.
-
-    Attributes:
-        film: its frames.
-        bodies: its bodies.
-        viewpoint: of the initial view.
-    """
+    """Everything that is drawn of a replay, first at the first frame of its film: bodies, and what is over them."""
 
     def __init__(self, server: ViserServer, replay: Replay, film: Film) -> None:
-        """Draw a replay at its first frame."""
         self.film = film
-        self.viewpoint = viewpoint(replay, film)
-        look_from(server, self.viewpoint)
-        light(server.scene, self.viewpoint)
-        self.bodies = Bodies(server.scene, replay, film)
-        ball_m = 0.035 * self.viewpoint.radius_m
+        view, scene = viewpoint(replay, film), server.scene
+        _look_from(server, view)
+        _light(scene, view)
+        self.bodies = Bodies(scene, replay, film)
         self._moments = (
-            Paths(server.scene, replay, film),
-            Contacts(server.scene, replay, film, ball_m),
-            ArmLabels(server.scene, replay, film, 0.4 * self.viewpoint.radius_m),
+            Paths(scene, replay, film),
+            Contacts(scene, replay, film, 0.035 * view.radius_m),
+            ArmLabels(scene, replay, film, 0.4 * view.radius_m),
         )
 
     def show(self, frame: int) -> None:
@@ -114,7 +89,7 @@ class Stage:
             moment.show(frame)
 
 
-def look_from(server: ViserServer, view: Viewpoint) -> None:
+def _look_from(server: ViserServer, view: Viewpoint) -> None:
     """Set the initial view of the page."""
     camera = server.initial_camera
     camera.position, camera.look_at, camera.up = view.eye_m, view.centre_m, (0.0, 0.0, 1.0)
@@ -122,7 +97,7 @@ def look_from(server: ViserServer, view: Viewpoint) -> None:
     camera.near = 0.02 * float(np.linalg.norm(view.eye_m - view.centre_m))
 
 
-def light(scene: SceneApi, view: Viewpoint) -> None:
+def _light(scene: SceneApi, view: Viewpoint) -> None:
     """Light a scene like a photo studio: one lamp that casts shadows, and a plain background.
 
     viser's own lamps are made for scenes of metres: their shadows begin centimetres behind the object that casts them.
