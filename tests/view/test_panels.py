@@ -44,15 +44,12 @@ def test_the_table_has_every_joint_in_its_unit_with_its_error():
         assert float(cells[-1].strip("*")) == pytest.approx(scale * (true - asked)[k], abs=0.0051)
 
 
-@pytest.mark.parametrize(
-    ("kinds", "heading"),
-    [
-        (("commanded", "measured"), "| joint | commanded | measured | measured - commanded |"),
-        (("true",), "| joint | true |"),
-    ],
-)
-def test_what_there_is_is_compared(kinds, heading):
-    assert joints(*kinds).table(0).splitlines()[0] == heading
+def test_what_there_is_is_compared_under_the_names_that_there_are():
+    one, two = joints("true"), joints("commanded", "measured")
+    assert one.table(0).splitlines()[0] == "| joint | true |"
+    assert two.table(0).splitlines()[0] == "| joint | commanded | measured | measured - commanded |"
+    assert Joints.of(replace(REPLAY, joints={}), "psm1") is None
+    assert "joint 1, deg" in Joints.of(replace(REPLAY, joint_names={}), "psm1").table(0)
 
 
 def test_curves_are_errors_in_degrees_about_now():
@@ -62,19 +59,8 @@ def test_curves_are_errors_in_degrees_about_now():
     assert_allclose(np.degrees(0.002), commanded)
     assert_allclose(np.degrees(0.001), measured)
     assert_allclose(true, -np.degrees(0.01) * np.sin(0.8 * (6.5 + seconds)), atol=1e-9)
-
-
-def test_curves_end_where_the_trial_does():
-    seconds = Joints.of(REPLAY, "psm1").errors_near(0, 0)[0]
-    assert_allclose(seconds[[0, -1]], [0, WINDOW_S], atol=0.06)
-
-
-def test_an_arm_without_joints_has_none():
-    assert Joints.of(replace(REPLAY, joints={}), "psm1") is None
-
-
-def test_joints_without_names_are_counted():
-    assert "joint 1, deg" in Joints.of(replace(REPLAY, joint_names={}), "psm1").table(0)
+    first = Joints.of(REPLAY, "psm1").errors_near(0, 0)[0]
+    assert_allclose(first[[0, -1]], [0, WINDOW_S], atol=0.06)  # none before the trial
 
 
 def test_arrays_of_another_shape_are_told():

@@ -100,7 +100,10 @@ def kind_of(values: Sequence[Any]) -> Kind:
     if not there or (any(truths) and not all(truths)):
         return "text"
     kinds: list[tuple[Kind, Any]] = [("truth", bool | np.bool_), ("integer", int), ("number", int | float)]
-    return next((kind for kind, types in kinds if all(isinstance(value, types) for value in there)), "text")
+    for kind, types in kinds:
+        if all(isinstance(value, types) for value in there):
+            return kind
+    return "text"
 
 
 _PLACE = (

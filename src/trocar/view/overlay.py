@@ -23,20 +23,6 @@ CONTACT: Rgb = (214, 60, 160)
 SKY: Rgb = (238, 240, 243)
 HORIZON: Rgb = (206, 211, 217)
 
-SPANS: tuple[Rgb, ...] = (
-    (86, 180, 233),
-    (230, 159, 0),
-    (60, 190, 150),
-    (240, 228, 66),
-    (204, 121, 167),
-    (235, 125, 60),
-    (110, 150, 220),
-    (180, 180, 180),
-    (170, 200, 90),
-    (150, 130, 200),
-)
-"""Colours of an arm's activities, in the order in which they first occur; repeated if there are more."""
-
 
 def css(colour: Rgb) -> str:
     """Return a colour in CSS notation."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont, UnidentifiedImageError
 from trocar.errors import InvalidInput
 from trocar.replay import CameraImage, Replay
 from trocar.view.film import last_until
-from trocar.view.overlay import CONTACT, DRIVEN, PLANNED, SPANS, Rgb, css
+from trocar.view.overlay import CONTACT, DRIVEN, PLANNED, Rgb, css
 
 if TYPE_CHECKING:
     from viser import GuiApi
@@ -100,6 +101,7 @@ WIDTH_PX, ROW_PX, AXIS_PX, NAMES_PX = 840, 40, 34, 90
 INK: Rgb = (34, 38, 43)
 QUIET: Rgb = (107, 112, 120)
 PAPER: Rgb = (255, 255, 255)
+SPANS = [tuple(rgb) for rgb in np.rint(255 * np.array(mpl.colormaps["Set3"].colors)).astype(int).tolist()]  # type: ignore[attr-defined]
 FONT = ImageFont.load_default(size=20)
 
 
