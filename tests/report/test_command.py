@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from trocar.cli import app
 from trocar.eval import TASKS
 from trocar.eval import folder as trials_folder
-from trocar.report.command import command_of
+from trocar.report.run_page import command_of
 
 RUNS = [
     *(f"run {name} --seed 4" for name in TASKS),

@@ -25,11 +25,11 @@ def run(tmp_path_factory):
         path = trial_file(folder, session, 0)
         path.parent.mkdir(exist_ok=True)
         trial.save(path)
-    most, files.MOST = files.MOST, 2
+    most, files.MOST_FAILED = files.MOST_FAILED, 2
     try:
         write_report(folder, *load_trials(folder))
     finally:
-        files.MOST = most
+        files.MOST_FAILED = most
     return folder, assert_fit_to_show(folder / "report.html"), unmarked(folder / "summary.json")
 
 
@@ -111,7 +111,7 @@ def test_without_a_simulator_or_failures_the_page_is_still_whole(tmp_path, monke
 
 def test_pictures_that_cannot_be_drawn_again_are_kept_shown_and_told(tmp_path, monkeypatch):
     trial = synthetic_trial(RUN, failures={1: "DROPPED"})
-    monkeypatch.setattr(files, "MOST", 1)
+    monkeypatch.setattr(files, "MOST_FAILED", 1)
     write_report(tmp_path, [trial])
     fuller = assert_fit_to_show(tmp_path / "report.html")
     drawn = {path: path.read_bytes() for path in [*tmp_path.rglob("*.png"), tmp_path / "replay.html"]}

@@ -14,11 +14,17 @@ from trocar.extras import how_to_install
 from trocar.files.output import make_folder, write_json
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
-from trocar.report.command import command_of
-from trocar.report.goals import MOST, draw_failed, failed_goals, picked
 from trocar.report.page import Captioned
-from trocar.report.run_page import place_of, write_page
-from trocar.report.stills import can_photograph, draw_storyboard, photographer_of
+from trocar.report.run_page import command_of, place_of, write_page
+from trocar.report.stills import (
+    MOST_FAILED,
+    can_photograph,
+    draw_failed,
+    draw_storyboard,
+    failed_goals,
+    photographer_of,
+    picked,
+)
 from trocar.report.summary import Summary, summarise
 from trocar.report.timechart import draw_timechart
 
@@ -52,7 +58,7 @@ def write_report(
     storyboard, timechart = _pictures(folder, trials, report)
     noted = [trial.noted() for trial in trials]
     failed = failed_goals(noted, report)
-    failed_pictures = draw_failed(folder / "failed", trials, picked(failed, MOST), report, can_photograph())
+    failed_pictures = draw_failed(folder / "failed", trials, picked(failed, MOST_FAILED), report, can_photograph())
     if find_spec("viser") is not None:
         from trocar.view.replay import write_replay  # an extra
 

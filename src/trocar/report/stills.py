@@ -1,9 +1,11 @@
-"""Images of a trial: stills, the storyboard, a video."""
+"""Images of trials: the storyboard, a video, a still of each goal that was not reached."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import chain, groupby, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,11 +14,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from trocar.errors import InvalidInput
-from trocar.eval import TaskReport
+from trocar.eval import TaskReport, in_words
 from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
 from trocar.files.output import PICTURE, mark_of, writing
 from trocar.report import style
+from trocar.report.page import Captioned
+from trocar.report.tables import reason_of
 
 if TYPE_CHECKING:
     from trocar.sim.offscreen import OffscreenCamera
@@ -25,7 +29,8 @@ MAX_PICTURES = 12  # of a storyboard; more are thinned out evenly, keeping the f
 LARGEST_PX = 400  # a picture of a storyboard is reduced to at most this width
 FRAMES_PER_S, SPEED = 12, 4.0  # of a video; seconds of the trial per second of it
 MAX_S = 15.0  # a longer video is cut: it is an illustration, not a record
-SCALE, QUALITY = 0.75, 60  # of a video's frames: of 640 pixels, and WebP's
+SCALE, QUALITY = 0.75, 60  # of a video's frames and of failed goals: of 640 pixels; and WebP's
+MOST_FAILED = 12  # failed goals with a picture; the page says how many more there are
 
 
 def can_photograph() -> bool:
@@ -93,3 +98,81 @@ def draw_video(trial: Trial, path: str | Path, report: TaskReport, tick: Callabl
     with writing(path, PICTURE) as draft:
         frames[0].save(draft, xmp=mark_of(PICTURE).encode(), save_all=True, append_images=frames[1:], **how)
     return path
+
+
+@dataclass(frozen=True)
+class Failed:
+    """One goal that was not reached.
+
+    Attributes:
+        place: index of its trial among the run's.
+        session: of its trial.
+        trial: number of its trial in the session.
+        number: of the goal, from 0 on.
+        failure: its name.
+        what: the goal in words.
+        reason: in a sentence; empty if there is none.
+    """
+
+    place: int
+    session: int
+    trial: int
+    number: int
+    failure: str
+    what: str
+    reason: str
+
+    @property
+    def stem(self) -> str:
+        """Return the name of its picture's file."""
+        return f"session_{self.session:02d}_trial_{self.trial:03d}_goal_{self.number + 1:02d}"
+
+
+def failed_goals(trials: Sequence[Trial], report: TaskReport) -> list[Failed]:
+    """Return all goals that were attempted and not reached, in order."""
+    found = []
+    for place, trial in enumerate(trials):
+        session, index = trial.about["session"], trial.about["index"]
+        for number, score in enumerate(trial.scores):
+            if score["attempted"] and not score["succeeded"]:
+                which = report.goal(score)
+                what = f"{trial.goal_noun} {number + 1}" + (f" ({which})" if which else "")
+                failure = str(score["failure"])
+                found.append(Failed(place, session, index, number, failure, what, reason_of(score, report)))
+    return found
+
+
+def picked(failed: Sequence[Failed], most: int) -> list[Failed]:
+    """Return those that get a picture, in order: the first of each kind of failure, then the second, and so on."""
+    by_name = groupby(sorted(failed, key=lambda one: one.failure), key=lambda one: one.failure)
+    in_turn = chain.from_iterable(zip_longest(*(list(group) for _, group in by_name)))
+    chosen = [one for one in in_turn if one is not None][:most]
+    return sorted(chosen, key=lambda one: (one.place, one.number))
+
+
+def draw_failed(
+    folder: str | Path, trials: Sequence[Trial], failed: Sequence[Failed], report: TaskReport, draw: bool = True
+) -> list[Captioned]:
+    """Draw a picture of each failed goal at the moment that shows its failure, and return them.
+
+    Args:
+        folder: for the files.
+        trials: of the run.
+        failed: of these, in order; each trial is read once.
+        report: of the task.
+        draw: False: return those that were drawn before; the simulator, which draws, is not installed.
+    """
+    found = []
+    for place, of_trial in groupby(failed, key=lambda one: one.place):
+        trial = trials[place]
+        photographer = photographer_of(trial, report, SCALE) if draw else None
+        for one in of_trial:
+            time_s, path = report.failed_s(trial, trial.scores[one.number]), Path(folder) / f"{one.stem}.png"
+            if photographer is not None:
+                style.write_png(path, photographer.picture(time_s))
+            elif not path.is_file():
+                continue
+            where = f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
+            why = f". {one.reason[:1].upper()}{one.reason[1:]}" if one.reason else ""
+            found.append(Captioned(path, f"The cell at {time_s:.1f} s: {where}", f"{where}, at {time_s:.1f} s{why}"))
+    return found

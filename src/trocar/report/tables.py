@@ -1,16 +1,19 @@
-"""Tables of a run for the terminal and for its page, and the active flaws."""
+"""Tables of a run, its goals and trials, for the terminal and for its page, and the active flaws."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from trocar.counting import counted
-from trocar.eval import PaperCount, PaperRow
+from trocar.eval import PaperCount, PaperRow, TaskReport, in_words
 from trocar.eval.config import FITTED_ON
 from trocar.eval.statistics import wilson_interval
+from trocar.eval.trial import Trial
 
 
 def table_of(
@@ -110,3 +113,94 @@ def _successes(succeeded: int, attempted: int, interval: tuple[float, float]) ->
     """Return count, rate and interval as text."""
     rate = succeeded / attempted if attempted else None
     return f"{succeeded} of {attempted}", percent(rate), f"{percent(interval[0])} to {percent(interval[1])}"
+
+
+def goals_table(trials: Sequence[Trial], report: TaskReport) -> Table:
+    """Return a row for each goal: for one trial how it ended and why, for several how often it was reached."""
+    noun, alone = trials[0].goal_noun, len(trials) == 1
+    scores = [trial.scores for trial in trials]
+    goals = [[of_trial[k] for of_trial in scores if k < len(of_trial)] for k in range(max(map(len, scores)))]
+    kinds = [list(dict.fromkeys(report.goal(score) for score in of_goal)) for of_goal in goals]
+    which = [kind[0] if len(kind) == 1 else "" for kind in kinds]  # nothing where trials differ
+    measured = list(dict.fromkeys(name for of_goal in goals for score in of_goal for name in report.measured(score)))
+    rows = []
+    for number, (of_goal, what) in enumerate(zip(goals, which, strict=True), start=1):
+        first = of_goal[0]
+        result = "done" if first["succeeded"] else in_words(str(first["failure"])) or "not done"
+        rows.append(
+            (
+                str(number),
+                *([what] if any(which) else []),
+                result if alone else _how_many(of_goal),
+                figure(_mean([score["end_s"] - score["start_s"] for score in of_goal])),
+                *(_shown([report.measured(score).get(name) for score in of_goal]) for name in measured),
+                reason_of(first, report) if alone else named_failures(of_goal),
+            )
+        )
+    head = (noun, *(["which"] if any(which) else []), "result" if alone else "done", "time s", *measured)
+    return table_of(
+        (*head, "why" if alone else "failures"),
+        rows,
+        title=f"Each {noun}" if alone else f"Each {noun}, of {len(trials)} trials",
+        caption="" if alone else "times and what was measured: means over the trials",
+        right=("time s", *measured),
+    )
+
+
+def trials_table(trials: Sequence[Trial]) -> Table:
+    """Return a row for each trial."""
+    rows = []
+    for trial in trials:
+        attempted = [score for score in trial.scores if score["attempted"]]
+        stopped = "" if trial.finished else f"stopped: {in_words(trial.ended)}"
+        place = f"{trial.about['session']}, {trial.about['index']}"
+        said = "; ".join(filter(None, (named_failures(attempted), stopped)))
+        rows.append((place, _how_many(attempted), f"{trial.duration_s:.1f}", str(len(trial.collisions)), said))
+    return table_of(
+        ("session, trial", f"{trials[0].goal_noun}s done", "time s", "collisions", "failures"),
+        rows,
+        title="Each trial",
+        caption="pictures of any of them: trocar report DIR --session S --trial K",
+        right=("time s", "collisions"),
+    )
+
+
+def failures_table(failures: Mapping[str, int], attempted: int, goal_noun: str, report: TaskReport) -> Table:
+    """Return how often each failure occurred among the goals attempted, most frequent first, and what it means."""
+    of_all = f"of {attempted} {goal_noun}s"
+    rows = [
+        (in_words(name), str(count), sentence_of(name, report))
+        for name, count in sorted(failures.items(), key=lambda item: (-item[1], item[0]))
+    ]
+    return table_of(("failure", of_all, "what it means"), rows, right=(of_all,))
+
+
+def reason_of(score: Mapping[str, Any], report: TaskReport) -> str:
+    """Return why a goal was not reached, in a sentence if there is one; empty after a success."""
+    return str(score["reason"]) or sentence_of(str(score["failure"]), report)
+
+
+def sentence_of(name: str, report: TaskReport) -> str:
+    """Return the sentence of an outcome of a task; empty if it has no outcome of this name."""
+    outcomes = report.outcomes
+    return str(outcomes[name].value) if outcomes is not None and name in outcomes.__members__ else ""
+
+
+def named_failures(scores: Sequence[Mapping[str, Any]]) -> str:
+    """Return how often each failure occurred among scores."""
+    counts = Counter(in_words(str(score["failure"])) for score in scores if score["failure"])
+    return ", ".join(f"{name} {count}" for name, count in counts.most_common())
+
+
+def _how_many(scores: Sequence[Mapping[str, Any]]) -> str:
+    return f"{sum(bool(score['succeeded']) for score in scores)} of {len(scores)}"
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _shown(values: Sequence[float | None]) -> str:
+    """Return the mean of values as text; a single count as it is."""
+    return str(values[0]) if len(values) == 1 and isinstance(values[0], int) else figure(_mean(values))

@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont, UnidentifiedImageError
 from trocar.errors import InvalidInput
 from trocar.replay import CameraImage, Replay
 from trocar.view.film import last_until
-from trocar.view.overlay import CONTACT, DRIVEN, PLANNED, Rgb, css
+from trocar.view.stage import CONTACT, DRIVEN, PLANNED, Rgb, css
 
 if TYPE_CHECKING:
     from viser import GuiApi

@@ -10,8 +10,8 @@ import numpy as np
 
 from trocar.replay import Replay
 from trocar.view.film import last_until, shoot
-from trocar.view.overlay import NOTICE
 from trocar.view.panels import panels
+from trocar.view.replay import NOTICE
 from trocar.view.server import close_server, open_server
 from trocar.view.stage import Stage
 
