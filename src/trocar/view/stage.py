@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.replay import Contact, Replay
+from trocar.replay import Replay
 from trocar.view.film import Film
 from trocar.view.mesh import Part, body_parts
 from trocar.view.viewpoint import FIELD_RAD, Viewpoint, viewpoint
@@ -200,47 +200,23 @@ MIN_S = 0.5  # a shorter touch is shown for this long, to be visible at all
 
 
 class Contacts:
-    """As many balls of a radius as there are simultaneous touches, hidden at first."""
+    """A ball with a label at the place of each contact, seen while it lasts."""
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film, radius_m: float) -> None:
-        self._rows = rows(replay.contacts)
-        self._times_s = film.times_s
-        self._shown: list[Contact | None] = [None] * len(self._rows)
-        look = {"color": CONTACT, "opacity": 0.85, "cast_shadow": False, "visible": False}
-        self._balls = [scene.add_icosphere(f"/contacts/{k}", radius_m, **look) for k in range(len(self._rows))]
-        self._labels = [
-            scene.add_label(f"/contacts/{k}/label", "", position=(0.0, 0.0, 1.5 * radius_m), anchor="bottom-center")
-            for k in range(len(self._rows))
-        ]
+        self._times_s, self._touches = film.times_s, []
+        for k, touch in enumerate(replay.contacts):
+            look = {"color": CONTACT, "opacity": 0.85, "cast_shadow": False, "visible": False}
+            ball = scene.add_icosphere(f"/contacts/{k}", radius_m, position=touch.p_world_m, **look)
+            said = f"{' - '.join(touch.between)}, {touch.force_n:.1f} N"
+            above = (0.0, 0.0, 1.5 * radius_m)
+            scene.add_label(f"/contacts/{k}/label", said, position=above, anchor="bottom-center")
+            self._touches.append((ball, touch.time_s, max(touch.end_s, touch.time_s + MIN_S)))
 
     def show(self, frame: int) -> None:
         """Show the touches of a frame."""
         time_s = float(self._times_s[frame])
-        for k, row in enumerate(self._rows):
-            now = next((touch for touch in row if touch.time_s <= time_s < shown_until(touch)), None)
-            if now is not self._shown[k]:
-                self._shown[k] = now
-                if now is not None:
-                    self._balls[k].position = now.p_world_m
-                    self._labels[k].text = f"{' - '.join(now.between)}, {now.force_n:.1f} N"
-                self._balls[k].visible = now is not None
-
-
-def shown_until(touch: Contact) -> float:
-    """Return the time until which a touch is shown."""
-    return max(touch.end_s, touch.time_s + MIN_S)
-
-
-def rows(contacts: tuple[Contact, ...]) -> list[list[Contact]]:
-    """Return the contacts in as few rows as possible without simultaneous contacts in a row."""
-    found: list[list[Contact]] = []
-    for touch in sorted(contacts, key=lambda touch: touch.time_s):
-        free = next((row for row in found if shown_until(row[-1]) <= touch.time_s), None)
-        if free is None:
-            found.append([touch])
-        else:
-            free.append(touch)
-    return found
+        for ball, start_s, end_s in self._touches:
+            ball.visible = start_s <= time_s < end_s  # viser sends what has changed
 
 
 class Bodies:
