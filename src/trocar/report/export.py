@@ -59,7 +59,7 @@ class FlatTable:
         """Return the table of these rows."""
         return FlatTable(name, tuple(columns), tuple(zip(*rows, strict=True)) if rows else ((),) * len(columns))
 
-    def write_csv(self, path: Path) -> None:
+    def write_csv(self, path: str | Path) -> None:
         """Write it as CSV: empty cells are missing values, booleans ``true`` or ``false``, numbers have nine digits."""
         cells = [
             ["" if value is None else _SHOWN[column.kind](value) for value in values]
@@ -67,7 +67,7 @@ class FlatTable:
         ]
         write_table(path, [column.name for column in self.columns], zip(*cells, strict=True))
 
-    def write_parquet(self, path: Path) -> None:
+    def write_parquet(self, path: str | Path) -> None:
         """Write it as Parquet, its mark in the file's metadata; raises as ``writing`` does."""
         import pyarrow as pa
         import pyarrow.parquet as pq
