@@ -112,7 +112,8 @@ def test_the_legend_counts_what_overlaps_once_as_the_table_does():
 
 
 def test_it_grows_with_its_rows_and_without_spans_there_is_nothing_to_draw():
-    one, both = (plot(trial_of(*SPANS, *more)) for more in ([], [replace(SPANS[0], arm="psm2")]))
+    one, both = (plot(trial_of(*SPANS, *more), title="Mine") for more in ([], [replace(SPANS[0], arm="psm2")]))
+    assert one.axes[0].get_title(loc="left") == "Mine"
     assert both.get_figheight() > one.get_figheight()
     with pytest.raises(TrocarError, match="at least one span"):
         plot(trial_of())

@@ -54,11 +54,11 @@ def write_page(
 
     Args:
         path: of the page.
-        summary: keys as in ``summary.json``.
-        trials: of the run, without their arrays; pictures are of the first.
+        summary: of the run.
+        trials: likewise, without their arrays; pictures are of the first.
         report: of their task.
-        failed: all goals that were not reached.
-        failed_pictures: of some of them.
+        failed: all goals that were not reached; pictures of some of them.
+        failed_pictures: these pictures.
         storyboard: pictures of the first trial, and others that a task draws.
         timechart: what took the time; None: nothing was noted.
         notes: sentences that a reader must know.

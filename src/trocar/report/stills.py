@@ -102,17 +102,7 @@ def draw_video(trial: Trial, path: str | Path, report: TaskReport, tick: Callabl
 
 @dataclass(frozen=True)
 class Failed:
-    """One goal that was not reached.
-
-    Attributes:
-        place: index of its trial among the run's.
-        session: of its trial.
-        trial: number of its trial in the session.
-        number: of the goal, from 0 on.
-        failure: its name.
-        what: the goal in words.
-        reason: in a sentence; empty if there is none.
-    """
+    """One goal that was not reached; ``place``: index of its trial among the run's; ``what``: the goal in words."""
 
     place: int
     session: int
@@ -155,12 +145,7 @@ def draw_failed(
 ) -> list[Captioned]:
     """Draw a picture of each failed goal at the moment that shows its failure, and return them.
 
-    Args:
-        folder: for the files.
-        trials: of the run.
-        failed: of these, in order; each trial is read once.
-        report: of the task.
-        draw: False: return those that were drawn before; the simulator, which draws, is not installed.
+    Each trial is read once. With ``draw`` off, return those that were drawn before: the simulator, which draws, is not installed.
     """
     found = []
     for place, of_trial in groupby(failed, key=lambda one: one.place):

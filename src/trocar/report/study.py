@@ -47,12 +47,7 @@ def write_study(
 ) -> tuple[dict[str, Any], list[TableData], list[str], list[Path]]:
     """Write summary, pictures and page of a study; return the summary, its tables, its notes, and the files.
 
-    Args:
-        folder: of the study.
-        name: of its task.
-        study: of the task.
-        results: of its conditions.
-        missing: a sentence for each trial that is missing.
+    ``name`` is the task's; ``missing`` has a sentence for each trial that is missing.
     """
     folder = Path(folder)
     summary = summary_of(name, study, results)

@@ -16,8 +16,8 @@ from trocar.eval.trial import Trial
 from trocar.log import Span
 from trocar.report import style
 
-OTHER = "other"
-"""Name of the time in which a script noted nothing."""
+OTHER = "other"  # name of the time in which a script noted nothing
+NEARLY_S = 1e-9
 
 
 def parts_of(spans: Sequence[Span], arm: str, duration_s: float) -> dict[str, float]:
@@ -38,9 +38,6 @@ def parts_of(spans: Sequence[Span], arm: str, duration_s: float) -> dict[str, fl
             counted_s = -minus_end_s
     parts[OTHER] = max(0.0, duration_s - sum(parts.values()))  # sums of floats leave -1e-15 s
     return parts
-
-
-NEARLY_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -93,12 +90,9 @@ COLOURS = {
 START, BETWEEN, END = -1, sys.maxsize - 1, sys.maxsize
 """Pseudo goals for what an arm does before its first goal, between two of its own, and after its last."""
 NO_GOAL = {START: "start", BETWEEN: "between", END: "end"}
-SIZE_IN, ROW_IN = (9.0, 1.3), 0.24
-"""Width, height without rows, and height of a row."""
-LONG = 20
-"""Six labels of this many letters fit beside each other."""
-OVERLAP = 0.25
-"""An overlap of less than this share of a part's time is not mentioned."""
+SIZE_IN, ROW_IN = (9.0, 1.3), 0.24  # width and height without rows; height of a row
+LONG = 20  # six labels of this many letters fit beside each other
+OVERLAP = 0.25  # an overlap of less than this share of a part's time is not mentioned
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from trocar.errors import InvalidInput
 from trocar.replay import Replay
 
-FRAME_RATES = (30.0, 25.0, 20.0, 15.0, 12.0, 10.0, 7.5, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
-"""Frames per second of the trial's clock, the finest first."""
-
+FRAME_RATES = (30.0, 25.0, 20.0, 15.0, 12.0, 10.0, 7.5, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)  # per second, the finest first
 STILL_M = 20e-6
 STILL_RAD = 100e-6
 """A body's pose is updated once it has moved or turned by more than this since its last update: less than a fifth of a

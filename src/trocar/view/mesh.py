@@ -17,11 +17,10 @@ from trocar.errors import InvalidInput
 from trocar.geometry import SE3, TURN
 from trocar.replay import SHAPES, Solid
 
-CREASE_RAD = math.radians(30.0)
-"""Faces that meet at a smaller angle than this are shaded as one rounded surface."""
-
-WELD_M = 1e-6
-"""Corners in the same cell of a grid this fine count as one corner."""
+CREASE_RAD = math.radians(30.0)  # faces that meet at a smaller angle are shaded as one rounded surface
+WELD_M = 1e-6  # corners in the same cell of a grid this fine count as one corner
+RINGS = 7  # of half a sphere
+Rgba = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,11 +169,6 @@ def finger(arm: ArmModel) -> Mesh:
     """Return one finger in a frame on the jaw axis, whose -z it points along; it closes against the plane x = 0."""
     T_jaw_joint = SE3(np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]))
     return hull(T_jaw_joint.apply(arm.instrument.finger_m(1)))
-
-
-Rgba = tuple[float, float, float, float]
-
-RINGS = 7  # of half a sphere
 
 
 @dataclass(frozen=True, eq=False)
