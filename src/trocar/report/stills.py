@@ -145,7 +145,7 @@ def draw_failed(
 ) -> list[Captioned]:
     """Draw a picture of each failed goal at the moment that shows its failure, and return them.
 
-    Each trial is read once. With ``draw`` off, return those that were drawn before: the simulator, which draws, is not installed.
+    Each trial is read once. With ``draw`` off (the simulator is not installed), return those that were drawn before.
     """
     found = []
     for place, of_trial in groupby(failed, key=lambda one: one.place):
