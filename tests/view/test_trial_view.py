@@ -15,7 +15,7 @@ from trocar.replay import CameraImage
 
 pytest.importorskip("viser")
 from trocar.view.panels import CameraPanel, JointsPanel, TimeLinePanel, decoded
-from trocar.view.trial_view import TrialView, jumps, show_replay
+from trocar.view.trial_view import TrialView, jumps
 
 REPLAY = made_up_replay(12.0)
 SOMEBODY = SimpleNamespace(client=object())
@@ -24,7 +24,7 @@ NOBODY = SimpleNamespace(client=None)
 
 @pytest.fixture(scope="module")
 def view():
-    view = show_replay(REPLAY, port=0, block=False)
+    view = TrialView(REPLAY, 0)
     yield view
     view.close()
 
@@ -177,21 +177,13 @@ def test_what_a_trial_does_not_have_is_left_out(replay):
 
 
 def test_only_this_machine_can_open_it_and_it_says_nothing_on_stdout(capsys):
-    view = show_replay(still_replay(), 0, block=False)
+    view = TrialView(still_replay(), 0)
     assert view.server.get_host() == "127.0.0.1"
     view.close()
+    assert not view.server._websock_server._server_thread.is_alive()
     assert capsys.readouterr().out == ""
 
 
 def test_a_port_out_of_range_is_told():
     with pytest.raises(TrocarError, match="the port is 65536; give 1 to 65535, or 0 for any that is free"):
         TrialView(still_replay(), 65536)
-
-
-def test_ctrl_c_stops_serving(monkeypatch):
-    def interrupted(view):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(TrialView, "play", interrupted)
-    view = show_replay(still_replay(), 0)
-    assert not view.server._websock_server._server_thread.is_alive()

@@ -22,7 +22,7 @@ PANEL_PX = 460
 
 
 class TrialView:
-    """A replay on a server that only this machine can reach.
+    """A replay on a server that only this machine can reach; :meth:`play` lets time run there.
 
     Args:
         replay: to be shown.
@@ -39,7 +39,7 @@ class TrialView:
         TrocarError: viser is not installed, or the replay is inconsistent.
     """
 
-    def __init__(self, replay: Replay, port: int) -> None:
+    def __init__(self, replay: Replay, port: int = 8080) -> None:
         film = shoot(replay, (FRAMES_PER_S,))
         self._times_s = replay.times_s
         self.time_s, self.plays = float(replay.times_s[0]), False
@@ -146,18 +146,3 @@ def jumps(replay: Replay) -> dict[str, float]:
         words = [str(event["name"]), *(f"{key} {value}" for key, value in short.items())]
         found.append((float(event["time_s"]), ", ".join(words)))  # type: ignore[arg-type]
     return {f"{at:.2f} s  {words}": at for at, words in sorted(found)}
-
-
-def show_replay(replay: Replay, port: int = 8080, block: bool = True) -> TrialView:
-    """Serve a replay to the browser and return the view, whose ``port`` says where; with ``block``, stay until Ctrl-C.
-
-    Raises:
-        TrocarError: as ``TrialView``.
-    """
-    view = TrialView(replay, port)
-    if block:
-        try:
-            view.play()
-        except KeyboardInterrupt:
-            view.close()
-    return view
