@@ -36,7 +36,8 @@ def test_pictures_are_written_small_and_a_storyboard_thins_out_what_it_is_given(
     frames = [(f"step {k}", shades) for k in range(30)]
     one, all_ = (drawn(draw_storyboard(some, tmp_path / "story.png")) for some in (frames[:1], frames))
     assert one.shape[1] == all_.shape[1] > 1000
-    assert all_.shape[0] < one.shape[0], "three rows of four pictures, not eight rows"
+    row_in = 9.6 / 4 * 480 / 640 + 0.28
+    assert all_.shape[0] == pytest.approx(130 * (3 * row_in + 0.4), abs=3), "three rows of four pictures"
 
 
 def test_the_storyboard_of_a_trial_shows_its_moments(tmp_path):

@@ -63,6 +63,14 @@ def test_what_the_paper_counts_is_said_beside_it(trials):
     assert low < 20 / 23 < high and (low, high) != tuple(summary["success_ci95"])
 
 
+def test_what_was_not_to_be_attempted_does_not_count():
+    trial = synthetic_trial(RUN)
+    scores = [*trial.scores[:-1], trial.scores[-1] | {"attempted": False, "succeeded": False}]
+    summary = summarise([replace(trial, scores=scores)])
+    assert (summary["succeeded"], summary["attempted"], summary["complete_trials"]) == (11, 11, 0)
+    assert summary["success_ci95"] == pytest.approx(session_interval([11], [11]))
+
+
 def test_the_interval_counts_sessions():
     runs = [synthetic_trial(RUN, index, {1: "DROPPED"}, session=session) for session in range(4) for index in range(2)]
     summary = summarise(runs)

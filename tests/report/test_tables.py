@@ -1,11 +1,13 @@
 """Tables of a run, beside the paper."""
 
 import io
+from dataclasses import replace
 
 from rich.console import Console
 
-from trocar.report.tables import parts_table, run_table
-from trocar.tasks.peg_transfer.report.peg_report import PAPER
+from synthetic import synthetic_trial
+from trocar.report.tables import goals_table, parts_table, run_table
+from trocar.tasks.peg_transfer.report.peg_report import PAPER, PegReport
 
 SUMMARY = {
     "task": "peg-transfer",
@@ -45,3 +47,12 @@ def test_a_run_without_a_paper_and_without_a_model_has_a_table_too():
     assert "paper" not in text and "trocar, calibrated " in text and "0 of 0" in text
     parts = printed(parts_table({**SUMMARY, "parts_s": {"motion": 3.0, "other": -2e-15}}))
     assert "-0.0" not in parts, "less than nothing by rounding is nothing"
+
+
+def test_a_goal_in_which_trials_differ_is_not_named():
+    first, second = synthetic_trial(), synthetic_trial(failures={2: "DROPPED"})
+    other = replace(second, scores=[second.scores[1], *second.scores[1:]])
+    number, which, done, _, *_, failures = goals_table([first, other], PegReport()).columns
+    assert list(number.cells)[:3] == ["1", "2", "3"]
+    assert [bool(cell) for cell in which.cells] == [False] + [True] * 11
+    assert list(done.cells)[1:4] == ["2 of 2", "1 of 2", "2 of 2"] and list(failures.cells)[2] == "dropped 1"

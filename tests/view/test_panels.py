@@ -100,6 +100,11 @@ def test_close_up_shows_what_is_near_and_stays_within_the_trial():
     assert colour_at(LINE.near(40.0), "right", 0.01) == LINE.colours["wait"]
 
 
+def test_the_axis_has_ticks_within_the_picture_only():
+    names = TimeLine(SPANS, 0.3, 39.2).whole(0.3)[-AXIS_PX:, 30 : NAMES_PX - 12]
+    assert (names == PAPER).all()
+
+
 def test_a_short_trial_is_shown_whole_close_up():
     short = TimeLine((("arm", "move", 0.0, 2.0),), 0.0, 2.0)
     assert short.near(1.0).shape == short.whole(1.0).shape == (ROW_PX + AXIS_PX, WIDTH_PX, 3)

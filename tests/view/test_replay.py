@@ -124,6 +124,13 @@ def test_contacts_are_seen_at_their_place_while_they_last(recording):
     assert not any(node.visible for name, node in nodes.items() if re.fullmatch(r"/contacts/\d+", name))
 
 
+def test_a_short_contact_is_seen_for_half_a_second(tmp_path):
+    touch = replace(REPLAY.contacts[0], time_s=0.5, end_s=0.51)
+    page = write_replay(replace(made_up_replay(1.5), contacts=(touch,)), tmp_path / "replay.html")
+    player = Player(Recording.of(page.read_text()))
+    assert [player.play_to(at)["/contacts/0"].visible for at in (0.45, 0.55, 0.95, 1.1)] == [False, True, True, False]
+
+
 def test_labels_stand_over_the_tips_and_say_what_the_arms_do(recording):
     player = Player(recording)
     for time_s, doing in ((0.5, "capture"), (1.5, "perceive"), (4.5, "grasp")):
