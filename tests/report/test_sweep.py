@@ -13,7 +13,7 @@ from trocar.eval.study import read_study, row_file
 from trocar.eval.trial import trial_file
 from trocar.lab.flaws import FLAWS, Difficulty
 from trocar.report import style
-from trocar.report.sweep import KIND, Row, Sweep, conditions_of, figures_of, tables_of, write_sweep
+from trocar.report.sweep import KIND, Row, Sweep, conditions_of, draw_curves, figures_of, tables_of, write_sweep
 
 PEG = 'task = "peg-transfer"\n'
 
@@ -123,7 +123,8 @@ def test_figures_count_goals_and_sessions_of_all_seeds(tmp_path, monkeypatch):
     curve, mark = success.lines
     sizes = [one["size"] for one in (none, recorded, large)]
     assert_allclose(curve.get_xydata(), np.column_stack([sizes, [100.0, 100.0, 50.0]]))
-    assert_allclose(mark.get_xdata(), recorded["size"])
+    draw_curves([large], tmp_path / "large.png")
+    assert_allclose([mark.get_xdata(), pictures[1].axes[0].lines[1].get_xdata()], recorded["size"])
     assert_allclose([bar[:, 1] for bar in success.collections[0].get_segments()][2], [100 * low, 100 * high])
     assert_allclose(collisions.lines[0].get_ydata(), [0.0, 1.0, 4.0])
     assert unmarked(files[0]) == summary and missing[0] in summary["notes"]

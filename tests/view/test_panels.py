@@ -101,7 +101,7 @@ def test_close_up_shows_what_is_near_and_stays_within_the_trial():
 
 
 def test_the_axis_has_ticks_within_the_picture_only():
-    names = TimeLine(SPANS, 0.3, 39.2).whole(0.3)[-AXIS_PX:, 30 : NAMES_PX - 12]
+    names = TimeLine(SPANS, 0.3, 39.2).whole(0.3)[-AXIS_PX:, 30 : NAMES_PX - 1]
     assert (names == PAPER).all()
 
 
