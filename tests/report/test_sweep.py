@@ -124,7 +124,7 @@ def test_figures_count_goals_and_sessions_of_all_seeds(tmp_path, monkeypatch):
     sizes = [one["size"] for one in (none, recorded, large)]
     assert_allclose(curve.get_xydata(), np.column_stack([sizes, [100.0, 100.0, 50.0]]))
     draw_curves([large], tmp_path / "large.png")
-    assert_allclose([mark.get_xdata(), pictures[1].axes[0].lines[1].get_xdata()], recorded["size"])
+    assert_allclose([mark.get_xdata(), pictures[1].axes[0].lines[1].get_xdata()], recorded["size"], rtol=1e-5)
     assert_allclose([bar[:, 1] for bar in success.collections[0].get_segments()][2], [100 * low, 100 * high])
     assert_allclose(collisions.lines[0].get_ydata(), [0.0, 1.0, 4.0])
     assert unmarked(files[0]) == summary and missing[0] in summary["notes"]
