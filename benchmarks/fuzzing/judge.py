@@ -40,7 +40,7 @@ WORK = (
     "trocar.calibration.study.run_models",
     "trocar.tasks.suture.planning.setup_search.search_setup",
     "trocar.tasks.suture.view.PlanView",
-    "trocar.view.trial_view.show_replay",
+    "trocar.view.trial_view.TrialView",
     "trocar.report.files._pictures",
     "webbrowser.open",
 )

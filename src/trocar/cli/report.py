@@ -172,9 +172,9 @@ def view(
     from trocar.eval.trial import Trial  # SciPy only when needed
 
     replay = Trial.load(trial_in(folder, session, trial)).replay()
-    from trocar.view.trial_view import show_replay  # viser is heavy
+    from trocar.view.trial_view import TrialView  # viser is heavy
 
-    shown = show_replay(replay, port, block=False)
+    shown = TrialView(replay, port)
     address = f"http://127.0.0.1:{shown.port}"
     typer.echo(f"{replay.title}: {address} in a browser; Ctrl-C ends", err=True)
     if open_browser:

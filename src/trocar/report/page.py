@@ -1,15 +1,14 @@
-"""The look and the parts of a page: sections, tables, pictures, lists."""
+"""The look and the parts of a page for a browser: sections, tables, pictures. Nothing is loaded from a network."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
 from rich.table import Table
-
-from trocar.report.picture import Picture
 
 STYLE = """
 :root{color-scheme:light dark;--ink:#1c1f23;--quiet:#5c6670;--line:#d8dde2;--paper:#fff;--card:#f4f6f8;--mark:#0b63a5;
@@ -53,19 +52,26 @@ td,th{padding-right:.7em}
 div.pictures{grid-template-columns:repeat(3,1fr)}img{max-height:17cm;width:auto}a{text-decoration:none}
 thead{display:table-header-group}}
 """
-
-
 MIME = {".png": "image/png", ".webp": "image/webp"}
 
 
-def document(title: str, sub: Iterable[str], parts: Iterable[str]) -> str:
-    """Return a page.
+@dataclass(frozen=True)
+class Captioned:
+    """A picture for a page.
 
-    Args:
-        title: of the page, and its first heading.
-        sub: lines under it.
-        parts: HTML, in order.
+    Attributes:
+        path: of its file.
+        alt: what it shows, for those who do not see it.
+        caption: below it.
     """
+
+    path: Path
+    alt: str
+    caption: str
+
+
+def document(title: str, sub: Iterable[str], parts: Iterable[str]) -> str:
+    """Return a page: its title, lines under it, and parts in HTML."""
     lines = "".join(f"<p class=sub>{escape(line)}</p>" for line in sub)
     return (
         "<!doctype html><html lang=en><head><meta charset=utf-8><meta name=viewport "
@@ -75,13 +81,7 @@ def document(title: str, sub: Iterable[str], parts: Iterable[str]) -> str:
 
 
 def section(name: str, title: str, *parts: str) -> str:
-    """Return a section with a heading.
-
-    Args:
-        name: anchor for links within the page.
-        title: of the heading.
-        parts: HTML, in order; without any there is no section.
-    """
+    """Return a section with a heading and the anchor ``name``; empty if it has no parts."""
     inside = "\n".join(part for part in parts if part)
     return f'<section id="{name}"><h2>{escape(title)}</h2>\n{inside}</section>' if inside else ""
 
@@ -97,62 +97,31 @@ def bullets(lines: Iterable[str]) -> str:
     return f"<ul class=notes>{inside}</ul>" if inside else ""
 
 
-def table(
-    head: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    *,
-    caption: str = "",
-    numbers: Collection[int] = (),
-    kinds: Sequence[str] = (),
-    compact: bool = False,
-) -> str:
-    """Return a table; the first cell of each row is its header.
+def table(printed: Table, compact: bool = False) -> str:
+    """Return a console table as HTML, its title as a heading, the first cell of each row as its header.
 
-    Args:
-        head: of the columns.
-        rows: cells.
-        caption: below it.
-        numbers: columns that are right-aligned.
-        kinds: class of each row, ``ours`` or ``dim``; empty: none.
-        compact: set in smaller type.
+    Rows in bold are marked as our own, dim ones as quiet; ``compact`` sets it in smaller type.
     """
+    columns = list(printed.columns)
 
-    def line(cells: Sequence[str], kind: str, heads: bool) -> str:
+    def line(cells: Iterable[str], kind: str, head: bool = False) -> str:
         found = []
-        for column, cell in enumerate(cells):
-            number = " class=number" if column in numbers else ""
-            if heads or column == 0:
-                found.append(f"<th scope={'col' if heads else 'row'}{number}>{escape(cell)}</th>")
-            else:
-                found.append(f"<td{number}>{escape(cell)}</td>")
+        for number, (column, cell) in enumerate(zip(columns, cells, strict=True)):
+            tag = f"th scope={'col' if head else 'row'}" if head or number == 0 else "td"
+            right = " class=number" if column.justify == "right" else ""
+            found.append(f"<{tag}{right}>{escape(cell)}</{tag[:2]}>")
         return f"<tr{f' class={kind}' if kind else ''}>{''.join(found)}</tr>"
 
-    rows = list(rows)
-    kinds = kinds or [""] * len(rows)
-    body = "".join(line(row, kind, heads=False) for row, kind in zip(rows, kinds, strict=True))
-    below = f"<caption>{escape(caption)}</caption>" if caption else ""
-    look = " class=compact" if compact else ""
-    top = line(head, "", heads=True)
-    return f"<div class=wide><table{look}>{below}<thead>{top}</thead><tbody>{body}</tbody></table></div>"
-
-
-def of_table(printed: Table) -> str:
-    """Return a console table as a table of the page, with its title as a heading."""
-    columns = list(printed.columns)
-    cells = [[str(cell) for cell in column.cells] for column in columns]
     kinds = [{"bold": "ours", "dim": "dim"}.get(str(row.style), "") for row in printed.rows]
-    numbers = {place for place, column in enumerate(columns) if column.justify == "right"}
-    made = table(
-        [str(column.header) for column in columns],
-        list(zip(*cells, strict=True)),
-        caption=str(printed.caption or ""),
-        numbers=numbers,
-        kinds=kinds,
-    )
-    return f"<h3>{escape(str(printed.title))}</h3>{made}" if printed.title else made
+    rows = zip(*([str(cell) for cell in column.cells] for column in columns), strict=True)
+    body = "".join(line(row, kind) for row, kind in zip(rows, kinds, strict=True))
+    title = f"<h3>{escape(str(printed.title))}</h3>" if printed.title else ""
+    below = f"<caption>{escape(str(printed.caption))}</caption>" if printed.caption else ""
+    top, look = line([str(column.header) for column in columns], "", head=True), " class=compact" if compact else ""
+    return f"{title}<div class=wide><table{look}>{below}<thead>{top}</thead><tbody>{body}</tbody></table></div>"
 
 
-def picture(shown: Picture) -> str:
+def picture(shown: Captioned) -> str:
     """Return a picture, embedded in the page, with its caption."""
     data = base64.b64encode(shown.path.read_bytes()).decode()
     source = f"data:{MIME[shown.path.suffix]};base64,{data}"
@@ -160,15 +129,3 @@ def picture(shown: Picture) -> str:
         f'<figure><img src="{source}" alt="{escape(shown.alt)}" title="{escape(shown.path.name)}">'
         f"<figcaption>{escape(shown.caption)}</figcaption></figure>"
     )
-
-
-def pictures(shown: Iterable[Picture]) -> str:
-    """Return several small pictures beside each other; empty if there are none."""
-    inside = "".join(picture(one) for one in shown)
-    return f"<div class=pictures>{inside}</div>" if inside else ""
-
-
-def captioned(paths: Iterable[str | Path], captions: Mapping[str, str]) -> list[str]:
-    """Return pictures one below the other, with captions by the files' names."""
-    files = map(Path, paths)
-    return [picture(Picture(file, f"Chart: {captions[file.name]}", captions[file.name])) for file in files]

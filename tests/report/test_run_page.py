@@ -1,15 +1,22 @@
-"""The page of a run."""
+"""The page of a run, and the command printed on it, which repeats the run."""
 
+import shlex
 from dataclasses import replace
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from pages import assert_fit_to_show
 from synthetic import config, synthetic_trial, unmarked
+from trocar.cli import app
+from trocar.eval import TASKS
+from trocar.eval import folder as trials_folder
 from trocar.eval.folder import load_trials, open_folder
 from trocar.eval.trial import trial_file
 from trocar.report import files
 from trocar.report.files import kept_pictures, write_report
+from trocar.report.run_page import command_of
 
 RUN = config(seed=3, sessions=2)
 
@@ -25,11 +32,11 @@ def run(tmp_path_factory):
         path = trial_file(folder, session, 0)
         path.parent.mkdir(exist_ok=True)
         trial.save(path)
-    most, files.MOST = files.MOST, 2
+    most, files.MOST_FAILED = files.MOST_FAILED, 2
     try:
         write_report(folder, *load_trials(folder))
     finally:
-        files.MOST = most
+        files.MOST_FAILED = most
     return folder, assert_fit_to_show(folder / "report.html"), unmarked(folder / "summary.json")
 
 
@@ -111,7 +118,7 @@ def test_without_a_simulator_or_failures_the_page_is_still_whole(tmp_path, monke
 
 def test_pictures_that_cannot_be_drawn_again_are_kept_shown_and_told(tmp_path, monkeypatch):
     trial = synthetic_trial(RUN, failures={1: "DROPPED"})
-    monkeypatch.setattr(files, "MOST", 1)
+    monkeypatch.setattr(files, "MOST_FAILED", 1)
     write_report(tmp_path, [trial])
     fuller = assert_fit_to_show(tmp_path / "report.html")
     drawn = {path: path.read_bytes() for path in [*tmp_path.rglob("*.png"), tmp_path / "replay.html"]}
@@ -129,3 +136,49 @@ def test_pictures_that_cannot_be_drawn_again_are_kept_shown_and_told(tmp_path, m
     assert [image["title"] for image in page.images] == [image["title"] for image in fuller.images]
     assert all(path.read_bytes() == before for path, before in drawn.items() if path.name != "timechart.png")
     assert kept_pictures(tmp_path / "failed" / "none") == []
+
+
+LINES = [
+    *(f"run {name} --seed 4" for name in TASKS),
+    "run peg-transfer --variant handover --transfers 3 --method optimized --model ridge --calibration joints "
+    "--new-session --refit-offsets --flawless-camera --difficulty harsh --flaw offsets=2deg --flaw wear=0 "
+    "--sessions 3 --trials 2",
+    "run peg-transfer --method adaptive --planner sqp --budget 90",
+    "run suture --sutures 3 --direction clockwise --calibration joints --prior fleet",
+    "run debridement --arms 1 --fragments 4 --method paper --backdrop tissue --flaw kinematics=0.5",
+]
+
+
+@pytest.fixture
+def config_of(monkeypatch):
+    """Return what a line asks for, without running it."""
+
+    def read(line):
+        found = []
+
+        def stop(config, folder):
+            found.append(config)
+            raise typer.Exit(0)
+
+        monkeypatch.setattr(trials_folder, "open_folder", stop)
+        result = CliRunner().invoke(app, shlex.split(line))
+        assert result.exit_code == 0, result.exception
+        return found[0]
+
+    return read
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_it_makes_the_same_run(config_of, line):
+    asked = config_of(line)
+    command = command_of(asked.about(), asked.sessions, asked.trials)
+    assert command.startswith("trocar run ")
+    again = config_of(command.removeprefix("trocar "))
+    assert again.about() == asked.about()
+    assert (again.sessions, again.trials) == (asked.sessions, asked.trials)
+
+
+def test_files_that_were_given_are_named_as_such(config_of):
+    about = config_of(LINES[0]).about() | {"plugins": ["3f2a"], "station": "mine", "prior": "mine.npz", "task": "own"}
+    command = command_of(about, 1, 1)
+    assert "--plugin FILE" in command and "--station FILE" in command and "--prior FILE" in command
