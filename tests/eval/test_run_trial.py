@@ -217,13 +217,7 @@ def looked(folder, method="idle", seed=7, session=0, index=0, settings=(), raise
     """Return a trial of nothing but a look, or of less."""
     quick = {"model": "offset", "calibration": "joints"} if method == "steady" else {}
     config = RunConfig(
-        PegTransfer(**options),
-        method=method,
-        **quick,
-        settings=settings,
-        seed=seed,
-        sessions=9,
-        trials=9,
+        PegTransfer(**options), method=method, **quick, settings=settings, seed=seed, sessions=9, trials=9
     )
     prepared = prepare(config, session, folder / f"{method}-{seed}")
     return run_trial(config, prepared, index, raise_errors=raise_errors)

@@ -101,12 +101,7 @@ def _collections(
 
 
 def _chain(
-    station: str,
-    collections: dict[str, Collection],
-    folder: Path,
-    model: str | None,
-    fraction: float,
-    seed: int,
+    station: str, collections: dict[str, Collection], folder: Path, model: str | None, fraction: float, seed: int
 ) -> tuple[dict[str, Any], list[Path]]:
     """Run the whole chain for each arm; return the figures and the files."""
     from trocar.calibration.figure import draw_evaluation  # slow to import

@@ -52,7 +52,7 @@ PLAN = {
         "Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.",
         "trocar.cli.plan:transfer",
         "trocar plan transfer waypoints.npy --planner spline",
-    ),
+    )
 }
 
 REGISTER = {
@@ -70,9 +70,7 @@ REGISTER = {
 
 STATION = {
     "list": Known(
-        "List the stations that come with the package.",
-        "trocar.cli.station:list_stations",
-        "trocar station list",
+        "List the stations that come with the package.", "trocar.cli.station:list_stations", "trocar station list"
     ),
     "show": Known(
         "Show what a station consists of.",

@@ -76,10 +76,7 @@ def _points(path: Path) -> NDArray[np.float64]:
     bad = np.flatnonzero(~np.isfinite(found).all(axis=tuple(range(1, found.ndim)))) if found.ndim else []
     if len(bad):
         raise BadFile(
-            path,
-            f"holds NaN or infinity, first in row {bad[0]}",
-            "remove such rows from both files",
-            kind="file",
+            path, f"holds NaN or infinity, first in row {bad[0]}", "remove such rows from both files", kind="file"
         )
     return found
 

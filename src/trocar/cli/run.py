@@ -45,8 +45,7 @@ def run(
     prior: Annotated[
         str,
         typer.Option(
-            metavar="fleet|none|FILE",
-            help="Fit on a minute of wide swings and what other instruments have in common.",
+            metavar="fleet|none|FILE", help="Fit on a minute of wide swings and what other instruments have in common."
         ),
     ] = "none",
     planner: Annotated[str, typer.Option(help="How motions are planned.", show_default="the method's")] = "",
@@ -66,8 +65,7 @@ def run(
     trials: Annotated[int, typer.Option(help="How many trials in each session.")] = 1,
     seed: Annotated[int, typer.Option(help="Seed of everything random; the same seed gives the same trials.")] = 0,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED-OPTIONS."),
+        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED-OPTIONS.")
     ] = None,
     new_session: Annotated[
         bool, typer.Option("--new-session", help="Remount the instruments between calibration and trials.")

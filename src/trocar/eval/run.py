@@ -71,12 +71,7 @@ class _End:
 
 
 def run_trial(
-    config: RunConfig,
-    prepared: Prepared,
-    index: int,
-    listener: Listener | None = None,
-    *,
-    raise_errors: bool = False,
+    config: RunConfig, prepared: Prepared, index: int, listener: Listener | None = None, *, raise_errors: bool = False
 ) -> Trial:
     """Run one trial of a session and return it.
 

@@ -185,9 +185,7 @@ def processes(jobs: int, scheduler: str = "") -> Workers:
 
 
 BACKENDS: Registry[Callable[..., Workers]] = Registry(
-    "backend",
-    "trocar.workers",
-    {"processes": processes, "dask": Lazy("trocar.eval.dask_workers:dask_workers")},
+    "backend", "trocar.workers", {"processes": processes, "dask": Lazy("trocar.eval.dask_workers:dask_workers")}
 )
 """Where studies and runs do their work: a function of the number of jobs and the scheduler's address."""
 

@@ -309,9 +309,7 @@ class Station:
             if name not in relevant:
                 doing = f"{task!r} at station" if task else "what is done at station"
                 raise InvalidInput(
-                    f"flaw {name!r}",
-                    f"has no effect on {doing} {self.name!r}",
-                    f"choose one of {', '.join(relevant)}",
+                    f"flaw {name!r}", f"has no effect on {doing} {self.name!r}", f"choose one of {', '.join(relevant)}"
                 )
         return self
 
