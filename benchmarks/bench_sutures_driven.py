@@ -20,7 +20,8 @@ from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
 from trocar.calibration.plant import PLANTS
 from trocar.eval import stopped
 from trocar.eval.config import RunConfig
-from trocar.eval.run import prepare, run_trial
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
 from trocar.report.summary import summarise
 from trocar.report.tables import figure
 from trocar.tasks.suture.report.driven_sutures import SutureReport

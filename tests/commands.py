@@ -4,8 +4,8 @@ import pytest
 
 from synthetic import synthetic_trial
 from trocar.cli import main
-from trocar.eval import run as trials_run
-from trocar.eval.run import Prepared
+from trocar.eval import jobs
+from trocar.eval.prepare import Prepared
 from trocar.report import files
 
 
@@ -47,6 +47,6 @@ def played(monkeypatch, unpictured):
         (folder / f"session_{number:02d}").mkdir(exist_ok=True)
         return Prepared(number, None, {})
 
-    monkeypatch.setattr(trials_run, "prepare", prepare)
-    monkeypatch.setattr(trials_run, "run_trial", run_trial)
+    monkeypatch.setattr(jobs, "prepare", prepare)
+    monkeypatch.setattr(jobs, "run_trial", run_trial)
     return done

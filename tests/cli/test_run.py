@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from processes import UNPICTURED, python
 from synthetic import synthetic_trial, unmarked
 from trocar.cli import app
-from trocar.eval import run as trials_run
+from trocar.eval import jobs
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import trial_file, trial_files
 from trocar.report.summary import summarise
@@ -161,7 +161,7 @@ def interrupt_at(monkeypatch, number):
             raise KeyboardInterrupt
         return synthetic_trial(config, index, session=prepared.number)
 
-    monkeypatch.setattr(trials_run, "run_trial", run_trial)
+    monkeypatch.setattr(jobs, "run_trial", run_trial)
 
 
 def test_ctrl_c_keeps_finished_trials_and_says_so(trocar, played, monkeypatch, tmp_path):

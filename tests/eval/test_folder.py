@@ -17,7 +17,7 @@ from trocar.calibration.models import save_model
 from trocar.errors import TrocarError
 from trocar.eval.config import RunConfig, fingerprint
 from trocar.eval.folder import load_trials, open_folder
-from trocar.eval.run import prepare
+from trocar.eval.prepare import prepare
 from trocar.eval.trial import Trial, trial_file
 from trocar.lab import station_text
 from trocar.report.summary import summarise

@@ -12,7 +12,7 @@ import pytest
 from simulated import ideal_laboratory, standing
 from trocar.arms import MOTION_LIMITS
 from trocar.calibration.excitation import EXERCISE_RAD, PSM1_BOX
-from trocar.cli.task_group import TaskGroup, task_command
+from trocar.cli.run import TaskGroup
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval import (
     METHODS,
@@ -112,6 +112,7 @@ def test_options_are_fields_with_what_a_command_line_needs():
         "flag": "needle-file",
         "metavar": "FILE",
         "choices": (),
+        "shown": "",
     }
     assert found["pattern"].metadata["choices"] == ("plain", "purl") and found["pattern"].default == "plain"
     assert Knitting(rows=3).options() == {
@@ -127,21 +128,22 @@ def run_command(task, *args):
     """Return what the body of a task's command was called with."""
     seen = {}
 
-    def body(*, task, options, seed: int = 0):
-        seen.update(task=task, options=options, seed=seed)
-
     class Group(TaskGroup):
-        about, example = "Plays it.", "trocar run {task}"
+        does, example, of_run = "Plays it.", "trocar run {task}", ("seed", "flaws", "new_session")
 
-    Group.body = staticmethod(body)
-    task_command(task, Group).main(list(args), standalone_mode=False)
+        @staticmethod
+        def body(*, task, options, run):
+            seen.update(task=task, options=options, run=run)
+
+    Group("run", "", {}).command(task).main(list(args), standalone_mode=False)
     return seen
 
 
 def test_a_command_line_makes_a_task_of_them_with_their_types():
-    line = ("--rows", "7", "--pattern", "purl", "--needle-file", "n.toml", "--tight", "--budget", "5", "--seed", "3")
-    seen = run_command(Knitting, *line)
-    assert (seen["task"], seen["seed"]) == (Knitting, 3)
+    line = "--rows 7 --pattern purl --needle-file n.toml --tight --budget 5 --seed 3 --flaw jaw=1deg --flaw wear=2"
+    seen = run_command(Knitting, *line.split())
+    assert seen["task"] is Knitting
+    assert seen["run"] == {"seed": 3, "flaws": ("jaw=1deg", "wear=2"), "new_session": False}
     options = {"rows": 7, "pattern": "purl", "needle": Path("n.toml"), "tight": True, "budget_s": 5.0}
     assert seen["options"] == options and Knitting(**seen["options"]) == Knitting(**options)
     assert Knitting(**run_command(Knitting)["options"]) == Knitting()

@@ -18,7 +18,8 @@ from trocar.eval import Method
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import load_trials
 from trocar.eval.method import METHODS
-from trocar.eval.run import prepare, run_trial
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
 from trocar.eval.trial import Trial, trial_file, trial_files
 from trocar.report.files import report_of
 from trocar.report.summary import summarise

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import typer
+from typer import Argument, Option
 
 from trocar.calibration.recording import JOINT_NAMES
 from trocar.cli.group import Result
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 RecordingPath = Annotated[
     Path,
-    typer.Argument(
+    Argument(
         metavar="RECORDING",
         help=".npz with q_cmd, q_phy (optional: valid, t_s); .csv with q1_commanded_rad to q6_measured_rad (q3 in m; "
         "optional: time_s, valid); or a folder of q_cmd.npy, q_phy.npy (or q_des.npy, q_act.npy)",
     ),
 ]
-ModelPath = Annotated[Path, typer.Argument(metavar="MODEL", help="File written by `trocar calibrate fit`.")]
+ModelPath = Annotated[Path, Argument(metavar="MODEL", help="File written by `trocar calibrate fit`.")]
 PriorName = Annotated[
     str | None,
-    typer.Option(
+    Option(
         metavar="fleet|none|FILE",
         help="What is known beforehand: 'fleet' is learned from six recordings of four instruments (default for play).",
     ),
 ]
-Plot = Annotated[Path | None, typer.Option(metavar="PNG", help="Draw a picture.")]
+Plot = Annotated[Path | None, Option(metavar="PNG", help="Draw a picture.")]
 
 COMMANDS = ("t_s", *JOINT_NAMES)
 """Columns of a table of commands."""
@@ -47,10 +47,10 @@ COMMANDS = ("t_s", *JOINT_NAMES)
 def fit(
     recording: RecordingPath,
     *,
-    out: Annotated[Path, typer.Option(metavar="MODEL", help="Model file to write (.npz).")],
-    model: Annotated[str, typer.Option(help="offset, ridge, play, lstm (extra 'learn'), or your own.")] = "play",
-    rows: Annotated[int | None, typer.Option(metavar="N", help="Fit on the first N rows only.")] = None,
-    fraction: Annotated[float | None, typer.Option(help="Fit on this first share of the rows only.")] = None,
+    out: Annotated[Path, Option(metavar="MODEL", help="Model file to write (.npz).")],
+    model: Annotated[str, Option(help="offset, ridge, play, lstm (extra 'learn'), or your own.")] = "play",
+    rows: Annotated[int | None, Option(metavar="N", help="Fit on the first N rows only.")] = None,
+    fraction: Annotated[float | None, Option(help="Fit on this first share of the rows only.")] = None,
     prior: PriorName = None,
     seed: Seed = 0,
 ) -> Result:
@@ -97,12 +97,9 @@ def evaluate(
     model: ModelPath,
     recording: RecordingPath,
     *,
-    from_row: Annotated[int, typer.Option(metavar="K", help="Errors count from this row on.")] = 0,
+    from_row: Annotated[int, Option(metavar="K", help="Errors count from this row on.")] = 0,
     refit: Annotated[
-        int,
-        typer.Option(
-            metavar="N", min=0, help="Refit the offsets on N valid rows first, as in a new session; 0: do not."
-        ),
+        int, Option(metavar="N", min=0, help="Refit the offsets on N valid rows first, as in a new session; 0: do not.")
     ] = 0,
     plot: Plot = None,
 ) -> Result:
@@ -141,16 +138,15 @@ def evaluate(
 def apply(
     model: ModelPath,
     path: Annotated[
-        Path,
-        typer.Argument(metavar="PATH", help="CSV of where the joints should go; its first line names the columns."),
+        Path, Argument(metavar="PATH", help="CSV of where the joints should go; its first line names the columns.")
     ],
     *,
-    out: Annotated[Path, typer.Option(metavar="CSV", help=f"Commands to write: {','.join(COMMANDS)}.")],
+    out: Annotated[Path, Option(metavar="CSV", help=f"Commands to write: {','.join(COMMANDS)}.")],
     columns: Annotated[
-        str, typer.Option(metavar="A,B,...", help="Names of the six joints' columns in PATH, in the arm's order.")
+        str, Option(metavar="A,B,...", help="Names of the six joints' columns in PATH, in the arm's order.")
     ] = ",".join(JOINT_NAMES),
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Rows per second, if PATH has no column of times (t_s).")
+        float | None, Option(metavar="HZ", help="Rows per second, if PATH has no column of times (t_s).")
     ] = None,
 ) -> Result:
     """Write the commands that move an arm's joints along a path, for your own controller; rad, and m for q3.
@@ -199,9 +195,9 @@ def apply(
 def excite(
     station: StationName,
     *,
-    arm: Annotated[str, typer.Option(metavar="ARM", help="Which arm.", show_default="the first")] = "",
-    rows: Annotated[int, typer.Option(metavar="N", help="Samples; 75 take a minute.")] = 75,
-    out: Annotated[Path, typer.Option(metavar="CSV", help="File to write.")],
+    arm: Annotated[str, Option(metavar="ARM", help="Which arm.", show_default="the first")] = "",
+    rows: Annotated[int, Option(metavar="N", help="Samples; 75 take a minute.")] = 75,
+    out: Annotated[Path, Option(metavar="CSV", help="File to write.")],
 ) -> Result:
     """Write commands that reveal most about an arm's cables in the least time: wide swings.
 
@@ -237,10 +233,10 @@ def require_box(station: str, name: str, arm: StationArm) -> MotionBox:
 
 def prior(
     recordings: Annotated[
-        list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of instruments, in any session.")
+        list[Path], Argument(metavar="RECORDING...", help="Recordings of instruments, in any session.")
     ],
     *,
-    out: Annotated[Path, typer.Option(metavar="PRIOR", help="File to write (.npz).")],
+    out: Annotated[Path, Option(metavar="PRIOR", help="File to write (.npz).")],
 ) -> Result:
     """Learn from recordings what instruments have in common, for fits on short ones.
 
@@ -263,7 +259,7 @@ def curve(
     recording: RecordingPath,
     *,
     prior: PriorName = "fleet",
-    rows: Annotated[str, typer.Option(metavar="N,N,...", help="Numbers of first rows; default: the usual ones.")] = "",
+    rows: Annotated[str, Option(metavar="N,N,...", help="Numbers of first rows; default: the usual ones.")] = "",
     plot: Plot = None,
 ) -> Result:
     """Print how well a play model predicts a recording, by how many of its rows it was fitted on."""

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
+from typer import Argument, Option
 
 from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.cli.group import Result
@@ -37,22 +37,20 @@ reach q3 = 0.2403 m, beyond the nominal 0.24 m. The command prints how much of i
 
 def transfer(
     waypoints: Annotated[
-        Path, typer.Argument(help=".npy of shape (4, 6) or (n, 4, 6), or .npz with `waypoints`; rad and m.")
+        Path, Argument(help=".npy of shape (4, 6) or (n, 4, 6), or .npz with `waypoints`; rad and m.")
     ],
-    planner: Annotated[str, typer.Option(help=f"How the motion is found: {', '.join(PLANNERS)}.")] = "spline",
-    arm: Annotated[str, typer.Option(help=f"Whose kinematics and joint ranges: {', '.join(ARMS)}.")] = "psm-classic",
-    limits: Annotated[
-        str, typer.Option(help=f"Limits of velocity and acceleration: {', '.join(MOTION_LIMITS)}.")
-    ] = "paper",
-    up: Annotated[tuple[float, float, float], typer.Option(help="Direction of the pegs in the arm's base frame.")] = (
+    planner: Annotated[str, Option(help=f"How the motion is found: {', '.join(PLANNERS)}.")] = "spline",
+    arm: Annotated[str, Option(help=f"Whose kinematics and joint ranges: {', '.join(ARMS)}.")] = "psm-classic",
+    limits: Annotated[str, Option(help=f"Limits of velocity and acceleration: {', '.join(MOTION_LIMITS)}.")] = "paper",
+    up: Annotated[tuple[float, float, float], Option(help="Direction of the pegs in the arm's base frame.")] = (
         0.0,
         0.0,
         1.0,
     ),
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Save the motions, sample by sample: .csv or .npz.")
+        Path | None, Option(metavar="FILE", help="Save the motions, sample by sample: .csv or .npz.")
     ] = None,
-    step_ms: Annotated[float, typer.Option(help="Time between samples in that file.")] = 10.0,
+    step_ms: Annotated[float, Option(help="Time between samples in that file.")] = 10.0,
 ) -> Result:
     """Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.
 

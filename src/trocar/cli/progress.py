@@ -9,12 +9,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
-from typing import Any, Protocol
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from trocar.cli.terminal import beside
+from trocar.counting import Tick, untold
 
 COLUMNS = (
     TextColumn("{task.description}"),
@@ -28,20 +29,6 @@ SPEED_FROM_S = 600.0
 """The time left is estimated from the speed over this many past seconds; a trial takes minutes."""
 FIRST_S, EVERY_S = 0.8, 10.0
 """Time before the first line, and between two lines."""
-
-
-class Tick(Protocol):
-    """Reports how far a piece of work has come."""
-
-    def __call__(self, work: str, done: int, total: int | None, now: str = "") -> None:
-        """Show it.
-
-        Args:
-            work: its name, plural for a number of things; another name gets another bar.
-            done: how much of it is done.
-            total: how much there is; None: unknown.
-            now: what is being done at the moment.
-        """
 
 
 class Lines:
@@ -90,7 +77,7 @@ def progress() -> Iterator[Tick]:
     """Show the progress of work; yield the function to call with it."""
     console = beside()
     if console.quiet:
-        yield _untold
+        yield untold
     elif console.is_terminal:
         with _bars(console) as tick:
             yield tick
@@ -110,10 +97,6 @@ def waiting(what: str) -> Iterator[Callable[[str], None]]:
     with progress() as tick:
         tick(what, 0, None)
         yield lambda now: tick(what, 0, None, now)
-
-
-def _untold(work: str, done: int, total: int | None, now: str = "") -> None:
-    """Show nothing."""
 
 
 @contextmanager

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
+from typer import Argument, Option
 
 from trocar.cli.group import Result
 from trocar.cli.options import Seed, StationName, need
@@ -28,12 +28,11 @@ FILES = {"station.toml": STATION, "report.json": REPORT, "corners.png": PICTURE}
 
 
 def points(
-    robot: Annotated[Path, typer.Argument(metavar="ROBOT.npy", help="(n, 3) points in the robot's base, m.")],
-    camera: Annotated[Path, typer.Argument(metavar="CAMERA.npy", help="(n, 3) same points in the camera, m.")],
+    robot: Annotated[Path, Argument(metavar="ROBOT.npy", help="(n, 3) points in the robot's base, m.")],
+    camera: Annotated[Path, Argument(metavar="CAMERA.npy", help="(n, 3) same points in the camera, m.")],
     *,
     inlier_mm: Annotated[
-        float | None,
-        typer.Option(metavar="MM", help="Leave out pairs farther apart than this (RANSAC). Default: keep all."),
+        float | None, Option(metavar="MM", help="Leave out pairs farther apart than this (RANSAC). Default: keep all.")
     ] = None,
     seed: Seed = 0,
 ) -> Result:
@@ -86,11 +85,11 @@ def cell(
     *,
     seed: Seed = 0,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/registration-STATION-SEED.")
+        Path | None, Option(metavar="DIR", help="Folder for the files; default out/registration-STATION-SEED.")
     ] = None,
 ) -> Result:
     """Register a simulated cell with a checkerboard: lenses, camera and bases; print errors against the truth."""
-    need("sim", "mujoco", "cv2")
+    need("sim")
     folder = out or Path("out") / f"registration-{Path(station).stem}-{seed}"
     check_out_folder(folder, FILES, [station])
     began = time.perf_counter()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from trocar.cli.group import Result
 from trocar.cli.options import Seed, StationName, need
@@ -33,7 +33,7 @@ def list_stations() -> Result:
 def show(
     station: StationName,
     *,
-    toml: Annotated[bool, typer.Option("--toml", help="Print the file itself, to start your own from.")] = False,
+    toml: Annotated[bool, Option("--toml", help="Print the file itself, to start your own from.")] = False,
 ) -> Result:
     """Show what a station consists of."""
     from trocar.lab import load_station, station_text
@@ -82,11 +82,11 @@ def export(
     station: StationName,
     *,
     mjcf: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the whole station for MuJoCo (.xml); needs extra 'sim'.")
+        Path | None, Option(metavar="FILE", help="Write the whole station for MuJoCo (.xml); needs extra 'sim'.")
     ] = None,
-    urdf: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write each type of arm there as URDF.")] = None,
+    urdf: Annotated[Path | None, Option(metavar="FOLDER", help="Write each type of arm there as URDF.")] = None,
     task: Annotated[
-        str, typer.Option(metavar="TASK", help="Put the objects of this task on the table.", show_default="nothing")
+        str, Option(metavar="TASK", help="Put the objects of this task on the table.", show_default="nothing")
     ] = "",
     seed: Seed = 0,
 ) -> Result:
@@ -104,7 +104,7 @@ def export(
     if task and mjcf is None:
         raise InvalidInput("--task", "is for the whole station", "give --mjcf FILE.xml too")
     if mjcf is not None:
-        need("sim", "mujoco", "trio", "cv2")
+        need("sim")
         require_file("--mjcf", mjcf, MJCF, (".xml",), [station])
     found = load_station(station)
     files = [] if mjcf is None else [write_text(mjcf, f"{_mjcf(found, task, seed)}\n", MJCF)]

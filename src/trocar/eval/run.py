@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,7 @@ from trocar.cell import Cell
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval.config import TRIALS, RunConfig
 from trocar.eval.method import AgentContext, Method, pick_perception
-from trocar.eval.prepare import Prepared, prepare
+from trocar.eval.prepare import Prepared
 from trocar.eval.scenery import Scenery
 from trocar.eval.task import Score, Task
 from trocar.eval.trial import Trial
@@ -46,19 +45,6 @@ PACKED = 3
 """PNG compression, out of 9; level 9 takes seven times as long for a file that is one percent smaller."""
 
 Listener = Callable[[Mapping[str, object]], None]
-
-__all__ = [
-    "AGENT_ERROR",
-    "DONE",
-    "FAULT",
-    "OUT_OF_TIME",
-    "Prepared",
-    "encoded",
-    "free_memory",
-    "plain",
-    "prepare",
-    "run_trial",
-]
 
 
 @dataclass(frozen=True)
@@ -159,14 +145,6 @@ def run_trial(
         computations=laboratory.log.computations,
         wall_s=wall_s,
     )
-
-
-def free_memory() -> None:
-    """Free the worlds of trials that have ended.
-
-    Their parts refer to one another, and Python collects such cycles so rarely that a run of ten trials held 2 GB.
-    """
-    gc.collect()
 
 
 def _compensated(config: RunConfig, prepared: Prepared, cell: Cell) -> Compensated:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+from trocar.counting import Tick, untold
 from trocar.errors import InvalidInput, TrocarError, UnknownName
 from trocar.eval.config import RunConfig
 from trocar.eval.method import methods_of, pick_method
@@ -15,9 +16,6 @@ from trocar.eval.trial import Trial, trial_file
 from trocar.files.output import MADE_BY, write_json
 from trocar.files.reading import read_json
 from trocar.registry import Lazy
-
-Tick = Callable[[str, int, int], None]
-"""Called with what is being done now, how many units are done, and how many there are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +159,7 @@ def by_session(rows: Sequence[AnyRow], value: Callable[[AnyRow], Value]) -> dict
 
 
 def read_study(
-    conditions: Sequence[Condition], kind: RowKind[AnyRow], tick: Tick | None = None
+    conditions: Sequence[Condition], kind: RowKind[AnyRow], tick: Tick = untold
 ) -> tuple[list[Results[AnyRow]], list[str]]:
     """Return the results of all conditions that have a trial, and a sentence for each trial that is missing.
 
@@ -181,8 +179,7 @@ def read_study(
             except TrocarError as error:
                 missing.append(f"left aside: {error}")
             done += 1
-            if tick is not None:
-                tick("reading trials", done, total)
+            tick("reading trials", done, total)
         if rows:
             found.append(Results(condition, rows))
     if not found:
