@@ -139,7 +139,9 @@ def test_a_method_of_ones_own_is_in_the_help_of_its_task_alone(trocar, tmp_path,
         shown = {task: trocar("run", "--plugin", "mine.py", task, "--help")[1] for task in ("peg-transfer", "suture")}
     finally:
         METHODS.forget("peg-transfer/by-magic")
-    assert "One of calibrated, uncalibrated, adaptive, optimized, best, by-magic." in " ".join(shown["peg-transfer"].split())
+    assert "One of calibrated, uncalibrated, adaptive, optimized, best, by-magic." in " ".join(
+        shown["peg-transfer"].split()
+    )
     assert "by-magic" not in shown["suture"]
 
 

@@ -89,11 +89,11 @@ def played(monkeypatch):
     """Replace trials by synthetic ones; return the list of those that were played."""
     done = []
 
-    def run_trial(run, prepared, index):
+    def run_trial(run, prepared, index, *_, **__):
         done.append((prepared.number, index))
         return synthetic_trial(run, index, session=prepared.number)
 
-    def without_simulator(run, number, folder):
+    def without_simulator(run, number, folder, **_):
         (folder / f"session_{number:02d}").mkdir(exist_ok=True)
         return Prepared(number, None, {})
 
@@ -114,7 +114,7 @@ def test_a_trial_that_is_there_is_not_run_again(tmp_path, played):
 
 
 def test_a_trial_whose_physics_broke_down_is_void_and_said(tmp_path, played, monkeypatch):
-    def broken(*given):
+    def broken(*_, **__):
         raise PhysicsError(0.2)
 
     monkeypatch.setattr(jobs, "run_trial", broken)

@@ -1,8 +1,6 @@
 """Trials from Python: one call, rows, comparisons."""
 
-import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
@@ -34,17 +32,12 @@ def test_trials_say_in_a_line_what_came_of_them(tmp_path):
     assert repr(trials[:0]) == "<no trials>"
 
 
-def test_there_is_a_row_for_each_goal(tmp_path, monkeypatch):
+def test_there_is_a_row_for_each_goal(tmp_path):
     trials = saved(tmp_path, config(), failed=1, sessions=2)
     rows = trials.rows()
     assert [(row["session"], row["goal"]) for row in rows] == [(s, k) for s in (0, 1) for k in range(12)]
     assert [row["failure"] for row in rows if not row["succeeded"]] == ["DROPPED"] * 2
     assert {(row["task"], row["method"], row["seed"]) for row in rows} == {("peg-transfer", "calibrated", 0)}
-    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=lambda given: ("frame", given)))
-    assert trials.to_frame() == ("frame", rows)
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InvalidInput, match="needs pandas, which is not installed"):
-        trials.to_frame()
 
 
 def test_two_runs_are_compared_session_by_session(tmp_path):
@@ -63,11 +56,11 @@ def test_two_runs_are_compared_session_by_session(tmp_path):
 def test_one_call_runs_what_is_missing_and_returns_all(tmp_path, monkeypatch):
     done = []
 
-    def run_trial(run, prepared, index):
+    def run_trial(run, prepared, index, *_, **__):
         done.append((prepared.number, index, run.settings, run.task.transfers, run.how_difficult))
         return synthetic_trial(run, index, session=prepared.number)
 
-    def prepare(run, number, folder):
+    def prepare(run, number, folder, **_):
         (folder / f"session_{number:02d}").mkdir(exist_ok=True)
         return Prepared(number, None, {})
 

@@ -10,7 +10,7 @@ from simulated import ideal_session
 from trocar.arms import fk
 from trocar.calibration.excitation import PSM1_BOX, WIDE_ROWS
 from trocar.geometry import SE3, SO3
-from trocar.lab.transmission.stiff import Stiff
+from trocar.lab.transmission import Stiff
 from trocar.sim.recording import record_motion
 
 SD = np.array([1e-3, 2e-3, 3e-4, 4e-3, 5e-3, 6e-3])

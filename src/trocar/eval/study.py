@@ -61,37 +61,16 @@ def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
     return words
 
 
-def compensated_alone(task: type[Task], methods: Sequence[str], **given: str) -> dict[str, dict[str, str]]:
-    """Return, for each method, the options that only compensating methods have; empty for the others.
-
-    Args:
-        task: the task of the methods.
-        methods: of a study.
-        given: options by name, such as ``model``; empty: not given.
-
-    Raises:
-        InvalidInput: an option is given, and none of the methods compensates.
-    """
-    compensate = {method: pick_method(task, method).calibrated for method in methods}
-    for name, value in given.items():
-        if value and not any(compensate.values()):
-            problem = f"has no effect with {', '.join(methods)} of {task.name}, which make no calibration"
-            raise InvalidInput(f"--{name} {value}", problem, f"drop --{name}")
-    return {method: dict(given) if on else dict.fromkeys(given, "") for method, on in compensate.items()}
-
-
 class Row(Protocol):
     """What a study needs from a trial: a dataclass whose fields are JSON's values."""
 
     @property
     def fingerprint(self) -> str:
         """Return the fingerprint of its run."""
-        ...
 
     @property
     def session(self) -> int:
         """Return its number."""
-        ...
 
 
 AnyRow = TypeVar("AnyRow", bound=Row)
@@ -261,11 +240,6 @@ def study_of(task: type[Task]) -> TaskStudy[Any]:
     return kind()
 
 
-def flag_of(varied: str) -> str:
-    """Return the flag of a list of an option's values."""
-    return varied if varied.endswith("s") else f"{varied}s"
-
-
 def conditions_of(
     task: type[Task],
     folder: str | Path,
@@ -289,13 +263,15 @@ def conditions_of(
     """
     study = study_of(task)
     picked = chosen(methods, list(methods_of(task)), "methods")
-    of_method = compensated_alone(task, picked, model=model)
+    compensate = {method: pick_method(task, method).calibrated for method in picked}
+    if model and not any(compensate.values()):
+        problem = f"has no effect with {', '.join(picked)} of {task.name}, which make no calibration"
+        raise InvalidInput(f"--model {model}", problem, "drop --model")
     by_word = {str(value): value for value in study.values}
     found = []
-    for word in chosen(values, list(by_word), flag_of(study.varied)):
+    for word in chosen(values, list(by_word), f"{study.varied.removesuffix('s')}s"):
         for method in picked:
             done = task(**(options or {}), **{study.varied: by_word[word]})
-            given: dict[str, Any] = {**of_method[method], **run}
-            config = RunConfig(done, method=method, **given)
+            config = RunConfig(done, method=method, model=model if compensate[method] else "", **run)
             found.append(Condition(done.variant, config, (Path(folder) / f"{done.variant}-{method}").absolute()))
     return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any, overload
 
@@ -90,7 +89,7 @@ class Trials(Sequence[Trial]):
         return Trials((path,))
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each goal of each trial: where it belongs, and its score."""
+        """Return a row for each goal of each trial: where it belongs, and its score; pandas takes them."""
         return [
             {
                 **{key: trial.about[key] for key in ("task", "variant", "method", "seed", "session")},
@@ -101,19 +100,6 @@ class Trials(Sequence[Trial]):
             for trial in self._notes
             for number, score in enumerate(trial.scores)
         ]
-
-    def to_frame(self) -> Any:
-        """Return :meth:`rows` as a ``pandas.DataFrame``.
-
-        Raises:
-            InvalidInput: pandas is not installed; it is no dependency.
-        """
-        try:
-            pandas = import_module("pandas")
-        except ImportError:
-            remedy = "pip install pandas, or use .rows() or `trocar export`"
-            raise InvalidInput("to_frame()", "needs pandas, which is not installed", remedy) from None
-        return pandas.DataFrame(self.rows())
 
     def compare(self, other: Trials) -> Comparison:
         """Return these trials minus others that met the same sessions, with intervals over sessions.

@@ -1,8 +1,9 @@
-"""What lies between an encoder and its joint, and a running instance of it."""
+"""What lies between an encoder and its joint, a running instance of it, and the simplest ones."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol, Self
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,39 +23,31 @@ class Transmission(Protocol):
     @property
     def source(self) -> str:
         """Return the source of its numbers."""
-        ...
 
     @property
     def flaws(self) -> tuple[str, ...]:
         """Return the names of the flaws in ``FLAWS`` that have an effect on it."""
-        ...
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:
         """Return the SD (6,) of the joints' error that no model can reproduce, rad and m."""
-        ...
 
     @property
     def measurement_sd(self) -> NDArray[np.float64]:
         """Return the SD (6,) of one measurement of the joints by fiducials, rad and m."""
-        ...
 
     @property
     def creep_sd(self) -> NDArray[np.float64]:
         """Return the SD (6,) of the part that wanders over minutes, rad and m."""
-        ...
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Self:
         """Return the same instrument in another session."""
-        ...
 
     def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> Any:
         """Return the state of an arm that rests at this command (6,) with unknown slack."""
-        ...
 
     def step(self, memory: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
         """Return the joints (6,) after the command (6,), without the unrepeatable part, and the new state."""
-        ...
 
 
 class DriveTrain:
@@ -90,3 +83,49 @@ class DriveTrain:
         """Return where the joints (6,) are held after the command (6,); to be called along the path."""
         q, self._memory = self.transmission.step(self._memory, q_cmd)
         return q + self._drift + self._creep
+
+
+@dataclass(frozen=True)
+class Stiff:
+    """Joints that follow their encoders exactly: no cables at all, in every session and at every difficulty."""
+
+    source: ClassVar[str] = "joints that follow their encoders exactly"
+    flaws: ClassVar[tuple[str, ...]] = ()
+    unrepeatable_sd: ClassVar[NDArray[np.float64]] = np.zeros(6)
+    measurement_sd: ClassVar[NDArray[np.float64]] = np.zeros(6)
+    creep_sd: ClassVar[NDArray[np.float64]] = np.zeros(6)
+
+    def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Stiff:
+        """Return itself: sessions do not differ."""
+        del rng, difficulty
+        return self
+
+    def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> None:
+        """Return None: it has no state."""
+
+    def step(self, memory: None, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
+        """Return the joints (6,): the command."""
+        return q_cmd.copy(), memory
+
+
+@dataclass(frozen=True)
+class JawCable:
+    """Jaws with a constant offset that follow with play.
+
+    Attributes:
+        offset_rad: true minus encoder angle, in one session.
+        play_rad: half-width of the play.
+    """
+
+    offset_rad: float = 0.0
+    play_rad: float = 0.0
+
+    @staticmethod
+    def drawn(rng: np.random.Generator, size_rad: float) -> JawCable:
+        """Return the cable of a session."""
+        return JawCable(size_rad * float(rng.standard_normal()), size_rad)
+
+    def step(self, followed_rad: float, jaw_rad: float) -> tuple[float, float]:
+        """Return the angle to which a command pulls the jaws, and the output of the play."""
+        followed = min(max(followed_rad, jaw_rad - self.play_rad), jaw_rad + self.play_rad)
+        return followed + self.offset_rad, followed

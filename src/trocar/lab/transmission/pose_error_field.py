@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ class PoseErrorField:
     the measured bias is along the vertical, and so along the insertion of an instrument that works downwards. One
     session was recorded, so it is unknown how sizes vary: the constant has the same size in every session, for the
     outer joints and for the wrist, but a different direction in the space of either (assumed). Tested in
-    ``tests/station/test_transmission.py``.
+    ``tests/lab/test_transmission.py``.
 
     Attributes:
         bias_rms: (6,) of the constant, rad and m.
@@ -46,20 +47,15 @@ class PoseErrorField:
     phases: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     amplitudes: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
 
-    WAVES = 24
+    WAVES: ClassVar[int] = 24
+    source: ClassVar[str] = (
+        "pose errors of a Raven II, gripper_pose_pairs (38 mm and 24.5 deg raw, 7 mm RMS after a rigid fit)"
+    )
+    flaws: ClassVar[tuple[str, ...]] = ("kinematics",)
+    creep_sd: ClassVar[NDArray[np.float64]] = np.zeros(6)
 
     def __post_init__(self) -> None:
         require_numbers(self)
-
-    @property
-    def source(self) -> str:
-        """Return the source of the numbers."""
-        return "pose errors of a Raven II, gripper_pose_pairs (38 mm and 24.5 deg raw, 7 mm RMS after a rigid fit)"
-
-    @property
-    def flaws(self) -> tuple[str, ...]:
-        """Return the names of the flaws that have an effect: that of its kinematics."""
-        return ("kinematics",)
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:
@@ -70,11 +66,6 @@ class PoseErrorField:
     def measurement_sd(self) -> NDArray[np.float64]:
         """Return the SD of one measurement by fiducials, assumed to be as large as the unrepeatable part."""
         return np.array(self.noise_sd)
-
-    @property
-    def creep_sd(self) -> NDArray[np.float64]:
-        """Return zeros: nothing wanders over minutes."""
-        return np.zeros(6)
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> PoseErrorField:
         """Return another session, with another constant and another field."""
