@@ -22,6 +22,7 @@ class Tick(Protocol):
             total: how much there is; None: unknown.
             now: what is being done at the moment.
         """
+        ...
 
 
 def untold(work: str, done: int, total: int | None, now: str = "") -> None:

@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from trocar.cli import app
-from trocar.cli.out_folder import LONGEST_NAME, check_out_folder, default_folder, differing
 from trocar.cli.collect import collect
+from trocar.cli.out_folder import LONGEST_NAME, check_out_folder, default_folder, differing
 from trocar.errors import TrocarError
 from trocar.eval.config import RunConfig
 from trocar.files.output import PICTURE, write_json

@@ -67,10 +67,12 @@ class Row(Protocol):
     @property
     def fingerprint(self) -> str:
         """Return the fingerprint of its run."""
+        ...
 
     @property
     def session(self) -> int:
         """Return its number."""
+        ...
 
 
 AnyRow = TypeVar("AnyRow", bound=Row)

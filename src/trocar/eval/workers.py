@@ -33,13 +33,16 @@ class Workers(Protocol):
     @property
     def died(self) -> tuple[type[BaseException], ...]:
         """Return the exception that a unit's future raises if its worker died; the unit is then handed out again."""
+        ...
 
     @property
     def count(self) -> int:
         """Return how many units run at once."""
+        ...
 
     def open(self) -> AbstractContextManager[Executor]:
         """Return an executor; after workers died, a new one."""
+        ...
 
 
 @dataclass(frozen=True)

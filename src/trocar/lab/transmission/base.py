@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,36 +18,44 @@ CREEP_TIME_S = 300.0
 
 
 class Transmission(Protocol):
-    """What an instrument's drive does to the joints; drawn anew for every session."""
+    """What an instrument's drive does to the joints, drawn anew for every session; errors are 0 unless a class says so."""
 
     @property
     def source(self) -> str:
         """Return the source of its numbers."""
+        ...
 
     @property
     def flaws(self) -> tuple[str, ...]:
         """Return the names of the flaws in ``FLAWS`` that have an effect on it."""
+        return ()
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:
         """Return the SD (6,) of the joints' error that no model can reproduce, rad and m."""
+        return np.zeros(6)
 
     @property
     def measurement_sd(self) -> NDArray[np.float64]:
         """Return the SD (6,) of one measurement of the joints by fiducials, rad and m."""
+        return np.zeros(6)
 
     @property
     def creep_sd(self) -> NDArray[np.float64]:
         """Return the SD (6,) of the part that wanders over minutes, rad and m."""
+        return np.zeros(6)
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Self:
         """Return the same instrument in another session."""
+        ...
 
     def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> Any:
         """Return the state of an arm that rests at this command (6,) with unknown slack."""
+        ...
 
     def step(self, memory: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
         """Return the joints (6,) after the command (6,), without the unrepeatable part, and the new state."""
+        ...
 
 
 class DriveTrain:
@@ -86,14 +94,13 @@ class DriveTrain:
 
 
 @dataclass(frozen=True)
-class Stiff:
+class Stiff(Transmission):
     """Joints that follow their encoders exactly: no cables at all, in every session and at every difficulty."""
 
-    source: ClassVar[str] = "joints that follow their encoders exactly"
-    flaws: ClassVar[tuple[str, ...]] = ()
-    unrepeatable_sd: ClassVar[NDArray[np.float64]] = np.zeros(6)
-    measurement_sd: ClassVar[NDArray[np.float64]] = np.zeros(6)
-    creep_sd: ClassVar[NDArray[np.float64]] = np.zeros(6)
+    @property
+    def source(self) -> str:
+        """Return what it is."""
+        return "joints that follow their encoders exactly"
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Stiff:
         """Return itself: sessions do not differ."""

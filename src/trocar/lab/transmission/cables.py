@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from trocar.calibration.plant import WRIST, CablePlant, PlayState
 from trocar.checks import require_numbers
 from trocar.geometry import TURN
 from trocar.lab.flaws import FLAWS, MILD, Difficulty
+from trocar.lab.transmission.base import Transmission
 
 WAVES = 48
 
@@ -137,7 +138,7 @@ class CableState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Cables:
+class Cables(Transmission):
     """Play, coupling and offset of identified cables, and an error outside the model.
 
     Attributes:
@@ -158,7 +159,6 @@ class Cables:
     wander_sd: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     residual: HistoryField | None = None
     outer: OuterErrors | None = None
-    flaws: ClassVar[tuple[str, ...]] = ("offsets", "wear", "residual", "noise", "creep", "outer")
 
     def __post_init__(self) -> None:
         require_numbers(self)
@@ -167,6 +167,11 @@ class Cables:
     def source(self) -> str:
         """Return the source of the numbers."""
         return self.plant.source
+
+    @property
+    def flaws(self) -> tuple[str, ...]:
+        """Return the names of the flaws that have an effect: those of cables."""
+        return ("offsets", "wear", "residual", "noise", "creep", "outer")
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from trocar.checks import require_numbers
 from trocar.geometry import TURN
 from trocar.lab.flaws import Difficulty
+from trocar.lab.transmission.base import Transmission
 
 
 @dataclass(frozen=True, eq=False)
-class PoseErrorField:
+class PoseErrorField(Transmission):
     """Joints that are off by a constant of the session and by a smooth field over the joints' space, with some play.
 
     ``q_joint = q_cmd + bias + sum_k a_k sin(w_k q_cmd + p_k) + slack``: a cable-driven arm whose encoders sit at the
@@ -48,14 +49,19 @@ class PoseErrorField:
     amplitudes: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
 
     WAVES: ClassVar[int] = 24
-    source: ClassVar[str] = (
-        "pose errors of a Raven II, gripper_pose_pairs (38 mm and 24.5 deg raw, 7 mm RMS after a rigid fit)"
-    )
-    flaws: ClassVar[tuple[str, ...]] = ("kinematics",)
-    creep_sd: ClassVar[NDArray[np.float64]] = np.zeros(6)
 
     def __post_init__(self) -> None:
         require_numbers(self)
+
+    @property
+    def source(self) -> str:
+        """Return the source of the numbers."""
+        return "pose errors of a Raven II, gripper_pose_pairs (38 mm and 24.5 deg raw, 7 mm RMS after a rigid fit)"
+
+    @property
+    def flaws(self) -> tuple[str, ...]:
+        """Return the names of the flaws that have an effect: that of its kinematics."""
+        return ("kinematics",)
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:
