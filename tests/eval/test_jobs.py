@@ -25,18 +25,14 @@ def test_a_run_can_be_handed_to_another_process():
     assert (again.sessions, again.task) == (2, run.task)
 
 
-def test_a_run_of_a_plugin_brings_it_along(tmp_path):
+def test_a_run_of_a_plugin_brings_it_along(registries, tmp_path):
     plugin = tmp_path / "mine.py"
     plugin.write_text("from trocar.motion import PLANNERS\nPLANNERS.register('mine', PLANNERS['spline'])\n")
-    from trocar.motion import PLANNERS
     from trocar.registry import load_plugin
 
     load_plugin(plugin)
-    try:
-        run = config(planner="mine", plugins=(str(plugin),))
-        assert pickle.loads(pickle.dumps(run)).fingerprint == run.fingerprint
-    finally:
-        PLANNERS.forget("mine")
+    run = config(planner="mine", plugins=(str(plugin),))
+    assert pickle.loads(pickle.dumps(run)).fingerprint == run.fingerprint
 
 
 def test_models_are_shared_where_nothing_differs_that_they_depend_on():

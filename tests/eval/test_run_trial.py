@@ -195,8 +195,8 @@ class Idler(Looker):
         pass
 
 
-@pytest.fixture(scope="module")
-def lookers():
+@pytest.fixture
+def lookers(registries):
     """Methods that look sooner or later, or not at all, compensated or not."""
     usual = {"perception": "depth"}
     methods = {
@@ -209,9 +209,6 @@ def lookers():
     }
     for name, method in methods.items():
         METHODS.register(f"peg-transfer/{name}", method)
-    yield
-    for name in methods:
-        METHODS.forget(f"peg-transfer/{name}")
 
 
 def looked(folder, method="idle", seed=7, session=0, index=0, settings=(), raise_errors=False, **options):
@@ -278,38 +275,29 @@ def broken(error):
 
 
 @pytest.mark.parametrize("error", [TrocarError("a motion is refused"), OSError("a device does not answer")])
-def test_a_fault_ends_the_trial_and_is_told(tmp_path, error):
+def test_a_fault_ends_the_trial_and_is_told(registries, tmp_path, error):
     METHODS.register("peg-transfer/broken", broken(error))
-    try:
-        trial = looked(tmp_path, "broken")
-    finally:
-        METHODS.forget("peg-transfer/broken")
+    trial = looked(tmp_path, "broken")
     assert (trial.ended, trial.reason) == ("FAULT", str(error))
     assert {score["failure"] for score in trial.scores} == {"FAULT"}
     assert trial.duration_s == pytest.approx(0.1, abs=0.05)
 
 
-def test_an_exception_of_the_agent_ends_its_trial_alone_and_is_kept(tmp_path):
+def test_an_exception_of_the_agent_ends_its_trial_alone_and_is_kept(registries, tmp_path):
     METHODS.register("peg-transfer/broken", broken(KeyError("a mistake")))
-    try:
-        trial = looked(tmp_path, "broken")
-        with pytest.raises(KeyError, match="a mistake"):
-            looked(tmp_path, "broken", raise_errors=True)
-    finally:
-        METHODS.forget("peg-transfer/broken")
+    trial = looked(tmp_path, "broken")
+    with pytest.raises(KeyError, match="a mistake"):
+        looked(tmp_path, "broken", raise_errors=True)
     assert trial.ended == "AGENT_ERROR"
     assert "KeyError: 'a mistake' (test_run_trial.py, line " in trial.reason
     assert {score["failure"] for score in trial.scores} == {"AGENT_ERROR"}
     assert "raise error" in trial.events[-1]["traceback"]
 
 
-def test_a_simulation_that_breaks_down_makes_no_trial(tmp_path):
+def test_a_simulation_that_breaks_down_makes_no_trial(registries, tmp_path):
     METHODS.register("peg-transfer/broken", broken(PhysicsError(0.2)))
-    try:
-        with pytest.raises(PhysicsError):
-            looked(tmp_path, "broken")
-    finally:
-        METHODS.forget("peg-transfer/broken")
+    with pytest.raises(PhysicsError):
+        looked(tmp_path, "broken")
 
 
 def test_a_task_scores_each_of_its_goals(lookers, tmp_path, monkeypatch):
@@ -330,7 +318,7 @@ class Slower:
 
 
 @pytest.mark.parametrize("wrap", [None, lambda cell, settings: Slower(cell.robot, settings)])
-def test_an_agent_has_its_methods_wrapper_and_no_other(tmp_path, wrap):
+def test_an_agent_has_its_methods_wrapper_and_no_other(registries, tmp_path, wrap):
     robots = []
 
     class Shower(Idler):
@@ -338,10 +326,7 @@ def test_an_agent_has_its_methods_wrapper_and_no_other(tmp_path, wrap):
             robots.append(self.context.cell.robot)
 
     METHODS.register("peg-transfer/shower", Method("shows its robot", Shower, LookerSettings, wrap_robot=wrap))
-    try:
-        looked(tmp_path, "shower", settings=("wait_s=.2",))
-    finally:
-        METHODS.forget("peg-transfer/shower")
+    looked(tmp_path, "shower", settings=("wait_s=.2",))
     (robot,) = robots
     assert isinstance(robot, Slower) == (wrap is not None)
     if wrap is not None:

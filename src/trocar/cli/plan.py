@@ -18,7 +18,7 @@ from trocar.cli.terminal import rich_table
 from trocar.errors import BadFile, InvalidInput, TrocarError, UnknownName
 from trocar.files.archive import Archive
 from trocar.files.output import write_table
-from trocar.files.reading import read_arrays
+from trocar.files.reading import read_numbers
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
 from trocar.trajectory import Trajectory
 
@@ -144,27 +144,12 @@ def _write(path: Path, motions: Sequence[Trajectory], joints: Sequence[str], ste
 
 def _load(path: Path) -> NDArray[np.float64]:
     """Return the waypoints of a file as (n, 4, 6)."""
-    remedy = "give a .npy or .npz with waypoints"
-    if path.is_dir():
-        raise BadFile(path, "is a folder", remedy)
-    if not path.is_file():
-        raise BadFile(path, "does not exist", remedy, kind="file")
-    try:
-        arrays = read_arrays(path)
-        if not arrays.keys() & {"", "waypoints"}:
-            raise BadFile(path, f"holds {sorted(arrays)} but no array 'waypoints'", "save one of that name")
-        loaded = arrays[""] if "" in arrays else arrays["waypoints"]
-        values = loaded.astype(np.float64, casting="same_kind")
-    except TrocarError:
-        raise
-    except (OSError, ValueError, TypeError):
-        raise BadFile(path, "cannot be read as a .npy or .npz of numbers", "save the waypoints again") from None
-    if values.ndim == 2:
-        values = values[None]
-    if values.ndim != 3 or values.shape[1:] != (4, 6) or not len(values):
+    values = read_numbers(path, "waypoints", "waypoints")
+    found = values[None] if values.ndim == 2 else values
+    if found.ndim != 3 or found.shape[1:] != (4, 6) or not len(found):
         needs = "a transfer needs (4, 6) or (n, 4, 6): grasp, lifted, over the target, lowered, six joints each"
-        raise BadFile(path, f"has shape {np.shape(loaded)}", needs)
-    return values
+        raise BadFile(path, f"has shape {values.shape}", needs)
+    return found
 
 
 def _lines(summary: dict[str, Any]) -> list[Any]:

@@ -87,16 +87,11 @@ def progress() -> Iterator[Tick]:
 
 
 @contextmanager
-def waiting(what: str) -> Iterator[Callable[[str], None]]:
-    """Show that something is running whose duration is unknown; yield a function to call with what it is doing."""
-    console = beside()
-    if console.is_terminal and not console.quiet:
-        with console.status(what) as status:
-            yield lambda now: status.update(f"{what}: {now}")
-        return
+def waiting(what: str) -> Iterator[None]:
+    """Show that something is running whose duration is unknown."""
     with progress() as tick:
         tick(what, 0, None)
-        yield lambda now: tick(what, 0, None, now)
+        yield
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from trocar.cli.report import finish
 from trocar.cli.terminal import beside, rich_table
 from trocar.counting import counted
 from trocar.errors import BadFile, InvalidInput, UnknownName
-from trocar.eval import TASKS, Task, methods_of, perceptions_of
+from trocar.eval import TASKS, Task, methods_of, perceptions_of, pick_method
 from trocar.eval.config import RunConfig
 from trocar.interruption import CtrlC
 from trocar.registry import PLUGIN_MODULE
@@ -112,7 +112,7 @@ class TaskGroup(Group):
     def command(self, task: type[Task]) -> Any:
         """Return the command of one task: the options of its runs, those of the group's ``body``, and its own."""
         hints = inspect.get_annotations(RunConfig, eval_str=True)
-        known = {"method": tuple(methods_of(task)), "perception": perceptions_of(task)}
+        known = {"method": methods_of(task), "perception": perceptions_of(task)}
         parameters = [_parameter(OF_RUN[name], hints[name], choices=known.get(name, ())) for name in self.of_run]
         of_body = inspect.signature(self.body, eval_str=True).parameters.values()
         parameters += [one for one in of_body if one.name not in ("task", "options", "run")]
@@ -124,7 +124,8 @@ class TaskGroup(Group):
         classes = (kind for kind in reversed(task.__mro__) if kind not in (Task, object))
         hints = {k: v for kind in classes for k, v in inspect.get_annotations(kind, eval_str=True).items()}
         for name, field in own.items():
-            parameters.append(_parameter(field, hints[name], OWN, field.metadata["choices"], listed=name == varied))
+            choices = field.metadata.get("choices", ())
+            parameters.append(_parameter(field, hints[name], OWN, choices, listed=name == varied))
 
         def command(**given: Any) -> None:
             options, run = ({name: given.pop(name) for name in names} for names in (own, self.of_run))
@@ -132,8 +133,7 @@ class TaskGroup(Group):
             self.body(task=task, options=options, run=run, **given)
 
         command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        ways = methods_of(task).items()
-        methods = "; ".join(f"{name}: {getattr(method, 'about', 'from elsewhere')}" for name, method in ways)
+        methods = "; ".join(f"{name}: {pick_method(task, name).about}" for name in methods_of(task))
         kept = "Interrupted, it keeps its finished trials; the same command continues where it stopped."
         command.__doc__ = f"{_about(task)}.\n\n{self.does} {kept}\n\nMethods: {methods}."
         plugin = " --plugin FILE" if task.__module__.startswith(PLUGIN_MODULE) else ""
@@ -148,7 +148,7 @@ def _parameter(
     field: Field[Any], hint: Any, panel: str = "", choices: Sequence[str] = (), *, listed: bool = False
 ) -> inspect.Parameter:
     """Return the command line's parameter of a field that ``option`` declares; ``listed``: of several of its values."""
-    about, kind = field.metadata, hint
+    about, kind = {"help": "", "flag": "", "metavar": "", "shown": "", **field.metadata}, hint
     default = None if field.default is MISSING else field.default
     name, metavar, shown = about["flag"] or field.name, about["metavar"], about["shown"] or default is not None
     help = about["help"] + (f" One of {', '.join(choices)}." if choices else "")
@@ -232,7 +232,7 @@ def run(
                 ctrl_c.check()
                 tick(work, done, total, now)
 
-            for wrong in play_run(config, folder.absolute(), todo, jobs=jobs, tick=shown, raise_errors=raise_errors):
+            for wrong in play_run(config, folder, todo, jobs=jobs, tick=shown, raise_errors=raise_errors):
                 beside().print(wrong, soft_wrap=True, markup=False)
     except KeyboardInterrupt as stop:
         interrupted = True

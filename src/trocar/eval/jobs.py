@@ -95,7 +95,7 @@ def _prepared(order: TrialOrder, listener: Callable[[str, int, int], None] | Non
 
 def play_run(
     config: RunConfig,
-    folder: Path,
+    folder: str | Path,
     todo: Sequence[tuple[int, int]],
     *,
     jobs: int = 1,
@@ -106,12 +106,13 @@ def play_run(
 
     Args:
         config: of the run.
-        folder: of the run, absolute.
+        folder: of the run.
         todo: session and number of each trial.
         jobs: how many trials are run at once; more than one: each in its own process.
         tick: called with the progress.
         raise_errors: as in :func:`play`.
     """
+    folder = Path(folder).absolute()
     orders = [TrialOrder(config, folder, *place) for place in todo]
     if jobs == 1:
         yield from _play_in_turn(config, orders, tick, raise_errors)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,17 +123,8 @@ class SensorFlaws:
     @staticmethod
     def none() -> SensorFlaws:
         """Return the perfect sensor: exact depth everywhere, noiseless colour, light without shadow."""
-        return SensorFlaws(
-            axial_m=0.0,
-            waviness_m=0.0,
-            grazing_cos=0.0,
-            missing=0.0,
-            shadow=False,
-            edge_missing=0.0,
-            edge_mixed=0.0,
-            specular_missing=0.0,
-            color_sd=0.0,
-        )
+        sizes = (field for field in fields(SensorFlaws) if field.name not in ("waviness_px", "reference_m"))
+        return SensorFlaws(**{field.name: type(field.default)(0) for field in sizes})  # type: ignore[call-arg]
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ CREEP_TIME_S = 300.0
 
 
 class Transmission(Protocol):
-    """What an instrument's drive does to the joints, drawn anew for every session; errors are 0 unless a class says so."""
+    """What an instrument's drive does to the joints, drawn anew for every session; no errors unless a class says so."""
 
     @property
     def source(self) -> str:
