@@ -1,4 +1,6 @@
+import gc
 import sys
+import weakref
 
 import pytest
 
@@ -6,6 +8,7 @@ from synthetic import synthetic_trial
 from trocar.cli import main
 from trocar.eval import jobs
 from trocar.eval.prepare import Prepared
+from trocar.eval.trial import Trial
 from trocar.report import files
 
 
@@ -50,3 +53,19 @@ def played(monkeypatch, unpictured):
     monkeypatch.setattr(jobs, "prepare", prepare)
     monkeypatch.setattr(jobs, "run_trial", run_trial)
     return done
+
+
+@pytest.fixture
+def alive(monkeypatch):
+    """Return the numbers of loaded trials that were still in memory whenever another one was loaded."""
+    read, counts, load = [], [], Trial.load
+
+    def watched(path):
+        gc.collect()
+        counts.append(sum(one() is not None for one in read))
+        trial = load(path)
+        read.append(weakref.ref(trial))
+        return trial
+
+    monkeypatch.setattr(Trial, "load", watched)
+    return counts
