@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from typer import Argument, Option
@@ -17,10 +17,6 @@ from trocar.cli.terminal import rich_table
 from trocar.counting import counted
 from trocar.errors import InvalidInput, InvalidValue
 from trocar.files.output import require_picture, write_table
-
-if TYPE_CHECKING:
-    from trocar.calibration.excitation import MotionBox
-    from trocar.lab.station import StationArm
 
 RecordingPath = Annotated[
     Path,
@@ -76,10 +72,8 @@ def fit(
     error = (fitted.predict(data.q_cmd) - data.q_phy)[data.valid]
     rmse = np.sqrt(np.mean(error**2, axis=0))
     summary = {"model": model, "prior": prior, "out": str(out), "rows": int(data.valid.sum())}
-    wrist = " ".join(f"{value:.4f}" for value in rmse[3:])
-    return Result(
-        summary | {"rmse_fit": rmse.tolist()}, [f"fitted {model} on {good}: RMSE q4 q5 q6 {wrist} rad; saved {out}"]
-    )
+    told = f"fitted {model} on {good}: RMSE q4 q5 q6 {' '.join(f'{value:.4f}' for value in rmse[3:])} rad; saved {out}"
+    return Result(summary | {"rmse_fit": rmse.tolist()}, [told])
 
 
 def _first_rows(total: int, rows: int | None, fraction: float | None) -> int:
@@ -160,9 +154,8 @@ def apply(
 
     names = columns.split(",")
     if len(set(names)) != len(JOINT_NAMES):
-        raise InvalidInput(
-            f"--columns {columns!r}", f"names {len(set(names))} different columns", "an arm has six joints"
-        )
+        problem = f"names {len(set(names))} different columns"
+        raise InvalidInput(f"--columns {columns!r}", problem, "an arm has six joints")
     if rate is not None and not 0 < rate < np.inf:
         raise InvalidInput(f"--rate {rate}", "is not a rate", "give a number above 0, in Hz")
     require_file("--out", out, "table of commands", (".csv",), [model, path], mark=",".join(COMMANDS))
@@ -170,9 +163,8 @@ def apply(
     wanted = table.columns(names, path)
     if not np.isfinite(wanted).all():
         row = int(np.flatnonzero(~np.isfinite(wanted).all(axis=1))[0])
-        raise InvalidInput(
-            f"row {row + 2} of {str(path)!r}", "has no number for every joint", "fill it in, or cut it out"
-        )
+        where = f"row {row + 2} of {str(path)!r}"
+        raise InvalidInput(where, "has no number for every joint", "fill it in, or cut it out")
     compensator, rows = Compensator(fitted), np.arange(len(wanted))
     at = rows if compensator.method == "exact" else sample_positions(wanted, fitted.training)
     desired = np.column_stack([np.interp(at, rows, column) for column in wanted.T])
@@ -183,13 +175,9 @@ def apply(
     write_table(out, COMMANDS, ([f"{value:.9g}" for value in line] for line in lines))
     largest = np.abs(commands - desired).max(axis=0)
     degrees = " ".join(f"{value:.1f}" for value in np.degrees(largest[3:]))
-    return Result(
-        {"model": fitted.name, "rows": len(lines), "largest_correction": largest.tolist(), "out": str(out)},
-        [
-            f"{counted(len(lines), 'command')} by {fitted.name}; largest corrections of q4 q5 q6: {degrees} deg; "
-            f"saved {out}"
-        ],
-    )
+    summary = {"model": fitted.name, "rows": len(lines), "largest_correction": largest.tolist(), "out": str(out)}
+    told = f"{counted(len(lines), 'command')} by {fitted.name}; largest corrections of q4 q5 q6: {degrees} deg"
+    return Result(summary, [f"{told}; saved {out}"])
 
 
 def excite(
@@ -211,24 +199,11 @@ def excite(
     name = arm or next(iter(there.arms))
     header = ("q1_rad", "q2_rad", "q3_m", "q4_rad", "q5_rad", "q6_rad")
     require_file("--out", out, "table of commands", (".csv",), mark=",".join(header))
-    model, box = there.arm(name).model, require_box(there.name, name, there.arm(name))
+    model, box = there.arm(name).model, there.calibration_box(name)
     q_cmd = slack_taken_up(model, wide_path(model, rows, box))
     write_table(out, header, ([f"{value:.6f}" for value in row] for row in q_cmd))
-    return Result(
-        {"arm": name, "q_cmd": q_cmd.tolist(), "out": str(out)},
-        [f"{len(q_cmd)} commands for {name} ({model.name}), the first two without a measurement; saved {out}"],
-    )
-
-
-def require_box(station: str, name: str, arm: StationArm) -> MotionBox:
-    """Return where an arm moves during calibration; raise InvalidInput if its station does not say."""
-    if arm.calibration is None:
-        raise InvalidInput(
-            f"station {station!r}",
-            f"does not define where arm {name!r} moves during calibration",
-            f"add 'calibration' to [arms.{name}]",
-        )
-    return arm.calibration
+    told = f"{len(q_cmd)} commands for {name} ({model.name}), the first two without a measurement; saved {out}"
+    return Result({"arm": name, "q_cmd": q_cmd.tolist(), "out": str(out)}, [told])
 
 
 def prior(
@@ -250,9 +225,8 @@ def prior(
     with waiting(f"learning from {counted(len(recordings), 'recording')}"):
         learned = learn_prior([load_recording(path) for path in recordings])
     learned.save(out)
-    return Result(
-        {"sources": learned.sources, "out": str(out)}, [f"learned from {', '.join(learned.sources)}; saved {out}"]
-    )
+    told = f"learned from {', '.join(learned.sources)}; saved {out}"
+    return Result({"sources": learned.sources, "out": str(out)}, [told])
 
 
 def curve(

@@ -10,7 +10,6 @@ import numpy as np
 import typer
 from typer import Option
 
-from trocar.cli.calibrate import require_box
 from trocar.cli.group import Result
 from trocar.cli.options import Seed, StationName, need
 from trocar.cli.out_folder import default_folder, differing
@@ -63,7 +62,7 @@ def collect(
     session = draw_session(loaded, np.random.default_rng([seed, SESSION]))
     collections = {}
     for name in dict.fromkeys(arm or loaded.arms):
-        box = require_box(loaded.name, name, loaded.arm(name))
+        box = loaded.calibration_box(name)
         seeds = np.random.SeedSequence([seed, COLLECTION, list(loaded.arms).index(name)])
         collections[name] = Collection(session, name, box, seeds, rows)
     if fit:
@@ -108,8 +107,5 @@ def _check_fit(model: str, fraction: float, rows: int) -> None:
         need("learn")
     least = 2 * MIN_ROWS
     if not 0.0 < fraction < 1.0 or fraction * rows < least or (1 - fraction) * rows < 1:
-        raise InvalidInput(
-            f"--fraction {fraction:g} of {rows} rows",
-            f"leaves too few to fit on ({least} or more) or to evaluate on (1)",
-            "give another share, or more --rows",
-        )
+        problem = f"leaves too few to fit on ({least} or more) or to evaluate on (1)"
+        raise InvalidInput(f"--fraction {fraction:g} of {rows} rows", problem, "give another share, or more --rows")

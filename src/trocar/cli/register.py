@@ -38,11 +38,8 @@ def points(
         raise InvalidValue("--inlier-mm", inlier_mm, "give a distance above 0 mm")
     p_robot, p_camera = _points(robot), _points(camera)
     if p_robot.shape != p_camera.shape:
-        raise InvalidInput(
-            str(robot),
-            f"has shape {p_robot.shape} and {camera} {p_camera.shape}",
-            "give the same n points (n, 3) in both, in the same order",
-        )
+        problem = f"has shape {p_robot.shape} and {camera} {p_camera.shape}"
+        raise InvalidInput(str(robot), problem, "give the same n points (n, 3) in both, in the same order")
     inlier_m = None if inlier_mm is None else inlier_mm / 1000
     fit = fit_rigid(p_camera, p_robot, inlier_distance_m=inlier_m, rng=np.random.default_rng(seed))
     pose, inliers = fit.T_target_source.matrix, int(fit.inliers.sum())

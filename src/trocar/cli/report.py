@@ -54,13 +54,9 @@ def _draw_video(folder: Path, place: tuple[int, int] | None) -> None:
     from trocar.report.stills import draw_video
 
     trial = Trial.load(trial_file(folder, *place)) if place else load_trials(folder)[0][0]
+    path = (trial_file(folder, *place).with_suffix("") if place else folder) / "video.webp"
     with progress() as tick:
-        path = draw_video(
-            trial,
-            (trial_file(folder, *place).with_suffix("") if place else folder) / "video.webp",
-            report_of(trial),
-            lambda done, total: tick("frames of video.webp", done, total),
-        )
+        draw_video(trial, path, report_of(trial), lambda done, total: tick("frames of video.webp", done, total))
     beside().print(f"video: {path}", soft_wrap=True)
 
 
@@ -219,13 +215,13 @@ def export(
         beside().print(sentence, soft_wrap=True)
     with progress() as tick:
         written = export_trials(trials, out, format, lambda done, total: tick("writing tables", done=done, total=total))
-    tables = {
-        str(table.path.relative_to(out)): {"rows": table.rows, "columns": list(table.columns)} for table in written
-    }
-    samples = [table for table in written if table.path.parent != out]
-    lines = [
-        f"{table.path}: {table.rows} rows of {len(table.columns)} columns" for table in written if table not in samples
-    ]
+    tables, samples, lines = {}, [], []
+    for table in written:
+        tables[str(table.path.relative_to(out))] = {"rows": table.rows, "columns": list(table.columns)}
+        if table.path.parent != out:
+            samples.append(table)
+        else:
+            lines.append(f"{table.path}: {table.rows} rows of {len(table.columns)} columns")
     rows, count = sum(table.rows for table in samples), len(samples[0].columns)
     lines.append(f"{samples[0].path.parent}: {len(samples)} tables, {rows} rows of {count} columns in all")
     return Result({"out": str(out), "trials": len(trials), "left_aside": strange, "tables": tables}, lines)

@@ -160,11 +160,8 @@ def _play_in_turn(config: RunConfig, orders: Sequence[TrialOrder], tick: Tick, r
 def _require_folder(folder: Path) -> None:
     """Raise unless a worker, which may be on another machine, sees the run's folder."""
     if not (folder / RECORD).is_file():
-        raise BadFile(
-            folder / RECORD,
-            "is not found by a worker",
-            "give --out a folder on a file system that all workers see, under the same path",
-        )
+        remedy = "give --out a folder on a file system that all workers see, under the same path"
+        raise BadFile(folder / RECORD, "is not found by a worker", remedy)
 
 
 def opened(conditions: Sequence[Condition]) -> tuple[list[SessionOrder], list[TrialOrder]]:

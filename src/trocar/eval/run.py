@@ -183,11 +183,8 @@ def _scored(task: Task, truth: Any, events: Sequence[Mapping[str, Any]]) -> Sequ
     """Return a task's scores, one for each of its goals."""
     scores, goals = list(task.score(truth, events)), len(task.goals())
     if len(scores) != goals or not all(isinstance(score, Score) for score in scores):
-        raise InvalidInput(
-            f"task {task.name!r}",
-            f"has {goals} goals and scores {scores!r}",
-            "return one trocar.eval.Score for each goal, in order",
-        )
+        remedy = "return one trocar.eval.Score for each goal, in order"
+        raise InvalidInput(f"task {task.name!r}", f"has {goals} goals and scores {scores!r}", remedy)
     return scores
 
 

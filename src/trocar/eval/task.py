@@ -142,14 +142,7 @@ class Task:
 
     def calibration(self, station: Station, arm: str) -> MotionBox:
         """Return where the motion of a calibration recording should go: as the station says, by default."""
-        box = station.arm(arm).calibration
-        if box is None:
-            raise InvalidInput(
-                f"station {station.name!r}",
-                f"does not define where arm {arm!r} moves during calibration",
-                "add 'calibration' to that arm, or choose a method that needs none",
-            )
-        return box
+        return station.calibration_box(arm)
 
     def _lacks(self, method: str) -> InvalidInput:
         name = method.partition("(")[0]

@@ -217,11 +217,9 @@ class DaskWorkers:
             try:
                 client = Client(self.scheduler, timeout=PATIENCE_S)
             except (OSError, ValueError) as error:
-                raise InvalidInput(
-                    f"--scheduler {self.scheduler!r}",
-                    f"has no dask scheduler that answers ({error})",
-                    "start one with `dask scheduler`, or drop --scheduler for a cluster on this machine",
-                ) from None
+                remedy = "start one with `dask scheduler`, or drop --scheduler for a cluster on this machine"
+                problem = f"has no dask scheduler that answers ({error})"
+                raise InvalidInput(f"--scheduler {self.scheduler!r}", problem, remedy) from None
             with client:
                 yield client
             return

@@ -108,11 +108,9 @@ def require_place(path: str | Path, kind: str, inputs: Sequence[str | Path] = ()
         if path.is_dir():
             raise BadFile(path, "is a folder where a file is to be", "give another name or folder")
         if path.exists() and not bears(path, mark or mark_of(kind)):
-            raise InvalidInput(
-                f"{str(path)!r} already exists and",
-                f"is not a {kind} that Trocar wrote, so it is not replaced",
-                "give another name or folder, or move it away",
-            )
+            problem = f"is not a {kind} that Trocar wrote, so it is not replaced"
+            remedy = "give another name or folder, or move it away"
+            raise InvalidInput(f"{str(path)!r} already exists and", problem, remedy)
     except OSError as error:
         raise blame(error)(f"cannot look at {str(path)!r} ({error.strerror}); give another name or folder") from None
     return path

@@ -269,6 +269,15 @@ class Station:
             raise UnknownName(f"station {self.name!r}: arm", name, self.arms)
         return self.arms[name]
 
+    def calibration_box(self, arm: str) -> MotionBox:
+        """Return where an arm moves during a calibration; raise InvalidInput if the station does not say."""
+        box = self.arm(arm).calibration
+        if box is None:
+            problem = f"does not define where arm {arm!r} moves during calibration"
+            remedy = f"add 'calibration' to [arms.{arm}], or choose a method that needs none"
+            raise InvalidInput(f"station {self.name!r}", problem, remedy)
+        return box
+
     @property
     def models(self) -> dict[str, ArmModel]:
         """Return the arms' models by name."""
